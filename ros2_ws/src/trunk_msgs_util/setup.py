@@ -1,0 +1,28 @@
+from xml.etree import ElementTree
+
+from setuptools import find_packages, setup
+
+manifest = ElementTree.parse("package.xml")
+name = manifest.findtext("name")
+maintainer = manifest.find("maintainer")
+
+setup(
+    name=name,
+    version=manifest.findtext("version"),
+    description=manifest.findtext("description"),
+    license=manifest.findtext("license"),
+    maintainer=maintainer.text,
+    maintainer_email=maintainer.get("email"),
+    packages=find_packages(include=[name, f"{name}.*"]),
+    package_data={name: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
+        (f"share/{name}", ["package.xml"]),
+    ],
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "recorder = trunk_msgs_util.recorder_node:main",
+        ],
+    },
+)
