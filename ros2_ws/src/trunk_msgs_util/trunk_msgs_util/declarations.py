@@ -1,0 +1,173 @@
+"""Parameters declared once: type, default, unit, bounds and description, as fields of a frozen dataclass.
+
+A configuration is a frozen dataclass whose fields are made by `parameter`. The same class is filled
+from the parameters of a ROS node, from a parameter file offline and from a recording, always through
+`build`, so that a value is checked in one place and an error reads the same everywhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
+from typing import Any, TypeVar
+
+Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
+Config = TypeVar("Config")
+
+
+class ParameterError(ValueError):
+    """A parameter's name, its value and what is allowed, in one line."""
+
+    def __init__(self, name: str, value: object, allowed: str) -> None:
+        self.name = name
+        self.value = value
+        self.allowed = allowed
+        super().__init__(f"parameter {name!r}: {_shown(value)} is not allowed: {allowed}")
+
+
+def _shown(value: object) -> str:
+    text = repr(list(value) if isinstance(value, tuple) else value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What is known of one parameter. ``kind`` is the type's name as ROS 2 prints it."""
+
+    name: str
+    default: Value
+    kind: str
+    unit: str
+    description: str
+    minimum: float | None = None
+    maximum: float | None = None
+    above: float | None = None  # exclusive lower bound
+    unbounded: bool = False  # infinities are allowed
+    choices: tuple[str, ...] = ()
+    length: int | None = None
+    fixed: bool = False  # cannot change after start
+
+    def allowed(self) -> str:
+        """Return what is allowed, as a phrase for people."""
+        each = "each " if self.kind.endswith("array") else ""
+        phrase = f"{self.kind}" + (f" of {self.length}" if self.length is not None else "")
+        if self.choices:
+            return f"{phrase}, {each}one of {', '.join(self.choices)}"
+        bounds = self.bounds()
+        return f"{phrase}{', ' + each if bounds else ''}{bounds}"
+
+    def bounds(self) -> str:
+        """Return the bounds as a phrase, empty where there are none."""
+        parts = []
+        if self.above is not None:
+            parts.append(f"> {self.above:g}")
+        if self.minimum is not None:
+            parts.append(f">= {self.minimum:g}")
+        if self.maximum is not None:
+            parts.append(f"<= {self.maximum:g}")
+        return " and ".join(parts)
+
+
+_KINDS: dict[type, str] = {bool: "bool", int: "integer", float: "double", str: "string"}
+
+
+def parameter(
+    name: str,
+    default: Value,
+    description: str,
+    *,
+    unit: str = "",
+    element: type | None = None,
+    **limits: Any,
+) -> Any:
+    """Return a dataclass field that declares the parameter ``name``.
+
+    The type is that of ``default``; ``element`` gives the type of an empty array's elements.
+    ``limits`` are the optional fields of `Declaration`.
+    """
+    if isinstance(default, tuple):
+        kind = _KINDS[element or type(default[0])] + " array"
+    else:
+        kind = _KINDS[type(default)]
+    declaration = Declaration(name, default, kind, unit, description, **limits)
+    return field(default=default, metadata={"declaration": declaration})
+
+
+def declarations(config: type[Any]) -> dict[str, Declaration]:
+    """Return the declarations of a configuration class by parameter name, in order."""
+    found = (f.metadata["declaration"] for f in fields(config) if "declaration" in f.metadata)
+    return {declaration.name: declaration for declaration in found}
+
+
+def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
+    kind = declaration.kind.removesuffix(" array")
+    if kind == "double" and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)  # a YAML "4" means 4.0
+    if type(value) is not {v: k for k, v in _KINDS.items()}[kind]:
+        raise ParameterError(declaration.name, whole, declaration.allowed())
+    if isinstance(value, str):
+        if declaration.choices and value not in declaration.choices:
+            raise ParameterError(declaration.name, whole, declaration.allowed())
+        return value
+    number: Any = value
+    if math.isnan(number) or (math.isinf(number) and not declaration.unbounded):
+        raise ParameterError(declaration.name, whole, f"finite {declaration.allowed()}")
+    low, high, above = declaration.minimum, declaration.maximum, declaration.above
+    if (
+        (low is not None and number < low)
+        or (high is not None and number > high)
+        or (above is not None and number <= above)
+    ):
+        raise ParameterError(declaration.name, whole, declaration.allowed())
+    return number
+
+
+def check(declaration: Declaration, value: object) -> Value:
+    """Return the value as the declared type; an integer is taken for a double, a list for an array.
+
+    Raises ParameterError for another type, a value out of bounds, NaN, or a wrong length.
+    """
+    if declaration.kind.endswith("array"):
+        if isinstance(value, str | bytes) or not hasattr(value, "__iter__"):
+            raise ParameterError(declaration.name, value, declaration.allowed())
+        items = tuple(value)
+        if declaration.length is not None and len(items) != declaration.length:
+            raise ParameterError(declaration.name, items, declaration.allowed())
+        return tuple(_scalar(declaration, item, items) for item in items)
+    checked: Value = _scalar(declaration, value, value)
+    return checked
+
+
+def unknown_name(name: str, known: Iterable[str]) -> str:
+    """Return what to say of a name that nothing declares."""
+    close = get_close_matches(name, list(known), n=1)
+    return f"no such parameter; did you mean {close[0]!r}?" if close else "no such parameter"
+
+
+def build(config: type[Config], values: Mapping[str, object]) -> Config:
+    """Return the configuration with ``values`` (by parameter name) over the defaults.
+
+    Raises ParameterError for an unknown name, a bad value, or values that do not fit one another
+    (checked by the class's ``__post_init__``).
+    """
+    declared = declarations(config)
+    for name, value in values.items():
+        if name not in declared:
+            raise ParameterError(name, value, unknown_name(name, declared))
+    arguments = {
+        f.name: check(f.metadata["declaration"], values[f.metadata["declaration"].name])
+        for f in fields(config)  # type: ignore[arg-type]
+        if "declaration" in f.metadata and f.metadata["declaration"].name in values
+    }
+    return config(**arguments)
+
+
+def values_of(config: Any) -> dict[str, Value]:
+    """Return a configuration's values by parameter name: what `build` would take."""
+    return {
+        f.metadata["declaration"].name: getattr(config, f.name)
+        for f in fields(config)
+        if "declaration" in f.metadata
+    }

@@ -1,0 +1,118 @@
+"""Disturbances as functions of time: pulses, a sine, and seeded band-limited noise.
+
+Each acts on one channel: a force on the hip, a torque on the trunk, or an offset on a measured position.
+All are open-loop functions of the stamp, so that a value is the same at any rate and in any process.
+
+Pure: scalar functions of integers, floats and tuples, which CPython runs and numba compiles unchanged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import pi, sin, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from trunk_msgs_util.samples import JointSample
+
+CHANNELS = ("hip_effort", "trunk_effort", "hip_position", "trunk_position")
+
+
+class Disturbance(NamedTuple):
+    """What acts at one instant, in the order of `CHANNELS`."""
+
+    hip_force: float = 0.0  # N
+    trunk_torque: float = 0.0  # N m
+    hip_offset: float = 0.0  # m, on the measurement
+    trunk_offset: float = 0.0  # rad, on the measurement
+
+
+class Signals(NamedTuple):
+    """Three signals; ``*_channel`` is an index into `CHANNELS`, times are ns, frequencies Hz."""
+
+    pulse_channel: int
+    pulse_starts: Sequence[int]
+    pulse_duration: int
+    pulse_magnitude: float
+    sine_channel: int
+    sine_amplitude: float
+    sine_frequency: float
+    sine_phase: float
+    noise_channel: int
+    noise_amplitude: float
+    noise_frequencies: Sequence[float]
+    noise_phases: Sequence[float]
+
+
+def pulse(t_ns: int, starts: Sequence[int], duration: int, magnitude: float) -> float:
+    """Return the magnitude while ``start <= t < start + duration`` for any start, else 0."""
+    for start in starts:
+        if start <= t_ns < start + duration:
+            return magnitude
+    return 0.0
+
+
+def multisine(
+    t: float, amplitude: float, frequencies: Sequence[float], phases: Sequence[float]
+) -> float:
+    """Return ``amplitude * sum_i sin(2 pi f_i t + phi_i)``, t in s: noise that never leaves its band."""
+    total = 0.0
+    for i in range(len(frequencies)):
+        total += sin(2.0 * pi * frequencies[i] * t + phases[i])
+    return amplitude * total
+
+
+def disturbance_at(t_ns: int, s: Signals) -> Disturbance:
+    """Return what acts at a stamp in ns: per channel, the sum of the signals that name it."""
+    t = t_ns / 1_000_000_000
+    hip_force = 0.0
+    trunk_torque = 0.0
+    hip_offset = 0.0
+    trunk_offset = 0.0
+    for signal in range(3):
+        if signal == 0:
+            channel = s.pulse_channel
+            value = pulse(t_ns, s.pulse_starts, s.pulse_duration, s.pulse_magnitude)
+        elif signal == 1:
+            channel = s.sine_channel
+            value = s.sine_amplitude * sin(2.0 * pi * s.sine_frequency * t + s.sine_phase)
+        else:
+            channel = s.noise_channel
+            value = multisine(t, s.noise_amplitude, s.noise_frequencies, s.noise_phases)
+        if channel == 0:
+            hip_force += value
+        elif channel == 1:
+            trunk_torque += value
+        elif channel == 2:
+            hip_offset += value
+        else:
+            trunk_offset += value
+    return Disturbance(hip_force, trunk_torque, hip_offset, trunk_offset)
+
+
+def disturbance_sample(stamp_ns: int, joints: tuple[str, ...], acting: Disturbance) -> JointSample:
+    """Return the message of what acts at a stamp: per joint, effort and offset on the position."""
+    return JointSample(
+        stamp_ns,
+        joints,
+        position=(acting.hip_offset, acting.trunk_offset),
+        effort=(acting.hip_force, acting.trunk_torque),
+    )
+
+
+def noise_components(
+    rms: float, low: float, high: float, count: int, seed: int
+) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
+    """Return ``(amplitude, frequencies, phases)`` of a multisine with the given RMS in [low, high] Hz.
+
+    One frequency is drawn uniformly in each of ``count`` equal bands, each phase in [0, 2 pi), from
+    NumPy's PCG64 with the seed. Empty where ``rms`` is 0. ``amplitude = rms sqrt(2 / count)``.
+    """
+    if rms == 0.0:
+        return 0.0, (), ()
+    generator = np.random.Generator(np.random.PCG64(seed))
+    width = (high - low) / count
+    frequencies = low + width * (np.arange(count) + generator.random(count))
+    phases = 2.0 * pi * generator.random(count)
+    return rms * sqrt(2.0 / count), tuple(frequencies.tolist()), tuple(phases.tolist())
