@@ -1,0 +1,133 @@
+"""A controller, sample by sample: what the nodes, the offline run and a replay all drive.
+
+A controller has no clock of its own: it acts on the stamps of the states that it is given, at most
+at its ``update_rate``, and holds its command in between.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+from trunk_msgs_util.units import seconds
+
+from .config import ControllerConfig, FuzzyPidConfig, PidConfig
+from .fuzzy_pid import fuzzy_pid_update, inferred_gains
+from .pid import Gains, PidState, Terms, pid_update, retune
+from .reference import reference_at
+
+
+class Answer(NamedTuple):
+    """What a controller makes of one state."""
+
+    effort: float  # N m
+    fresh: bool  # False: the command is held, no update was due
+    reference: float  # rad
+    terms: Terms | None  # of the update; None where the command is held
+
+
+class Controller(ABC):
+    """The shell that all laws share: due instants, time steps, the reference, reset and retuning."""
+
+    config: ControllerConfig
+
+    def __init__(self, config: ControllerConfig) -> None:
+        self.state = PidState()
+        self._last_ns: int | None = None
+        self._configure(config)
+
+    def _configure(self, config: ControllerConfig) -> None:
+        self.config = config
+        self._law = config.law
+        self._profile = config.reference
+        self._period_ns = config.period_ns
+        # Periods are rounded to whole ns: n of the plant's may fall short of one of ours by some ns.
+        self._due_after_ns = config.period_ns - config.period_ns // 1000
+
+    @abstractmethod
+    def _update(
+        self, reference: float, measurement: float, rate: float, dt: float
+    ) -> tuple[PidState, Terms]:
+        """Return the next state and the terms of one update of the law."""
+
+    @abstractmethod
+    def _gains(self) -> Gains:
+        """Return the gains at the last sample."""
+
+    def due(self, stamp_ns: int) -> bool:
+        """Return True where a state with this stamp calls for an update."""
+        return self._last_ns is None or stamp_ns - self._last_ns >= self._due_after_ns
+
+    def update(
+        self, stamp_ns: int, position: float, velocity: float, reference: float | None = None
+    ) -> Answer:
+        """Return the answer to a state: angle in rad, rate in rad/s, at a stamp in ns.
+
+        ``reference`` [rad] replaces the configured profile. A stamp that runs back resets the
+        controller: time began anew.
+        """
+        last_ns = self._last_ns
+        if last_ns is not None and stamp_ns < last_ns:
+            self.reset()
+            last_ns = None
+        if reference is None:
+            reference = reference_at(stamp_ns, self._profile)
+        if not self.due(stamp_ns):
+            return Answer(self.state.effort, False, reference, None)
+        dt = seconds(self._period_ns if last_ns is None else stamp_ns - last_ns)
+        state, terms = self._update(reference, position, velocity, dt)
+        if state is self.state:  # held: not a finite sample; dt goes on from the last that was
+            return Answer(terms.effort, False, reference, None)
+        self.state = state
+        self._last_ns = stamp_ns
+        return Answer(terms.effort, True, reference, terms)
+
+    def reset(self) -> None:
+        """Forget the past: the integral, the last sample and the last stamp."""
+        self.state = PidState()
+        self._last_ns = None
+
+    def retune(self, config: ControllerConfig) -> None:
+        """Take a new configuration between two samples; the integral is rescaled: no jump in the command."""
+        old = self._gains()
+        self._configure(config)
+        self.state = retune(self.state, old, self._gains())
+
+
+class PidController(Controller):
+    """PID with constant gains."""
+
+    config: PidConfig
+
+    def _configure(self, config: ControllerConfig) -> None:
+        super()._configure(config)
+        self._pid_gains = self.config.gains
+
+    def _gains(self) -> Gains:
+        return self._pid_gains
+
+    def _update(
+        self, reference: float, measurement: float, rate: float, dt: float
+    ) -> tuple[PidState, Terms]:
+        return pid_update(self.state, reference, measurement, rate, dt, self._pid_gains, self._law)
+
+
+class FuzzyPidController(Controller):
+    """PID with gains inferred at each sample."""
+
+    config: FuzzyPidConfig
+
+    def _configure(self, config: ControllerConfig) -> None:
+        super()._configure(config)
+        self._rules = self.config.rules
+        self._box = self.config.box
+
+    def _gains(self) -> Gains:
+        return inferred_gains(self.state.error, self.state.derivative, self._rules, self._box)[0]
+
+    def _update(
+        self, reference: float, measurement: float, rate: float, dt: float
+    ) -> tuple[PidState, Terms]:
+        return fuzzy_pid_update(
+            self.state, reference, measurement, rate, dt, self._rules, self._box, self._law
+        )

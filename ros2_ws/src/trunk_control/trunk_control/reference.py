@@ -1,0 +1,49 @@
+"""Reference profiles: constant, step, sine, and a sequence of levels, as functions of the stamp.
+
+Pure: scalar functions of integers, floats and tuples, which CPython runs and numba compiles unchanged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import pi, sin
+from typing import NamedTuple
+
+PROFILES = ("constant", "step", "sine", "sequence")
+CONSTANT, STEP, SINE, SEQUENCE = range(4)
+
+
+class ReferenceProfile(NamedTuple):
+    """A profile's parameters; angles in rad, times in ns, the frequency in Hz."""
+
+    kind: int = CONSTANT
+    value: float = 0.0
+    initial: float = 0.0
+    step_time: int = 0
+    amplitude: float = 0.0
+    frequency: float = 0.0
+    times: Sequence[int] = ()
+    values: Sequence[float] = ()
+
+
+def reference_at(t_ns: int, p: ReferenceProfile) -> float:
+    """Return the reference in rad at a stamp in ns.
+
+    ::
+
+        constant   value
+        step       initial before step_time, value from it on
+        sine       value + amplitude sin(2 pi frequency t)
+        sequence   initial before times[0], then values[i] from times[i] on
+    """
+    if p.kind == CONSTANT:
+        return p.value
+    if p.kind == STEP:
+        return p.value if t_ns >= p.step_time else p.initial
+    if p.kind == SINE:
+        return p.value + p.amplitude * sin(2.0 * pi * p.frequency * (t_ns / 1_000_000_000))
+    level = p.initial
+    for i in range(len(p.times)):
+        if t_ns >= p.times[i]:
+            level = p.values[i]
+    return level
