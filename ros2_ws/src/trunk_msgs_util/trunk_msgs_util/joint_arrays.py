@@ -1,0 +1,119 @@
+"""`JointArrays`: a topic of JointState messages as NumPy arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .joint_state_cdr import JointStateLayout
+from .samples import JointSample
+from .schemas import deserialize, stamp_of
+from .topics import JOINT_STATE_TYPE
+from .units import NANOSECONDS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+QUANTITIES = ("position", "velocity", "effort")
+
+
+@dataclass(frozen=True)
+class JointArrays:
+    """N messages in the order of the file.
+
+    A quantity is [N, names], NaN where a message does not carry it, or [N, 0] where none does.
+    """
+
+    names: tuple[str, ...]
+    stamp_ns: Integers  # [N], of the header
+    log_time_ns: Integers  # [N], of the recording
+    position: Floats
+    velocity: Floats
+    effort: Floats
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def column(self, quantity: str, name: str) -> Floats:
+        """Return one joint's values of a quantity [N]; NaN where it or the name is not there."""
+        values: Floats = getattr(self, quantity)
+        if name not in self.names or not values.shape[1]:
+            return np.full(len(self), np.nan)
+        return values[:, self.names.index(name)]
+
+    def by_stamp(self) -> JointArrays:
+        """Return the messages by rising stamps, the first of those with the same one."""
+        if (np.diff(self.stamp_ns) > 0).all():
+            return self
+        _, rows = np.unique(self.stamp_ns, return_index=True)
+        quantities = (getattr(self, quantity)[rows] for quantity in QUANTITIES)
+        return JointArrays(self.names, self.stamp_ns[rows], self.log_time_ns[rows], *quantities)
+
+
+def decode(messages: Sequence[bytes], log_time_ns: Sequence[int]) -> JointArrays:
+    """Return one or more serialized messages as arrays, in bulk where they share a layout.
+
+    Raises ValueError for bytes that are not JointState, and where values do not match names.
+    """
+    log = np.array(log_time_ns, np.int64)
+    try:
+        layout = JointStateLayout.parse(messages[0])
+        array = layout.decode(messages)
+    except ValueError:
+        samples = [_sample(message) for message in messages]
+        return concatenate([_one(s, log[i : i + 1]) for i, s in enumerate(samples)])
+    stamp = array["sec"].astype(np.int64) * NANOSECONDS + array["nanosec"]
+    return _arrays(layout.name, stamp, log, [array[quantity] for quantity in QUANTITIES])
+
+
+def _arrays(
+    names: tuple[str, ...], stamp: Integers, log: Integers, quantities: Sequence[Any]
+) -> JointArrays:
+    for quantity, values in zip(QUANTITIES, quantities, strict=True):
+        if values.shape[1] not in (0, len(names)):
+            raise ValueError(f"{values.shape[1]} values of {quantity} for {len(names)} names")
+    # Contiguous copies: a view would keep the joined messages alive.
+    return JointArrays(names, stamp, log, *(np.array(v, np.float64) for v in quantities))
+
+
+def _sample(data: bytes) -> JointSample:
+    message = deserialize(JOINT_STATE_TYPE, data)
+    values = (tuple(getattr(message, quantity).tolist()) for quantity in QUANTITIES)
+    return JointSample(stamp_of(message.header.stamp), tuple(message.name), *values)
+
+
+def _one(sample: JointSample, log: Integers) -> JointArrays:
+    rows = [np.array([values], np.float64).reshape(1, -1) for values in sample[2:]]
+    return _arrays(sample.name, np.array([sample.stamp_ns], np.int64), log, rows)
+
+
+def concatenate(parts: Sequence[JointArrays]) -> JointArrays:
+    """Return the parts behind one another; names that a part does not have are NaN there."""
+    names = tuple(dict.fromkeys(name for part in parts for name in part.names))
+
+    def spread(values: Floats, part: JointArrays) -> Floats:
+        if part.names == names and values.shape[1]:
+            return values
+        wide = np.full((len(part), len(names)), np.nan)
+        if values.shape[1]:
+            wide[:, [names.index(name) for name in part.names]] = values
+        return wide
+
+    def joined(quantity: str) -> Floats:
+        pairs = [(getattr(part, quantity), part) for part in parts]
+        if not any(values.shape[1] for values, _ in pairs):
+            return np.empty((sum(map(len, parts)), 0))
+        return np.concatenate([spread(values, part) for values, part in pairs])
+
+    no_stamps = np.empty(0, np.int64)
+    return JointArrays(
+        names,
+        np.concatenate([no_stamps, *(part.stamp_ns for part in parts)]),
+        np.concatenate([no_stamps, *(part.log_time_ns for part in parts)]),
+        *(joined(quantity) for quantity in QUANTITIES),
+    )

@@ -1,0 +1,128 @@
+"""`RecordingWriter`: one run into one MCAP file, as ROS 2's own tools would write it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
+
+from .schemas import definition
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from types import TracebackType
+
+if not hasattr(Writer, "flush"):
+    raise ImportError("recordings need mcap 1.6 or newer: its Writer can finish a chunk on demand")
+
+PROVENANCE = "trunk_provenance"
+END = "trunk_end"
+
+_COMPRESSIONS = {
+    "zstd": CompressionType.ZSTD,
+    "lz4": CompressionType.LZ4,
+    "none": CompressionType.NONE,
+}
+
+
+class RecordingWriter:
+    """Writes an MCAP file: profile ``ros2``, CDR, ``ros2msg`` schemas, chunks, all checksums on.
+
+    As a context manager it finishes the file as complete, or, left by an exception, as incomplete
+    with the reason. After a failed write (a full disk) nothing more is written: the file ends
+    there, without an end record, and reads as incomplete.
+    """
+
+    def __init__(
+        self, path: str | Path, compression: str = "zstd", *, overwrite: bool = False
+    ) -> None:
+        """Create the file. Raises FileExistsError where it exists, unless ``overwrite``."""
+        self.path = Path(path)
+        try:
+            self._file = self.path.open("wb" if overwrite else "xb")
+        except FileExistsError:
+            raise FileExistsError(f"{path} exists: choose another name, or overwrite it") from None
+        self._writer = Writer(
+            self._file, compression=_COMPRESSIONS[compression], enable_data_crcs=True
+        )
+        self._schemas: dict[str, int] = {}
+        self._counts: dict[int, int] = {}
+        self._failure: OSError | None = None
+        self._writer.start("ros2", f"trunk_msgs_util {LIBRARY_IDENTIFIER}")
+
+    def channel(self, topic: str, type_name: str, qos: str = "") -> int:
+        """Add a topic and return its channel; ``qos`` as rosbag2's ``offered_qos_profiles``."""
+        if type_name not in self._schemas:
+            self._schemas[type_name] = self._writer.register_schema(
+                type_name, "ros2msg", definition(type_name)
+            )
+        channel = self._writer.register_channel(
+            topic,
+            "cdr",
+            self._schemas[type_name],
+            {"offered_qos_profiles": qos} if qos else {},
+        )
+        self._counts[channel] = 0
+        return channel
+
+    def write(self, channel: int, log_time_ns: int, publish_time_ns: int, cdr: bytes) -> None:
+        """Write one message; both times in ns, not negative. Raises OSError if it fails."""
+        self._check()
+        sequence = self._counts[channel]
+        try:
+            self._writer.add_message(channel, log_time_ns, cdr, publish_time_ns, sequence)
+        except OSError as error:
+            self._failure = error
+            raise
+        self._counts[channel] = sequence + 1
+
+    def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
+        """Write a record of names and values, behind all messages so far."""
+        self.flush()
+        try:
+            self._writer.add_metadata(name, dict(data))
+        except OSError as error:
+            self._failure = error
+            raise
+
+    def flush(self) -> None:
+        """Finish the chunk and hand all to the operating system: SIGKILL then loses nothing."""
+        self._check()
+        try:
+            self._writer.flush()
+        except OSError as error:
+            self._failure = error
+            raise
+
+    def finish(self, *, complete: bool, reason: str) -> None:
+        """Write the end record and the index, and close the file; a second call does nothing.
+
+        Raises OSError, with the file closed, where a write has failed.
+        """
+        if self._file.closed:
+            return
+        try:
+            self.add_metadata(END, {"complete": str(complete).lower(), "reason": reason})
+            self._writer.finish()
+        finally:
+            self._file.close()
+
+    def _check(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+
+    def __enter__(self) -> RecordingWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if error is None:
+            self.finish(complete=True, reason="finished")
+        else:
+            text = " ".join(str(error).split())
+            self.finish(complete=False, reason=f"{type(error).__name__}: {text}".removesuffix(": "))
