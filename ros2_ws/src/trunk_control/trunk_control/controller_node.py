@@ -1,0 +1,134 @@
+"""The shell that all controller nodes share: states in, effort commands and terms out."""
+
+from __future__ import annotations
+
+import time
+from math import isfinite
+
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from trunk_msgs_util import qos, topics
+from trunk_msgs_util.base_node import TrunkNode
+from trunk_msgs_util.conversions import sample_to_ros, stamp_from_ros
+from trunk_msgs_util.samples import JointSample
+
+from .config import ControllerConfig
+from .controller import Answer, Controller
+
+
+class ControllerNode(TrunkNode[ControllerConfig]):
+    """Answers each state that is due with a command that carries the state's stamp."""
+
+    def __init__(
+        self, name: str, config_class: type[ControllerConfig], controller: type[Controller]
+    ) -> None:
+        super().__init__(name, config_class)
+        self._controller = controller(self.config)
+        self._reference: float | None = None  # from the topic
+        self._names: tuple[str, ...] = ()
+        self._index = 0
+        self._commensurate_known = False
+        self._updates = 0
+        self._diagnosed = (time.monotonic(), 0)
+        self._command = self.create_publisher(JointState, topics.EFFORT_COMMAND, qos.evidence())
+        self._terms = self.create_publisher(JointState, "~/state", qos.evidence())
+        self._states = self.create_subscription(
+            JointState, topics.JOINT_STATES, self._on_state, qos.control()
+        )
+        self.create_subscription(JointState, topics.REFERENCE, self._on_reference, qos.control(1))
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self._ready_timer = self.create_timer(0.02, self._announce)
+
+    def configure(self, config: ControllerConfig) -> None:
+        """Take changed parameters between two samples, without a jump in the command."""
+        self._controller.retune(config)
+
+    def _announce(self) -> None:
+        """Say ready once the simulator is matched in both directions."""
+        if self._command.get_subscription_count() and self._states.get_publisher_count():
+            self._ready_timer.cancel()
+            self.event("ready", answers=topics.EFFORT_COMMAND)
+
+    def _joint_index(self, names: list[str]) -> int | None:
+        if tuple(names) != self._names:
+            if self.config.joint not in names:
+                return None
+            self._names = tuple(names)
+            self._index = names.index(self.config.joint)
+        return self._index
+
+    def _on_state(self, message: JointState) -> None:
+        index = self._joint_index(message.name)
+        if index is None or index >= len(message.position) or index >= len(message.velocity):
+            self.counters["states without the joint"] += 1
+            return
+        position, velocity = message.position[index], message.velocity[index]
+        if not (isfinite(position) and isfinite(velocity)):
+            self.counters["states not finite"] += 1
+            return
+        stamp_ns = stamp_from_ros(message.header.stamp)
+        if stamp_ns < self.run_stamp_ns:
+            self.counters["states out of order"] += 1
+        if self.config.lockstep and not self._commensurate(stamp_ns - self.run_stamp_ns):
+            return
+        self.run_stamp_ns = stamp_ns
+        answer = self._controller.update(stamp_ns, position, velocity, self._reference)
+        if answer.fresh or self.config.lockstep:
+            self._publish(stamp_ns, position, answer)
+
+    def _commensurate(self, step_ns: int) -> bool:
+        """Refuse, at the second state, a plant whose rate is no multiple of this controller's."""
+        if self._commensurate_known or step_ns <= 0:
+            return True
+        self._commensurate_known = True
+        ratio = self.config.period_ns / step_ns
+        if ratio > 0.999 and abs(ratio - round(ratio)) < 1e-3:
+            return True
+        self.fail(
+            f"update_rate = {self.config.update_rate:g} Hz is not allowed in lock-step with a plant at "
+            f"{1e9 / step_ns:g} Hz: an integer divisor of the plant's rate is needed"
+        )
+        return False
+
+    def _publish(self, stamp_ns: int, measurement: float, answer: Answer) -> None:
+        self._command.publish(
+            sample_to_ros(JointSample(stamp_ns, (self.config.joint,), effort=(answer.effort,)))
+        )
+        self._updates += 1
+        terms = answer.terms
+        if terms is not None:
+            if terms.effort != terms.unsaturated:
+                self.counters["commands limited"] += 1
+            values = (answer.reference, measurement, *terms)
+            self._terms.publish(
+                sample_to_ros(JointSample(stamp_ns, topics.STATE_NAMES, position=values))
+            )
+
+    def _on_reference(self, message: JointState) -> None:
+        if self.config.reference_profile != "topic":
+            self.counters["references ignored (reference.profile is not 'topic')"] += 1
+            return
+        try:
+            value = message.position[message.name.index(self.config.joint)]
+        except (ValueError, IndexError):
+            self.counters["references without the joint"] += 1
+            return
+        if isfinite(value):
+            self._reference = value
+        else:
+            self.counters["references not finite"] += 1
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._controller.reset()
+        self.event("reset")
+        response.success = True
+        response.message = "integral and past samples are forgotten"
+        return response
+
+    def diagnostics(self) -> dict[str, object]:
+        """Return the achieved rate of updates."""
+        now = time.monotonic()
+        before, updates = self._diagnosed
+        self._diagnosed = (now, self._updates)
+        return {"rate": f"{(self._updates - updates) / max(now - before, 1e-9):.1f}"}

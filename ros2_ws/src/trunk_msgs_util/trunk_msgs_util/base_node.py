@@ -1,0 +1,200 @@
+"""What every node of the project shares: parameters, run events, diagnostics, an orderly life and end."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from types import FrameType
+from typing import Any, Generic, TypeVar
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.signals import SignalHandlerOptions
+
+from . import qos, topics
+from .conversions import status_to_ros
+from .declarations import ParameterError, values_of
+from .executor import LoopExecutor
+from .parameters import NodeParameters
+
+Config = TypeVar("Config")
+
+EXIT_FAILED = 1
+EXIT_USAGE = 2
+_ACKNOWLEDGE_S = 1.0
+_DRAIN_S = 0.7
+
+
+class TrunkNode(Node, Generic[Config]):
+    """A node with a checked configuration, which tells the run's record what happens to it.
+
+    ``run_stamp_ns`` is the stamp of the last state that the node dealt with; events and changes of
+    parameters carry it. A change applies from the first state with a greater stamp on.
+    """
+
+    def __init__(self, name: str, config_class: type[Config]) -> None:
+        """Declare and check the parameters. Raises ParameterError."""
+        super().__init__(name)
+        self.run_stamp_ns = 0
+        self.counters: Counter[str] = Counter()
+        self.exit_code: int | None = None  # set: the node is done and its process ends
+        self._parameters_set = NodeParameters(self, config_class, self._on_parameters)
+        self._parameters_topic = self.create_publisher(
+            ParameterEvent, topics.RUN_PARAMETERS, qos.run_information()
+        )
+        self._events_topic = self.create_publisher(
+            DiagnosticArray, topics.RUN_EVENTS, qos.run_information()
+        )
+        self._diagnostics_topic = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._parameters_topic.publish(self._parameters_set.event(0))
+        self._diagnostics_timer = self.create_timer(1.0, self._publish_diagnostics)
+
+    @property
+    def config(self) -> Config:
+        """The active configuration: always what the stored parameters say."""
+        return self._parameters_set.config
+
+    def _on_parameters(self, old: Config, new: Config) -> None:
+        before, after = values_of(old), values_of(new)
+        changed = {name: value for name, value in after.items() if value != before[name]}
+        self.configure(new)
+        if changed:
+            self._parameters_topic.publish(self._parameters_set.event(self.run_stamp_ns, changed))
+
+    def configure(self, config: Config) -> None:
+        """Take a changed configuration; called between two callbacks."""
+
+    def diagnostics(self) -> Mapping[str, object]:
+        """Return what /diagnostics says of this node, beside its counters."""
+        return {}
+
+    def event(self, message: str, level: bytes = DiagnosticStatus.OK, **values: object) -> None:
+        """Put an event on the run's record."""
+        self._events_topic.publish(
+            status_to_ros(
+                self.run_stamp_ns, self.get_fully_qualified_name(), message, values, level
+            )
+        )
+
+    def fail(self, reason: str, **values: object) -> None:
+        """End this node's process with an error that the record and the console name."""
+        self.get_logger().error(reason)
+        self.event("failed", DiagnosticStatus.ERROR, reason=reason, **values)
+        self.exit_code = EXIT_FAILED
+
+    def stopping(self) -> None:
+        """Say what is to be said when the process is told to end; called once."""
+
+    def draining(self) -> bool:
+        """Return True while the node still has something to take in before it closes."""
+        return False
+
+    def _publish_diagnostics(self) -> None:
+        values = {**self.diagnostics(), **self.counters}
+        level = DiagnosticStatus.WARN if self.counters else DiagnosticStatus.OK
+        message = ", ".join(f"{name} {count}" for name, count in self.counters.items()) or "ok"
+        self._diagnostics_topic.publish(
+            status_to_ros(
+                self.get_clock().now().nanoseconds,
+                self.get_fully_qualified_name(),
+                message,
+                values,
+                level,
+            )
+        )
+
+    def close(self) -> None:
+        """Wait, within a bound, until every reliable reader has what was published; then destroy."""
+        deadline = time.monotonic() + _ACKNOWLEDGE_S
+        for publisher in list(self.publishers):
+            left = max(deadline - time.monotonic(), 0.0)
+            if not _acknowledged(publisher, left):
+                break
+        self.destroy_node()
+
+
+def _acknowledged(publisher: Publisher, timeout_s: float) -> bool:
+    return bool(publisher.wait_for_all_acked(Duration(seconds=timeout_s)))
+
+
+class Shutdown:
+    """SIGINT and SIGTERM, turned into a flag: nodes end between two callbacks, never inside one."""
+
+    def __init__(self) -> None:
+        self.requested = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._request)
+
+    def _request(self, number: int, frame: FrameType | None) -> None:
+        self.requested = True
+
+
+def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str) -> int:
+    """Run nodes in one executor until one of them is done, or they are told to stop.
+
+    Return the process's exit code: 0 after SIGINT, SIGTERM or a finished run; 1 where a node failed; 2,
+    with one line on stderr and no traceback, where a parameter or an argument is wrong. The nodes are
+    closed in the reverse order of the mapping: the recorder stands first.
+    """
+    shutdown = Shutdown()
+    try:
+        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    except (
+        RuntimeError,
+        ValueError,
+    ) as error:  # RCLError and kin: a bad --ros-args argument or file
+        return _usage_error(program, str(error))
+    nodes: list[TrunkNode[Any]] = []
+    try:
+        for name, create in creators.items():
+            program = name
+            nodes.append(create())
+    except ParameterError as error:
+        rclpy.try_shutdown()
+        return _usage_error(program, str(error))
+    executor = LoopExecutor()
+    for node in nodes:
+        executor.add_node(node)
+    try:
+        while not shutdown.requested and all(node.exit_code is None for node in nodes):
+            executor.spin_once(timeout_sec=0.1)
+    except ExternalShutdownException:
+        pass
+    _end(nodes, executor)
+    return max(node.exit_code or 0 for node in nodes)
+
+
+def _end(nodes: list[TrunkNode[Any]], executor: LoopExecutor) -> None:
+    for node in reversed(nodes):
+        if node.exit_code is None:
+            node.stopping()
+    deadline = time.monotonic() + _DRAIN_S
+    while any(node.draining() for node in nodes) and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.02)
+    executor.shutdown()
+    for node in reversed(nodes):
+        node.close()
+    rclpy.try_shutdown()
+
+
+def _usage_error(name: str, text: str) -> int:
+    line = " ".join(text.split())
+    print(f"{name}: error: {line}", file=sys.stderr, flush=True)
+    return EXIT_USAGE
+
+
+def main_for(create: Callable[[], TrunkNode[Config]], name: str) -> Callable[[], None]:
+    """Return the ``main`` of a node's executable."""
+
+    def main() -> None:
+        sys.exit(run_nodes({name: create}, name))
+
+    return main

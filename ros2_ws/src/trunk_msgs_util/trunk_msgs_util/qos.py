@@ -1,0 +1,44 @@
+"""Quality of service of every topic, in one place."""
+
+from __future__ import annotations
+
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+# A publisher of evidence keeps its last messages, so that a recorder that joins late misses nothing.
+EVIDENCE_DEPTH = 5000
+
+
+def evidence() -> QoSProfile:
+    """Return the profile of publishers of evidence, and of the recorder's subscriptions."""
+    return QoSProfile(
+        depth=EVIDENCE_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+
+
+def control(depth: int = 10) -> QoSProfile:
+    """Return the profile of subscriptions in the loop: reliable, short, nothing from the past."""
+    return QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.VOLATILE,
+    )
+
+
+def run_information() -> QoSProfile:
+    """Return the profile of events and parameters: whoever joins late gets them all."""
+    return QoSProfile(
+        depth=1000,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+
+
+def clock() -> QoSProfile:
+    """Return the profile of /clock, as ROS 2 subscribes it: best effort, the newest tick."""
+    return QoSProfile(
+        depth=1,
+        reliability=ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.VOLATILE,
+    )

@@ -1,0 +1,176 @@
+"""The ``recorder`` node: every topic of a run, as it came over the wire, into one MCAP file."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.utilities import get_rmw_implementation_identifier
+from sensor_msgs.msg import JointState
+
+from . import provenance, qos, topics
+from .base_node import TrunkNode, main_for
+from .config import RecorderConfig
+from .conversions import sample_to_ros
+from .declarations import ParameterError
+from .recording_writer import RecordingWriter
+from .samples import JointSample
+from .schemas import RunEvent, parse_event
+from .units import NANOSECONDS
+
+_MESSAGES: dict[str, type[Any]] = {
+    topics.JOINT_STATE_TYPE: JointState,
+    topics.PARAMETER_EVENT_TYPE: ParameterEvent,
+    topics.DIAGNOSTIC_ARRAY_TYPE: DiagnosticArray,
+}
+# Every recorded type begins with a stamp, right behind the four bytes of encapsulation.
+_STAMP = struct.Struct("<iI")
+# Told to end, it goes on until nothing has come for this long.
+_QUIET_S = 0.3
+_TELL_EVERY = 50
+
+
+class RecorderNode(TrunkNode[RecorderConfig]):
+    """Subscribes to the evidence as serialized bytes and writes them unchanged."""
+
+    def __init__(self) -> None:
+        super().__init__("recorder", RecorderConfig)
+        config = self.config
+        self._path = Path(
+            config.output or time.strftime("trunk_%Y%m%dT%H%M%SZ.mcap", time.gmtime())
+        )
+        try:
+            self._writer = RecordingWriter(
+                self._path, compression=config.compression, overwrite=config.overwrite
+            )
+        except OSError as error:
+            raise ParameterError("output", str(self._path), f"a file to write ({error})") from None
+        self._writer.add_metadata(
+            "trunk_provenance",
+            provenance.gather(
+                scenario=config.scenario,
+                controller=" ".join(config.controllers),
+                mode=config.mode,
+                rmw=get_rmw_implementation_identifier(),
+            ),
+        )
+        self._last_message = time.monotonic()
+        self._end: RunEvent | None = None
+        self._counts: Counter[str] = Counter()
+        self._written_ns = dict.fromkeys(config.lockstep_topics, -1)
+        self._told_ns = -1
+        self._progress = self.create_publisher(JointState, topics.RECORDER_PROGRESS, qos.evidence())
+        for topic, type_name in topics.evidence_types(config.controllers).items():
+            self._subscribe(topic, type_name)
+        self._writer.flush()
+        self._flush_timer = self.create_timer(config.flush_interval, self._flush)
+        if config.lockstep:
+            self._progress_timer = self.create_timer(0.02, self._tell_progress)
+        self.event("ready", answers="recorder")
+        self.get_logger().info(f"recording to {self._path}")
+
+    def _subscribe(self, topic: str, type_name: str) -> None:
+        channel = self._writer.channel(self.resolve_topic_name(topic), type_name)
+        profile = (
+            qos.run_information()
+            if topic in (topics.RUN_PARAMETERS, topics.RUN_EVENTS)
+            else qos.evidence()
+        )
+        self.create_subscription(
+            _MESSAGES[type_name], topic, self._callback(topic, channel), profile, raw=True
+        )
+
+    def _callback(self, topic: str, channel: int) -> Callable[[bytes], None]:
+        on_message = {
+            topics.RUN_EVENTS: self._on_event,
+            topics.GROUND_TRUTH: self._on_truth,
+        }.get(topic)
+        lockstep = self.config.lockstep
+
+        def write(data: bytes) -> None:
+            sec, nanosec = _STAMP.unpack_from(data, 4)
+            stamp_ns = sec * NANOSECONDS + nanosec
+            log_time = stamp_ns if lockstep else time.time_ns()
+            try:
+                self._writer.write(channel, log_time, log_time, data)
+            except OSError as error:
+                self._disk_failed(error)
+                return
+            self._counts[topic] += 1
+            self._written_ns[topic] = stamp_ns
+            self._last_message = time.monotonic()
+            if on_message is not None:
+                on_message(data)
+
+        return write
+
+    def _on_truth(self, data: bytes) -> None:
+        self.run_stamp_ns = self._written_ns[topics.GROUND_TRUTH]
+        if self._counts[topics.GROUND_TRUTH] % _TELL_EVERY == 0 and self.config.lockstep:
+            self._tell_progress()
+
+    def _tell_progress(self) -> None:
+        """Tell the simulator up to which stamp every topic of the loop is in the file."""
+        written_ns = min(self._written_ns[topic] for topic in self.config.lockstep_topics)
+        if written_ns > self._told_ns:
+            self._told_ns = written_ns
+            self._progress.publish(sample_to_ros(JointSample(written_ns, ("recorder",))))
+
+    def _on_event(self, data: bytes) -> None:
+        event = parse_event(data)
+        if event.node.endswith("/simulator") and event.message in ("finished", "stopped", "failed"):
+            self._end = event
+
+    def _flush(self) -> None:
+        try:
+            self._writer.flush()
+        except OSError as error:
+            self._disk_failed(error)
+
+    def _disk_failed(self, error: OSError) -> None:
+        if self.exit_code is None:
+            self.fail(f"{self._path}: cannot write: {error.strerror}; the recording ends here")
+
+    def diagnostics(self) -> dict[str, object]:
+        """Return what is written, and where."""
+        return {"file": self._path, "messages": self._counts.total()}
+
+    def draining(self) -> bool:
+        """Return True while messages are still coming in."""
+        return time.monotonic() - self._last_message < _QUIET_S
+
+    def verdict(self) -> tuple[bool, str]:
+        """Return whether the run is whole in the file, and why."""
+        if self._end is None:
+            return False, "the recorder was stopped before the run was finished"
+        reason = self._end.values.get("reason", self._end.message)
+        if self._end.message != "finished":
+            return False, reason
+        states = int(self._end.values["states"])
+        wanted = (
+            self.config.lockstep_topics
+            if self.config.lockstep
+            else (topics.GROUND_TRUTH, topics.JOINT_STATES)
+        )
+        for topic in wanted:
+            if self._counts[topic] < states:
+                return False, f"{topic}: {self._counts[topic]} of {states} messages were recorded"
+        return True, reason
+
+    def close(self) -> None:
+        """Take in what is under way, finish the file, then end."""
+        complete, reason = self.verdict()
+        try:
+            self._writer.finish(complete=complete, reason=reason)
+        except OSError as error:
+            self._disk_failed(error)
+        super().close()
+
+
+main = main_for(RecorderNode, "recorder")

@@ -1,0 +1,58 @@
+"""The ``disturbance`` node: open-loop disturbances, stamped with the instant at which they act."""
+
+from __future__ import annotations
+
+from sensor_msgs.msg import JointState
+
+from trunk_msgs_util import qos, topics
+from trunk_msgs_util.base_node import TrunkNode, main_for
+from trunk_msgs_util.conversions import sample_to_ros, stamp_from_ros
+
+from .config import DisturbanceConfig
+from .disturbances import disturbance_at, disturbance_sample
+
+
+class DisturbanceNode(TrunkNode[DisturbanceConfig]):
+    """Answers each true state with what acts at the next one.
+
+    A disturbance is known ahead of time, so that the simulator never waits for it: the first state is
+    answered with its own disturbance and the next one's, every other with the next one's.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("disturbance", DisturbanceConfig)
+        self._sent_ns = -1
+        self.configure(self.config)
+        self._publisher = self.create_publisher(JointState, topics.DISTURBANCE, qos.evidence())
+        self._subscription = self.create_subscription(
+            JointState, topics.GROUND_TRUTH, self._on_state, qos.control()
+        )
+        self._ready_timer = self.create_timer(0.02, self._announce)
+
+    def configure(self, config: DisturbanceConfig) -> None:
+        """Take changed signals; they act from the next stamp on."""
+        self._signals = config.signals
+        self._period_ns = config.period_ns
+
+    def _announce(self) -> None:
+        """Say ready once the simulator is matched in both directions."""
+        if self._publisher.get_subscription_count() and self._subscription.get_publisher_count():
+            self._ready_timer.cancel()
+            self.event("ready", answers=topics.DISTURBANCE)
+
+    def _on_state(self, message: JointState) -> None:
+        stamp_ns = stamp_from_ros(message.header.stamp)
+        next_ns = stamp_ns + self._period_ns
+        if self._sent_ns < stamp_ns:
+            self._publish(stamp_ns)
+        if self._sent_ns < next_ns:
+            self._publish(next_ns)
+
+    def _publish(self, stamp_ns: int) -> None:
+        acting = disturbance_at(stamp_ns, self._signals)
+        sample = disturbance_sample(stamp_ns, self.config.joints, acting)
+        self._publisher.publish(sample_to_ros(sample))
+        self._sent_ns = self.run_stamp_ns = stamp_ns
+
+
+main = main_for(DisturbanceNode, "disturbance")

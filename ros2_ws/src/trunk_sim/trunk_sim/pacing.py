@@ -1,0 +1,204 @@
+"""When the plant steps: on the wall clock (real time), or when every participant has answered (lock-step).
+
+Pure: time comes in as integers, the loop is reached through `Loop`; the simulator node is its shell.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Protocol
+
+from trunk_msgs_util.units import NANOSECONDS, nanoseconds, seconds
+
+# More steps than this behind the wall clock are not caught up with: time is re-anchored.
+MAX_CATCH_UP = 50
+
+
+class Loop(Protocol):
+    """What pacing needs of the simulator."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """Simulated time of the published state, ns."""
+
+    @property
+    def period_ns(self) -> int:
+        """The plant's period, ns."""
+
+    @property
+    def at_end(self) -> bool:
+        """True where the published state is the run's last."""
+
+    def advance(self, effort: float) -> None:
+        """Step with this effort, N m, and publish the new state."""
+
+    def finish(self) -> None:
+        """End the run: the last state is answered."""
+
+    def fail(self, reason: str) -> None:
+        """End the run with an error."""
+
+    def count(self, what: str, number: int = 1) -> None:
+        """Count something for diagnostics."""
+
+
+class Pacing(ABC):
+    """Takes in commands and ticks of a clock, and advances the loop."""
+
+    def __init__(self, loop: Loop) -> None:
+        self._loop = loop
+        self._anchor_ns = 0  # wall time of simulated time zero
+        self.worst_late_ns = 0
+        self.paused = True  # until it begins
+
+    def begin(self, now_ns: int) -> None:
+        """Start, or go on after a pause, at this wall time; the state is published."""
+        self.paused = False
+        self._anchor_ns = now_ns - self._wall(self._loop.stamp_ns)
+
+    def _wall(self, duration_ns: int) -> int:
+        return duration_ns
+
+    @abstractmethod
+    def command(self, stamp_ns: int, effort: float, now_ns: int) -> None:
+        """Take in a finite command that answers the state with this stamp."""
+
+    @abstractmethod
+    def tick(self, now_ns: int) -> None:
+        """Do what is due at this wall time; called about once a period."""
+
+
+class RealTimePacing(Pacing):
+    """Steps follow the wall clock; the newest command counts, none that is older than the timeout."""
+
+    def __init__(self, loop: Loop, command_timeout: float) -> None:
+        super().__init__(loop)
+        self._timeout_ns = nanoseconds(command_timeout)
+        self._stamp_ns = -1
+        self._effort = 0.0
+
+    def command(self, stamp_ns: int, effort: float, now_ns: int) -> None:
+        """Take the command where it is newer than the last."""
+        if stamp_ns <= self._stamp_ns or stamp_ns > self._loop.stamp_ns:
+            self._loop.count("commands out of order")
+            return
+        self._stamp_ns = stamp_ns
+        self._effort = effort
+
+    def tick(self, now_ns: int) -> None:
+        """Make every step that is due; after the last, wait for its answer up to the timeout."""
+        if self.paused:
+            return
+        loop = self._loop
+        period = loop.period_ns
+        late = now_ns - self._anchor_ns - loop.stamp_ns - period
+        if loop.at_end:
+            if self._stamp_ns >= loop.stamp_ns or late > self._timeout_ns:
+                loop.finish()
+            return
+        if late >= period:
+            loop.count("deadlines missed", late // period)
+            if late > MAX_CATCH_UP * period:
+                self._anchor_ns += late
+                late = 0
+        self.worst_late_ns = max(self.worst_late_ns, late)
+        for _ in range(1 + max(late, 0) // period):
+            if not loop.at_end:
+                loop.advance(self._fresh())
+
+    def _fresh(self) -> float:
+        if self._stamp_ns < 0:
+            return 0.0
+        if self._loop.stamp_ns - self._stamp_ns > self._timeout_ns:
+            self._loop.count("steps without a fresh command")
+            return 0.0
+        return self._effort
+
+
+class LockstepPacing(Pacing):
+    """State k is stepped when every participant has answered it, however long that takes in wall time.
+
+    ``answers``: the stamp up to which each awaited topic has answered. ``speed`` > 0 paces the run at
+    that multiple of real time; 0 runs as fast as the machine allows. ``windows``: how far, in ns, a
+    participant's answer may stay behind the state: 0 for a controller, a positive one for the recorder,
+    minus one period for the disturbance, which answers for the next state.
+    """
+
+    def __init__(
+        self, loop: Loop, windows: Mapping[str, int], timeout: float, speed: float
+    ) -> None:
+        super().__init__(loop)
+        self._windows = dict(windows)
+        self._timeout = timeout
+        self._speed = speed
+        self._answered = dict.fromkeys(windows, -1)
+        self._effort = 0.0
+        self._waiting_since_ns: int | None = None
+
+    def _wall(self, duration_ns: int) -> int:
+        return round(duration_ns / self._speed) if self._speed > 0.0 else 0
+
+    def begin(self, now_ns: int) -> None:
+        """Start or go on: the clock of the timeout starts anew."""
+        super().begin(now_ns)
+        self._waiting_since_ns = now_ns
+        self._advance(now_ns)
+
+    def command(self, stamp_ns: int, effort: float, now_ns: int) -> None:
+        """Take the first answer to the present state; count and ignore any other."""
+        now = self._loop.stamp_ns
+        if stamp_ns < now:
+            self._loop.count("late answers ignored")
+        elif stamp_ns > now:
+            self._loop.count("answers to no state ignored")
+        elif self._answered["effort_command"] == now:
+            self._loop.count("doubled answers ignored")
+        else:
+            self._effort = effort
+            self.answered("effort_command", stamp_ns, now_ns)
+
+    def answered(self, topic: str, stamp_ns: int, now_ns: int) -> None:
+        """Note that a participant has answered up to this stamp."""
+        if stamp_ns > self._answered.get(topic, stamp_ns):
+            self._answered[topic] = stamp_ns
+            self._advance(now_ns)
+
+    def silent(self) -> list[str]:
+        """Return the topics that the present state still waits for."""
+        now, end = self._loop.stamp_ns, self._loop.at_end
+        return [
+            topic
+            for topic, stamp in self._answered.items()
+            # The last state waits for everything: nothing may be under way when the run ends.
+            if stamp < now - (min(self._windows[topic], 0) if end else self._windows[topic])
+        ]
+
+    def _advance(self, now_ns: int) -> None:
+        loop = self._loop
+        if self.paused or self.silent():
+            return
+        due_ns = self._anchor_ns + self._wall(loop.stamp_ns + loop.period_ns)
+        if self._speed > 0.0 and now_ns < due_ns:
+            return
+        if loop.at_end:
+            loop.finish()
+            return
+        self._waiting_since_ns = now_ns
+        loop.advance(self._effort)
+
+    def tick(self, now_ns: int) -> None:
+        """Go on where only the pace held; give up on a participant that is silent for too long."""
+        if self.paused:
+            return
+        silent = self.silent()
+        if not silent:
+            self._advance(now_ns)
+        elif self._waiting_since_ns is not None:
+            waited = (now_ns - self._waiting_since_ns) / NANOSECONDS
+            if waited > self._timeout:
+                self._loop.fail(
+                    f"no answer on {', '.join(silent)} to the state at "
+                    f"t = {seconds(self._loop.stamp_ns):g} s within lockstep.timeout = "
+                    f"{self._timeout:g} s"
+                )

@@ -1,0 +1,308 @@
+"""The ``simulator`` node: the plant at a set rate, its true and measured state as JointState."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from math import isfinite
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
+
+from trunk_msgs_util import qos, topics
+from trunk_msgs_util.base_node import TrunkNode, main_for
+from trunk_msgs_util.conversions import sample_to_ros, stamp_from_ros, stamp_to_ros
+from trunk_msgs_util.units import seconds, step_count
+
+from .config import SimulatorConfig
+from .disturbances import Disturbance
+from .pacing import LockstepPacing, Pacing, RealTimePacing
+from .simulation import DivergedError, Simulation
+
+# A participant that says nothing of itself (another project's controller) is taken as ready when it has
+# been matched for this long.
+_MATCHED_S = 1.0
+_LOCKSTEP_TICK_S = 0.05
+_DOUBLED = ("late answers ignored", "doubled answers ignored", "commands out of order")
+
+
+class SimulatorNode(TrunkNode[SimulatorConfig]):
+    """Owns the plant and the run: publishes each state, takes in commands, begins and ends."""
+
+    def __init__(self) -> None:
+        super().__init__("simulator", SimulatorConfig)
+        config = self.config
+        self._simulation = Simulation(config)
+        self._steps = step_count(config.duration, config.update_rate) if config.duration else None
+        self._ready: dict[str, str] = {}  # topic -> node that answers on it
+        self._matched_since: dict[str, float] = {}
+        self._waiting_logged = time.monotonic()
+        self._running = False
+        self._truth_published = False
+        self._disturbances: deque[tuple[int, Disturbance]] = deque()
+        self._disturbance = Disturbance()
+        self._diagnosed = (time.monotonic(), 0)
+        self._pacing = self._make_pacing(config)
+        self._create_topics(config)
+        self._start_timer = self.create_timer(0.02, self._try_start)
+        self._step_timer = self.create_timer(self._tick_period(config), self._tick)
+        self._step_timer.cancel()
+
+    def _make_pacing(self, config: SimulatorConfig) -> Pacing:
+        if not config.lockstep:
+            return RealTimePacing(self, config.command_timeout)
+        period = config.period_ns
+        windows = {
+            topics.EFFORT_COMMAND: 0,
+            topics.DISTURBANCE: -period,
+            "recorder": config.lockstep_window * period,
+        }
+        return LockstepPacing(
+            self,
+            {name: windows[name] for name in config.wait_for},
+            config.lockstep_timeout,
+            config.lockstep_speed,
+        )
+
+    def _tick_period(self, config: SimulatorConfig) -> float:
+        if not config.lockstep:
+            return seconds(config.period_ns)
+        if config.lockstep_speed:
+            return min(seconds(config.period_ns) / config.lockstep_speed, _LOCKSTEP_TICK_S)
+        return _LOCKSTEP_TICK_S
+
+    def _create_topics(self, config: SimulatorConfig) -> None:
+        self._truth = self.create_publisher(JointState, topics.GROUND_TRUTH, qos.evidence())
+        self._measured = self.create_publisher(JointState, topics.JOINT_STATES, qos.evidence())
+        self._clock_topic = (
+            self.create_publisher(Clock, "/clock", qos.clock()) if config.publish_clock else None
+        )
+        self._commands = self.create_subscription(
+            JointState, topics.EFFORT_COMMAND, self._on_command, qos.control()
+        )
+        self._disturbance_topic = self.create_subscription(
+            JointState, topics.DISTURBANCE, self._on_disturbance, qos.control(100)
+        )
+        self.create_subscription(
+            DiagnosticArray, topics.RUN_EVENTS, self._on_event, qos.run_information()
+        )
+        if config.lockstep and "recorder" in config.wait_for:
+            self.create_subscription(
+                JointState, topics.RECORDER_PROGRESS, self._on_progress, qos.control()
+            )
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(SetBool, "~/pause", self._on_pause)
+
+    def configure(self, config: SimulatorConfig) -> None:
+        """Take changed constants; they act from the next step on."""
+        self._simulation.retune(config)
+
+    # Start: hold state 0 until every participant is matched in both directions.
+
+    def _on_event(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.message == "ready":
+                self._ready.update(
+                    {v.value: status.name for v in status.values if v.key == "answers"}
+                )
+
+    def _missing(self) -> list[str]:
+        now = time.monotonic()
+        subscriptions = {
+            topics.EFFORT_COMMAND: self._commands,
+            topics.DISTURBANCE: self._disturbance_topic,
+        }
+        missing = []
+        for name in self.config.wait_for:
+            subscription = subscriptions.get(name)
+            if subscription is None or subscription.get_publisher_count() == 0:
+                self._matched_since.pop(name, None)
+                waited = 0.0
+            else:
+                waited = now - self._matched_since.setdefault(name, now)
+            if name not in self._ready and waited < _MATCHED_S:
+                missing.append(name)
+        return missing
+
+    def _try_start(self) -> None:
+        missing = self._missing()
+        if missing:
+            if time.monotonic() - self._waiting_logged > 5.0:
+                self._waiting_logged = time.monotonic()
+                self.get_logger().info(f"waiting for {', '.join(missing)}")
+            return
+        if not self._truth_published:
+            self._publish_truth()
+            self._truth_published = True
+        if topics.DISTURBANCE in self.config.wait_for and not self._disturbances:
+            return  # the first measurement carries its disturbance too
+        self._start_timer.cancel()
+        if not self._only_one_controller():
+            return
+        self._running = True
+        self.event("started", rate=self.config.update_rate)
+        self._publish_measured()
+        self._step_timer.reset()
+        self._pacing.begin(time.monotonic_ns())
+
+    def _only_one_controller(self) -> bool:
+        publishers = self.get_publishers_info_by_topic(self._commands.topic_name)
+        if len(publishers) <= 1:
+            return True
+        names = sorted(f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers)
+        self.fail(
+            f"{len(publishers)} nodes publish {self._commands.topic_name}: {', '.join(names)}; "
+            "one controller at a time: stop the others"
+        )
+        return False
+
+    # The loop, as `pacing.Loop` wants it.
+
+    @property
+    def stamp_ns(self) -> int:
+        """Simulated time of the published state, ns."""
+        return self._simulation.stamp_ns
+
+    @property
+    def period_ns(self) -> int:
+        """The plant's period, ns."""
+        return self.config.period_ns
+
+    @property
+    def at_end(self) -> bool:
+        """True where the published state is the run's last."""
+        return self._simulation.step_index == self._steps
+
+    def advance(self, effort: float) -> None:
+        """Step with this effort and publish the new state; a plant that diverges ends the run."""
+        try:
+            self._simulation.step(effort, self._disturbance)
+        except DivergedError as error:
+            self.fail(str(error))
+            return
+        self._publish_measured()
+        self._publish_truth()
+
+    def finish(self) -> None:
+        """End the run: the last state is answered."""
+        self._step_timer.cancel()
+        self._say_finished("finished", "finished")
+        self.exit_code = 0
+
+    def fail(self, reason: str, **values: object) -> None:
+        """End the run with an error; the record says how many states there are."""
+        self._step_timer.cancel()
+        super().fail(reason, states=self._simulation.step_index + 1, **values)
+
+    def count(self, what: str, number: int = 1) -> None:
+        """Count something for diagnostics; doubled answers may mean a second controller."""
+        self.counters[what] += number
+        if what in _DOUBLED and self._running and self.exit_code is None:
+            self._only_one_controller()
+
+    def _tick(self) -> None:
+        if self.exit_code is None:
+            self._pacing.tick(time.monotonic_ns())
+
+    def _publish_measured(self) -> None:
+        simulation = self._simulation
+        self.run_stamp_ns = now = simulation.stamp_ns
+        while self._disturbances and self._disturbances[0][0] <= now:
+            self._disturbance = self._disturbances.popleft()[1]
+        self._measured.publish(sample_to_ros(simulation.measure(self._disturbance)))
+        if self._clock_topic is not None:
+            self._clock_topic.publish(Clock(clock=stamp_to_ros(now)))
+
+    def _publish_truth(self) -> None:
+        self._truth.publish(sample_to_ros(self._simulation.truth()))
+
+    def _say_finished(self, message: str, reason: str) -> None:
+        self.event(message, reason=reason, states=self._simulation.step_index + 1)
+
+    def stopping(self) -> None:
+        """Close the record: an endless run is finished when it is stopped, another is not."""
+        if self._running and self._steps is None:
+            self._say_finished("finished", "stopped on request")
+        elif self._running:
+            self._say_finished("stopped", f"stopped at t = {seconds(self.stamp_ns):g} s, too early")
+
+    # What comes in.
+
+    def _on_command(self, message: JointState) -> None:
+        joint = self.config.joints[1]
+        try:
+            effort = message.effort[message.name.index(joint)]
+        except (ValueError, IndexError):
+            self.count("commands without the joint")
+            return
+        if not isfinite(effort):
+            self.count("commands not finite")
+        elif self._running and self.exit_code is None:
+            stamp_ns = stamp_from_ros(message.header.stamp)
+            self._pacing.command(stamp_ns, effort, time.monotonic_ns())
+
+    def _on_disturbance(self, message: JointState) -> None:
+        values = [*message.effort, *message.position]
+        if tuple(message.name) != self.config.joints or len(values) != 4:
+            self.count("disturbances malformed")
+            return
+        if not all(map(isfinite, values)):
+            self.count("disturbances not finite")
+            return
+        stamp_ns = stamp_from_ros(message.header.stamp)
+        self._disturbances.append((stamp_ns, Disturbance(*values)))
+        self._answered(topics.DISTURBANCE, stamp_ns)
+
+    def _on_progress(self, message: JointState) -> None:
+        self._answered("recorder", stamp_from_ros(message.header.stamp))
+
+    def _answered(self, topic: str, stamp_ns: int) -> None:
+        if isinstance(self._pacing, LockstepPacing):
+            self._pacing.answered(topic, stamp_ns, time.monotonic_ns())
+
+    # Services.
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._simulation.reset()
+        self.event("reset")
+        response.success = True
+        response.message = (
+            f"the plant is in its initial state at t = {seconds(self.run_stamp_ns):g} s"
+        )
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        pacing = self._pacing
+        if self._running and request.data != pacing.paused:
+            self.event("paused" if request.data else "resumed")
+            if request.data:
+                pacing.paused = True
+            else:
+                pacing.begin(time.monotonic_ns())
+        response.success = self._running
+        response.message = self._state()
+        return response
+
+    def _state(self) -> str:
+        if not self._running:
+            return "waiting for participants"
+        return "paused" if self._pacing.paused else "running"
+
+    def diagnostics(self) -> dict[str, object]:
+        """Return progress, the achieved rate and the worst lateness since the last call."""
+        now, step = time.monotonic(), self._simulation.step_index
+        before, step_before = self._diagnosed
+        self._diagnosed = (now, step)
+        worst, self._pacing.worst_late_ns = self._pacing.worst_late_ns, 0
+        return {
+            "time": f"{seconds(self._simulation.stamp_ns):.3f}",
+            "step": step,
+            "rate": f"{(step - step_before) / max(now - before, 1e-9):.1f}",
+            "worst lateness": f"{seconds(max(worst, 0)):.6f}",
+            "state": self._state(),
+        }
+
+
+main = main_for(SimulatorNode, "simulator")
