@@ -1,0 +1,292 @@
+"""The core against public libraries, side by side in one run: fuzzy inference and the PID update.
+
+Times depend on the machine; what is compared are ratios of times taken in turns, in one process.
+The libraries are optional and are imported here alone (pyfuzzylite is GPL-3.0); each must give our
+results first.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from random import Random
+from statistics import median
+from time import perf_counter
+from typing import Any
+
+from trunk_control import rule_tables
+from trunk_control.config import FuzzyPidConfig
+from trunk_control.fuzzy import infer
+from trunk_control.fuzzy_pid import fuzzy_pid_update
+from trunk_control.pid import DERIVATIVE_ON_MEASUREMENT, Gains, PidLaw, PidState, pid_update
+
+FUZZY_GOAL = 2000.0  # at least: pyfuzzylite's time over that of one inference
+PID_GOAL = 2.0  # at most: the time of one update over simple-pid's
+FUZZY_TOLERANCE = 1e-12
+PID_TOLERANCE = 1e-9  # N m, after 200 updates
+
+_DT = 0.005  # s
+_LIMIT = 100.0  # N m
+_GAINS = Gains(60.0, 100.0, 9.0)
+# What simple-pid does: derivative on the measurement, integral term and command clamped alike.
+_LAW = PidLaw(DERIVATIVE_ON_MEASUREMENT, 0.0, -_LIMIT, _LIMIT, -_LIMIT, _LIMIT)
+
+Batch = Callable[[], int]  # does some calls and returns how many
+
+
+class BenchError(RuntimeError):
+    """A library is missing, or does not compute what we compute."""
+
+
+@dataclass(frozen=True)
+class BenchRow:
+    """One comparison: medians over the rounds, of the times and of their ratio in each round."""
+
+    name: str
+    ours_s: float  # one call
+    theirs_s: float  # one call
+    ratio: float  # of the two times, the way round that the name says
+    goal: str  # for people; empty: for information
+    met: bool | None
+
+
+def bench_core(rounds: int = 9) -> list[BenchRow]:
+    """Return the comparisons: fuzzy inference, PID update and, for information, Fuzzy-PID update.
+
+    Raises BenchError where a library is missing or disagrees with us.
+    """
+    if rounds < 1:
+        raise ValueError(f"rounds must be 1 or greater, not {rounds!r}")
+    pyfuzzylite, simple_pid = "pyfuzzylite", "simple-pid"
+    fuzzylite = _library("fuzzylite", pyfuzzylite, "requirements/bench.txt")
+    simple = _library("simple_pid", simple_pid, "requirements/dev.txt")
+    config = FuzzyPidConfig()
+    times = _measure(
+        {
+            "infer": _infer_batch(config),
+            pyfuzzylite: _fuzzylite_batch(fuzzylite, config),
+            "pid_update": _pid_batch(),
+            simple_pid: _simple_pid_batch(simple),
+            "fuzzy_pid_update": _fuzzy_pid_batch(config),
+        },
+        rounds,
+    )
+
+    def ratio(upper: str, lower: str) -> float:
+        return median(a / b for a, b in zip(times[upper], times[lower], strict=True))
+
+    speedup = ratio(pyfuzzylite, "infer")
+    cost = ratio("pid_update", simple_pid)
+    return [
+        BenchRow(
+            "fuzzy inference, 3 outputs: pyfuzzylite's time / ours",
+            median(times["infer"]),
+            median(times[pyfuzzylite]),
+            speedup,
+            f">= {FUZZY_GOAL:g}",
+            speedup >= FUZZY_GOAL,
+        ),
+        BenchRow(
+            "PID update: our time / simple-pid's",
+            median(times["pid_update"]),
+            median(times[simple_pid]),
+            cost,
+            f"<= {PID_GOAL:g}",
+            cost <= PID_GOAL,
+        ),
+        BenchRow(
+            "Fuzzy-PID update: our time / that of simple-pid's PID",
+            median(times["fuzzy_pid_update"]),
+            median(times[simple_pid]),
+            ratio("fuzzy_pid_update", simple_pid),
+            "",
+            None,
+        ),
+    ]
+
+
+def _library(module: str, package: str, requirements: str) -> Any:
+    try:
+        return import_module(module)
+    except ImportError:
+        message = f"{package} is not installed; it comes with: pip install -r {requirements}"
+        raise BenchError(message) from None
+
+
+def _measure(batches: Mapping[str, Batch], rounds: int) -> dict[str, list[float]]:
+    """Return each batch's seconds per call, round by round, the order rotated by one each round."""
+    names = list(batches)
+    times: dict[str, list[float]] = {name: [] for name in names}
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        for batch in batches.values():
+            batch()  # warm up
+        for _ in range(rounds):
+            for name in names:
+                start = perf_counter()
+                calls = batches[name]()
+                times[name].append((perf_counter() - start) / calls)
+            names.append(names.pop(0))
+    finally:
+        if collecting:
+            gc.enable()
+    return times
+
+
+def _inputs(config: FuzzyPidConfig, count: int, seed: int) -> list[tuple[float, float]]:
+    """Return random (e, e_dot), one in ten or so beyond the universe."""
+    random = Random(seed)
+    error, rate = 1.05 * config.error_range, 1.05 * config.rate_range
+    return [(random.uniform(-error, error), random.uniform(-rate, rate)) for _ in range(count)]
+
+
+def _infer_batch(config: FuzzyPidConfig) -> Batch:
+    rules = config.rules
+    inputs = _inputs(config, 20, seed=1)
+
+    def batch() -> int:
+        for _ in range(250):
+            for error, rate in inputs:
+                infer(error, rate, rules)
+        return 250 * len(inputs)
+
+    return batch
+
+
+def _fuzzylite_batch(fuzzylite: Any, config: FuzzyPidConfig) -> Batch:
+    """Return the batch of `_infer_batch` by pyfuzzylite, seen first to give the same outputs."""
+    engine = _fuzzylite_engine(fuzzylite, config)
+    error_input, rate_input = engine.input_variables
+
+    def process(error: float, rate: float) -> None:
+        error_input.value = error
+        rate_input.value = rate
+        engine.process()
+
+    rules = config.rules
+    for error, rate in _inputs(config, 100, seed=2):
+        process(error, rate)
+        theirs = [output.value for output in engine.output_variables]
+        ours = infer(error, rate, rules)
+        if not all(abs(a - b) <= FUZZY_TOLERANCE for a, b in zip(ours, theirs, strict=True)):
+            raise BenchError(f"pyfuzzylite gives {theirs} at {(error, rate)}, infer gives {ours}")
+    inputs = _inputs(config, 20, seed=1)
+
+    def batch() -> int:
+        for error, rate in inputs:
+            process(error, rate)
+        return len(inputs)
+
+    return batch
+
+
+def _fuzzylite_engine(fuzzylite: Any, config: FuzzyPidConfig) -> Any:
+    """Return pyfuzzylite's engine: 49 rules with three constant consequents each."""
+    labels = rule_tables.INPUT_LABELS
+
+    def input_variable(name: str, peaks: tuple[float, ...]) -> Any:
+        ends = (2.0 * peaks[0] - peaks[1], *peaks, 2.0 * peaks[-1] - peaks[-2])
+        triangles = [fuzzylite.Triangle(label, *ends[i : i + 3]) for i, label in enumerate(labels)]
+        return fuzzylite.InputVariable(
+            name=name, minimum=peaks[0], maximum=peaks[-1], lock_range=True, terms=triangles
+        )
+
+    def output_variable(name: str, centers: Mapping[str, float]) -> Any:
+        return fuzzylite.OutputVariable(
+            name=name,
+            minimum=min(centers.values()),
+            maximum=max(centers.values()),
+            defuzzifier=fuzzylite.WeightedAverage("TakagiSugeno"),
+            terms=[fuzzylite.Constant(label, center) for label, center in centers.items()],
+        )
+
+    kp, kd, alpha = (
+        [row.split() for row in table]
+        for table in (config.rules_kp, config.rules_kd, config.rules_alpha)
+    )
+    texts = [
+        f"if e is {e} and e_dot is {e_dot} "
+        f"then kp is {kp[i][j]} and kd is {kd[i][j]} and alpha is {alpha[i][j]}"
+        for i, e in enumerate(labels)
+        for j, e_dot in enumerate(labels)
+    ]
+    product = fuzzylite.AlgebraicProduct()
+    alpha_centers = dict(zip(rule_tables.ALPHA_LABELS, config.alpha_centers, strict=True))
+    return fuzzylite.Engine(
+        name="fuzzy_pid",
+        input_variables=[
+            input_variable("e", tuple(config.rules.error_peaks)),
+            input_variable("e_dot", tuple(config.rules.rate_peaks)),
+        ],
+        output_variables=[
+            output_variable("kp", rule_tables.GAIN_CENTERS),
+            output_variable("kd", rule_tables.GAIN_CENTERS),
+            output_variable("alpha", alpha_centers),
+        ],
+        rule_blocks=[
+            fuzzylite.RuleBlock(
+                conjunction=product,
+                implication=product,
+                activation=fuzzylite.General(),
+                rules=[fuzzylite.Rule.create(text) for text in texts],
+            )
+        ],
+    )
+
+
+def _measurements() -> list[float]:
+    random = Random(3)
+    return [random.uniform(-0.6, 0.6) for _ in range(200)]
+
+
+def _pid_batch() -> Batch:
+    measurements = _measurements()
+
+    def batch() -> int:
+        state = PidState()
+        for _ in range(20):
+            for measurement in measurements:
+                state, _terms = pid_update(state, 0.0, measurement, 0.0, _DT, _GAINS, _LAW)
+        return 20 * len(measurements)
+
+    return batch
+
+
+def _simple_pid_batch(simple_pid: Any) -> Batch:
+    """Return the batch of `_pid_batch` by simple-pid, once it is seen to give the same commands."""
+    pid = simple_pid.PID(*_GAINS, setpoint=0.0, sample_time=None, output_limits=(-_LIMIT, _LIMIT))
+    measurements = _measurements()
+    state = PidState()
+    for measurement in measurements:
+        state, terms = pid_update(state, 0.0, measurement, 0.0, _DT, _GAINS, _LAW)
+        theirs = pid(measurement, dt=_DT)
+        if not abs(theirs - terms.effort) <= PID_TOLERANCE:
+            raise BenchError(f"simple-pid gives {theirs!r}, pid_update gives {terms.effort!r}")
+
+    def batch() -> int:
+        pid.reset()
+        for _ in range(20):
+            for measurement in measurements:
+                pid(measurement, dt=_DT)
+        return 20 * len(measurements)
+
+    return batch
+
+
+def _fuzzy_pid_batch(config: FuzzyPidConfig) -> Batch:
+    measurements = _measurements()
+    rules, box = config.rules, config.box
+
+    def batch() -> int:
+        state = PidState()
+        for _ in range(20):
+            for measurement in measurements:
+                state, _terms = fuzzy_pid_update(
+                    state, 0.0, measurement, 0.0, _DT, rules, box, _LAW
+                )
+        return 20 * len(measurements)
+
+    return batch

@@ -1,0 +1,69 @@
+"""The ``trunk`` command: loads, computes a pure result, renders it; problems set the exit code."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+
+import click
+
+# Verb: module of `commands` that holds it, and one line for the overview (which thus imports nothing).
+_VERBS = {
+    "run": ("run", "Run a scenario in the ROS 2 graph and record it."),
+    "simulate": ("simulate", "Run a scenario without ROS, by the same functions."),
+    "metrics": ("metrics", "Print a recorded run's metrics."),
+    "info": ("info", "Say what is in a recording."),
+    "export": ("export", "Write a recorded run as CSV."),
+    "params": ("params", "List every parameter that the nodes declare."),
+    "bench": ("bench", "Measure speed, as ratios in one run."),
+}
+
+
+class _Lazy(click.Group):
+    """A group that imports a verb's module when it is called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(_VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _VERBS:
+            return None
+        module = import_module(f".commands.{_VERBS[cmd_name][0]}", __package__)
+        command: click.Command = module.command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, line) in _VERBS.items()])
+
+
+@click.command(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
+def trunk() -> None:
+    """Simulate, control, record and compare a biped's trunk."""
+
+
+def main() -> None:
+    """Run the command; a user's mistake is one line on stderr, never a traceback."""
+    from .commands.common import run_errors, user_errors
+
+    try:
+        trunk(standalone_mode=False)
+    except click.exceptions.Exit as stop:
+        sys.exit(stop.exit_code)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        sys.exit("interrupted")
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader of a pipe went away: nothing more to say
+        sys.exit(1)
+    except run_errors() as error:
+        sys.exit(_say(error, 1))
+    except user_errors() as error:
+        sys.exit(_say(error, 2))
+
+
+def _say(error: Exception, code: int) -> int:
+    print(f"trunk: error: {' '.join(str(error).split())}", file=sys.stderr)
+    return code

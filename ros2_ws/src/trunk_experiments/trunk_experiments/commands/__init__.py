@@ -1,0 +1,1 @@
+"""One module per verb of the ``trunk`` command, each with its click command as ``command``."""

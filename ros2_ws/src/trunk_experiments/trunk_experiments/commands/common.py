@@ -1,0 +1,109 @@
+"""What several verbs share: the options that make a plan, tables, and the errors of a user's mistake."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
+
+import click
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from trunk_msgs_util.declarations import ParameterError
+from trunk_msgs_util.parameter_files import ParameterFileError
+
+from ..nodes import CONTROLLERS
+from ..plan import PlanError, RunPlan, make_plan
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def run_errors() -> tuple[type[Exception], ...]:
+    """Return the exceptions that say how a run went wrong."""
+    from trunk_sim.simulation import DivergedError
+
+    from ..graph_run import RunError
+
+    return (RunError, DivergedError)
+
+
+def user_errors() -> tuple[type[Exception], ...]:
+    """Return the exceptions that say what a user did wrong, to be shown as one line."""
+    from trunk_msgs_util.recording import RecordingError
+
+    from ..processes import ExecutableError
+
+    return (
+        PlanError,
+        ParameterError,
+        ParameterFileError,
+        RecordingError,
+        ExecutableError,
+        OSError,
+    )
+
+
+def plan_options(function: Function) -> Function:
+    """Add the argument and options from which `plan_of` makes a plan."""
+    options = [
+        click.argument("scenario"),
+        click.option(
+            "--controller",
+            default="fuzzy_pid",
+            show_default=True,
+            type=click.Choice(CONTROLLERS),
+            help="The controller node.",
+        ),
+        click.option(
+            "--params",
+            multiple=True,
+            metavar="FILE",
+            help="A parameter file, by path or shipped name; repeatable, later ones win.",
+        ),
+        click.option(
+            "--set",
+            "settings",
+            multiple=True,
+            metavar="NODE.PARAM=VALUE",
+            help="One value over all files; repeatable.",
+        ),
+        click.option("--duration", type=float, metavar="S", help="Simulated time, s."),
+        click.option(
+            "--rate", type=float, metavar="HZ", help="update_rate of simulator and controller, Hz."
+        ),
+    ]
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def plan_of(
+    scenario: str,
+    controller: str,
+    params: Sequence[str],
+    settings: Sequence[str],
+    duration: float | None,
+    rate: float | None,
+    extra: Mapping[str, object] | None = None,
+) -> RunPlan:
+    """Return the plan that the options of `plan_options` ask for, and ``extra`` for all nodes."""
+    everywhere: dict[str, object] = dict(extra or {})
+    if duration is not None:
+        everywhere["duration"] = duration
+    if rate is not None:
+        everywhere["update_rate"] = rate
+    plan = make_plan(scenario, controller, params, settings, everywhere)
+    for warning in plan.warnings:
+        click.echo(f"trunk: warning: {warning}", err=True)
+    return plan
+
+
+def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print a table: first column left, the others right; plain where there is no terminal."""
+    table = Table(title=title, box=SIMPLE_HEAD, title_justify="left", title_style="bold")
+    for i, column in enumerate(header):
+        table.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    Console().print(table)

@@ -1,0 +1,59 @@
+"""``trunk metrics``: how well a recorded run held the trunk."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from trunk_msgs_util.metrics import metrics
+from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.run_table import RunTable
+
+from .common import print_table
+
+_ROWS = {
+    "overshoot_deg": ("overshoot", "deg"),
+    "settling_time_6deg_s": ("settling time, +-6 deg", "s"),
+    "steady_state_error_mean_deg": ("steady-state error, mean", "deg"),
+    "steady_state_error_rms_deg": ("steady-state error, RMS", "deg"),
+    "iae": ("IAE, integral of |e|", "rad s"),
+    "ise": ("ISE, integral of e^2", "rad^2 s"),
+    "itae": ("ITAE, integral of t |e|", "rad s^2"),
+    "effort": ("effort, integral of torque^2", "N^2 m^2 s"),
+    "peak_torque": ("peak torque", "N m"),
+    "theta_min_deg": ("smallest angle", "deg"),
+    "theta_max_deg": ("largest angle", "deg"),
+}
+
+
+def show_metrics(recording: Recording, title: str) -> None:
+    """Print a run's metrics as a table, warnings first."""
+    for warning in recording.warnings:
+        click.echo(f"trunk: warning: {warning}", err=True)
+    values = metrics(RunTable.from_recording(recording)).as_dict()
+    print_table(
+        title,
+        ("quantity", "value", "unit"),
+        [
+            (label, "never" if values[key] is None else f"{values[key]:.6g}", unit)
+            for key, (label, unit) in _ROWS.items()
+        ],
+    )
+
+
+@click.command("metrics")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print JSON; null where a quantity does not exist."
+)
+def command(run: Path, as_json: bool) -> None:
+    """Print a recorded run's metrics."""
+    recording = Recording.open(run)
+    if as_json:
+        for warning in recording.warnings:
+            click.echo(f"trunk: warning: {warning}", err=True)
+        click.echo(json.dumps(metrics(RunTable.from_recording(recording)).as_dict(), indent=2))
+    else:
+        show_metrics(recording, f"{run.name}: true error e = reference - angle")

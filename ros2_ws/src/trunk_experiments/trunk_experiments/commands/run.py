@@ -1,0 +1,97 @@
+"""``trunk run``: a run in the ROS 2 graph, recorded, with its verdict."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+
+from trunk_msgs_util.recording import Recording
+
+from ..graph_run import RunFiles, run_graph
+from ..plan import PlanError, RunPlan
+from .common import plan_of, plan_options
+from .metrics import show_metrics
+
+
+def _new_folder(plan: RunPlan, output: Path | None) -> Path:
+    if output is None:
+        stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+        output = Path("runs") / f"{stamp}_{plan.scenario}_{plan.controller_name}"
+    if (output / "run.mcap").exists():
+        raise PlanError(f"--output {output}: there is a run.mcap in it; give another folder")
+    output.mkdir(parents=True, exist_ok=True)
+    return output
+
+
+@click.command("run")
+@plan_options
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for the recording, parameters and logs.  [default: runs/TIME_SCENARIO_CONTROLLER]",
+)
+@click.option(
+    "--lockstep", is_flag=True, help="Step when every node has answered: the same bits each time."
+)
+@click.option(
+    "--composed", is_flag=True, help="All nodes in one process; in lock-step many times faster."
+)
+@click.option(
+    "--speed",
+    type=float,
+    default=0.0,
+    metavar="FACTOR",
+    help="Pace of a lock-step run, as a multiple of real time.  [default: as fast as it goes]",
+)
+def command(
+    output: Path | None, lockstep: bool, composed: bool, speed: float, **options: Any
+) -> None:
+    """Run SCENARIO in the ROS 2 graph: simulator, controller, disturbance, recorder.
+
+    SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.
+    """
+    everywhere: dict[str, object] = {"lockstep.enabled": True} if lockstep else {}
+    if speed:
+        if not lockstep:
+            raise PlanError(f"--speed {speed:g}: only a lock-step run can be paced; add --lockstep")
+        everywhere["lockstep.speed"] = speed
+    plan = plan_of(**options, extra=everywhere)
+    if not plan.simulator.duration:
+        raise PlanError("simulator: duration is 0: a recorded run needs an end; give --duration S")
+    files = RunFiles(_new_folder(plan, output))
+    console = Console(stderr=True)
+    console.print(
+        f"{plan.scenario}, {plan.controller_name}: {plan.simulator.duration:g} s "
+        f"at {plan.simulator.update_rate:g} Hz, {'lock-step' if lockstep else 'real time'}",
+        highlight=False,
+    )
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.1f} of {task.total:g} s"),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as progress:
+        task = progress.add_task("running", total=plan.simulator.duration)
+        run_graph(plan, files, lambda t: progress.update(task, completed=t), composed=composed)
+    _verdict(files)
+
+
+def _verdict(files: RunFiles) -> None:
+    recording = Recording.open(files.recording)
+    show_metrics(recording, "metrics of the run (true error)")
+    counts = {name: topic.count for name, topic in recording.topics.items() if topic.count}
+    states = counts.get(recording.topic("ground_truth/joint_states"), 0)
+    commands = counts.get(recording.topic("effort_command"), 0)
+    whole = "complete" if recording.complete else "INCOMPLETE"
+    click.echo(f"{whole}: {states} states, {commands} commands recorded")
+    click.echo(f"recording: {files.recording}")
+    click.echo(f"parameters: {files.parameters}")
+    if not recording.complete:
+        raise SystemExit(1)

@@ -1,0 +1,118 @@
+"""An offline run written as a recording: the topics, schemas and parameters that the graph records."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from trunk_msgs_util import provenance, topics
+from trunk_msgs_util.declarations import declarations, values_of
+from trunk_msgs_util.joint_state_cdr import layout_of
+from trunk_msgs_util.recording_writer import RecordingWriter
+from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.schemas import event, parameter_event
+from trunk_sim.disturbances import disturbance_at, disturbance_sample
+from trunk_sim.simulation import DivergedError
+
+from .nodes import NODES
+from .offline import Step, steps
+from .plan import RunPlan
+
+
+def record_offline(plan: RunPlan, path: Path, overwrite: bool = False) -> int:
+    """Run the plan and write its recording; return the number of states.
+
+    Raises FileExistsError, and DivergedError (the file then ends, marked incomplete, with the last
+    finite state).
+    """
+    with RecordingWriter(path, overwrite=overwrite) as writer:
+        run = _OfflineRecorder(plan, writer)
+        run.open()
+        try:
+            for step in steps(plan):
+                run.write(step)
+        except DivergedError as error:
+            run.failed(str(error))
+            writer.finish(complete=False, reason=str(error))
+            raise
+        run.finished()
+        writer.finish(complete=True, reason="finished")
+        return run.states
+
+
+class _OfflineRecorder:
+    """Says in a recording what the nodes would have said, stamped and logged in simulated time."""
+
+    def __init__(self, plan: RunPlan, writer: RecordingWriter) -> None:
+        self._plan = plan
+        self._writer = writer
+        self._channels = {
+            topic: writer.channel("/" + topic, type_name)
+            for topic, type_name in topics.evidence_types((plan.controller_name,)).items()
+        }
+        self._state_topic = topics.controller_state(plan.controller_name)
+        self._signals = None if plan.disturbance is None else plan.disturbance.signals
+        self._last_ns = 0
+        self.states = 0
+
+    def _put(self, topic: str, stamp_ns: int, data: bytes) -> None:
+        self._writer.write(self._channels[topic], stamp_ns, stamp_ns, data)
+
+    def _sample(self, topic: str, sample: JointSample) -> None:
+        self._put(topic, sample.stamp_ns, layout_of(sample).pack(sample))
+
+    def _event(self, message: str, values: dict[str, str], ok: bool = True) -> None:
+        data = event(self._last_ns, "/simulator", message, values, level=0 if ok else 2)
+        self._put(topics.RUN_EVENTS, self._last_ns, data)
+
+    def open(self) -> None:
+        """Write provenance and every node's full parameters."""
+        plan = self._plan
+        self._writer.add_metadata(
+            "trunk_provenance",
+            provenance.gather(
+                scenario=plan.scenario, controller=plan.controller_name, mode="offline", rmw="none"
+            ),
+        )
+        for name, config in plan.configs.items():
+            if name != "recorder":
+                kinds = {n: d.kind for n, d in declarations(NODES[name].config).items()}
+                data = parameter_event(0, f"/{name}", values_of(config), {}, kinds)
+                self._put(topics.RUN_PARAMETERS, 0, data)
+        self._event("started", {"rate": str(plan.simulator.update_rate)})
+
+    def write(self, step: Step) -> None:
+        """Write one step, in the order in which the graph says it."""
+        plan, stamp_ns, answer = self._plan, step.stamp_ns, step.answer
+        joints = plan.simulator.joints
+        self._sample(topics.GROUND_TRUTH, step.truth)
+        if self.states == 0:
+            self._disturbance(stamp_ns)
+        self._disturbance(stamp_ns + plan.simulator.period_ns)
+        self._sample(topics.JOINT_STATES, step.measured)
+        command = JointSample(stamp_ns, (plan.controller.joint,), effort=(answer.effort,))
+        self._sample(topics.EFFORT_COMMAND, command)
+        if answer.terms is not None:
+            index = joints.index(plan.controller.joint)
+            values = (answer.reference, step.measured.position[index], *answer.terms)
+            self._sample(
+                self._state_topic, JointSample(stamp_ns, topics.STATE_NAMES, position=values)
+            )
+        self._last_ns = stamp_ns
+        self.states += 1
+
+    def _disturbance(self, stamp_ns: int) -> None:
+        """Write what acts at a stamp: like the node, one step ahead of the state."""
+        if self._signals is not None:
+            acting = disturbance_at(stamp_ns, self._signals)
+            self._sample(
+                topics.DISTURBANCE,
+                disturbance_sample(stamp_ns, self._plan.simulator.joints, acting),
+            )
+
+    def finished(self) -> None:
+        """Write the event that ends a whole run."""
+        self._event("finished", {"reason": "finished", "states": str(self.states)})
+
+    def failed(self, reason: str) -> None:
+        """Write the event that ends a run that failed."""
+        self._event("failed", {"reason": reason, "states": str(self.states)}, ok=False)

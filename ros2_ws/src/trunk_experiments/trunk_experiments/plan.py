@@ -1,0 +1,234 @@
+"""A run's plan: which nodes, with which values, from a scenario, parameter files and a command line.
+
+The plan is made once and in one way for an offline run and for the graph, so that both run the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from dataclasses import replace as with_values
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from trunk_control.config import ControllerConfig, FuzzyPidConfig
+from trunk_msgs_util.config import RecorderConfig
+from trunk_msgs_util.declarations import ParameterError, build, declarations, values_of
+from trunk_msgs_util.parameter_files import (
+    Layer,
+    ParameterFileError,
+    Section,
+    check_names,
+    read,
+    resolve,
+    write,
+)
+from trunk_msgs_util.units import seconds
+from trunk_sim.config import DisturbanceConfig, SimulatorConfig
+
+from .nodes import CONTROLLERS, NODES, declared_names
+
+# The profile on which a shipped scenario rests.
+SCENARIOS: dict[str, str] = {
+    "fig6": "profile_paper",
+    "fig7": "profile_paper",
+    "fig8": "profile_paper",
+    "fig9": "profile_paper",
+    "demo": "profile_practical",
+}
+
+
+class PlanError(ValueError):
+    """A run that cannot be: what is wrong, its value, what is allowed."""
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """Everything that decides a run; ``disturbance`` is None where nothing disturbs."""
+
+    scenario: str
+    controller_name: str
+    simulator: SimulatorConfig
+    controller: ControllerConfig
+    disturbance: DisturbanceConfig | None
+    recorder: RecorderConfig
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def configs(self) -> dict[str, Any]:
+        """The configurations of the nodes that run, by node name."""
+        optional = {} if self.disturbance is None else {"disturbance": self.disturbance}
+        return {
+            "recorder": self.recorder,
+            self.controller_name: self.controller,
+            **optional,
+            "simulator": self.simulator,
+        }
+
+    def write_parameters(self, path: Path) -> None:
+        """Write the whole plan as one ROS 2 parameter file."""
+        write(path, {name: values_of(config) for name, config in self.configs.items()})
+
+
+def shipped_files() -> dict[str, Path]:
+    """Return the shipped parameter files by bare name."""
+    folder = Path(str(files(__package__))) / "config"
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def find_file(name: str) -> Path:
+    """Return a parameter file's path from a shipped bare name or a path.
+
+    Raises PlanError listing the shipped names.
+    """
+    shipped = shipped_files()
+    if name in shipped:
+        return shipped[name]
+    path = Path(name)
+    if path.is_file():
+        return path
+    raise PlanError(
+        f"no parameter file {name!r}: give a path, or one of {', '.join(sorted(shipped))}"
+    )
+
+
+def scenario_layers(scenario: str) -> list[Layer]:
+    """Return a scenario's layers: the profile it rests on, then its own file."""
+    if scenario in SCENARIOS:
+        return [read(find_file(SCENARIOS[scenario])), read(find_file(scenario))]
+    if Path(scenario).is_file():
+        return [read(Path(scenario))]
+    raise PlanError(
+        f"no scenario {scenario!r}: give one of {', '.join(SCENARIOS)}, or a parameter file's path"
+    )
+
+
+def parse_setting(text: str) -> Layer:
+    """Return the layer that ``NODE.PARAM=VALUE`` stands for; VALUE is YAML. Raises PlanError."""
+    target, equals, value_text = text.partition("=")
+    node, dot, name = target.partition(".")
+    if not equals or not dot or node not in NODES:
+        raise PlanError(
+            f"--set {text!r}: NODE.PARAM=VALUE is needed, NODE one of {', '.join(NODES)}"
+        )
+    try:
+        value = yaml.safe_load(value_text)
+    except yaml.YAMLError:
+        raise PlanError(f"--set {text!r}: the value is not YAML") from None
+    if isinstance(value, str):
+        with suppress(ValueError):
+            value = float(value)  # "1e3" is a number to ROS, but not to YAML 1.1
+    return Layer(f"--set {text}", (Section(node, {name: value}),))
+
+
+def make_plan(
+    scenario: str,
+    controller: str,
+    params: Sequence[str] = (),
+    settings: Sequence[str] = (),
+    everywhere: Mapping[str, object] | None = None,
+) -> RunPlan:
+    """Return the plan of a run; later layers win: profile, scenario, params, ``everywhere``, settings.
+
+    ``everywhere``: values for all nodes that declare them (``duration``, ``update_rate``).
+    Raises PlanError, ParameterFileError or ParameterError, each a line that says what to do.
+    """
+    if controller not in CONTROLLERS:
+        raise PlanError(f"no controller {controller!r}: give one of {', '.join(CONTROLLERS)}")
+    layers = scenario_layers(scenario)
+    layers += [read(find_file(name)) for name in params]
+    if everywhere:
+        layers.append(Layer("the command line", (Section("/**", dict(everywhere)),)))
+    layers += [parse_setting(text) for text in settings]
+    check_names(layers, declared_names())
+    name = Path(scenario).stem
+    simulator = _build("simulator", layers)
+    disturbance = _build("disturbance", layers)
+    participants = ("effort_command", "disturbance") if disturbance.active else ("effort_command",)
+    lockstep = simulator.lockstep
+    return _checked(
+        RunPlan(
+            scenario=name,
+            controller_name=controller,
+            simulator=with_values(
+                simulator, wait_for=(*participants, "recorder") if lockstep else participants
+            ),
+            controller=with_values(_build(controller, layers), lockstep=lockstep),
+            disturbance=disturbance if disturbance.active else None,
+            recorder=with_values(
+                _build("recorder", layers),
+                controllers=(controller,),
+                scenario=name,
+                mode="lockstep" if lockstep else "real_time",
+                lockstep_topics=("ground_truth/joint_states", "joint_states", *participants),
+            ),
+        )
+    )
+
+
+def _build(node: str, layers: Sequence[Layer]) -> Any:
+    config = NODES[node].config
+    try:
+        return build(config, resolve("/" + node, layers, declarations(config)))
+    except ParameterError as error:
+        source = _source(node, error.name, layers)
+        raise ParameterFileError(f"{source}: {node}: {error}") from None
+
+
+def _source(node: str, name: str, layers: Sequence[Layer]) -> str:
+    """Return the layer that gave a node its value of a parameter."""
+    for layer in reversed(layers):
+        if any(s.matches("/" + node) and name in s.values for s in layer.sections):
+            return layer.source
+    return "defaults"
+
+
+def _checked(plan: RunPlan) -> RunPlan:
+    plant, control = plan.simulator.update_rate, plan.controller.update_rate
+    if control > plant * (1.0 + 1e-9):
+        raise PlanError(
+            f"{plan.controller_name}: update_rate {control:g} Hz is above the simulator's {plant:g} Hz: "
+            "a controller answers states, and there are no more of them"
+        )
+    ratio = plant / control
+    if abs(ratio - round(ratio)) > 1e-6 * ratio:
+        raise PlanError(
+            f"{plan.controller_name}: update_rate {control:g} Hz is no integer divisor of the "
+            f"simulator's {plant:g} Hz: its period would not be a whole number of steps"
+        )
+    if plan.controller.joint not in plan.simulator.joints:
+        raise PlanError(
+            f"{plan.controller_name}: joint {plan.controller.joint!r} is none of the simulator's "
+            f"joints: {', '.join(plan.simulator.joints)}"
+        )
+    return with_values(plan, warnings=tuple(_advice(plan)))
+
+
+def _advice(plan: RunPlan) -> Iterable[str]:
+    """Warn where the derivative gain comes near the bound of the sampled loop.
+
+    ``Kd h < 2 m l^2 M / (M + m)``: the torque of one sample must not overturn the rate that it damps.
+    """
+    plant = plan.simulator.plant
+    controller = plan.controller
+    kd = (
+        controller.d_max
+        if isinstance(controller, FuzzyPidConfig)
+        else getattr(controller, "d", 0.0)
+    )
+    period = seconds(controller.period_ns)
+    inertia = plant.trunk_mass * plant.length**2
+    if not plant.prescribed:
+        inertia *= plant.hip_mass / (plant.hip_mass + plant.trunk_mass)
+    bound = 2.0 * inertia / period
+    if kd > 0.5 * bound * (1.0 - 1e-9):
+        state = "beyond" if kd >= bound else "near"
+        yield (
+            f"kd = {kd:g} N m s/rad is {state} the bound {bound:g} of the sampled loop at "
+            f"{1.0 / period:g} Hz: results depend on the rate"
+            + ("; the loop is unstable" if kd >= bound else "")
+        )
