@@ -43,7 +43,7 @@ class TrunkNode(Node, Generic[Config]):
     def __init__(self, name: str, config_class: type[Config]) -> None:
         """Declare and check the parameters. Raises ParameterError."""
         super().__init__(name)
-        self.run_stamp_ns = 0
+        self.run_stamp_ns = -1  # before the first state
         self.counters: Counter[str] = Counter()
         self.exit_code: int | None = None  # set: the node is done and its process ends
         self._parameters_set = NodeParameters(self, config_class, self._on_parameters)

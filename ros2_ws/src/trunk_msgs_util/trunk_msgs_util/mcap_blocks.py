@@ -101,6 +101,14 @@ def records(file: BinaryIO, size: int) -> Iterator[Record]:
     raise DamageError(f"ends at byte {size}, without a footer")
 
 
+def damaged(record: Record, error: Exception) -> DamageError:
+    """Return what to raise where a record's body makes no sense."""
+    what = str(error) or type(error).__name__
+    return DamageError(
+        f"the {_name(record.opcode)} record at byte {record.offset} is damaged ({what})"
+    )
+
+
 def content_of(record: Record) -> Content:
     """Return the content of a chunk, or of a message outside chunks. Raises DamageError."""
     try:
@@ -110,9 +118,7 @@ def content_of(record: Record) -> Content:
         message = _RECORD.pack(record.opcode, len(record.body)) + record.body
         return _split(message, record.offset)
     except Exception as error:  # whatever damaged bytes make of the decompressor and of mcap
-        raise DamageError(
-            f"the {_name(record.opcode)} record at byte {record.offset} is damaged ({error})"
-        ) from None
+        raise damaged(record, error) from None
 
 
 def _split(data: bytes, offset: int) -> Content:

@@ -19,7 +19,7 @@ from .base_node import TrunkNode, main_for
 from .config import RecorderConfig
 from .conversions import sample_to_ros
 from .declarations import ParameterError
-from .recording_writer import RecordingWriter
+from .recording_writer import PROVENANCE, RecordingWriter
 from .samples import JointSample
 from .schemas import RunEvent, parse_event
 from .units import NANOSECONDS
@@ -52,7 +52,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         except OSError as error:
             raise ParameterError("output", str(self._path), f"a file to write ({error})") from None
         self._writer.add_metadata(
-            "trunk_provenance",
+            PROVENANCE,
             provenance.gather(
                 scenario=config.scenario,
                 controller=" ".join(config.controllers),
@@ -96,7 +96,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         def write(data: bytes) -> None:
             sec, nanosec = _STAMP.unpack_from(data, 4)
             stamp_ns = sec * NANOSECONDS + nanosec
-            log_time = stamp_ns if lockstep else time.time_ns()
+            log_time = max(stamp_ns, 0) if lockstep else time.time_ns()
             try:
                 self._writer.write(channel, log_time, log_time, data)
             except OSError as error:

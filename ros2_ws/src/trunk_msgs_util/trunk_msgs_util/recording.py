@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeVar
@@ -18,10 +19,11 @@ from .mcap_blocks import (
     DamageError,
     Record,
     content_of,
+    damaged,
     read_record,
     records,
 )
-from .recording_writer import END, PROVENANCE
+from .recording_writer import DIGESTS, END, PROVENANCE
 from .schemas import ParameterChange, RunEvent, parse_event, parse_parameter_event
 from .units import NANOSECONDS
 
@@ -68,6 +70,7 @@ class Recording:
         self.path = Path(path)
         self.topics: dict[str, Topic] = {}
         self.provenance: dict[str, str] = {}
+        self.digests: dict[str, str] = {}
         self.end: dict[str, str] | None = None
         self.warnings: list[str] = []
         self._sound = True
@@ -114,7 +117,7 @@ class Recording:
         try:
             self._take_record(record)
         except Exception as error:  # whatever a damaged record makes of its reader
-            raise DamageError(f"the record at byte {record.offset} is damaged ({error})") from None
+            raise damaged(record, error) from None
 
     def _take_record(self, record: Record) -> None:
         if record.opcode == Opcode.SCHEMA:
@@ -129,15 +132,17 @@ class Recording:
             metadata = Metadata.read(record.stream)
             if metadata.name == PROVENANCE:
                 self.provenance.update(metadata.metadata)
+            elif metadata.name == DIGESTS:
+                self.digests = metadata.metadata
             elif metadata.name == END:
                 self.end = metadata.metadata
 
     def _take_block(self, content: Content, offset: int) -> None:
         for record in content.records:
             self._take(record)
+        if not content.spans.keys() <= self._channels.keys():
+            raise DamageError(f"the record at byte {offset} has messages of an unknown channel")
         for channel, spans in content.spans.items():
-            if channel not in self._channels:
-                raise DamageError(f"the record at byte {offset} has messages of an unknown channel")
             topic = self.topics[self._channels[channel].topic]
             topic.count += len(spans)
             topic.size += sum(span.end - span.start for span in spans)
@@ -156,6 +161,18 @@ class Recording:
     def complete(self) -> bool:
         """True where the recorder says that the whole run is in the file, and nothing was altered."""
         return self._sound and self.end is not None and self.end.get("complete") == "true"
+
+    def altered_topics(self) -> list[str]:
+        """Return the topics whose messages are not those that the recorder wrote, by its digests."""
+        altered = []
+        for topic, digest in sorted(self.digests.items()):
+            found = hashlib.blake2b(digest_size=16)
+            for _, messages in self.messages(topic):
+                for data in messages:
+                    found.update(data)
+            if found.hexdigest() != digest:
+                altered.append(topic)
+        return altered
 
     @property
     def namespace(self) -> str:
@@ -201,7 +218,7 @@ class Recording:
         """
         try:
             return concatenate([decode(data, log) for log, data in self.messages(topic)])
-        except ValueError as error:
+        except (ValueError, OverflowError) as error:
             raise RecordingError(
                 f"{self.path}: {topic} cannot be read as JointState: {error}"
             ) from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,8 @@ if not hasattr(Writer, "flush"):
 
 PROVENANCE = "trunk_provenance"
 END = "trunk_end"
+# By topic: BLAKE2b (16 bytes) over its messages in their order.
+DIGESTS = "trunk_digests"
 
 _COMPRESSIONS = {
     "zstd": CompressionType.ZSTD,
@@ -48,6 +51,7 @@ class RecordingWriter:
         )
         self._schemas: dict[str, int] = {}
         self._counts: dict[int, int] = {}
+        self._digests: dict[int, tuple[str, hashlib.blake2b]] = {}
         self._failure: OSError | None = None
         self._writer.start("ros2", f"trunk_msgs_util {LIBRARY_IDENTIFIER}")
 
@@ -64,6 +68,7 @@ class RecordingWriter:
             {"offered_qos_profiles": qos} if qos else {},
         )
         self._counts[channel] = 0
+        self._digests[channel] = (topic, hashlib.blake2b(digest_size=16))
         return channel
 
     def write(self, channel: int, log_time_ns: int, publish_time_ns: int, cdr: bytes) -> None:
@@ -76,6 +81,7 @@ class RecordingWriter:
             self._failure = error
             raise
         self._counts[channel] = sequence + 1
+        self._digests[channel][1].update(cdr)
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Write a record of names and values, behind all messages so far."""
@@ -103,6 +109,9 @@ class RecordingWriter:
         if self._file.closed:
             return
         try:
+            self.add_metadata(
+                DIGESTS, {topic: digest.hexdigest() for topic, digest in self._digests.values()}
+            )
             self.add_metadata(END, {"complete": str(complete).lower(), "reason": reason})
             self._writer.finish()
         finally:

@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
+
+from trunk_msgs_util.joint_state_cdr import JointStateLayout, layout_of
+from trunk_msgs_util.samples import JointSample
+
+TYPE = "sensor_msgs/msg/JointState"
+STORE = get_typestore(Stores.ROS2_JAZZY)
+NAN_WITH_PAYLOAD = struct.unpack("<d", bytes.fromhex("efbeadde0000f87f"))[0]
+
+# ROS strings end at a NUL.
+texts = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=9)
+doubles = st.lists(st.floats(width=64), max_size=5).map(tuple)
+stamps = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
+samples = st.builds(
+    JointSample, stamps, st.lists(texts, max_size=4).map(tuple), doubles, doubles, doubles
+)
+
+
+def by_rosbags(sample: JointSample, frame_id: str = "") -> bytes:
+    types = STORE.types
+    sec, nanosec = divmod(sample.stamp_ns, 10**9)
+    message = types[TYPE](
+        types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](sec, nanosec), frame_id),
+        list(sample.name),
+        *(np.array(values, np.float64) for values in sample[2:]),
+    )
+    return bytes(STORE.serialize_cdr(message, TYPE, little_endian=True))
+
+
+def bits(sample: JointSample) -> tuple[object, ...]:
+    """Comparable to the last bit: NaN equals itself, -0.0 differs from 0.0."""
+    return (*sample[:2], *(struct.pack(f"{len(v)}d", *v) for v in sample[2:]))
+
+
+@given(samples, texts)
+@example(JointSample(0, ("hip", "trunk"), (1.0, -0.0), (), (float("inf"), NAN_WITH_PAYLOAD)), "")
+def test_bytes_are_those_of_rosbags_and_round_trip_to_the_bit(sample, frame_id):
+    layout = JointStateLayout(sample.name, *map(len, sample[2:]), frame_id=frame_id)
+    data = layout.pack(sample)
+    assert data == by_rosbags(sample, frame_id)
+    assert JointStateLayout.parse(data) == layout
+    assert bits(layout.unpack(data)) == bits(sample)
+
+
+@given(samples)
+def test_rclpy_reads_what_is_packed_and_the_reverse(sample):
+    serialization = pytest.importorskip("rclpy.serialization")
+    messages = pytest.importorskip("sensor_msgs.msg")
+    layout = layout_of(sample)
+    read = serialization.deserialize_message(layout.pack(sample), messages.JointState)
+    values = (tuple(read.position), tuple(read.velocity), tuple(read.effort))
+    stamp_ns = read.header.stamp.sec * 10**9 + read.header.stamp.nanosec
+    assert bits(JointSample(stamp_ns, tuple(read.name), *values)) == bits(sample)
+    # Their bytes may differ in padding and tail, which rmw leaves as it finds them.
+    theirs = serialization.serialize_message(read)
+    assert JointStateLayout.parse(theirs) == layout
+    assert bits(layout.unpack(theirs)) == bits(sample)
+
+
+@given(samples, st.lists(stamps, min_size=1, max_size=20))
+def test_bulk_decoding_equals_one_by_one(sample, times):
+    layout = layout_of(sample)
+    messages = [layout.pack(sample._replace(stamp_ns=t)) for t in times]
+    array = layout.decode(messages)
+    assert array.dtype.itemsize == layout.size == len(messages[0])
+    for row, message in zip(array, messages, strict=True):
+        values = (tuple(row[q].tolist()) for q in ("position", "velocity", "effort"))
+        stamp_ns = int(row["sec"]) * 10**9 + int(row["nanosec"])
+        assert bits(JointSample(stamp_ns, sample.name, *values)) == bits(layout.unpack(message))
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        JointSample(0, ("hip", "trink"), (1.0, 2.0), (3.0, 4.0), (5.0, 6.0)),
+        JointSample(0, ("trunk", "hip"), (1.0, 2.0), (3.0, 4.0), (5.0, 6.0)),
+        JointSample(0, ("hip", "trunk"), (1.0, 2.0), (), (5.0, 6.0)),
+        JointSample(0, ("hip", "trunk"), (1.0, 2.0, 0.0), (3.0,), (5.0, 6.0)),
+    ],
+    ids=["another name", "another order", "no velocity", "as many values, otherwise spread"],
+)
+def test_another_layout_is_refused(other):
+    sample = JointSample(0, ("hip", "trunk"), (1.0, 2.0), (3.0, 4.0), (5.0, 6.0))
+    layout = layout_of(sample)
+    packed = layout_of(other).pack(other)
+    for refused in (
+        lambda: layout.pack(other),
+        lambda: layout.unpack(packed),
+        lambda: layout.decode([layout.pack(sample), packed]),
+    ):
+        with pytest.raises(ValueError, match=r"layout|size"):
+            refused()
+
+
+@given(samples, st.data())
+def test_a_cut_or_altered_message_raises_nothing_but_value_error(sample, data):
+    packed = layout_of(sample).pack(sample)
+    cut = data.draw(st.integers(0, len(packed) - 1))
+    with pytest.raises(ValueError, match=r"\w"):
+        JointStateLayout.parse(packed[:cut])
+    altered = bytearray(packed)
+    altered[data.draw(st.integers(0, len(packed) - 1))] ^= data.draw(st.integers(1, 255))
+    try:
+        layout = JointStateLayout.parse(bytes(altered))
+    except ValueError:
+        return
+    assert layout.size <= len(altered)
+    layout.unpack(bytes(altered))
+
+
+@pytest.mark.parametrize("at", [12, 20, 24, 28, 32], ids=["frame", "names", "p", "v", "e"])
+def test_a_count_beyond_the_message_raises_at_once(at):
+    data = bytearray(layout_of(JointSample(0, ())).pack(JointSample(0, ())))
+    data[at : at + 4] = b"\xff\xff\xff\xff"
+    with pytest.raises(ValueError, match=r"ends before|terminator"):
+        JointStateLayout.parse(bytes(data))
+
+
+def test_a_big_endian_message_is_refused():
+    with pytest.raises(ValueError, match="little-endian"):
+        JointStateLayout.parse(b"\x00\x00\x00\x00" + bytes(40))
+
+
+def test_a_stamp_beyond_the_message_is_refused():
+    sample = JointSample(2**31 * 10**9, ())
+    with pytest.raises(ValueError, match="cannot be packed"):
+        layout_of(sample).pack(sample)
+
+
+def test_a_layout_is_made_once():
+    first, second = (JointSample(t, ("a",), (float(t),)) for t in range(2))
+    assert layout_of(first) is layout_of(second)

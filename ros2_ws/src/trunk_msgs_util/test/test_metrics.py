@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+import json
+from math import degrees, radians
+
+import numpy as np
+import pytest
+
+from trunk_msgs_util.metrics import metrics
+from trunk_msgs_util.run_table import RunTable
+
+
+def table(theta, reference=0.0, torque=0.0, period=0.01) -> RunTable:
+    theta = np.asarray(theta, float)
+    t = np.arange(len(theta)) * period
+    columns = {"t": t, "theta": theta}
+    for name, value in (("reference", reference), ("torque", torque)):
+        columns[name] = np.broadcast_to(np.asarray(value, float), t.shape)
+    names = RunTable.__dataclass_fields__
+    return RunTable(**{name: columns.get(name, np.full(t.shape, np.nan)) for name in names})
+
+
+def test_keys():
+    assert list(metrics(table([0.0] * 5)).as_dict()) == [
+        "overshoot_deg",
+        "settling_time_6deg_s",
+        "steady_state_error_mean_deg",
+        "steady_state_error_rms_deg",
+        "iae",
+        "ise",
+        "itae",
+        "effort",
+        "peak_torque",
+        "theta_min_deg",
+        "theta_max_deg",
+    ]
+    json.dumps(metrics(table([0.1] * 500)).as_dict(), allow_nan=False)
+
+
+def test_integrals_of_a_straight_line_are_those_of_calculus():
+    # theta falls from 1 to -1 in 2 s: |e| is two triangles, e^2 = (1 - t)^2
+    result = metrics(table(np.linspace(1.0, -1.0, 2001), period=0.001))
+    assert result.iae == pytest.approx(1.0, rel=1e-6)
+    assert result.ise == pytest.approx(2.0 / 3.0, rel=1e-6)
+    assert result.itae == pytest.approx(1.0, rel=1e-6)  # by symmetry about t = 1
+    assert (result.theta_min_deg, result.theta_max_deg) == (degrees(-1.0), degrees(1.0))
+
+
+def test_effort_is_that_of_the_held_torque():
+    result = metrics(table([0.0] * 4, torque=[1.0, -2.0, 3.0, 100.0], period=0.5))
+    assert result.effort == 0.5 * (1.0 + 4.0 + 9.0)
+    assert result.peak_torque == 100.0
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_overshoot_is_seen_from_where_the_angle_was(sign):
+    theta = np.concatenate([np.full(100, 0.9), np.full(100, 0.0), np.full(300, 0.6)])
+    reference = np.where(np.arange(500) < 100, 0.0, 0.5)
+    result = metrics(table(sign * theta, sign * reference))
+    # At the step the angle is 0.0: the 0.9 before it does not count.
+    assert result.overshoot_deg == pytest.approx(degrees(0.1))
+    assert metrics(table(sign * np.linspace(1.0, 0.2, 500))).overshoot_deg == 0.0
+    assert metrics(table(np.zeros(500))).overshoot_deg is None
+
+
+def test_settling_counts_from_the_last_change_to_the_last_time_outside():
+    theta = np.zeros(601)
+    reference = np.where(np.arange(601) < 200, 0.0, 1.0)
+    theta[250:] = 1.0
+    theta[300] = 1.0 + radians(6.1)
+    theta[400] = 1.0 + radians(5.9)
+    assert metrics(table(theta, reference)).settling_time_6deg_s == pytest.approx(1.01)
+    theta[500] = 1.0 - radians(6.1)  # leaves 0.99 s
+    assert metrics(table(theta, reference)).settling_time_6deg_s is None
+    theta[500] = 1.0
+    theta[499] = 1.0 - radians(6.1)  # leaves 1.00 s
+    assert metrics(table(theta, reference)).settling_time_6deg_s == pytest.approx(3.0)
+    assert metrics(table(np.zeros(601))).settling_time_6deg_s == 0.0
+    assert metrics(table(np.ones(601))).settling_time_6deg_s is None
+
+
+def test_steady_state_is_the_last_two_seconds():
+    theta = np.where(np.arange(501) < 300, 5.0, -0.1)
+    theta[-1] = 0.1
+    result = metrics(table(theta, 0.0))
+    assert result.steady_state_error_mean_deg == pytest.approx(degrees(0.1 * 199 / 201))
+    assert result.steady_state_error_rms_deg == pytest.approx(degrees(0.1))
+    short = metrics(table(theta[:200]))
+    assert (short.steady_state_error_mean_deg, short.steady_state_error_rms_deg) == (None, None)
+    assert metrics(table(theta[:201])).steady_state_error_mean_deg is not None
+
+
+def test_a_sequence_is_judged_by_its_last_level_and_a_moving_reference_has_none():
+    levels = np.repeat([0.3, -0.2, 0.5], 200)
+    theta = np.roll(levels, 10)
+    theta[:10] = 0.3
+    result = metrics(table(theta, levels))
+    assert result.overshoot_deg == 0.0
+    assert result.settling_time_6deg_s == pytest.approx(0.1)
+    late = metrics(table(theta[:450], levels[:450]))  # half a second at the last level
+    sine = metrics(table(np.zeros(600), 0.01 * np.sin(np.arange(600) / 50.0)))
+    for moving in (late, sine):
+        assert moving.overshoot_deg is None
+        assert moving.settling_time_6deg_s is None
+    assert sine.iae > 0.0
+
+
+@pytest.mark.parametrize("column", ["theta", "reference", "torque"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_what_is_not_finite_is_named(column, value):
+    columns = {"theta": np.zeros(9), "reference": np.zeros(9), "torque": np.zeros(9)}
+    columns[column][3] = value
+    with pytest.raises(ValueError, match=f"^{column} is not finite at t = 0.03 s: no metrics$"):
+        metrics(table(**columns))
+
+
+def test_one_state_has_metrics_and_none_has_not():
+    assert metrics(table([0.1])).iae == 0.0
+    with pytest.raises(ValueError, match="at least one state"):
+        metrics(table([]))

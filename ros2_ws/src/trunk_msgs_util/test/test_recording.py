@@ -1,0 +1,233 @@
+from __future__ import annotations
+
+import struct
+import time
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.writer import Writer
+
+from trunk_msgs_util import schemas, topics
+from trunk_msgs_util.joint_state_cdr import layout_of
+from trunk_msgs_util.recording import Recording, RecordingError
+from trunk_msgs_util.recording_writer import RecordingWriter
+from trunk_msgs_util.samples import JointSample
+
+TRUTH = f"/{topics.GROUND_TRUTH}"
+
+
+def test_a_run_reads_back(run_file):
+    path = run_file.write(20, parameters={"joints": ("hip", "trunk"), "max_effort": 5.0})
+    recording = Recording.open(path)
+    assert recording.warnings == []
+    assert recording.complete
+    assert recording.provenance == {"scenario": "fig6", "host": "größe"}
+    assert (recording.namespace, recording.controller) == ("", "pid")
+    topic = recording.topics[TRUTH]
+    assert (topic.type, topic.count) == (topics.JOINT_STATE_TYPE, 21)
+    assert (topic.first_stamp_ns, topic.last_stamp_ns) == (0, 20 * run_file.period_ns)
+    assert topic.size == 21 * 116
+    assert recording.topics["/fuzzy_pid/state"].count == 0
+    joints = recording.joints(TRUTH)
+    k = np.arange(21)
+    assert joints.names == ("hip", "trunk")
+    assert joints.stamp_ns.tolist() == (k * run_file.period_ns).tolist()
+    assert joints.log_time_ns.tolist() == (k * run_file.period_ns + 5).tolist()
+    assert joints.position.tolist() == [[i, i + 0.25] for i in range(21)]
+    assert joints.velocity.tolist() == [[-i, -i - 0.5] for i in range(21)]
+    command = recording.joints("/effort_command")
+    assert command.column("effort", "trunk").tolist() == k.tolist()
+    assert command.position.shape == (21, 0)
+    assert np.isnan(command.column("position", "trunk")).all()
+    assert np.isnan(command.column("effort", "hip")).all()
+    assert len(recording.joints("/none")) == 0
+    assert recording.parameters() == {"/simulator": {"joints": ("hip", "trunk"), "max_effort": 5.0}}
+    assert [(e.node, e.message) for e in recording.events()] == [("/simulator", "started")]
+
+
+def test_a_namespace_is_found(run_file):
+    recording = Recording.open(run_file.write(2, namespace="/a/b"))
+    assert recording.namespace == "/a/b"
+    assert recording.topic("joint_states") == "/a/b/joint_states"
+    assert recording.controller == "pid"
+    assert len(recording.joints(recording.topic(topics.GROUND_TRUTH))) == 3
+
+
+def test_initial_parameters_and_changes_are_kept_apart(tmp_path):
+    path = tmp_path / "a.mcap"
+    with RecordingWriter(path) as writer:
+        channel = writer.channel("/run/parameters", topics.PARAMETER_EVENT_TYPE)
+        for stamp_ns, new, changed in (
+            (0, {"gains.p": 1.0}, {}),
+            (7, {}, {"gains.p": 2.0}),
+            (9, {"gains.p": 3.0}, {}),  # the node came anew
+        ):
+            data = schemas.parameter_event(stamp_ns, "/pid", new, changed)
+            writer.write(channel, stamp_ns, stamp_ns, data)
+    recording = Recording.open(path)
+    assert recording.parameters() == {"/pid": {"gains.p": 1.0}}
+    assert [(c.stamp_ns, c.changed) for c in recording.parameter_changes()] == [
+        (7, {"gains.p": 2.0})
+    ]
+
+
+def write_joints(path, samples, encode=lambda sample: layout_of(sample).pack(sample)):
+    with RecordingWriter(path) as writer:
+        channel = writer.channel(TRUTH, topics.JOINT_STATE_TYPE)
+        for sample in samples:
+            writer.write(channel, sample.stamp_ns, sample.stamp_ns, encode(sample))
+            writer.flush()
+    return Recording.open(path).joints(TRUTH)
+
+
+def test_changing_layouts_are_joined_by_name(tmp_path):
+    samples = [
+        JointSample(0, ("hip", "trunk"), (1.0, 2.0), (3.0, 4.0)),
+        JointSample(1, ("trunk", "hip"), (6.0, 5.0), (8.0, 7.0)),
+        JointSample(2, ("trunk", "neck"), (9.0, 10.0), effort=(11.0, 12.0)),
+    ]
+    joints = write_joints(tmp_path / "a.mcap", samples)
+    nan = np.nan
+    assert joints.names == ("hip", "trunk", "neck")
+    expected = [[1, 2, nan], [5, 6, nan], [nan, 9, 10]]
+    np.testing.assert_array_equal(joints.position, expected)
+    np.testing.assert_array_equal(joints.velocity, [[3, 4, nan], [7, 8, nan], [nan] * 3])
+    np.testing.assert_array_equal(joints.effort, [[nan] * 3, [nan] * 3, [nan, 11, 12]])
+
+
+def test_big_endian_messages_are_read(tmp_path):
+    def encode(sample):
+        little = schemas.deserialize(topics.JOINT_STATE_TYPE, layout_of(sample).pack(sample))
+        store = schemas._store()
+        return bytes(store.serialize_cdr(little, topics.JOINT_STATE_TYPE, little_endian=False))
+
+    stamp_ns = 3_000_000_007
+    samples = [JointSample(stamp_ns + k, ("a", "b"), (k, -k)) for k in range(3)]
+    joints = write_joints(tmp_path / "a.mcap", samples, encode)
+    assert joints.stamp_ns.tolist() == [stamp_ns, stamp_ns + 1, stamp_ns + 2]
+    assert joints.position.tolist() == [[0, 0], [1, -1], [2, -2]]
+    assert Recording.open(tmp_path / "a.mcap").topics[TRUTH].first_stamp_ns == stamp_ns
+
+
+@pytest.mark.parametrize(
+    "encode",
+    [lambda _: b"\x00\x01\x00\x00garbage", lambda s: layout_of(s).pack(s)],
+    ids=["bytes", "three values for two names"],
+)
+def test_messages_that_make_no_sense_are_a_recording_error(tmp_path, encode):
+    odd = JointSample(0, ("a", "b"), (1.0, 2.0, 3.0))
+    with pytest.raises(RecordingError, match=r"a\.mcap: /ground_truth/joint_states") as caught:
+        write_joints(tmp_path / "a.mcap", [odd], encode)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_without_chunks_is_read(tmp_path):
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, use_chunking=False)
+        writer.start("ros2")
+        definition = schemas.definition(topics.JOINT_STATE_TYPE)
+        schema = writer.register_schema(topics.JOINT_STATE_TYPE, "ros2msg", definition)
+        channel = writer.register_channel(TRUTH, "cdr", schema)
+        for k in range(5):
+            sample = JointSample(k, ("a",), (float(k),))
+            writer.add_message(channel, k, layout_of(sample).pack(sample), k)
+        writer.finish()
+    assert Recording.open(path).joints(TRUTH).position.tolist() == [[0], [1], [2], [3], [4]]
+
+
+def test_what_is_no_recording_is_named_in_one_line(tmp_path):
+    empty, text, other = (tmp_path / name for name in ("empty", "text", "short"))
+    empty.write_bytes(b"")
+    text.write_text("t,x,theta\n0,0,0\n")
+    other.write_bytes(b"\x89MCAP")
+    for path in (empty, text, other, tmp_path, tmp_path / "missing"):
+        with pytest.raises(RecordingError) as caught:
+            Recording.open(path)
+        assert str(path) in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+def test_a_cut_file_is_its_valid_prefix(run_file):
+    path = run_file.write(60, flush_every=10, parameters={"max_effort": 5.0})
+    whole = Recording.open(path)
+    truth, data = whole.joints(TRUTH), path.read_bytes()
+    end_record = data.index(b"trunk_end")
+    counts = []
+    for size in [*range(9, len(data), 23), len(data) - 1]:
+        path.write_bytes(data[:size])
+        cut = Recording.open(path)
+        assert any(f"ends at byte {size}" in warning for warning in cut.warnings)
+        assert not (cut.complete and size < end_record)
+        joints = cut.joints(TRUTH)
+        n = len(joints)
+        assert cut.topics.get(TRUTH, whole.topics[TRUTH]).count in (n, 61)
+        assert joints.stamp_ns.tolist() == truth.stamp_ns[:n].tolist()
+        assert joints.position.tolist() == truth.position[:n].tolist()
+        counts.append(n)
+    assert counts == sorted(counts)
+    assert set(counts) == {0, 1, 11, 21, 31, 41, 51, 61}
+
+
+def test_an_offset_in_a_warning_is_that_of_the_record(run_file):
+    path = run_file.write(20, flush_every=5, compression="none")
+    data = path.read_bytes()
+    chunks, at = [], 8
+    while at < len(data) - 8:
+        if data[at] == 0x06:
+            chunks.append(at)
+        at += 9 + struct.unpack_from("<Q", data, at + 1)[0]
+    path.write_bytes(data[: chunks[0] + 50])
+    assert f"inside the CHUNK record at byte {chunks[0]}" in Recording.open(path).warnings[0]
+    altered = bytearray(data)
+    altered[chunks[2] + 400] ^= 1  # inside a message: only the chunk's checksum can tell
+    path.write_bytes(altered)
+    recording = Recording.open(path)
+    assert f"CHUNK record at byte {chunks[2]} is damaged" in recording.warnings[0]
+    assert not recording.complete
+    assert recording.joints(TRUTH).stamp_ns.tolist() == [k * run_file.period_ns for k in range(6)]
+
+
+def test_what_was_altered_outside_chunks_is_not_complete(run_file):
+    path = run_file.write(20)
+    path.write_bytes(path.read_bytes().replace(b"fig6", b"fig7"))
+    recording = Recording.open(path)
+    assert "checksum" in recording.warnings[0]
+    assert recording.end == {"complete": "true", "reason": "finished"}
+    assert not recording.complete
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300)
+@given(st.data())
+def test_a_damaged_file_never_raises_anything_else(run_file, data):
+    if not run_file.path.exists():
+        run_file.original = run_file.write(20, flush_every=7).read_bytes()
+        run_file.truth = Recording.open(run_file.path).joints(TRUTH).position
+    damaged = bytearray(run_file.original)
+    at = data.draw(st.integers(0, len(damaged) - 1))
+    damaged[at] ^= data.draw(st.integers(1, 255))
+    run_file.path.write_bytes(damaged)
+    try:
+        recording = Recording.open(run_file.path)
+        position = recording.joints(TRUTH).position
+    except RecordingError:
+        return
+    is_prefix = position.tolist() == run_file.truth[: len(position)].tolist()
+    assert is_prefix or not recording.complete
+    data_end = run_file.original.rindex(b"\x0f\x04\x00\x00\x00\x00\x00\x00\x00")
+    assert recording.warnings or at >= data_end
+
+
+def test_fifty_thousand_messages_are_read_in_a_second(tmp_path):
+    path, count = tmp_path / "a.mcap", 50_000
+    with RecordingWriter(path) as writer:
+        channel = writer.channel(TRUTH, topics.JOINT_STATE_TYPE)
+        for k in range(count):
+            sample = JointSample(k, ("hip", "trunk"), (k, k), (k, k), (0.0, k))
+            writer.write(channel, k, k, layout_of(sample).pack(sample))
+    start = time.process_time()
+    joints = Recording.open(path).joints(TRUTH)
+    assert time.process_time() - start < 1.0
+    assert joints.column("effort", "trunk").tolist() == list(range(count))

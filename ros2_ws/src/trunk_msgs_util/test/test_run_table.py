@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+
+from trunk_msgs_util import schemas, topics
+from trunk_msgs_util.joint_state_cdr import layout_of
+from trunk_msgs_util.recording import Recording, RecordingError
+from trunk_msgs_util.recording_writer import RecordingWriter
+from trunk_msgs_util.run_table import CSV_COLUMNS, RunTable
+from trunk_msgs_util.samples import JointSample
+
+
+def table_of(path) -> RunTable:
+    return RunTable.from_recording(Recording.open(path))
+
+
+def test_columns_are_matched_by_stamp(run_file):
+    table = table_of(run_file.write(6))
+    k = np.arange(7.0)
+    assert table.t.tolist() == [i * run_file.period_ns / 1e9 for i in range(7)]
+    assert table.x.tolist() == k.tolist()
+    assert table.theta.tolist() == (k + 0.25).tolist()
+    assert table.x_dot.tolist() == (-k).tolist()
+    assert table.theta_dot.tolist() == (-k - 0.5).tolist()
+    assert table.theta_measured.tolist() == (k + 0.125).tolist()
+    # What the true states tell: the torque of the step before; the last is the last command.
+    assert table.torque.tolist() == [0, 1, 2, 3, 4, 5, 6]
+    for name in ("reference", "kp", "ki", "kd", "alpha"):
+        i = topics.STATE_NAMES.index(name)
+        updates = [run_file.state_values(j - j % 2)[i] for j in range(7)]  # held in between
+        assert getattr(table, name).tolist() == updates
+
+
+def test_names_and_the_limit_come_from_the_parameters(run_file):
+    parameters = {"joints": ("hüfte", "rumpf"), "max_effort": 4.5}
+    path = run_file.write(6, namespace="/r", joints=("hüfte", "rumpf"), parameters=parameters)
+    table = table_of(path)
+    assert table.theta[3] == 3.25
+    assert table.torque[-1] == 4.5
+
+
+def test_joints_may_stand_in_any_order(run_file):
+    swapped = table_of(run_file.write(3, joints=("trunk", "hip")))
+    assert swapped.theta.tolist() == [0, 1, 2, 3]  # what stands at "trunk"
+    renamed = table_of(run_file.write(3, joints=("a", "b")))
+    assert renamed.theta.tolist() == [0.25, 1.25, 2.25, 3.25]
+    with pytest.raises(RecordingError, match="no joint 'leg' but a, b"):
+        table_of(run_file.write(3, joints=("a", "b"), parameters={"joints": ("a", "leg")}))
+
+
+def test_without_a_last_command_the_last_torque_stands(run_file):
+    table = table_of(run_file.write(6, drop=(topics.EFFORT_COMMAND,)))
+    assert table.torque.tolist() == [0, 1, 2, 3, 4, 5, 5]
+
+
+def test_what_was_not_recorded_is_nan(run_file):
+    table = table_of(run_file.write(3, drop=(topics.JOINT_STATES, "pid/state")))
+    for name in ("theta_measured", "reference", "kp", "ki", "kd", "alpha"):
+        assert np.isnan(getattr(table, name)).all()
+    with pytest.raises(RecordingError, match="no messages on /ground_truth/joint_states"):
+        table_of(run_file.write(3, drop=(topics.GROUND_TRUTH,)))
+
+
+def test_late_doubled_and_missing_messages(tmp_path):
+    path = tmp_path / "a.mcap"
+    with RecordingWriter(path) as writer:
+
+        def joints(topic, samples):
+            channel = writer.channel(f"/{topic}", topics.JOINT_STATE_TYPE)
+            for sample in samples:
+                writer.write(channel, 0, 0, layout_of(sample).pack(sample))
+
+        truth = [
+            JointSample(t, ("hip", "trunk"), (0.0, t), (0.0, 0.0), (0.0, 10.0 * t))
+            for t in (0, 1, 3, 2, 2, 4)
+        ]
+        joints(topics.GROUND_TRUTH, truth)
+        seen = ((0, 0.0), (2, -2.0), (2, 99.0), (3, -3.0))
+        measured = (JointSample(t, ("trunk",), (angle,)) for t, angle in seen)
+        joints(topics.JOINT_STATES, measured)
+        joints("pid/state", [JointSample(t, ("kp",), (50.0 + t,)) for t in (3, 1)])
+        limits = writer.channel("/run/parameters", topics.PARAMETER_EVENT_TYPE)
+        for new, changed in (({"max_effort": 90.0}, {}), ({}, {"max_effort": 30.0})):
+            data = schemas.parameter_event(3 * len(changed), "/simulator", new, changed)
+            writer.write(limits, 0, 0, data)
+        joints(topics.EFFORT_COMMAND, [JointSample(4, ("trunk",), effort=(-77.0,))])
+    table = table_of(path)
+    nan = np.nan
+    assert table.theta.tolist() == [0, 1, 2, 3, 4]
+    np.testing.assert_array_equal(table.theta_measured, [0, nan, -2, -3, nan])
+    np.testing.assert_array_equal(table.kp, [nan, 51, 51, 53, 53])
+    assert table.torque.tolist() == [10, 20, 30, 40, -30]
+
+
+def test_csv_reads_back_to_the_bit(run_file, tmp_path):
+    values = [0.1, -0.0, 5e-324, 1 / 3, np.nan, np.inf, -1e308]
+    columns = {
+        name: np.roll(np.array(values), i) for i, name in enumerate(RunTable.__dataclass_fields__)
+    }
+    table = RunTable(**columns)
+    table.write_csv(tmp_path / "run.csv")
+    with (tmp_path / "run.csv").open(newline="") as file:
+        head, *rows = list(csv.reader(file))
+    assert ",".join(head) == ("t,x,theta,x_dot,theta_dot,theta_measured,reference,torque,kp,ki,kd")
+    assert len(rows) == len(values)
+    for name, column in zip(CSV_COLUMNS, np.array(rows, float).T, strict=True):
+        expected = getattr(table, name)
+        np.testing.assert_array_equal(column, expected)
+        assert np.signbit(column).tolist() == np.signbit(expected).tolist()
+
+
+def test_a_long_csv_has_a_row_per_state(tmp_path):
+    count = 20_001
+    ramp = np.arange(count) / 3.0
+    RunTable(**dict.fromkeys(RunTable.__dataclass_fields__, ramp)).write_csv(tmp_path / "a.csv")
+    rows = np.loadtxt(tmp_path / "a.csv", delimiter=",", skiprows=1)
+    assert rows.shape == (count, 11)
+    assert (rows == ramp[:, None]).all()

@@ -1,0 +1,195 @@
+"""The scalar functions, compiled by numba from the same sources, give the bits of CPython."""
+
+from __future__ import annotations
+
+from itertools import product
+from math import pi
+from types import FunctionType
+
+import numpy as np
+import pytest
+
+from trunk_control import fuzzy, fuzzy_pid, pid, reference
+from trunk_control.config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES, FuzzyPidConfig
+from trunk_sim import disturbances, integrator, plant
+
+numba = pytest.importorskip("numba")
+
+MODULES = (plant, integrator, disturbances, pid, fuzzy, fuzzy_pid, reference)
+
+
+def compiled(modules) -> dict[str, object]:
+    """Return a jitted twin of every function of the modules, by name: the same code objects, with
+    their global names bound to one another's twins. Each compiles at its first call."""
+    originals = [
+        value
+        for module in modules
+        for value in vars(module).values()
+        if isinstance(value, FunctionType) and value.__module__ == module.__name__
+    ]
+    twins = {}
+    for function in originals:
+        namespace = dict(function.__globals__)
+        twin = FunctionType(function.__code__, namespace, function.__name__)
+        twins[function] = (numba.njit(twin), namespace)
+    for _, namespace in twins.values():
+        for name, value in namespace.items():
+            if isinstance(value, FunctionType) and value in twins:
+                namespace[name] = twins[value][0]
+    return {function.__name__: twin for function, (twin, _) in twins.items()}
+
+
+@pytest.fixture(scope="module")
+def twin():
+    return compiled(MODULES)
+
+
+def bits(value) -> list[str]:
+    if isinstance(value, tuple):
+        return [text for item in value for text in bits(item)]
+    return [float(value).hex()]
+
+
+def arrays(record):
+    """Return a named tuple with its tuples as arrays, as a compiled batch holds them."""
+    return record._make(np.array(v) if isinstance(v, tuple) else v for v in record)
+
+
+def plants(count: int, seed: int):
+    rng = np.random.default_rng(seed)
+    for k in range(count):
+        parameters = plant.PlantParameters(*rng.uniform(0.1, 5.0, 6).tolist(), bool(k % 2))
+        state = plant.PlantState(*rng.uniform(-4.0, 4.0, 4).tolist())
+        yield state, *rng.normal(0.0, 30.0, 2).tolist(), parameters
+
+
+def test_accelerations(twin):
+    for arguments in plants(4000, seed=1):
+        assert bits(twin["accelerations"](*arguments)) == bits(plant.accelerations(*arguments))
+
+
+def test_energy(twin):
+    for state, _, _, p in plants(2000, seed=2):
+        assert bits(twin["energy"](state, p)) == bits(plant.energy(state, p))
+
+
+def test_rk4_step(twin):
+    for state, force, torque, p in plants(3000, seed=3):
+        arguments = (state, force, torque, 0.005, p)
+        assert bits(twin["rk4_step"](*arguments)) == bits(integrator.rk4_step(*arguments))
+
+
+def test_advance(twin):
+    for k, (state, force, torque, p) in enumerate(plants(2000, seed=4)):
+        arguments = (state, force, torque, 0.001, 1 + k % 10, p)
+        assert bits(twin["advance"](*arguments)) == bits(integrator.advance(*arguments))
+
+
+def pid_inputs(count: int, seed: int, law: pid.PidLaw):
+    rng = np.random.default_rng(seed)
+    for k in range(count):
+        numbers = rng.normal(0.0, 1.0, 8).tolist()
+        state = pid.PidState(*numbers[:5], k % 5 > 0)
+        sample = numbers[5:]
+        if k % 7 == 0:
+            sample[k % 3] = float("nan")
+        dt = 0.0 if k % 11 == 0 else float(rng.uniform(1e-4, 0.1))
+        gains = pid.Gains(*(rng.uniform(0.0, 100.0, 3) * (rng.random(3) < 0.8)).tolist())
+        yield state, *sample, dt, gains, law
+
+
+LAWS = [
+    pid.PidLaw(derivative, filter_time, -20.0, 20.0, -8.0, 9.0, antiwindup, tracking)
+    for derivative, antiwindup, (filter_time, tracking) in product(
+        range(3), range(3), ((0.0, 0.0), (0.02, 0.3))
+    )
+] + [pid.PidLaw()]
+
+
+def law_id(law: pid.PidLaw) -> str:
+    filtered = "filtered" if law.filter_time else "unfiltered"
+    limits = "limited" if law.u_max < 1e9 else "free"
+    names = DERIVATIVE_MODES[law.derivative], ANTIWINDUP_STRATEGIES[law.antiwindup]
+    return "-".join([*names, filtered, limits])
+
+
+@pytest.mark.parametrize("law", LAWS, ids=law_id)
+def test_pid_update(twin, law):
+    for arguments in pid_inputs(400, 5, law):
+        assert bits(twin["pid_update"](*arguments)) == bits(pid.pid_update(*arguments))
+
+
+def test_pid_update_raises_for_a_negative_dt(twin):
+    arguments = (pid.PidState(), 0.0, 0.0, 0.0, -1e-3, pid.Gains(1.0, 1.0, 1.0), pid.PidLaw())
+    with pytest.raises(ValueError, match="dt must be 0 or greater"):
+        twin["pid_update"](*arguments)
+
+
+def test_retune(twin):
+    for state, *_, gains, _ in pid_inputs(1000, 6, pid.PidLaw()):
+        new = pid.Gains(gains.d, gains.p, gains.i)
+        assert bits(twin["retune"](state, gains, new)) == bits(pid.retune(state, gains, new))
+
+
+@pytest.fixture(params=["linear", "log"])
+def rules(request) -> fuzzy.FuzzyRules:
+    return FuzzyPidConfig(consequents=request.param).rules
+
+
+def test_infer(twin, rules):
+    rng = np.random.default_rng(7)
+    inputs = rng.uniform((-2.0, -6.0), (2.0, 6.0), (4000, 2)).tolist()
+    inputs += [(e, rate) for e in rules.error_peaks for rate in rules.rate_peaks]
+    compiled_rules = arrays(rules)
+    for e, rate in inputs:
+        assert bits(twin["infer"](e, rate, compiled_rules)) == bits(fuzzy.infer(e, rate, rules))
+
+
+def test_fuzzy_pid_update(twin, rules):
+    box, compiled_rules = fuzzy_pid.GainBox(), arrays(rules)
+    for *sample, _, law in pid_inputs(2000, 8, LAWS[-2]):
+        expected = fuzzy_pid.fuzzy_pid_update(*sample, rules, box, law)
+        actual = twin["fuzzy_pid_update"](*sample, compiled_rules, box, law)
+        assert bits(actual) == bits(expected)
+
+
+STAMPS = [0, 1, 2**53, *np.random.default_rng(9).integers(0, 10**11, 1000).tolist()]
+
+
+def test_pulse(twin):
+    starts = (0, 10**9, 50 * 10**9)
+    for t_ns in STAMPS:
+        expected = disturbances.pulse(t_ns, starts, 20 * 10**9, 1.5)
+        assert bits(twin["pulse"](t_ns, np.array(starts), 20 * 10**9, 1.5)) == bits(expected)
+
+
+def test_multisine(twin):
+    amplitude, *components = disturbances.noise_components(2.0, 0.5, 5.0, 32, seed=1)
+    compiled_components = [np.array(values) for values in components]
+    for t in (t_ns / 1e9 for t_ns in STAMPS):
+        expected = disturbances.multisine(t, amplitude, *components)
+        assert bits(twin["multisine"](t, amplitude, *compiled_components)) == bits(expected)
+
+
+@pytest.mark.parametrize("channels", [(0, 1, 2), (3, 3, 3), (1, 0, 3)], ids=str)
+def test_disturbance_at(twin, channels):
+    pulses, sine, noise = channels
+    components = disturbances.noise_components(2.0, 0.5, 5.0, 32, seed=2)
+    signals = disturbances.Signals(
+        pulses, (10**9, 5 * 10**9), 3 * 10**10, 1.7, sine, 2.5, 0.7, 0.3, noise, *components
+    )
+    compiled_signals = arrays(signals)
+    for t_ns in STAMPS:
+        expected = disturbances.disturbance_at(t_ns, signals)
+        assert bits(twin["disturbance_at"](t_ns, compiled_signals)) == bits(expected)
+
+
+@pytest.mark.parametrize("kind", range(4), ids=reference.PROFILES)
+def test_reference_at(twin, kind):
+    profile = reference.ReferenceProfile(
+        kind, pi / 4.0, 0.1, 2 * 10**9, 0.3, 0.7, (10**9, 10**10, 5 * 10**10), (0.2, -0.1, 0.5)
+    )
+    compiled_profile = arrays(profile)
+    for t_ns in STAMPS:
+        expected = reference.reference_at(t_ns, profile)
+        assert bits(twin["reference_at"](t_ns, compiled_profile)) == bits(expected)

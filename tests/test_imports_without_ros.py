@@ -1,0 +1,102 @@
+"""All but the shells works where ROS is not installed; packages import one another one way."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SOURCES = Path(__file__).parents[1] / "ros2_ws" / "src"
+PACKAGES = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
+SHELLS = ("*_node.py", "conversions.py", "qos.py", "parameters.py", "executor.py")
+
+ALLOWED = {
+    "trunk_msgs_util": set(),
+    "trunk_sim": {"trunk_msgs_util"},
+    "trunk_control": {"trunk_msgs_util"},
+    "trunk_experiments": {"trunk_msgs_util", "trunk_sim", "trunk_control"},
+}
+
+BLOCKED = """
+import importlib, sys
+
+ROS = ("rcl", "rmw", "rosidl", "rosgraph", "ament", "builtin_interfaces", "launch", "ros2")
+
+class WithoutRos:
+    def find_spec(self, name, path=None, target=None):
+        top = name.split(".")[0]
+        if top.startswith(ROS) or top.endswith(("_msgs", "_interfaces", "_srvs")):
+            raise ImportError(f"ROS is not installed here: {name}")
+
+sys.meta_path.insert(0, WithoutRos())
+sys.path[:0] = sys.argv[1].split(":")
+for name in sys.argv[2:]:
+    importlib.import_module(name)
+"""
+
+
+def files(package: str) -> list[Path]:
+    return sorted((SOURCES / package / package).rglob("*.py"))
+
+
+def module_name(path: Path) -> str:
+    *parents, last = path.relative_to(SOURCES).with_suffix("").parts[1:]
+    return ".".join(parents if last == "__init__" else [*parents, last])
+
+
+PURE = [
+    module_name(path)
+    for package in PACKAGES
+    for path in files(package)
+    if path.name != "__main__.py" and not any(path.match(shell) for shell in SHELLS)
+]
+
+
+def import_blocked(*modules: str) -> subprocess.CompletedProcess[str]:
+    paths = ":".join(str(SOURCES / package) for package in PACKAGES)
+    return subprocess.run(
+        [sys.executable, "-c", BLOCKED, paths, *modules],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_modules_import_without_ros(package):
+    modules = [name for name in PURE if name.split(".")[0] == package]
+    assert modules
+    # One interpreter for all is quick; one each only where it must tell which module fails.
+    if import_blocked(*modules).returncode != 0:
+        failed = {name: import_blocked(name).stderr.strip().splitlines()[-1:] for name in modules}
+        assert {name: error for name, error in failed.items() if error} == {}
+
+
+@pytest.mark.parametrize("module", ["rclpy", "sensor_msgs.msg", "ament_index_python"])
+def test_the_block_blocks(module):
+    result = import_blocked(module)
+    assert result.returncode != 0
+    assert f"ROS is not installed here: {module.split('.')[0]}" in result.stderr
+
+
+def imported_packages(path: Path) -> set[str]:
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            found.add(node.module.split(".")[0])
+    return found & set(PACKAGES)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_packages_import_one_another_one_way(package):
+    wrong = {
+        str(path.relative_to(SOURCES)): sorted(others)
+        for path in files(package)
+        if (others := imported_packages(path) - ALLOWED[package] - {package})
+    }
+    assert wrong == {}
