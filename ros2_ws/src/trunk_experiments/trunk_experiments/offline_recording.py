@@ -7,7 +7,7 @@ from pathlib import Path
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.declarations import declarations, values_of
 from trunk_msgs_util.joint_state_cdr import layout_of
-from trunk_msgs_util.recording_writer import RecordingWriter
+from trunk_msgs_util.recording_writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.schemas import event, parameter_event
 from trunk_sim.disturbances import disturbance_at, disturbance_sample
@@ -68,7 +68,7 @@ class _OfflineRecorder:
         """Write provenance and every node's full parameters."""
         plan = self._plan
         self._writer.add_metadata(
-            "trunk_provenance",
+            PROVENANCE,
             provenance.gather(
                 scenario=plan.scenario, controller=plan.controller_name, mode="offline", rmw="none"
             ),

@@ -1,0 +1,89 @@
+"""The comparison itself: rows, agreement first, turns, missing libraries. No time is asserted."""
+
+from __future__ import annotations
+
+import gc
+import sys
+
+import pytest
+
+from trunk_experiments import bench_core as bench
+
+LIBRARIES = ("fuzzylite", "simple_pid")
+
+
+@pytest.fixture
+def libraries():
+    for library in LIBRARIES:
+        pytest.importorskip(library)
+
+
+@pytest.mark.usefixtures("libraries")
+def test_rows():
+    fuzzy, pid, fuzzy_pid = bench.bench_core(rounds=1)
+    assert (fuzzy.goal, pid.goal, fuzzy_pid.goal) == (">= 2000", "<= 2", "")
+    assert fuzzy.ratio == fuzzy.theirs_s / fuzzy.ours_s  # of one round: no median yet
+    assert pid.ratio == pid.ours_s / pid.theirs_s
+    assert fuzzy_pid.ratio == fuzzy_pid.ours_s / fuzzy_pid.theirs_s
+    assert fuzzy.met == (fuzzy.ratio >= 2000.0)
+    assert pid.met == (pid.ratio <= 2.0)
+    assert fuzzy_pid.met is None
+
+
+@pytest.mark.usefixtures("libraries")
+def test_pyfuzzylite_must_agree(monkeypatch):
+    true = bench.infer
+
+    def off(error, rate, rules):
+        kp, kd, alpha = true(error, rate, rules)
+        return kp, kd, alpha + 1e-11
+
+    monkeypatch.setattr(bench, "infer", off)
+    with pytest.raises(bench.BenchError, match="pyfuzzylite gives"):
+        bench.bench_core(rounds=1)
+
+
+@pytest.mark.usefixtures("libraries")
+def test_simple_pid_must_agree(monkeypatch):
+    monkeypatch.setattr(bench, "_LAW", bench._LAW._replace(derivative=0, u_max=99.0))
+    with pytest.raises(bench.BenchError, match="simple-pid gives"):
+        bench.bench_core(rounds=1)
+
+
+@pytest.mark.parametrize(
+    ("library", "line"),
+    [
+        (
+            "fuzzylite",
+            "pyfuzzylite is not installed; it comes with: pip install -r requirements/bench.txt",
+        ),
+        (
+            "simple_pid",
+            "simple-pid is not installed; it comes with: pip install -r requirements/dev.txt",
+        ),
+    ],
+)
+def test_a_missing_library_is_one_clear_line(monkeypatch, library, line):
+    for name in LIBRARIES:
+        monkeypatch.setitem(sys.modules, name, sys)  # installed, whatever it is
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(bench.BenchError) as caught:
+        bench.bench_core()
+    assert str(caught.value) == line
+
+
+def test_contenders_take_turns_and_the_first_place_rotates():
+    order: list[str] = []
+
+    def batch(name):
+        return lambda: order.append(name) or 10
+
+    times = bench._measure({name: batch(name) for name in "abc"}, rounds=4)
+    assert "".join(order) == "abc" + "abc" + "bca" + "cab" + "abc"  # warm-up, then the rounds
+    assert {name: len(values) for name, values in times.items()} == {"a": 4, "b": 4, "c": 4}
+    assert gc.isenabled()
+
+
+def test_rounds_must_be_positive():
+    with pytest.raises(ValueError, match="rounds must be 1 or greater, not 0"):
+        bench.bench_core(rounds=0)

@@ -1,0 +1,48 @@
+"""``trunk diff``: where two recorded runs part."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from trunk_msgs_util.recording import Recording
+
+from ..diff import diff
+
+
+@click.command("diff")
+@click.argument("a", type=click.Path(path_type=Path))
+@click.argument("b", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.pass_context
+def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
+    """Compare two recorded runs topic by topic, by stamp, bit by bit.
+
+    Exit code 0: identical; 1: they differ.
+    """
+    first, second = Recording.open(a), Recording.open(b)
+    for recording in (first, second):
+        for warning in recording.warnings:
+            click.echo(f"trunk: warning: {warning}", err=True)
+    found = diff(first, second)
+    if as_json:
+        values = {
+            "identical": found.identical,
+            "messages_compared": found.compared,
+            "differing_steps": found.differing_steps,
+            "first": None if found.first is None else found.first._asdict(),
+            "parameters": found.parameters,
+            "provenance": found.provenance,
+        }
+        click.echo(json.dumps(values, indent=2))
+        ctx.exit(0 if found.identical else 1)
+    if found.first is None:
+        click.echo(f"identical: {found.compared} messages, bit for bit")
+    else:
+        click.echo(f"different at {found.differing_steps} steps; first at {found.first.describe()}")
+    for title, lines in (("parameters", found.parameters), ("provenance", found.provenance)):
+        for line in lines:
+            click.echo(f"  {title}: {line}")
+    ctx.exit(0 if found.identical else 1)

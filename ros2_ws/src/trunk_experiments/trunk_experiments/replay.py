@@ -1,0 +1,213 @@
+"""A recorded run computed again: each command from the recorded states, each state from the commands.
+
+The pure controller and simulation that the nodes drive are driven by the record; a change of parameters
+or a reset takes effect where the record says that it did. After a difference the record's value is
+taken on, so that one altered value shows as one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from trunk_control.controller import Controller
+from trunk_msgs_util import topics
+from trunk_msgs_util.declarations import Value, build, values_of
+from trunk_msgs_util.recording import Recording
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.disturbances import Disturbance, disturbance_at, disturbance_sample
+from trunk_sim.plant import PlantState
+from trunk_sim.simulation import DivergedError, Simulation
+
+from .bits import same
+from .nodes import NODES, make_controller
+
+
+class Difference(NamedTuple):
+    """One value that the record has and the computation does not."""
+
+    stamp_ns: int
+    topic: str
+    field: str
+    recorded: float
+    computed: float
+
+
+class Messages:
+    """A JointState topic by stamp: plain floats, quick to look up one by one."""
+
+    def __init__(self, recording: Recording, relative: str) -> None:
+        self.topic = relative
+        arrays = recording.joints(recording.topic(relative))
+        self.names = arrays.names
+        self.stamps: list[int] = arrays.stamp_ns.tolist()
+        self._rows: dict[str, list[list[float]]] = {
+            quantity: getattr(arrays, quantity).tolist()
+            for quantity in ("position", "velocity", "effort")
+        }
+        self._index = {stamp: i for i, stamp in enumerate(self.stamps)}
+
+    def __contains__(self, stamp_ns: int) -> bool:
+        return stamp_ns in self._index
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def get(self, stamp_ns: int, quantity: str) -> list[float]:
+        """Return a message's values of a quantity; KeyError where the stamp is not there."""
+        return self._rows[quantity][self._index[stamp_ns]]
+
+    def compare(
+        self, stamp_ns: int, quantity: str, computed: tuple[float, ...]
+    ) -> Iterator[Difference]:
+        """Yield each value of a message whose bits are not the computed ones."""
+        for name, was, now in zip(self.names, self.get(stamp_ns, quantity), computed, strict=True):
+            if not same(was, now):
+                yield Difference(stamp_ns, self.topic, f"{quantity}[{name}]", was, now)
+
+
+@dataclass(frozen=True)
+class Change:
+    """What happened to a node between two states: takes effect on the first state after the stamp."""
+
+    stamp_ns: int
+    values: Mapping[str, Value] | None  # None: a reset
+
+
+def changes_of(recording: Recording, node: str) -> list[Change]:
+    """Return a node's changes of parameters and resets, in the order of their stamps."""
+    name = recording.topic(node)
+    found = [
+        Change(change.stamp_ns, change.changed)
+        for change in recording.parameter_changes()
+        if change.node == name
+    ]
+    found += [
+        Change(event.stamp_ns, None)
+        for event in recording.events()
+        if event.node == name and event.message == "reset"
+    ]
+    return sorted(found, key=lambda change: change.stamp_ns)
+
+
+def config_of(recording: Recording, node: str) -> Any:
+    """Return a node's configuration at the start. Raises KeyError where it was not recorded."""
+    return build(NODES[node].config, recording.parameters()[recording.topic(node)])
+
+
+class _Timeline:
+    """Applies a node's changes as the stamps go by."""
+
+    def __init__(self, changes: list[Change], config: Any) -> None:
+        self._changes = list(reversed(changes))
+        self._config = config
+
+    def apply_before(self, stamp_ns: int, target: Controller | Simulation) -> None:
+        """Apply all that takes effect on the state with this stamp."""
+        while self._changes and self._changes[-1].stamp_ns < stamp_ns:
+            values = self._changes.pop().values
+            if values is None:
+                target.reset()
+            else:
+                self._config = build(type(self._config), {**values_of(self._config), **values})
+                target.retune(self._config)
+
+
+def replay_controller(recording: Recording, node: str) -> Iterator[tuple[int, list[Difference]]]:
+    """Yield, for each recorded command, its stamp and what differs in it and in its terms.
+
+    In real time the states that the controller acted on are those that its commands answer.
+    """
+    config = config_of(recording, node)
+    controller = make_controller(node, config)
+    timeline = _Timeline(changes_of(recording, node), config)
+    states = Messages(recording, topics.JOINT_STATES)
+    commands = Messages(recording, topics.EFFORT_COMMAND)
+    terms = Messages(recording, topics.controller_state(node))
+    index = states.names.index(config.joint)
+    from_topic = config.reference_profile == "topic"
+    for stamp_ns in commands.stamps:
+        if stamp_ns not in states:
+            yield stamp_ns, [Difference(stamp_ns, topics.JOINT_STATES, "missing", 0.0, 0.0)]
+            continue
+        timeline.apply_before(stamp_ns, controller)
+        position = states.get(stamp_ns, "position")[index]
+        velocity = states.get(stamp_ns, "velocity")[index]
+        reference = terms.get(stamp_ns, "position")[0] if from_topic and stamp_ns in terms else None
+        answer = controller.update(stamp_ns, position, velocity, reference)
+        found = list(commands.compare(stamp_ns, "effort", (answer.effort,)))
+        if answer.terms is not None and stamp_ns in terms:
+            values = (answer.reference, position, *answer.terms)
+            found += terms.compare(stamp_ns, "position", values)
+        yield stamp_ns, found
+
+
+def replay_disturbance(recording: Recording) -> Iterator[tuple[int, list[Difference]]]:
+    """Yield, for each recorded disturbance, its stamp and what differs in it."""
+    config = config_of(recording, "disturbance")
+    messages = Messages(recording, topics.DISTURBANCE)
+    changes = list(reversed(changes_of(recording, "disturbance")))
+    for stamp_ns in messages.stamps:
+        while changes and changes[-1].stamp_ns < stamp_ns:
+            config = build(type(config), {**values_of(config), **(changes.pop().values or {})})
+        sample = disturbance_sample(
+            stamp_ns, config.joints, disturbance_at(stamp_ns, config.signals)
+        )
+        yield (
+            stamp_ns,
+            [
+                *messages.compare(stamp_ns, "position", sample.position),
+                *messages.compare(stamp_ns, "effort", sample.effort),
+            ],
+        )
+
+
+def replay_plant(recording: Recording) -> Iterator[tuple[int, list[Difference]]]:
+    """Yield, for each recorded true state, its stamp and what differs in it and its measurement.
+
+    For lock-step and offline runs, in which the torque over a step is the command that answers its
+    first state.
+    """
+    config: SimulatorConfig = config_of(recording, "simulator")
+    simulation = Simulation(config)
+    timeline = _Timeline(changes_of(recording, "simulator"), config)
+    truth = Messages(recording, topics.GROUND_TRUTH)
+    measured = Messages(recording, topics.JOINT_STATES)
+    commands = Messages(recording, topics.EFFORT_COMMAND)
+    disturbances = Messages(recording, topics.DISTURBANCE)
+    for stamp_ns in truth.stamps:
+        acting = _acting(disturbances, stamp_ns)
+        found: list[Difference] = []
+        sample = simulation.truth()
+        for quantity in ("position", "velocity", "effort"):
+            found += truth.compare(stamp_ns, quantity, getattr(sample, quantity))
+        if found:
+            _take_on(simulation, truth, stamp_ns)
+        if stamp_ns in measured:
+            seen = simulation.measure(acting)
+            for quantity in ("position", "velocity", "effort"):
+                found += measured.compare(stamp_ns, quantity, getattr(seen, quantity))
+        yield stamp_ns, found
+        if stamp_ns in commands:
+            # A change stamped k came while state k was the newest: it acts on the step to k + 1.
+            timeline.apply_before(stamp_ns + 1, simulation)
+            try:
+                simulation.step(commands.get(stamp_ns, "effort")[0], acting)
+            except DivergedError:
+                return
+
+
+def _acting(disturbances: Messages, stamp_ns: int) -> Disturbance:
+    if stamp_ns not in disturbances:
+        return Disturbance()
+    force, torque = disturbances.get(stamp_ns, "effort")
+    hip, trunk = disturbances.get(stamp_ns, "position")
+    return Disturbance(force, torque, hip, trunk)
+
+
+def _take_on(simulation: Simulation, truth: Messages, stamp_ns: int) -> None:
+    x, theta = truth.get(stamp_ns, "position")
+    x_dot, theta_dot = truth.get(stamp_ns, "velocity")
+    simulation.state = PlantState(x, theta, x_dot, theta_dot)
+    simulation.applied_effort = truth.get(stamp_ns, "effort")[1]
