@@ -29,7 +29,7 @@ class ControllerConfig:
         200.0,
         "Rate of the control law, in the time of the states' stamps",
         unit="Hz",
-        above=0.0,
+        minimum=0.001,
         maximum=1e6,
         fixed=True,
     )

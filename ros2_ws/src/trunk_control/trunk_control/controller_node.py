@@ -60,10 +60,17 @@ class ControllerNode(TrunkNode[ControllerConfig]):
 
     def _on_state(self, message: JointState) -> None:
         index = self._joint_index(message.name)
-        if index is None or index >= len(message.position) or index >= len(message.velocity):
+        if index is None or index >= len(message.position):
             self.counters["states without the joint"] += 1
             return
-        position, velocity = message.position[index], message.velocity[index]
+        if index < len(message.velocity):
+            velocity = message.velocity[index]
+        elif self.config.derivative_mode != "rate":
+            velocity = 0.0  # not used
+        else:
+            self.counters["states without a velocity (derivative_mode is 'rate')"] += 1
+            return
+        position = message.position[index]
         if not (isfinite(position) and isfinite(velocity)):
             self.counters["states not finite"] += 1
             return

@@ -64,8 +64,8 @@ def logarithmic_value(weight: float, center: float) -> float:
 def bilinear(table: Sequence[float], corner: int, columns: int, a: float, b: float) -> float:
     """Return the centre average over the four cells from index ``corner`` on.
 
-    ``a`` is the weight of the second row, ``b`` that of the second column. In this form rounding cannot
-    carry the value past the centres 0 and 1, nor past alpha's 2 and 5; a sum of products can.
+    ``a`` is the weight of the second row, ``b`` that of the second column. In this form rounding
+    cannot carry the value past the centres 0 and 1, nor past alpha's 2 and 5; a sum of products can.
     """
     below = corner + columns
     first = table[corner]

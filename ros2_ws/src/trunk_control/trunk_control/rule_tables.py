@@ -1,4 +1,4 @@
-"""Rule tables: labels, centres, parsing and the two published sets.
+"""Rule tables: labels, centres, parsing, and the set that the paper prints.
 
 A table is written as seven strings of seven labels, a row per label of e (NB ... PB), a column per
 label of e_dot, as the paper prints it.

@@ -104,7 +104,10 @@ def declarations(config: type[Any]) -> dict[str, Declaration]:
 def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
     kind = declaration.kind.removesuffix(" array")
     if kind == "double" and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)  # a YAML "4" means 4.0
+        try:
+            value = float(value)  # a YAML "4" means 4.0
+        except OverflowError:
+            raise ParameterError(declaration.name, whole, declaration.allowed()) from None
     if type(value) is not {v: k for k, v in _KINDS.items()}[kind]:
         raise ParameterError(declaration.name, whole, declaration.allowed())
     if isinstance(value, str):

@@ -28,7 +28,7 @@ def _update_rate() -> float:
         200.0,
         "Rate of the plant's steps; the period is 1/rate, rounded to whole ns",
         unit="Hz",
-        above=0.0,
+        minimum=0.001,
         maximum=1e6,
         fixed=True,
     )

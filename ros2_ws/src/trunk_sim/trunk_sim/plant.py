@@ -64,12 +64,14 @@ def accelerations(
     mass = p.hip_mass + p.trunk_mass
     a11 = mass * (1.0 + slope * slope)
     a12 = moment * (cos_theta - slope * sin_theta)
+    normal = sin_theta + slope * cos_theta
     b1 = (
-        moment * (sin_theta + slope * cos_theta) * theta_dot * theta_dot
+        moment * normal * theta_dot * theta_dot
         - mass * slope * (curvature * x_dot * x_dot + p.gravity)
         + hip_force
     )
-    determinant = a11 * a22 - a12 * a12
+    # a11 a22 - a12^2, in a form without cancellation: (cos - y' sin)^2 + (sin + y' cos)^2 = 1 + y'^2
+    determinant = a22 * (p.hip_mass * (1.0 + slope * slope) + p.trunk_mass * normal * normal)
     return (a22 * b1 - a12 * b2) / determinant, (a11 * b2 - a12 * b1) / determinant
 
 

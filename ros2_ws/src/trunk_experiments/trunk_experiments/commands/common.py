@@ -32,6 +32,7 @@ def user_errors() -> tuple[type[Exception], ...]:
     """Return the exceptions that say what a user did wrong, to be shown as one line."""
     from trunk_msgs_util.recording import RecordingError
 
+    from ..bench_core import BenchError
     from ..processes import ExecutableError
 
     return (
@@ -39,6 +40,7 @@ def user_errors() -> tuple[type[Exception], ...]:
         ParameterError,
         ParameterFileError,
         RecordingError,
+        BenchError,
         ExecutableError,
         OSError,
     )

@@ -1,0 +1,189 @@
+"""Controllers on the stamps of the states: due instants, steps of time, reset, retuning."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import nan
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trunk_control.config import FuzzyPidConfig, PidConfig
+from trunk_control.controller import FuzzyPidController, PidController
+from trunk_control.fuzzy_pid import fuzzy_pid_update
+from trunk_control.pid import PidState, pid_update
+from trunk_msgs_util.units import period_ns
+
+MS = 1_000_000
+FREE = {"u_clamp_max": 1e9, "u_clamp_min": -1e9, "antiwindup_strategy": "none"}
+both = pytest.mark.parametrize(
+    ("make", "config"),
+    [(PidController, PidConfig(**FREE)), (FuzzyPidController, FuzzyPidConfig(**FREE))],
+    ids=["pid", "fuzzy_pid"],
+)
+
+
+@both
+@pytest.mark.parametrize(
+    ("plant_rate", "rate", "divisor"),
+    [
+        (1000.0, 1000.0, 1),
+        (1000.0, 200.0, 5),
+        (700.0, 100.0, 7),  # 7 * 1428571 ns fall short of 10 ms
+        (60.0, 20.0, 3),  # 3 * 16666667 ns exceed 50 ms
+        (60.0, 30.0, 2),
+        (144.0, 72.0, 2),
+        (999.0, 333.0, 3),
+        (3000.0, 3.0, 1000),
+        (1e6, 1e6 / 3.0, 3),
+    ],
+    ids=lambda value: f"{value:g}" if isinstance(value, (int, float)) else None,
+)
+def test_due_at_every_divisor_th_state(make, config, plant_rate, rate, divisor):
+    controller = make(replace(config, update_rate=rate))
+    period = period_ns(plant_rate)
+    for k in range(20 * divisor):
+        answer = controller.update(k * period, 0.1, 0.0)
+        assert answer.fresh == (k % divisor == 0), k
+
+
+@both
+def test_command_is_held_between_due_instants(make, config):
+    controller = make(replace(config, update_rate=100.0))
+    due = controller.update(0, 0.3, 0.5)
+    state = controller.state
+    for k in range(1, 10):
+        held = controller.update(k * MS, 0.3 + k, -k)
+        assert (held.effort, held.fresh, held.terms) == (due.effort, False, None)
+        assert controller.state == state
+    assert controller.update(10 * MS, 0.4, 0.1).fresh
+
+
+def test_dt_is_taken_from_the_stamps():
+    config = PidConfig(**FREE, derivative_mode="error", update_rate=200.0)
+    controller, expected = PidController(config), PidState()
+    stamps = [0, 5, 13, 20, 45]
+    for i, stamp in enumerate(stamps):
+        dt = (stamp - stamps[i - 1]) * MS / 1e9 if i else 0.005  # at first the period
+        angle = 0.1 * i * i
+        expected, terms = pid_update(expected, 0.0, angle, 0.0, dt, config.gains, config.law)
+        assert controller.update(stamp * MS, angle, 0.0).terms == terms
+
+
+def test_fuzzy_controller_runs_its_law():
+    config = FuzzyPidConfig(**FREE)
+    controller, expected = FuzzyPidController(config), PidState()
+    for k in range(5):
+        sample = (0.0, 0.1 * k, -0.5 * k)
+        expected, terms = fuzzy_pid_update(
+            expected, *sample, 0.005, config.rules, config.box, config.law
+        )
+        assert controller.update(k * 5 * MS, *sample[1:]).terms == terms
+
+
+@both
+def test_reference_comes_from_the_profile_or_from_outside(make, config):
+    config = replace(
+        config, reference_profile="step", reference_value=0.5, reference_step_time=0.01
+    )
+    controller = make(config)
+    given = [controller.update(k * 5 * MS, 0.0, 0.0).reference for k in range(3)]
+    assert given == [0.0, 0.0, 0.5]
+    answer = controller.update(15 * MS, 0.2, 0.0, reference=-0.25)
+    assert (answer.reference, answer.terms.error) == (-0.25, -0.45)
+
+
+@both
+def test_a_stamp_that_runs_back_resets(make, config):
+    used, fresh = make(config), make(config)
+    for k in range(10):
+        used.update((100 + 5 * k) * MS, 0.3, 1.0)
+    assert used.update(144 * MS, 0.2, 0.5) == fresh.update(144 * MS, 0.2, 0.5)
+    assert used.state == fresh.state
+
+
+@both
+def test_the_same_stamp_twice_is_one_sample(make, config):
+    controller = make(config)
+    first = controller.update(0, 0.3, 1.0)
+    second = controller.update(0, 9.0, 9.0)
+    assert (second.effort, second.fresh) == (first.effort, False)
+
+
+@both
+def test_reset_forgets_everything(make, config):
+    used, fresh = make(config), make(config)
+    for k in range(10):
+        used.update(5 * k * MS, 0.3, 1.0)
+    used.reset()
+    assert used.update(999 * MS, 0.2, 0.5) == fresh.update(999 * MS, 0.2, 0.5)
+
+
+@both
+@pytest.mark.parametrize("mode", ["error", "measurement", "rate"])
+def test_a_sample_that_is_not_finite_is_skipped(make, config, mode):
+    # What follows is what would have followed had that state never come: dt spans the gap.
+    config = replace(config, derivative_mode=mode)
+    disturbed, spared = make(config), make(config)
+    for k, angle in enumerate((0.1, 0.2)):
+        last = spared.update(5 * k * MS, angle, 1.0)
+        assert disturbed.update(5 * k * MS, angle, 1.0) == last
+    answer = disturbed.update(10 * MS, nan, 1.0)
+    assert (answer.effort, answer.fresh, answer.terms) == (last.effort, False, None)
+    for k, angle in ((3, 0.4), (4, 0.5)):
+        assert disturbed.update(5 * k * MS, angle, 1.0) == spared.update(5 * k * MS, angle, 1.0)
+
+
+@both
+@pytest.mark.parametrize("bad", [(nan, 0.0), (0.1, nan)], ids=["angle", "rate"])
+def test_no_command_before_the_first_finite_sample(make, config, bad):
+    controller = make(config)
+    assert controller.update(0, *bad).effort == 0.0
+    assert controller.state == PidState()
+
+
+GAIN = st.floats(1e-3, 1e3)
+
+
+@given(GAIN, GAIN, GAIN, st.floats(-1.0, 1.0), st.floats(-4.0, 4.0))
+@settings(max_examples=50, deadline=None)
+def test_retuning_a_pid_is_bumpless(p, i, d, angle, rate):
+    config = PidConfig(**FREE)
+    check_bumpless(PidController(config), replace(config, p=p, i=i, d=d), angle, rate)
+
+
+@given(GAIN, GAIN, st.floats(-1.0, 1.0), st.floats(-4.0, 4.0), st.sampled_from(["linear", "log"]))
+@settings(max_examples=50, deadline=None)
+def test_retuning_a_fuzzy_pid_is_bumpless(p_max, d_max, angle, rate, consequents):
+    config = FuzzyPidConfig(**FREE)
+    new = replace(
+        config,
+        p_min=0.5 * p_max,
+        p_max=p_max,
+        d_min=0.5 * d_max,
+        d_max=d_max,
+        alpha_centers=(1.0, 2.0, 3.0, 7.0),
+        consequents=consequents,
+    )
+    check_bumpless(FuzzyPidController(config), new, angle, rate)
+
+
+def check_bumpless(controller, new, angle, rate):
+    """With the angle and the rate at rest, the next command moves by ki h e alone."""
+    for k in range(20):
+        before = controller.update(5 * k * MS, angle, rate)
+    controller.retune(new)
+    after = controller.update(100 * MS, angle, rate)
+    terms = after.terms
+    increment = terms.ki * 0.005 * terms.error
+    scale = abs(terms.p_term) + abs(terms.i_term) + abs(terms.d_term) + abs(before.effort)
+    assert after.effort - before.effort == pytest.approx(increment, abs=1e-12 * scale + 1e-12)
+
+
+@both
+def test_retuning_before_the_first_sample(make, config):
+    controller = make(config)
+    controller.retune(replace(config, reference_value=0.5))
+    assert controller.update(0, 0.0, 0.0).reference == 0.5
+    assert controller.state.started

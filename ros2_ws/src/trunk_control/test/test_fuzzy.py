@@ -1,0 +1,157 @@
+"""Four rules give what all forty-nine give; the partition, its ends, logarithmic consequents."""
+
+from __future__ import annotations
+
+from itertools import accumulate
+from math import exp, inf, pi
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trunk_control.config import FuzzyPidConfig
+from trunk_control.fuzzy import FuzzyRules, infer, locate, logarithmic_value
+
+PRINTED = FuzzyPidConfig().rules
+
+
+def memberships(value: float, peaks) -> np.ndarray:
+    """The seven triangles at a value, each by its own formula, clamped to the universe."""
+    value = min(max(value, peaks[0]), peaks[-1])
+    result = np.zeros(len(peaks))
+    for i, peak in enumerate(peaks):
+        if value == peak:
+            result[i] = 1.0
+        elif i > 0 and peaks[i - 1] < value < peak:
+            result[i] = (value - peaks[i - 1]) / (peak - peaks[i - 1])
+        elif i + 1 < len(peaks) and peak < value < peaks[i + 1]:
+            result[i] = (peaks[i + 1] - value) / (peaks[i + 1] - peak)
+    return result
+
+
+def all_rules(error: float, error_rate: float, rules: FuzzyRules) -> tuple[float, float, float]:
+    """Product inference and centre average over every rule, as the paper words it."""
+    firing = np.outer(
+        memberships(error, rules.error_peaks), memberships(error_rate, rules.rate_peaks)
+    )
+
+    def average(table, logarithmic):
+        centers = np.reshape(table, firing.shape)
+        if logarithmic:
+            small, big = np.exp(-4.0 * firing), 1.0 - np.exp(-4.0 * firing)
+            centers = np.where(centers == 0.0, small, big)
+        return (firing * centers).sum() / firing.sum()
+
+    return (
+        average(rules.kp, rules.logarithmic),
+        average(rules.kd, rules.logarithmic),
+        average(rules.alpha, False),
+    )
+
+
+both = pytest.mark.parametrize("logarithmic", [False, True], ids=["linear", "log"])
+
+
+@both
+def test_four_rules_equal_all_on_a_grid(logarithmic):
+    rules = PRINTED._replace(logarithmic=logarithmic)
+    grid = [
+        (error, rate)
+        for error in np.linspace(-1.8, 1.8, 200)
+        for rate in np.linspace(-5.5, 5.5, 200)
+    ]
+    actual = np.array([infer(error, rate, rules) for error, rate in grid])
+    expected = np.array([all_rules(error, rate, rules) for error, rate in grid])
+    assert np.abs(actual - expected).max() <= 1e-14
+
+
+@st.composite
+def peaks(draw) -> tuple[float, ...]:
+    gaps = draw(st.lists(st.floats(1e-3, 2.0), min_size=6, max_size=6))
+    return tuple(accumulate(gaps, initial=draw(st.floats(-5.0, 0.0))))
+
+
+def table(centers):
+    return st.lists(st.sampled_from(centers), min_size=49, max_size=49).map(tuple)
+
+
+rule_bases = st.builds(
+    FuzzyRules,
+    error_peaks=peaks(),
+    rate_peaks=peaks(),
+    kp=table([0.0, 1.0]),
+    kd=table([0.0, 1.0]),
+    alpha=table([2.0, 3.0, 4.0, 5.0]),
+    logarithmic=st.booleans(),
+)
+values = st.floats(-10.0, 10.0)
+
+
+@given(values, values, rule_bases)
+@settings(max_examples=300, deadline=None)
+def test_four_rules_equal_all_for_any_tables_and_peaks(error, error_rate, rules):
+    assert infer(error, error_rate, rules) == pytest.approx(
+        all_rules(error, error_rate, rules), rel=0.0, abs=1e-14
+    )
+
+
+@given(values, values, rule_bases)
+@settings(deadline=None)
+def test_outputs_never_leave_their_centres(error, error_rate, rules):
+    kp, kd, alpha = infer(error, error_rate, rules)
+    assert 0.0 <= kp <= 1.0
+    assert 0.0 <= kd <= 1.0
+    assert 2.0 <= alpha <= 5.0
+
+
+def test_printed_outputs_never_leave_their_centres_by_a_rounding_error():
+    inputs = np.random.default_rng(1).uniform((-1.6, -5.1), (1.6, 5.1), (20_000, 2))
+    outputs = np.array([infer(error, rate, PRINTED) for error, rate in inputs.tolist()])
+    assert (outputs >= (0.0, 0.0, 2.0)).all()
+    assert (outputs <= (1.0, 1.0, 5.0)).all()
+
+
+@pytest.mark.parametrize("row", range(7))
+def test_at_a_pair_of_peaks_one_rule_fires(row):
+    for column in range(7):
+        cell = 7 * row + column
+        expected = (PRINTED.kp[cell], PRINTED.kd[cell], PRINTED.alpha[cell])
+        assert infer(PRINTED.error_peaks[row], PRINTED.rate_peaks[column], PRINTED) == expected
+
+
+@given(values, peaks())
+@settings(deadline=None)
+def test_memberships_sum_to_one(value, peaks):
+    i, weight = locate(value, peaks)
+    assert 0 <= i < len(peaks) - 1
+    assert 0.0 <= weight <= 1.0
+    expected = memberships(value, peaks)
+    assert expected.sum() == pytest.approx(1.0, abs=1e-15)
+    assert expected[i] == pytest.approx(1.0 - weight, abs=1e-12)
+    assert expected[i + 1] == pytest.approx(weight, abs=1e-12)
+
+
+@both
+@pytest.mark.parametrize("beyond", [pi / 2.0, 1.6, 1e9, inf], ids="{:g}".format)
+def test_inputs_are_clamped_to_the_universe(beyond, logarithmic):
+    rules = PRINTED._replace(logarithmic=logarithmic)
+    for rate in (-1.0, 0.3, 2.0):
+        assert infer(beyond, rate, rules) == infer(rules.error_peaks[-1], rate, rules)
+        assert infer(-beyond, rate, rules) == infer(rules.error_peaks[0], rate, rules)
+    for error in (-1.0, 0.3, 1.0):
+        assert infer(error, 4.0 * beyond, rules) == infer(error, rules.rate_peaks[-1], rules)
+        assert infer(error, -4.0 * beyond, rules) == infer(error, rules.rate_peaks[0], rules)
+
+
+def test_logarithmic_memberships():
+    assert logarithmic_value(0.25, 0.0) == exp(-1.0)
+    assert logarithmic_value(0.25, 1.0) == 1.0 - exp(-1.0)
+    assert (logarithmic_value(0.0, 0.0), logarithmic_value(0.0, 1.0)) == (1.0, 0.0)
+
+
+def test_logarithmic_consequents_leave_alpha_alone():
+    logarithmic = infer(0.3, -0.7, PRINTED._replace(logarithmic=True))
+    linear = infer(0.3, -0.7, PRINTED)
+    assert logarithmic[2] == linear[2]
+    assert logarithmic[:2] != linear[:2]

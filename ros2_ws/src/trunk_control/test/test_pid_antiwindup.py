@@ -1,0 +1,116 @@
+"""What the integral does while the command is limited."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trunk_control.pid import (
+    ANTIWINDUP_BACK_CALCULATION,
+    ANTIWINDUP_CONDITIONAL_INTEGRATION,
+    ANTIWINDUP_NONE,
+    Gains,
+    PidLaw,
+    PidState,
+    pid_update,
+)
+
+DT = 0.01
+GAINS = Gains(1.0, 10.0, 0.0)
+IDS = ["none", "conditional_integration", "back_calculation"]
+
+
+def limited(antiwindup: int, **others) -> PidLaw:
+    return PidLaw(u_min=-2.0, u_max=2.0, antiwindup=antiwindup, **others)
+
+
+def update(state: PidState, error: float, law: PidLaw, gains: Gains = GAINS):
+    return pid_update(state, error, 0.0, 0.0, DT, gains, law)
+
+
+def samples_to_leave_the_limit(antiwindup: int, push: float) -> int:
+    """Saturate for 5 s, turn the error round, count the samples until the command follows."""
+    law, state = limited(antiwindup), PidState()
+    for _ in range(500):
+        state, _ = update(state, push, law)
+    for count in range(10_000):
+        state, terms = update(state, -0.1 * push, law)
+        if abs(terms.unsaturated) < 2.0:
+            return count
+    raise AssertionError("the command never left its limit")
+
+
+@pytest.mark.parametrize("push", [1.0, -1.0], ids=["up", "down"])
+def test_the_integral_winds_up_without_a_strategy_and_with_none_else(push):
+    none, conditional, back = (samples_to_leave_the_limit(a, push) for a in range(3))
+    assert none > 1000
+    assert conditional == 0
+    assert back == 0
+
+
+@pytest.mark.parametrize("antiwindup", range(3), ids=IDS)
+def test_no_strategy_acts_on_a_free_command(antiwindup):
+    state, free = PidState(), PidState()
+    for error in (0.1, 0.2, -0.1, 0.05):
+        state, _ = update(state, error, limited(antiwindup))
+        free, _ = update(free, error, PidLaw())
+    assert state == free
+
+
+def test_conditional_integration_drops_the_increment_afterwards():
+    state = PidState(integral=0.15)
+    after, terms = update(state, 1.0, limited(ANTIWINDUP_CONDITIONAL_INTEGRATION))
+    assert terms.i_term == 10.0 * (0.15 + DT)  # used in this sample
+    assert after.integral == 0.15
+
+
+def test_conditional_integration_keeps_an_increment_that_leads_back():
+    state = PidState(integral=0.9)
+    after, terms = update(state, -1.0, limited(ANTIWINDUP_CONDITIONAL_INTEGRATION))
+    assert terms.unsaturated > 2.0
+    assert after.integral == 0.9 - DT
+
+
+@pytest.mark.parametrize(
+    ("gains", "time_constant", "tracking"),
+    [
+        (GAINS, 0.5, 0.5),
+        (Gains(1.0, 10.0, 0.4), 0.0, sqrt(0.4 / 10.0)),  # sqrt(Ti Td)
+        (GAINS, 0.0, 1.0 / 10.0),  # no D: Ti
+        (GAINS, 1e-6, DT),  # never faster than the sampling
+        (Gains(0.0, 10.0, 0.0), 0.0, DT),
+    ],
+    ids=["given", "PID", "PI", "too-fast", "I"],
+)
+def test_back_calculation_tracks_with_its_time_constant(gains, time_constant, tracking):
+    law = limited(ANTIWINDUP_BACK_CALCULATION, tracking_time_constant=time_constant)
+    after, terms = update(PidState(integral=1.0), 1.0, law, gains)
+    excess = terms.unsaturated - 2.0
+    assert excess > 0.0
+    expected = 1.0 + DT - DT * excess / (tracking * gains.i)
+    assert after.integral == pytest.approx(expected, rel=1e-14)
+
+
+@given(st.floats(0.0, 50.0), st.floats(0.1, 50.0), st.floats(0.0, 5.0), st.floats(0.0, 10.0))
+@settings(deadline=None)
+def test_back_calculation_never_diverges(kp, ki, kd, tracking):
+    law = limited(ANTIWINDUP_BACK_CALCULATION, tracking_time_constant=tracking)
+    state = PidState(integral=5.0)
+    for _ in range(300):
+        state, _ = update(state, 1.0, law, Gains(kp, ki, kd))
+    resting = (2.0 + kp + 1.0 + ki * max(tracking, kp / ki, sqrt(kd / ki), DT)) / ki
+    assert abs(state.integral) <= 5.0 + resting
+
+
+def test_back_calculation_without_integral_gain_leaves_the_integral():
+    law = limited(ANTIWINDUP_BACK_CALCULATION)
+    state, terms = update(PidState(), 50.0, law, Gains(1.0, 0.0, 0.0))
+    assert (terms.effort, state.integral) == (2.0, 0.5)
+
+
+def test_none_integrates_on():
+    state, _ = update(PidState(integral=5.0), 1.0, limited(ANTIWINDUP_NONE))
+    assert state.integral == 5.0 + DT

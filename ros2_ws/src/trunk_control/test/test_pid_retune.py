@@ -1,0 +1,68 @@
+"""Bumpless retuning: new gains do not move the command."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trunk_control.pid import Gains, PidLaw, PidState, pid_update, retune
+
+gains = st.builds(Gains, p=st.floats(0.0, 1e6), i=st.floats(1e-6, 1e6), d=st.floats(0.0, 1e6))
+number = st.floats(-100.0, 100.0)
+states = st.builds(
+    PidState,
+    integral=number,
+    error=number,
+    measurement=number,
+    derivative=number,
+    effort=number,
+    started=st.just(True),
+)
+
+
+def parts(state: PidState, g: Gains) -> list[float]:
+    return [g.p * state.error, g.i * state.integral, g.d * state.derivative]
+
+
+@given(states, gains, gains)
+@settings(deadline=None)
+def test_command_is_continuous(state, old, new):
+    after = retune(state, old, new)
+    assert after._replace(integral=state.integral) == state
+    scale = sum(map(abs, parts(state, old) + parts(after, new)))
+    assert sum(parts(after, new)) == pytest.approx(
+        sum(parts(state, old)), abs=1e-12 * scale + 1e-12
+    )
+
+
+@given(st.lists(number, min_size=1, max_size=10), gains, gains, st.floats(1e-4, 0.1))
+@settings(deadline=None)
+def test_next_command_moves_by_its_own_increment_alone(errors, old, new, dt):
+    state = PidState()
+    for error in [*errors, errors[-1], errors[-1]]:  # at rest at last: D = 0
+        state, before = pid_update(state, error, 0.0, 0.0, dt, old, PidLaw())
+    state = retune(state, old, new)
+    _, after = pid_update(state, errors[-1], 0.0, 0.0, dt, new, PidLaw())
+    scale = sum(map(abs, (before.p_term, before.i_term, after.p_term, after.i_term)))
+    increment = new.i * dt * errors[-1]
+    assert after.effort - before.effort == pytest.approx(increment, abs=1e-12 * scale + 1e-12)
+
+
+def test_hand_calculation():
+    state = PidState(integral=0.5, error=1.0, derivative=-2.0, started=True)
+    after = retune(state, Gains(2.0, 4.0, 0.5), Gains(1.0, 8.0, 1.0))
+    assert after.integral == (3.0 - 1.0 + 2.0) / 8.0
+
+
+@pytest.mark.parametrize(
+    ("state", "old", "new"),
+    [
+        (PidState(integral=0.5), Gains(1.0, 1.0, 0.0), Gains(2.0, 2.0, 0.0)),
+        (PidState(0.5, 1.0, started=True), Gains(1.0, 1.0, 0.0), Gains(2.0, 0.0, 0.0)),
+        (PidState(0.1, 0.3, started=True), Gains(0.7, 0.3, 0.0), Gains(0.7, 0.3, 0.0)),
+    ],
+    ids=["not-started", "no-integral-gain", "same-gains"],
+)
+def test_nothing_to_rescale(state, old, new):
+    assert retune(state, old, new) == state

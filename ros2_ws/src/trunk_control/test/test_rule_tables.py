@@ -1,0 +1,99 @@
+"""The printed tables, their symmetries, and errors that name the cell."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from trunk_control import rule_tables
+from trunk_control.rule_tables import INPUT_LABELS, cell_name, centers
+
+TABLES = {
+    "kp": rule_tables.KP_AS_PRINTED,
+    "kd": rule_tables.KD_AS_PRINTED,
+    "alpha": rule_tables.ALPHA_AS_PRINTED,
+}
+CELLS = [(row, column) for row in range(7) for column in range(7)]
+
+
+def labels(name: str) -> list[list[str]]:
+    return [row.split() for row in TABLES[name]]
+
+
+def asymmetric(name: str) -> set[tuple[str, str]]:
+    """Cells that differ both from their mirror in e and from their mirror in e_dot."""
+    table = labels(name)
+    return {
+        (INPUT_LABELS[row], INPUT_LABELS[column])
+        for row, column in CELLS
+        if table[row][column] not in (table[6 - row][column], table[row][6 - column])
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "cells"), [("kp", set()), ("kd", {("NM", "PB")}), ("alpha", set())]
+)
+def test_only_table_3_has_a_cell_that_breaks_both_symmetries(name, cells):
+    assert asymmetric(name) == cells
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_but_for_that_cell_the_tables_are_symmetric(name):
+    table = labels(name)
+    if name == "kd":
+        assert table[1][6] == "S"
+        table[1][6] = "B"
+    assert table == table[::-1]
+    assert table == [row[::-1] for row in table]
+
+
+@pytest.mark.parametrize(
+    ("name", "e", "e_dot", "label"),
+    [
+        ("kp", "NB", "ZO", "B"),
+        ("kp", "ZO", "ZO", "B"),
+        ("kp", "ZO", "PS", "S"),
+        ("kp", "NM", "NM", "S"),
+        ("kd", "NB", "ZO", "S"),
+        ("kd", "NM", "NS", "S"),
+        ("kd", "NS", "NS", "B"),
+        ("kd", "ZO", "ZO", "B"),
+        ("alpha", "ZO", "NB", "B"),
+        ("alpha", "NS", "NB", "M"),
+        ("alpha", "ZO", "ZO", "MS"),
+        ("alpha", "PM", "PS", "S"),
+    ],
+)
+def test_cells_as_the_paper_prints_them(name, e, e_dot, label):
+    assert labels(name)[INPUT_LABELS.index(e)][INPUT_LABELS.index(e_dot)] == label
+
+
+def test_centers_run_along_the_rows():
+    rows = ["a b b b b b c"] + ["b b b b b b b"] * 5 + ["d b b b b b e"]
+    table = centers(rows, {"a": 1.0, "b": 2.0, "c": 3.0, "d": 4.0, "e": 5.0})
+    assert (table[0], table[6], table[42], table[48]) == (1.0, 3.0, 4.0, 5.0)
+    assert len(table) == 49
+
+
+GOOD = ("S S S S S S S",) * 7
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ((*GOOD[:2], "S S S S S S X", *GOOD[3:]), "labels S, B; cell (e NS, e_dot PB) is 'X'"),
+        (("S S s S S S S", *GOOD[1:]), "labels S, B; cell (e NB, e_dot NS) is 's'"),
+        ((*GOOD[:6], "S S S"), "7 labels in each row; row 7 (e PB) has 3"),
+        (("S " * 8, *GOOD[1:]), "7 labels in each row; row 1 (e NB) has 8"),
+        (GOOD[:5], "7 rows, one per label of e; there are 5"),
+    ],
+    ids=["label", "case", "short-row", "long-row", "rows"],
+)
+def test_errors_name_the_row_or_the_cell(rows, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        centers(rows, rule_tables.GAIN_CENTERS)
+
+
+def test_cell_name():
+    assert cell_name(1, 6) == "(e NM, e_dot PB)"

@@ -1,0 +1,132 @@
+"""The equations of motion against a symbolic derivation from the Lagrangian (paper, eq. 7)."""
+
+from __future__ import annotations
+
+import mpmath
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trunk_sim.plant import PlantParameters, PlantState, accelerations, energy
+
+
+class Lagrangian:
+    """The model, derived by sympy alone and evaluated with 40 digits."""
+
+    def __init__(self) -> None:
+        t = sp.Symbol("t")
+        x, theta = sp.Function("x")(t), sp.Function("theta")(t)
+        constants = sp.symbols("M m l g A k")
+        M, m, length, g, A, k = constants
+        force, torque = sp.symbols("F tau")
+        y = A * sp.sin(k * x)
+        com_x, com_y = x + length * sp.sin(theta), y + length * sp.cos(theta)
+
+        def speed_squared(*position):
+            return sum(sp.diff(p, t) ** 2 for p in position)
+
+        kinetic = M / 2 * speed_squared(x, y) + m / 2 * speed_squared(com_x, com_y)
+        potential = M * g * y + m * g * com_y
+        lagrangian = kinetic - potential
+
+        def residual(q, generalized_force):
+            momentum = sp.diff(lagrangian, sp.diff(q, t))
+            return sp.diff(momentum, t) - sp.diff(lagrangian, q) - generalized_force
+
+        names = sp.symbols("x theta x_dot theta_dot x_ddot theta_ddot")
+        plain = [
+            (sp.diff(x, t, 2), names[4]),
+            (sp.diff(theta, t, 2), names[5]),
+            (sp.diff(x, t), names[2]),
+            (sp.diff(theta, t), names[3]),
+            (x, names[0]),
+            (theta, names[1]),
+        ]
+        rows = [residual(x, force).doit().subs(plain), residual(theta, torque).doit().subs(plain)]
+        mass_matrix, right_side = sp.linear_eq_to_matrix(rows, names[4:])
+        arguments = (names[:4], force, torque, constants)
+        self._system = sp.lambdify(arguments, (mass_matrix, right_side), "mpmath")
+        total = (kinetic + potential).doit().subs(plain)
+        self._energy = sp.lambdify((names[:4], constants), total, "mpmath")
+
+    def accelerations(self, state, force, torque, p) -> tuple[float, float]:
+        with mpmath.workdps(40):
+            exact = [mpmath.mpf(v) for v in state], force, torque, [mpmath.mpf(v) for v in p[:6]]
+            mass, right = self._system(*exact)
+            if p.prescribed:
+                return 0.0, float(right[1] / mass[1, 1])
+            return tuple(float(v) for v in mpmath.lu_solve(mass, right))
+
+    def energy(self, state, p) -> float:
+        with mpmath.workdps(40):
+            return float(
+                self._energy([mpmath.mpf(v) for v in state], [mpmath.mpf(v) for v in p[:6]])
+            )
+
+
+@pytest.fixture(scope="module")
+def lagrangian() -> Lagrangian:
+    return Lagrangian()
+
+
+def between(low: float, high: float):
+    return st.floats(low, high, allow_subnormal=False)
+
+
+states = st.builds(PlantState, between(-20, 20), between(-7, 7), between(-5, 5), between(-15, 15))
+parameters = st.builds(
+    PlantParameters,
+    hip_mass=between(0.2, 20),
+    trunk_mass=between(0.1, 5),
+    length=between(0.2, 3),
+    gravity=between(0, 25),
+    amplitude=between(-2, 2),
+    wavenumber=between(0, 3),
+)
+TOLERANCE = 1e-12
+
+
+@pytest.mark.parametrize("prescribed", [False, True], ids=["passive", "prescribed"])
+@given(states, between(-100, 100), between(-100, 100), parameters)
+@settings(max_examples=150, deadline=None)
+def test_accelerations_follow_from_the_lagrangian(lagrangian, prescribed, state, force, torque, p):
+    p = p._replace(prescribed=prescribed)
+    actual = accelerations(state, force, torque, p)
+    expected = lagrangian.accelerations(state, force, torque, p)
+    largest = max(map(abs, expected))
+    assert actual == pytest.approx(expected, rel=0.0, abs=TOLERANCE * largest + 1e-30)
+
+
+@pytest.mark.parametrize("prescribed", [False, True], ids=["passive", "prescribed"])
+def test_accelerations_at_the_papers_initial_state(lagrangian, prescribed):
+    state = PlantState(0.0, 0.5235987755982988, 1.0, 0.0)
+    p = PlantParameters(prescribed=prescribed)
+    expected = lagrangian.accelerations(state, 0.0, 0.0, p)
+    assert accelerations(state, 0.0, 0.0, p) == pytest.approx(expected, rel=TOLERANCE)
+
+
+@given(states, parameters)
+@settings(max_examples=100, deadline=None)
+def test_energy_is_that_of_the_lagrangian(lagrangian, state, p):
+    zero_level = 1.0 + p.gravity * (p.hip_mass + p.trunk_mass) * (abs(p.amplitude) + p.length)
+    expected = lagrangian.energy(state, p)
+    assert energy(state, p) == pytest.approx(expected, rel=TOLERANCE, abs=TOLERANCE * zero_level)
+
+
+def test_flat_path_is_the_textbook_cart_and_pole():
+    p = PlantParameters(amplitude=0.0)
+    state = PlantState(3.0, 0.4, 0.7, -1.2)
+    x_ddot, theta_ddot = accelerations(state, 2.0, 0.0, p)
+    total, moment = sp.Rational(5, 2), sp.Rational(1, 2)
+    sin, cos = sp.sin(sp.Float(0.4, 30)), sp.cos(sp.Float(0.4, 30))
+    g, w = sp.Float("9.81", 30), sp.Float(1.2, 30)
+    expected = (2 + moment * sin * (w**2 - g * cos)) / (total - moment * cos**2)
+    assert x_ddot == pytest.approx(float(expected), rel=1e-12)
+    assert theta_ddot == pytest.approx(float(g * sin - cos * expected), rel=1e-12)
+
+
+def test_defaults_are_the_papers_table_5():
+    p = PlantParameters()
+    assert (p.hip_mass, p.trunk_mass, p.length) == (2.0, 0.5, 1.0)
+    assert (p.gravity, p.amplitude, p.wavenumber, p.prescribed) == (9.81, 1.0, 1.0, False)

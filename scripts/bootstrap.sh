@@ -1,0 +1,148 @@
+#!/usr/bin/env bash
+# Make .venv and build ros2_ws, or bring both up to date. Takes no time when nothing has changed; may be
+# interrupted, run again, and run twice at once.
+#
+# Without ROS 2, Jazzy comes from pinned wheels. Where ROS 2 Jazzy is sourced, that one is used and .venv
+# only adds to it. $PYTHON chooses the interpreter, CPython 3.10 to 3.13.
+set -euo pipefail
+cd -P "$(dirname "${BASH_SOURCE[0]}")/.."
+root=$PWD
+
+say() { printf 'bootstrap: %s\n' "$*" >&2; }
+die() { say "$@"; exit 1; }
+holds() { [[ -f $1 && $(<"$1") == "$2" ]]; } # FILE TEXT
+
+# What an interpreter is: "cpython 3.11.7 /usr/bin/python3.11".
+identify() {
+    "$1" -ISc 'import os, sys; i = sys.implementation.name, "%d.%d.%d" % sys.version_info[:3]
+print(*i, os.path.realpath(sys.executable))' 2>/dev/null
+}
+
+supported() { [[ $1 == 'cpython 3.1'[0-3].* ]]; }
+
+find_python() {
+    local name found
+    if [[ -n ${PYTHON:-} ]]; then
+        found=$(identify "$PYTHON") || die "PYTHON=$PYTHON does not run"
+        supported "$found" || die "PYTHON=$PYTHON is $found, CPython 3.10 to 3.13 is needed"
+        [[ $ros == wheels ]] || "$PYTHON" -c 'import rclpy' 2>/dev/null ||
+            die "ROS 2 Jazzy is sourced, but PYTHON=$PYTHON cannot import its rclpy: unset PYTHON"
+        printf '%s\n' "$found"
+        return
+    fi
+    for name in python3 python3.13 python3.12 python3.11 python3.10 /usr/bin/python3; do
+        found=$(identify "$name") || continue
+        supported "$found" || continue
+        [[ $ros == wheels ]] || "$name" -c 'import rclpy' 2>/dev/null || continue
+        printf '%s\n' "$found"
+        return
+    done
+    [[ $ros == wheels ]] || die "ROS_DISTRO=jazzy, but no Python here imports rclpy: source" \
+        "/opt/ros/jazzy/setup.bash, or unset ROS_DISTRO to use wheels"
+    die "no CPython 3.10 to 3.13 found (python3, python3.13 … python3.10): install one, or name one in PYTHON"
+}
+
+# The build links to modules and data instead of copying them: only these make it anew.
+workspace_key() {
+    local src=ros2_ws/src
+    { printf '%s\n' "$made" "$pins" $src/*/*/config/*; cat $src/*/{package.xml,setup.py,setup.cfg}; } | sha256sum
+}
+
+up_to_date() {
+    [[ ! -e .venv/.busy ]] && holds .venv/.made "$made" && holds .venv/.installed "$pins" &&
+        holds ros2_ws/install/.built "$(workspace_key)"
+}
+
+make_venv() {
+    say "making .venv with $python"
+    "${python#cpython * }" -Ic 'import ensurepip, venv' 2>/dev/null || die "${python#cpython * } has no venv module:" \
+        "install it (Debian, Ubuntu: apt install python3-venv) and run this again"
+    # The build holds absolute paths and the interpreter's: it goes as well.
+    rm -rf ros2_ws/build ros2_ws/install
+    find .venv -mindepth 1 -maxdepth 1 ! -name .lock -exec rm -rf {} +
+    local site=()
+    [[ $ros == wheels ]] || site=(--system-site-packages)
+    "${python#cpython * }" -m venv "${site[@]}" .venv >.venv/.log 2>&1 ||
+        die "no virtual environment could be made; the reason is in .venv/.log"
+    printf '%s\n' "$made" >.venv/.made
+}
+
+install_set() {
+    say "installing requirements/$1.txt"
+    local pins=requirements/$1.txt
+    if [[ $ros == jazzy ]]; then # its messages are compiled for its own numpy
+        pins=.venv/.pins-$1.txt
+        grep -v '^numpy==' "requirements/$1.txt" >"$pins"
+    fi
+    .venv/bin/python -m pip install --quiet --no-input --disable-pip-version-check -r "$pins" \
+        >.venv/.log 2>&1 && return
+    rm -f .venv/.busy # pip ended by itself: what it did is whole
+    die "requirements/$1.txt could not be installed: $(grep -m 1 '^ERROR' .venv/.log || tail -n 1 .venv/.log);" \
+        "is the network there? Simply run this again (pip's words are in .venv/.log)"
+}
+
+install_pins() {
+    local set sets=(runtime ros build dev)
+    if [[ $ros == jazzy ]]; then
+        sets=(runtime dev)
+        .venv/bin/python -c 'import colcon, colcon_ros' 2>/dev/null || sets+=(build)
+    fi
+    rm -f .venv/.installed
+    : >.venv/.busy # stays when we are killed: .venv is then not trusted again
+    for set in "${sets[@]}"; do install_set "$set"; done
+    printf '%s\n' "$pins" >.venv/.installed
+    rm .venv/.busy
+}
+
+build() {
+    say 'building ros2_ws'
+    local key script venv_python=$root/.venv/bin/python
+    key=$(workspace_key)
+    rm -f ros2_ws/install/.built
+    (
+        cd ros2_ws
+        COLCON_HOME=$root/.venv/.colcon "$venv_python" -m colcon --log-base /dev/null build --symlink-install \
+            --event-handlers console_cohesion+ desktop_notification-
+    ) >.venv/.log 2>&1 || { cat .venv/.log >&2; die 'ros2_ws could not be built, see above'; }
+    if [[ $root == *[[:space:]]* || ${#root} -gt 100 ]]; then # no first line for a kernel: let sh read it
+        for script in ros2_ws/install/*/lib/trunk_*/*; do
+            sed -i "1c #!/bin/sh\\n'''exec' \"$venv_python\" \"\$0\" \"\$@\"\\n' '''" "$script"
+        done
+    fi
+    ln -sfn ../../ros2_ws/install/trunk_experiments/lib/trunk_experiments/trunk .venv/bin/trunk
+    printf '%s\n' "$key" >ros2_ws/install/.built
+}
+
+# ── which ROS 2, which Python ──────────────────────────────────────────────────────────────────────────
+made=$(cat .venv/.made 2>/dev/null) || made=''
+case ${ROS_DISTRO:-} in
+    jazzy) ros=jazzy ;;
+    '') ros=${made%% *} ros=${ros:-wheels} ;;
+    *) die "ROS 2 ${ROS_DISTRO@Q} is sourced in this shell, but this project is for Jazzy: use a shell without it" ;;
+esac
+pins=$(cat requirements/{runtime,ros,build,dev}.txt | sha256sum)
+
+python=$(identify .venv/bin/python) || python=''
+if [[ -z $python || -n ${PYTHON:-} || $made != "$ros"\ * ]]; then python=$(find_python); fi
+made="$ros $python $root"
+
+if up_to_date; then
+    echo 'ready: source scripts/env.sh'
+    exit
+fi
+[[ $ros == wheels || -n ${ROS_DISTRO:-} ]] ||
+    die '.venv was made for the ROS 2 Jazzy of this machine: source /opt/ros/jazzy/setup.bash first, or delete .venv'
+
+# ── the work, by one process at a time ─────────────────────────────────────────────────────────────────
+mkdir -p .venv
+exec 9>>.venv/.lock
+flock -n 9 || { say 'waiting for another bootstrap of this checkout'; flock 9; }
+trap 'exit 130' INT TERM HUP
+
+if [[ $ros == wheels ]]; then
+    unset PYTHONPATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
+fi
+if [[ -e .venv/.busy ]] || ! holds .venv/.made "$made"; then make_venv; fi
+holds .venv/.installed "$pins" || install_pins
+holds ros2_ws/install/.built "$(workspace_key)" || build
+echo 'ready: source scripts/env.sh'
