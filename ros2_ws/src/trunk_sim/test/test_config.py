@@ -57,7 +57,7 @@ def test_values_rebuild_their_configuration(config):
     ("config", "name", "value", "allowed"),
     [
         (SimulatorConfig, "update_rate", 0.0, "double, >= 0.001 and <= 1e+06"),
-        (SimulatorConfig, "plant.trunk_mass", -0.5, "double, >= 0.001 and <= 1e+06"),
+        (SimulatorConfig, "plant.trunk_mass", -0.5, "double, > 0 and <= 1e+06"),
         (SimulatorConfig, "plant.gravity", nan, "finite double, >= 0 and <= 1000"),
         (SimulatorConfig, "plant.length", "long", "double, > 0 and <= 1000"),
         (SimulatorConfig, "substeps", 0, "integer, >= 1 and <= 10000"),
