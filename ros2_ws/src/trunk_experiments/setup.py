@@ -24,6 +24,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
+            "bare_pair = trunk_experiments.bare_pair_node:main",
             "composed = trunk_experiments.composed_node:main",
             "trunk = trunk_experiments.cli:main",
         ],

@@ -10,7 +10,7 @@ from std_srvs.srv import Trigger
 
 from trunk_msgs_util import qos, topics
 from trunk_msgs_util.base_node import TrunkNode
-from trunk_msgs_util.conversions import sample_to_ros, stamp_from_ros
+from trunk_msgs_util.conversions import WireReader, sample_to_wire
 from trunk_msgs_util.samples import JointSample
 
 from .config import ControllerConfig
@@ -28,15 +28,19 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         self._reference: float | None = None  # from the topic
         self._names: tuple[str, ...] = ()
         self._index = 0
+        self._read_state = WireReader()
+        self._read_reference = WireReader()
         self._commensurate_known = False
         self._updates = 0
         self._diagnosed = (time.monotonic(), 0)
         self._command = self.create_publisher(JointState, topics.EFFORT_COMMAND, qos.evidence())
         self._terms = self.create_publisher(JointState, "~/state", qos.evidence())
         self._states = self.create_subscription(
-            JointState, topics.JOINT_STATES, self._on_state, qos.control()
+            JointState, topics.JOINT_STATES, self._on_state, qos.control(), raw=True
         )
-        self.create_subscription(JointState, topics.REFERENCE, self._on_reference, qos.control(1))
+        self.create_subscription(
+            JointState, topics.REFERENCE, self._on_reference, qos.control(1), raw=True
+        )
         self.create_service(Trigger, "~/reset", self._on_reset)
         self._ready_timer = self.create_timer(0.02, self._announce)
 
@@ -50,15 +54,16 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             self._ready_timer.cancel()
             self.event("ready", answers=topics.EFFORT_COMMAND)
 
-    def _joint_index(self, names: list[str]) -> int | None:
-        if tuple(names) != self._names:
+    def _joint_index(self, names: tuple[str, ...]) -> int | None:
+        if names != self._names:
             if self.config.joint not in names:
                 return None
-            self._names = tuple(names)
+            self._names = names
             self._index = names.index(self.config.joint)
         return self._index
 
-    def _on_state(self, message: JointState) -> None:
+    def _on_state(self, data: bytes) -> None:
+        message = self._read_state(data)
         index = self._joint_index(message.name)
         if index is None or index >= len(message.position):
             self.counters["states without the joint"] += 1
@@ -74,7 +79,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         if not (isfinite(position) and isfinite(velocity)):
             self.counters["states not finite"] += 1
             return
-        stamp_ns = stamp_from_ros(message.header.stamp)
+        stamp_ns = message.stamp_ns
         if stamp_ns < self.run_stamp_ns:
             self.counters["states out of order"] += 1
         if self.config.lockstep and not self._commensurate(stamp_ns - self.run_stamp_ns):
@@ -100,7 +105,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
 
     def _publish(self, stamp_ns: int, measurement: float, answer: Answer) -> None:
         self._command.publish(
-            sample_to_ros(JointSample(stamp_ns, (self.config.joint,), effort=(answer.effort,)))
+            sample_to_wire(JointSample(stamp_ns, (self.config.joint,), effort=(answer.effort,)))
         )
         self._updates += 1
         terms = answer.terms
@@ -109,13 +114,14 @@ class ControllerNode(TrunkNode[ControllerConfig]):
                 self.counters["commands limited"] += 1
             values = (answer.reference, measurement, *terms)
             self._terms.publish(
-                sample_to_ros(JointSample(stamp_ns, topics.STATE_NAMES, position=values))
+                sample_to_wire(JointSample(stamp_ns, topics.STATE_NAMES, position=values))
             )
 
-    def _on_reference(self, message: JointState) -> None:
+    def _on_reference(self, data: bytes) -> None:
         if self.config.reference_profile != "topic":
             self.counters["references ignored (reference.profile is not 'topic')"] += 1
             return
+        message = self._read_reference(data)
         try:
             value = message.position[message.name.index(self.config.joint)]
         except (ValueError, IndexError):

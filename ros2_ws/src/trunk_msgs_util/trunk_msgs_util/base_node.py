@@ -45,6 +45,7 @@ class TrunkNode(Node, Generic[Config]):
         super().__init__(name)
         self.run_stamp_ns = -1  # before the first state
         self.counters: Counter[str] = Counter()
+        self.linger_s = 0.0  # messages may gather for so long before they are taken
         self.exit_code: int | None = None  # set: the node is done and its process ends
         self._parameters_set = NodeParameters(self, config_class, self._on_parameters)
         self._parameters_topic = self.create_publisher(
@@ -160,7 +161,7 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
     except ParameterError as error:
         rclpy.try_shutdown()
         return _usage_error(program, str(error))
-    executor = LoopExecutor()
+    executor = LoopExecutor(linger_s=min(node.linger_s for node in nodes))
     for node in nodes:
         executor.add_node(node)
     try:

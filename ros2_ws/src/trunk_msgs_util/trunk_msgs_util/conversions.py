@@ -7,8 +7,10 @@ from collections.abc import Mapping
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
+from .joint_state_cdr import JointStateLayout, layout_of
 from .samples import JointSample
 from .units import NANOSECONDS
 
@@ -23,6 +25,33 @@ def stamp_from_ros(stamp: Time) -> int:
     """Return a Time message as ns."""
     nanoseconds: int = stamp.sec * NANOSECONDS + stamp.nanosec
     return nanoseconds
+
+
+def sample_to_wire(sample: JointSample) -> bytes:
+    """Return the sample as the serialized JointState message that a publisher takes as it is.
+
+    A quarter of the cost of a message object, and the same bytes.
+    """
+    return layout_of(sample).pack(sample)
+
+
+class WireReader:
+    """Turns serialized JointState messages into samples, quickly where their layout stays the same."""
+
+    def __init__(self) -> None:
+        self._layout = JointStateLayout(())
+
+    def __call__(self, data: bytes) -> JointSample:
+        """Return the sample. A layout of another kind, or another byte order, is left to rclpy."""
+        try:
+            return self._layout.unpack(data)
+        except ValueError:
+            pass
+        try:
+            self._layout = JointStateLayout.parse(data)
+            return self._layout.unpack(data)
+        except ValueError:
+            return sample_from_ros(deserialize_message(data, JointState))
 
 
 def sample_to_ros(sample: JointSample) -> JointState:

@@ -17,14 +17,16 @@ from rclpy.subscription import Subscription
 # While messages keep coming, timers and services get their turn at least this often.
 _OTHERS_EVERY_NS = 5_000_000
 # Messages taken from one subscription before the next one's turn.
-_BURST = 8
+_BURST = 64
 
 
 class LoopExecutor(SingleThreadedExecutor):
     """Runs callbacks in the thread that calls ``spin_once``; messages first, in their order per topic."""
 
-    def __init__(self, **arguments: Any) -> None:
+    def __init__(self, linger_s: float = 0.0, **arguments: Any) -> None:
+        """Create it; with ``linger_s`` messages are let gather for so long before they are taken."""
         super().__init__(**arguments)
+        self._linger_s = linger_s
         self._subscriptions: list[Subscription] = []
         self._wait_set: Any = None
         self._known = -1
@@ -93,6 +95,8 @@ class LoopExecutor(SingleThreadedExecutor):
         for guard in self._guards:
             wait_set.add_guard_condition(guard.handle)
         wait_set.wait(-1 if timeout_sec is None else round(timeout_sec * 1e9))
+        if self._linger_s and wait_set.get_ready_entities("subscription"):
+            time.sleep(self._linger_s)
         return any(
             wait_set.get_ready_entities(kind) for kind in ("timer", "service", "guard_condition")
         )

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from . import provenance, qos, topics
 from .base_node import TrunkNode, main_for
 from .config import RecorderConfig
-from .conversions import sample_to_ros
+from .conversions import sample_to_wire
 from .declarations import ParameterError
 from .recording_writer import PROVENANCE, RecordingWriter
 from .samples import JointSample
@@ -34,6 +34,9 @@ _STAMP = struct.Struct("<iI")
 # Told to end, it goes on until nothing has come for this long.
 _QUIET_S = 0.3
 _TELL_EVERY = 50
+# In lock-step nothing waits for the recorder, within its window: waking it for each message would cost
+# the loop more than the recording does.
+_LINGER_S = 0.01
 
 
 class RecorderNode(TrunkNode[RecorderConfig]):
@@ -71,6 +74,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._writer.flush()
         self._flush_timer = self.create_timer(config.flush_interval, self._flush)
         if config.lockstep:
+            self.linger_s = _LINGER_S
             self._progress_timer = self.create_timer(0.02, self._tell_progress)
         self.event("ready", answers="recorder")
         self.get_logger().info(f"recording to {self._path}")
@@ -120,7 +124,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         written_ns = min(self._written_ns[topic] for topic in self.config.lockstep_topics)
         if written_ns > self._told_ns:
             self._told_ns = written_ns
-            self._progress.publish(sample_to_ros(JointSample(written_ns, ("recorder",))))
+            self._progress.publish(sample_to_wire(JointSample(written_ns, ("recorder",))))
 
     def _on_event(self, data: bytes) -> None:
         event = parse_event(data)

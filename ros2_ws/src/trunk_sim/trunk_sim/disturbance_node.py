@@ -6,7 +6,7 @@ from sensor_msgs.msg import JointState
 
 from trunk_msgs_util import qos, topics
 from trunk_msgs_util.base_node import TrunkNode, main_for
-from trunk_msgs_util.conversions import sample_to_ros, stamp_from_ros
+from trunk_msgs_util.conversions import WireReader, sample_to_wire
 
 from .config import DisturbanceConfig
 from .disturbances import disturbance_at, disturbance_sample
@@ -21,11 +21,12 @@ class DisturbanceNode(TrunkNode[DisturbanceConfig]):
 
     def __init__(self) -> None:
         super().__init__("disturbance", DisturbanceConfig)
+        self._read = WireReader()
         self._sent_ns = -1
         self.configure(self.config)
         self._publisher = self.create_publisher(JointState, topics.DISTURBANCE, qos.evidence())
         self._subscription = self.create_subscription(
-            JointState, topics.GROUND_TRUTH, self._on_state, qos.control()
+            JointState, topics.GROUND_TRUTH, self._on_state, qos.control(), raw=True
         )
         self._ready_timer = self.create_timer(0.02, self._announce)
 
@@ -40,8 +41,8 @@ class DisturbanceNode(TrunkNode[DisturbanceConfig]):
             self._ready_timer.cancel()
             self.event("ready", answers=topics.DISTURBANCE)
 
-    def _on_state(self, message: JointState) -> None:
-        stamp_ns = stamp_from_ros(message.header.stamp)
+    def _on_state(self, data: bytes) -> None:
+        stamp_ns = self._read(data).stamp_ns
         next_ns = stamp_ns + self._period_ns
         if self._sent_ns < stamp_ns:
             self._publish(stamp_ns)
@@ -51,7 +52,7 @@ class DisturbanceNode(TrunkNode[DisturbanceConfig]):
     def _publish(self, stamp_ns: int) -> None:
         acting = disturbance_at(stamp_ns, self._signals)
         sample = disturbance_sample(stamp_ns, self.config.joints, acting)
-        self._publisher.publish(sample_to_ros(sample))
+        self._publisher.publish(sample_to_wire(sample))
         self._sent_ns = self.run_stamp_ns = stamp_ns
 
 

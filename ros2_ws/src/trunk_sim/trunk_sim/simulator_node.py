@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from trunk_msgs_util import qos, topics
 from trunk_msgs_util.base_node import TrunkNode, main_for
-from trunk_msgs_util.conversions import sample_to_ros, stamp_from_ros, stamp_to_ros
+from trunk_msgs_util.conversions import WireReader, sample_to_wire, stamp_to_ros
 from trunk_msgs_util.units import seconds, step_count
 
 from .config import SimulatorConfig
@@ -43,6 +43,9 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._truth_published = False
         self._disturbances: deque[tuple[int, Disturbance]] = deque()
         self._disturbance = Disturbance()
+        self._read_command = WireReader()
+        self._read_disturbance = WireReader()
+        self._read_progress = WireReader()
         self._diagnosed = (time.monotonic(), 0)
         self._pacing = self._make_pacing(config)
         self._create_topics(config)
@@ -80,17 +83,21 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
             self.create_publisher(Clock, "/clock", qos.clock()) if config.publish_clock else None
         )
         self._commands = self.create_subscription(
-            JointState, topics.EFFORT_COMMAND, self._on_command, qos.control()
+            JointState, topics.EFFORT_COMMAND, self._on_command, qos.control(), raw=True
         )
         self._disturbance_topic = self.create_subscription(
-            JointState, topics.DISTURBANCE, self._on_disturbance, qos.control(100)
+            JointState, topics.DISTURBANCE, self._on_disturbance, qos.control(100), raw=True
         )
         self.create_subscription(
             DiagnosticArray, topics.RUN_EVENTS, self._on_event, qos.run_information()
         )
         if config.lockstep and "recorder" in config.wait_for:
             self.create_subscription(
-                JointState, topics.RECORDER_PROGRESS, self._on_progress, qos.control()
+                JointState,
+                topics.RECORDER_PROGRESS,
+                self._on_progress,
+                qos.control(),
+                raw=True,
             )
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
@@ -142,6 +149,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         if not self._only_one_controller():
             return
         self._running = True
+        self._started = time.monotonic()
         self.event("started", rate=self.config.update_rate)
         self._publish_measured()
         self._step_timer.reset()
@@ -189,6 +197,9 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         """End the run: the last state is answered."""
         self._step_timer.cancel()
         self._say_finished("finished", "finished")
+        wall = time.monotonic() - self._started
+        steps = self._simulation.step_index
+        self.get_logger().info(f"finished: {steps} steps in {wall:.6f} s of wall time")
         self.exit_code = 0
 
     def fail(self, reason: str, **values: object) -> None:
@@ -211,12 +222,12 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self.run_stamp_ns = now = simulation.stamp_ns
         while self._disturbances and self._disturbances[0][0] <= now:
             self._disturbance = self._disturbances.popleft()[1]
-        self._measured.publish(sample_to_ros(simulation.measure(self._disturbance)))
+        self._measured.publish(sample_to_wire(simulation.measure(self._disturbance)))
         if self._clock_topic is not None:
             self._clock_topic.publish(Clock(clock=stamp_to_ros(now)))
 
     def _publish_truth(self) -> None:
-        self._truth.publish(sample_to_ros(self._simulation.truth()))
+        self._truth.publish(sample_to_wire(self._simulation.truth()))
 
     def _say_finished(self, message: str, reason: str) -> None:
         self.event(message, reason=reason, states=self._simulation.step_index + 1)
@@ -230,33 +241,32 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
 
     # What comes in.
 
-    def _on_command(self, message: JointState) -> None:
-        joint = self.config.joints[1]
+    def _on_command(self, data: bytes) -> None:
+        command = self._read_command(data)
         try:
-            effort = message.effort[message.name.index(joint)]
+            effort = command.effort[command.name.index(self.config.joints[1])]
         except (ValueError, IndexError):
             self.count("commands without the joint")
             return
         if not isfinite(effort):
             self.count("commands not finite")
         elif self._running and self.exit_code is None:
-            stamp_ns = stamp_from_ros(message.header.stamp)
-            self._pacing.command(stamp_ns, effort, time.monotonic_ns())
+            self._pacing.command(command.stamp_ns, effort, time.monotonic_ns())
 
-    def _on_disturbance(self, message: JointState) -> None:
-        values = [*message.effort, *message.position]
-        if tuple(message.name) != self.config.joints or len(values) != 4:
+    def _on_disturbance(self, data: bytes) -> None:
+        sample = self._read_disturbance(data)
+        values = [*sample.effort, *sample.position]
+        if sample.name != self.config.joints or len(values) != 4:
             self.count("disturbances malformed")
             return
         if not all(map(isfinite, values)):
             self.count("disturbances not finite")
             return
-        stamp_ns = stamp_from_ros(message.header.stamp)
-        self._disturbances.append((stamp_ns, Disturbance(*values)))
-        self._answered(topics.DISTURBANCE, stamp_ns)
+        self._disturbances.append((sample.stamp_ns, Disturbance(*values)))
+        self._answered(topics.DISTURBANCE, sample.stamp_ns)
 
-    def _on_progress(self, message: JointState) -> None:
-        self._answered("recorder", stamp_from_ros(message.header.stamp))
+    def _on_progress(self, data: bytes) -> None:
+        self._answered("recorder", self._read_progress(data).stamp_ns)
 
     def _answered(self, topic: str, stamp_ns: int) -> None:
         if isinstance(self._pacing, LockstepPacing):

@@ -16,6 +16,40 @@ def command() -> None:
     """Measure speed, as ratios in one run."""
 
 
+@command.command("lockstep")
+@click.option("--rounds", default=5, show_default=True, help="Rounds, of which the median counts.")
+@click.option("--steps", default=5000, show_default=True, help="Steps in each run.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def lockstep(rounds: int, steps: int, as_json: bool) -> None:
+    """Lock-step loops against a bare pair of rclpy processes that echo the same messages."""
+    from ..bench_lockstep import bench_lockstep
+
+    rows = bench_lockstep(rounds, steps)
+    if as_json:
+        click.echo(json.dumps([asdict(row) for row in rows], indent=2))
+    else:
+        print_table(
+            f"median of {rounds} rounds of {steps} steps",
+            ("loop", "steps/s", "ratio", "to", "goal", ""),
+            [
+                (
+                    row.name,
+                    f"{row.rate_hz:.0f}",
+                    f"{row.ratio:.2f}",
+                    row.against,
+                    row.goal,
+                    _met(row.met),
+                )
+                for row in rows
+            ],
+        )
+    sys.exit(0 if all(row.met is not False for row in rows) else 1)
+
+
+def _met(met: bool | None) -> str:
+    return "" if met is None else "met" if met else "MISSED"
+
+
 @command.command("core")
 @click.option("--rounds", default=7, show_default=True, help="Rounds, of which the median counts.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
@@ -37,7 +71,7 @@ def core(rounds: int, as_json: bool) -> None:
                     f"{row.theirs_s * 1e6:.3g}",
                     f"{row.ratio:.3g}",
                     row.goal,
-                    "" if row.met is None else "met" if row.met else "MISSED",
+                    _met(row.met),
                 )
                 for row in rows
             ],

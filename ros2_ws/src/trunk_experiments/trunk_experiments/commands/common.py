@@ -23,9 +23,10 @@ def run_errors() -> tuple[type[Exception], ...]:
     """Return the exceptions that say how a run went wrong."""
     from trunk_sim.simulation import DivergedError
 
+    from ..bench_lockstep import BenchRunError
     from ..graph_run import RunError
 
-    return (RunError, DivergedError)
+    return (RunError, DivergedError, BenchRunError)
 
 
 def user_errors() -> tuple[type[Exception], ...]:

@@ -1,0 +1,84 @@
+"""Two bare rclpy processes that echo the messages of a lock-step loop and do nothing else.
+
+The yardstick of ``trunk bench lockstep``: what a round trip costs before there is any plant or controller.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import rclpy
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.conversions import sample_to_ros
+from trunk_msgs_util.samples import JointSample
+
+_JOINTS = JointSample(0, ("hip", "trunk"), (0.1, 0.2), (0.3, 0.4), (0.5, 0.6))
+_COMMAND = JointSample(0, ("trunk",), effort=(0.7,))
+_TERMS = JointSample(0, topics.STATE_NAMES, position=tuple(map(float, range(13))))
+
+
+def ping(trips: int) -> None:
+    """Publish states, each after the answer to the last; print ``trips`` and seconds."""
+    node = Node("bare_ping")
+    measured = node.create_publisher(JointState, topics.JOINT_STATES, 10)
+    truth = node.create_publisher(JointState, topics.GROUND_TRUTH, 10)
+    message = sample_to_ros(_JOINTS)
+    done = 0
+    started = 0.0
+
+    def publish() -> None:
+        measured.publish(message)
+        truth.publish(message)
+
+    def on_answer(_: JointState) -> None:
+        nonlocal done
+        done += 1
+        if done <= trips:
+            publish()
+
+    node.create_subscription(JointState, topics.EFFORT_COMMAND, on_answer, 10)
+    while not (measured.get_subscription_count() and node.count_publishers(topics.EFFORT_COMMAND)):
+        rclpy.spin_once(node, timeout_sec=0.05)
+    while done == 0:  # until the other side has matched us too
+        publish()
+        rclpy.spin_once(node, timeout_sec=0.2)
+    executor = rclpy.get_global_executor()
+    executor.add_node(node)
+    done = 0
+    publish()
+    started = time.monotonic()
+    while done <= trips:
+        executor.spin_once(timeout_sec=5.0)
+    print(f"finished: {trips} steps in {time.monotonic() - started:.6f} s of wall time", flush=True)
+
+
+def echo() -> None:
+    """Answer each state with a command and a record of terms, until told to stop."""
+    node = Node("bare_echo")
+    command = node.create_publisher(JointState, topics.EFFORT_COMMAND, 10)
+    terms = node.create_publisher(JointState, "bare/state", 10)
+    answer, record = sample_to_ros(_COMMAND), sample_to_ros(_TERMS)
+
+    def on_state(_: JointState) -> None:
+        command.publish(answer)
+        terms.publish(record)
+
+    node.create_subscription(JointState, topics.JOINT_STATES, on_state, 10)
+    rclpy.spin(node)
+
+
+def main() -> None:
+    """Run ``ping TRIPS`` or ``echo``."""
+    rclpy.init()
+    try:
+        if sys.argv[1] == "ping":
+            ping(int(sys.argv[2]))
+        else:
+            echo()
+    except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
+        pass
+    rclpy.try_shutdown()
