@@ -2,33 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from trunk_msgs_util import provenance, topics
-from trunk_msgs_util.declarations import declarations, values_of
+from trunk_msgs_util.declarations import Value, declarations, values_of
 from trunk_msgs_util.joint_state_cdr import layout_of
 from trunk_msgs_util.recording_writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.schemas import event, parameter_event
-from trunk_sim.disturbances import disturbance_at, disturbance_sample
+from trunk_sim.disturbances import disturbance_sample
 from trunk_sim.simulation import DivergedError
 
 from .nodes import NODES
-from .offline import Step, steps
+from .offline import Happenings, Step, disturbance_source, steps
 from .plan import RunPlan
+from .timeline import Change
 
 
-def record_offline(plan: RunPlan, path: Path, overwrite: bool = False) -> int:
+def record_offline(
+    plan: RunPlan, path: Path, overwrite: bool = False, happenings: Happenings | None = None
+) -> int:
     """Run the plan and write its recording; return the number of states.
 
     Raises FileExistsError, and DivergedError (the file then ends, marked incomplete, with the last
     finite state).
     """
     with RecordingWriter(path, overwrite=overwrite) as writer:
-        run = _OfflineRecorder(plan, writer)
+        run = _OfflineRecorder(plan, writer, happenings or Happenings())
         run.open()
         try:
-            for step in steps(plan):
+            for step in steps(plan, happenings):
                 run.write(step)
         except DivergedError as error:
             run.failed(str(error))
@@ -42,7 +46,7 @@ def record_offline(plan: RunPlan, path: Path, overwrite: bool = False) -> int:
 class _OfflineRecorder:
     """Says in a recording what the nodes would have said, stamped and logged in simulated time."""
 
-    def __init__(self, plan: RunPlan, writer: RecordingWriter) -> None:
+    def __init__(self, plan: RunPlan, writer: RecordingWriter, happenings: Happenings) -> None:
         self._plan = plan
         self._writer = writer
         self._channels = {
@@ -50,12 +54,14 @@ class _OfflineRecorder:
             for topic, type_name in topics.evidence_types((plan.controller_name,)).items()
         }
         self._state_topic = topics.controller_state(plan.controller_name)
-        self._signals = None if plan.disturbance is None else plan.disturbance.signals
+        self._acting = disturbance_source(plan, happenings)
+        self._happenings = happenings
         self._last_ns = 0
         self.states = 0
 
     def _put(self, topic: str, stamp_ns: int, data: bytes) -> None:
-        self._writer.write(self._channels[topic], stamp_ns, stamp_ns, data)
+        log_time = max(stamp_ns, 0)  # a change before the first state is stamped -1 ns
+        self._writer.write(self._channels[topic], log_time, log_time, data)
 
     def _sample(self, topic: str, sample: JointSample) -> None:
         self._put(topic, sample.stamp_ns, layout_of(sample).pack(sample))
@@ -75,10 +81,26 @@ class _OfflineRecorder:
         )
         for name, config in plan.configs.items():
             if name != "recorder":
-                kinds = {n: d.kind for n, d in declarations(NODES[name].config).items()}
-                data = parameter_event(0, f"/{name}", values_of(config), {}, kinds)
-                self._put(topics.RUN_PARAMETERS, 0, data)
+                self._parameters(0, name, values_of(config), {})
+        for name, changes in self._happenings.changes.items():
+            for change in changes:
+                self._change(name, change)
         self._event("started", {"rate": str(plan.simulator.update_rate)})
+
+    def _parameters(
+        self, stamp_ns: int, node: str, new: Mapping[str, Value], changed: Mapping[str, Value]
+    ) -> None:
+        kinds = {name: d.kind for name, d in declarations(NODES[node].config).items()}
+        data = parameter_event(stamp_ns, f"/{node}", new, changed, kinds)
+        self._put(topics.RUN_PARAMETERS, stamp_ns, data)
+
+    def _change(self, node: str, change: Change) -> None:
+        """Write, as the first record did, what came from outside."""
+        if change.values is not None:
+            self._parameters(change.stamp_ns, node, {}, change.values)
+        else:
+            data = event(change.stamp_ns, f"/{node}", "reset")
+            self._put(topics.RUN_EVENTS, change.stamp_ns, data)
 
     def write(self, step: Step) -> None:
         """Write one step, in the order in which the graph says it."""
@@ -102,12 +124,10 @@ class _OfflineRecorder:
 
     def _disturbance(self, stamp_ns: int) -> None:
         """Write what acts at a stamp: like the node, one step ahead of the state."""
-        if self._signals is not None:
-            acting = disturbance_at(stamp_ns, self._signals)
-            self._sample(
-                topics.DISTURBANCE,
-                disturbance_sample(stamp_ns, self._plan.simulator.joints, acting),
-            )
+        if self._plan.disturbance is not None:
+            joints = self._plan.simulator.joints
+            sample = disturbance_sample(stamp_ns, joints, self._acting(stamp_ns))
+            self._sample(topics.DISTURBANCE, sample)
 
     def finished(self) -> None:
         """Write the event that ends a whole run."""

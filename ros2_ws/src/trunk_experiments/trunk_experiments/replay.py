@@ -7,21 +7,19 @@ taken on, so that one altered value shows as one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from trunk_control.controller import Controller
 from trunk_msgs_util import topics
-from trunk_msgs_util.declarations import Value, build, values_of
+from trunk_msgs_util.declarations import build
 from trunk_msgs_util.recording import Recording
-from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance, disturbance_at, disturbance_sample
 from trunk_sim.plant import PlantState
 from trunk_sim.simulation import DivergedError, Simulation
 
 from .bits import same
 from .nodes import NODES, make_controller
+from .timeline import Timeline, changes_of
 
 
 class Difference(NamedTuple):
@@ -67,51 +65,14 @@ class Messages:
                 yield Difference(stamp_ns, self.topic, f"{quantity}[{name}]", was, now)
 
 
-@dataclass(frozen=True)
-class Change:
-    """What happened to a node between two states: takes effect on the first state after the stamp."""
-
-    stamp_ns: int
-    values: Mapping[str, Value] | None  # None: a reset
-
-
-def changes_of(recording: Recording, node: str) -> list[Change]:
-    """Return a node's changes of parameters and resets, in the order of their stamps."""
-    name = recording.topic(node)
-    found = [
-        Change(change.stamp_ns, change.changed)
-        for change in recording.parameter_changes()
-        if change.node == name
-    ]
-    found += [
-        Change(event.stamp_ns, None)
-        for event in recording.events()
-        if event.node == name and event.message == "reset"
-    ]
-    return sorted(found, key=lambda change: change.stamp_ns)
-
-
 def config_of(recording: Recording, node: str) -> Any:
     """Return a node's configuration at the start. Raises KeyError where it was not recorded."""
     return build(NODES[node].config, recording.parameters()[recording.topic(node)])
 
 
-class _Timeline:
-    """Applies a node's changes as the stamps go by."""
-
-    def __init__(self, changes: list[Change], config: Any) -> None:
-        self._changes = list(reversed(changes))
-        self._config = config
-
-    def apply_before(self, stamp_ns: int, target: Controller | Simulation) -> None:
-        """Apply all that takes effect on the state with this stamp."""
-        while self._changes and self._changes[-1].stamp_ns < stamp_ns:
-            values = self._changes.pop().values
-            if values is None:
-                target.reset()
-            else:
-                self._config = build(type(self._config), {**values_of(self._config), **values})
-                target.retune(self._config)
+def timeline_of(recording: Recording, node: str) -> Timeline:
+    """Return a node's configuration at the start and what became of it."""
+    return Timeline(config_of(recording, node), changes_of(recording, node))
 
 
 def replay_controller(recording: Recording, node: str) -> Iterator[tuple[int, list[Difference]]]:
@@ -119,9 +80,9 @@ def replay_controller(recording: Recording, node: str) -> Iterator[tuple[int, li
 
     In real time the states that the controller acted on are those that its commands answer.
     """
-    config = config_of(recording, node)
+    timeline = timeline_of(recording, node)
+    config = timeline.config
     controller = make_controller(node, config)
-    timeline = _Timeline(changes_of(recording, node), config)
     states = Messages(recording, topics.JOINT_STATES)
     commands = Messages(recording, topics.EFFORT_COMMAND)
     terms = Messages(recording, topics.controller_state(node))
@@ -131,7 +92,7 @@ def replay_controller(recording: Recording, node: str) -> Iterator[tuple[int, li
         if stamp_ns not in states:
             yield stamp_ns, [Difference(stamp_ns, topics.JOINT_STATES, "missing", 0.0, 0.0)]
             continue
-        timeline.apply_before(stamp_ns, controller)
+        timeline.advance(stamp_ns, controller)
         position = states.get(stamp_ns, "position")[index]
         velocity = states.get(stamp_ns, "velocity")[index]
         reference = terms.get(stamp_ns, "position")[0] if from_topic and stamp_ns in terms else None
@@ -145,15 +106,13 @@ def replay_controller(recording: Recording, node: str) -> Iterator[tuple[int, li
 
 def replay_disturbance(recording: Recording) -> Iterator[tuple[int, list[Difference]]]:
     """Yield, for each recorded disturbance, its stamp and what differs in it."""
-    config = config_of(recording, "disturbance")
+    timeline = timeline_of(recording, "disturbance")
+    signals, joints = timeline.config.signals, timeline.config.joints
     messages = Messages(recording, topics.DISTURBANCE)
-    changes = list(reversed(changes_of(recording, "disturbance")))
     for stamp_ns in messages.stamps:
-        while changes and changes[-1].stamp_ns < stamp_ns:
-            config = build(type(config), {**values_of(config), **(changes.pop().values or {})})
-        sample = disturbance_sample(
-            stamp_ns, config.joints, disturbance_at(stamp_ns, config.signals)
-        )
+        if timeline.advance(stamp_ns):
+            signals = timeline.config.signals
+        sample = disturbance_sample(stamp_ns, joints, disturbance_at(stamp_ns, signals))
         yield (
             stamp_ns,
             [
@@ -169,9 +128,8 @@ def replay_plant(recording: Recording) -> Iterator[tuple[int, list[Difference]]]
     For lock-step and offline runs, in which the torque over a step is the command that answers its
     first state.
     """
-    config: SimulatorConfig = config_of(recording, "simulator")
-    simulation = Simulation(config)
-    timeline = _Timeline(changes_of(recording, "simulator"), config)
+    timeline = timeline_of(recording, "simulator")
+    simulation = Simulation(timeline.config)
     truth = Messages(recording, topics.GROUND_TRUTH)
     measured = Messages(recording, topics.JOINT_STATES)
     commands = Messages(recording, topics.EFFORT_COMMAND)
@@ -191,7 +149,7 @@ def replay_plant(recording: Recording) -> Iterator[tuple[int, list[Difference]]]
         yield stamp_ns, found
         if stamp_ns in commands:
             # A change stamped k came while state k was the newest: it acts on the step to k + 1.
-            timeline.apply_before(stamp_ns + 1, simulation)
+            timeline.advance(stamp_ns + 1, simulation)
             try:
                 simulation.step(commands.get(stamp_ns, "effort")[0], acting)
             except DivergedError:

@@ -47,10 +47,10 @@ def user_errors() -> tuple[type[Exception], ...]:
     )
 
 
-def plan_options(function: Function) -> Function:
+def plan_options(function: Function, required: bool = True) -> Function:
     """Add the argument and options from which `plan_of` makes a plan."""
     options = [
-        click.argument("scenario"),
+        click.argument("scenario", required=required),
         click.option(
             "--controller",
             default="fuzzy_pid",

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
+from trunk_msgs_util.recording import Recording
+
+from ..plan import PlanError
 from .common import plan_of, plan_options
 
 
 @click.command("simulate")
-@plan_options
+@partial(plan_options, required=False)
 @click.option(
     "-o",
     "--output",
@@ -20,13 +24,26 @@ from .common import plan_of, plan_options
     help="The MCAP file to write.",
 )
 @click.option("--force", is_flag=True, help="Replace the file where it exists.")
-def command(output: Path, force: bool, **options: Any) -> None:
+@click.option(
+    "--like",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    metavar="RUN.mcap",
+    help="Run a recorded run again, from its recording alone; in place of SCENARIO.",
+)
+def command(output: Path, force: bool, like: Path | None, **options: Any) -> None:
     """Run SCENARIO without ROS: same functions, files, topics and schemas.
 
     SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.
     """
+    from ..like import plan_like
     from ..offline_recording import record_offline
 
-    plan = plan_of(**options)
-    states = record_offline(plan, output, overwrite=force)
+    happenings = None
+    if like is not None:
+        plan, happenings = plan_like(Recording.open(like))
+    elif options["scenario"] is None:
+        raise PlanError("give a SCENARIO, or --like RUN.mcap")
+    else:
+        plan = plan_of(**options)
+    states = record_offline(plan, output, overwrite=force, happenings=happenings)
     click.echo(f"{output}: {states} states, {plan.scenario}, {plan.controller_name}")
