@@ -1,0 +1,242 @@
+"""`trunk verify` catches what is planted in a copy of a recording; `trunk diff` says where."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from trunk_experiments.diff import diff
+from trunk_experiments.like import plan_like
+from trunk_experiments.offline import Happenings
+from trunk_experiments.offline_recording import record_offline
+from trunk_experiments.plan import make_plan
+from trunk_experiments.timeline import Change
+from trunk_experiments.verify import DIVERGES, UNJUDGED, VERIFIED, verify
+from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.recording_writer import DIGESTS, END
+from trunk_msgs_util.schemas import parameter_event, parse_parameter_event
+
+COMMAND, STATE, TRUTH = "/effort_command", "/joint_states", "/ground_truth/joint_states"
+PARAMETERS = "/run/parameters"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    path = tmp_path_factory.mktemp("verify") / "whole.mcap"
+    plan = make_plan("fig8", "fuzzy_pid")
+    plan = replace(plan, simulator=replace(plan.simulator, duration=1.2, position_noise=1e-3))
+    record_offline(plan, path)
+    return path
+
+
+def copied(source, path, edit=lambda messages: None, digests=True, end=True):
+    """Write ``source`` again with ``edit`` applied to its [topic, log time, bytes] list."""
+    with source.open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        messages = [
+            [channel.topic, message.log_time, message.data]
+            for _, channel, message in reader.iter_messages(log_time_order=False)
+        ]
+        metadata = [(m.name, m.metadata) for m in reader.iter_metadata()]
+    edit(messages)
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2")
+        channels = {}
+        for channel in summary.channels.values():
+            schema = summary.schemas[channel.schema_id]
+            number = writer.register_schema(schema.name, schema.encoding, schema.data)
+            channels[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
+        for name, values in metadata:
+            if name not in (DIGESTS, END):
+                writer.add_metadata(name, values)
+        for topic, log_time, data in messages:
+            writer.add_message(channels[topic], log_time, data, log_time)
+        for name, values in metadata:
+            if (name == DIGESTS and digests) or (name == END and end):
+                writer.add_metadata(name, values)
+        writer.finish()
+    return Recording.open(path)
+
+
+def of(messages, topic):
+    return [message for message in messages if message[0] == topic]
+
+
+def flip_last_bit(message):
+    data = bytearray(message[2])
+    data[-8] ^= 1  # the lowest bit of the last double
+    message[2] = bytes(data)
+
+
+def swap(messages, topic, k):
+    """Let message k and its follower change places in the file."""
+    a, b = of(messages, topic)[k : k + 2]
+    a[1:], b[1:] = b[1:], a[1:]
+
+
+def change_parameter(messages, node, change):
+    for message in of(messages, PARAMETERS):
+        event = parse_parameter_event(message[2])
+        if event.node == node:
+            new = dict(event.new)
+            change(new)
+            kinds = {name: "double array" for name, value in new.items() if value == ()}
+            message[2] = parameter_event(event.stamp_ns, node, new, {}, kinds)
+
+
+def other_label(row, column):
+    """Change a rule table's cell of Kp."""
+
+    def change(values):
+        table = [labels.split() for labels in values["rules.kp"]]
+        table[row][column] = "S" if table[row][column] == "B" else "B"
+        values["rules.kp"] = tuple(" ".join(labels) for labels in table)
+
+    return change
+
+
+def test_a_whole_run_is_verified(whole):
+    verdict = verify(Recording.open(whole))
+    assert verdict.exit_code == VERIFIED
+    assert {part.name: part.steps for part in verdict.parts} == {
+        "commands of fuzzy_pid": 1201,
+        "disturbances": 1202,
+        "states of the plant": 1201,
+    }
+
+
+def test_an_untouched_copy_is_verified_and_identical(whole, tmp_path):
+    copy = copied(whole, tmp_path / "copy.mcap")
+    assert verify(copy).exit_code == VERIFIED
+    found = diff(Recording.open(whole), copy)
+    assert found.identical
+    assert found.compared == 1201 * 4 + 1202
+    assert not found.parameters
+    assert not found.provenance
+
+
+PLANTED = {
+    "one bit of one command": lambda m: flip_last_bit(of(m, COMMAND)[700]),
+    "one bit of one measured state": lambda m: flip_last_bit(of(m, STATE)[300]),
+    "one bit of one true state": lambda m: flip_last_bit(of(m, TRUTH)[300]),
+    "one bit of one disturbance": lambda m: flip_last_bit(of(m, "/disturbance")[300]),
+    "the plant's length": lambda m: change_parameter(
+        m, "/simulator", lambda v: v.update({"plant.length": 1.0000000000000002})
+    ),
+    "a gain range": lambda m: change_parameter(
+        m, "/fuzzy_pid", lambda v: v.update({"gains.p_max": 60.00000000000001})
+    ),
+    "the noise's seed": lambda m: change_parameter(
+        m, "/simulator", lambda v: v.update({"sensor.seed": 2})
+    ),
+    "a pulse's magnitude": lambda m: change_parameter(
+        m, "/disturbance", lambda v: v.update({"pulse.magnitude": 1.7})
+    ),
+    "a rule that was used": lambda m: change_parameter(m, "/fuzzy_pid", other_label(3, 3)),
+}
+
+
+@pytest.mark.parametrize("edit", PLANTED.values(), ids=PLANTED.keys())
+def test_a_planted_change_diverges_by_recomputation_alone(whole, tmp_path, edit):
+    verdict = verify(copied(whole, tmp_path / "planted.mcap", edit, digests=False))
+    assert verdict.exit_code == DIVERGES
+    assert not verdict.altered
+
+
+def test_one_bit_of_one_command_is_found_at_its_step_one_ulp_apart(whole, tmp_path):
+    copy = copied(
+        whole, tmp_path / "planted.mcap", PLANTED["one bit of one command"], digests=False
+    )
+    commands = next(p for p in verify(copy).parts if p.name == "commands of fuzzy_pid")
+    assert commands.wrong_steps == 1
+    assert commands.first[0].stamp_ns == 700_000_000
+    found = diff(Recording.open(whole), copy)
+    assert (found.differing_steps, found.first.topic) == (1, "effort_command")
+    assert found.first.stamp_ns == 700_000_000
+    assert found.first.field == "effort[trunk]"
+    assert ", 1 ULP apart" in found.first.describe()
+
+
+def test_a_change_that_decides_no_bit_is_caught_by_the_digests(whole, tmp_path):
+    unused = {"i_clamp_max": 1e9}
+    copy = copied(
+        whole,
+        tmp_path / "planted.mcap",
+        lambda m: change_parameter(m, "/fuzzy_pid", lambda v: v.update(unused)),
+    )
+    verdict = verify(copy)
+    assert verdict.exit_code == DIVERGES
+    assert verdict.altered == [PARAMETERS]
+
+
+@pytest.mark.parametrize("topic", [COMMAND, STATE, TRUTH, "/disturbance"])
+@pytest.mark.parametrize(
+    ("edit", "word"),
+    [
+        (lambda m, topic: m.remove(of(m, topic)[500]), "missing"),
+        (lambda m, topic: swap(m, topic, 500), "run back"),
+        (lambda m, topic: m.append(list(of(m, topic)[-1])), "stands twice"),
+    ],
+    ids=["dropped", "swapped", "doubled"],
+)
+def test_a_message_dropped_swapped_or_doubled_is_never_verified(whole, tmp_path, topic, edit, word):
+    copy = copied(whole, tmp_path / "planted.mcap", lambda m: edit(m, topic), digests=False)
+    verdict = verify(copy)
+    assert verdict.exit_code != VERIFIED
+    assert any(topic[1:] in line and word in line for line in verdict.obstacles)
+    assert verify(
+        copied(whole, tmp_path / "with_digests.mcap", lambda m: edit(m, topic))
+    ).altered == [topic]
+
+
+def test_a_run_without_an_end_marker_cannot_be_judged(whole, tmp_path):
+    verdict = verify(copied(whole, tmp_path / "endless.mcap", end=False, digests=False))
+    assert verdict.exit_code == UNJUDGED
+    assert any("no end marker" in line for line in verdict.obstacles)
+
+
+def test_a_run_without_parameters_cannot_be_judged(whole, tmp_path):
+    def edit(messages):
+        messages[:] = [m for m in messages if m[0] != PARAMETERS]
+
+    verdict = verify(copied(whole, tmp_path / "bare.mcap", edit, digests=False))
+    assert verdict.exit_code == UNJUDGED
+    assert any("no parameters recorded of" in line for line in verdict.obstacles)
+
+
+def test_another_libm_is_named(whole, tmp_path, monkeypatch):
+    from trunk_experiments import verify as module
+
+    here = module.provenance.gather()
+    monkeypatch.setattr(module.provenance, "gather", lambda: {**here, "libm": "musl 1.2"})
+    notes = verify(Recording.open(whole)).notes
+    assert any("libm" in note and "musl 1.2" in note for note in notes)
+
+
+CHANGES = {
+    "fuzzy_pid": [
+        Change(100_000_000, {"gains.p_max": 80.0}),
+        Change(200_000_000, None),
+        Change(-1, {"fuzzy.consequents": "log"}),
+    ],
+    "simulator": [Change(300_000_000, {"plant.length": 1.1}), Change(400_000_000, None)],
+    "disturbance": [Change(1_050_000_000, {"pulse.magnitude": 0.3})],
+}
+
+
+def test_changes_during_a_run_are_replayed_and_rebuilt(whole, tmp_path):
+    plan, _ = plan_like(Recording.open(whole))
+    changed = tmp_path / "changed.mcap"
+    record_offline(plan, changed, happenings=Happenings(CHANGES))
+    recording = Recording.open(changed)
+    assert not diff(Recording.open(whole), recording).identical
+    assert verify(recording).exit_code == VERIFIED
+    plan, happenings = plan_like(recording)
+    again = tmp_path / "again.mcap"
+    record_offline(plan, again, happenings=happenings)
+    assert diff(recording, Recording.open(again)).identical
