@@ -18,6 +18,74 @@ CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 
 CONTROLLERS = ("pid", "fuzzy_pid")
 
+# What each topic carries, for people: name, type, who publishes, content.
+DESCRIPTIONS = (
+    (
+        JOINT_STATES,
+        JOINT_STATE_TYPE,
+        "simulator",
+        "hip and trunk as *measured*: position [m, rad], velocity, effort [N, N m]; delay, bias, noise "
+        "and pulses on",
+    ),
+    (
+        GROUND_TRUTH,
+        JOINT_STATE_TYPE,
+        "simulator",
+        "the same, true; effort is the torque applied over the step before",
+    ),
+    (
+        EFFORT_COMMAND,
+        JOINT_STATE_TYPE,
+        "controller",
+        "trunk: effort [N m]; its stamp is the stamp of the state it answers",
+    ),
+    (
+        DISTURBANCE,
+        JOINT_STATE_TYPE,
+        "disturbance",
+        "per joint, what acts at the stamp: effort = external force or torque, position = offset on the "
+        "measurement",
+    ),
+    (
+        REFERENCE,
+        JOINT_STATE_TYPE,
+        "anyone",
+        "trunk: position [rad]; used where `reference.profile` is `topic`",
+    ),
+    (
+        "CONTROLLER/state",
+        JOINT_STATE_TYPE,
+        "controller",
+        "a stamped record, names and values: reference, measurement, error, error_rate, p, i, d terms, "
+        "kp, ki, kd, alpha, unsaturated, effort",
+    ),
+    (
+        RUN_PARAMETERS,
+        PARAMETER_EVENT_TYPE,
+        "every node",
+        "all parameters at start, then each change, stamped with the last state before it took effect",
+    ),
+    (
+        RUN_EVENTS,
+        DIAGNOSTIC_ARRAY_TYPE,
+        "every node",
+        "ready, started, reset, paused, resumed, finished, stopped, failed; in simulated time",
+    ),
+    (
+        RECORDER_PROGRESS,
+        JOINT_STATE_TYPE,
+        "recorder",
+        "lock-step: the stamp up to which the whole loop is in the file",
+    ),
+    ("/clock", CLOCK_TYPE, "simulator", "simulated time, where `publish_clock` is true"),
+    (
+        "/diagnostics",
+        DIAGNOSTIC_ARRAY_TYPE,
+        "every node",
+        "once a second: rates, lateness, and what was refused or limited, counted",
+    ),
+)
+
 # The names of a ``~/state`` record, in order; their values stand in ``position``.
 STATE_NAMES = (
     "reference",

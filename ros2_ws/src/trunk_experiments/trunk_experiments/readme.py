@@ -1,0 +1,56 @@
+"""The README's tables, generated from the declarations; ``scripts/update_readme.sh`` puts them in."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+from trunk_msgs_util import topics
+
+from .commands.params import markdown
+from .nodes import NODES
+from .plan import shipped_files
+
+_SECTION = re.compile(r"(<!-- generated: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def topics_table() -> str:
+    """Return the topics as a Markdown table."""
+    lines = ["| topic | type | from | content |", "|---|---|---|---|"]
+    lines += [
+        f"| `{name}` | {kind.replace('/msg/', '/')} | {publisher} | {content} |"
+        for name, kind, publisher, content in topics.DESCRIPTIONS
+    ]
+    return "\n".join(lines)
+
+
+def parameters_tables() -> str:
+    """Return every node's parameters, a folded Markdown table each."""
+    return "\n\n".join(
+        f"<details><summary><b>{node}</b> (package {kind.package})</summary>\n\n"
+        f"{markdown(node)}\n\n</details>"
+        for node, kind in NODES.items()
+    )
+
+
+def files_table() -> str:
+    """Return the shipped parameter files with the first line of each."""
+    lines = ["| name | what |", "|---|---|"]
+    for name, path in shipped_files().items():
+        first = path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
+        lines.append(f"| `{name}` | {first} |")
+    return "\n".join(lines)
+
+
+_SECTIONS = {"topics": topics_table, "parameters": parameters_tables, "files": files_table}
+
+
+def refreshed(text: str) -> str:
+    """Return the README's text with its generated sections made anew."""
+    return _SECTION.sub(lambda m: f"{m[1]}{_SECTIONS[m[2]]()}\n{m[3]}", text)
+
+
+if __name__ == "__main__":
+    readme = Path(sys.argv[1])
+    readme.write_text(refreshed(readme.read_text(encoding="utf-8")), encoding="utf-8")
