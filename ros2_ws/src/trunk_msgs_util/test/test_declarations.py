@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trunk_msgs_util.declarations import ParameterError, build, declarations, parameter, values_of
+
+
+@dataclass(frozen=True)
+class Example:
+    rate: float = parameter("rate", 200.0, "How often", unit="Hz", above=0.0, maximum=1e6)
+    limit: float = parameter("limit", math.inf, "Not more", minimum=0.0, unbounded=True)
+    steps: int = parameter("steps", 1, "Substeps", minimum=1, maximum=10)
+    on: bool = parameter("on", False, "Whether", fixed=True)
+    mode: str = parameter("mode", "a", "Which", choices=("a", "b"))
+    pair: tuple[float, ...] = parameter("pair", (0.0, 1.0), "Two", length=2, maximum=5.0)
+    names: tuple[str, ...] = parameter("names", (), "Some", element=str)
+    derived: int = 7
+
+    def __post_init__(self):
+        if self.pair[0] > self.pair[1]:
+            raise ParameterError("pair", self.pair, "ascending values")
+
+
+def test_the_declaration_says_all_in_one_place():
+    declared = declarations(Example)
+    assert list(declared) == ["rate", "limit", "steps", "on", "mode", "pair", "names"]
+    assert declared["rate"].allowed() == "double, > 0 and <= 1e+06"
+    assert declared["pair"].allowed() == "double array of 2, each <= 5"
+    assert declared["mode"].allowed() == "string, one of a, b"
+    assert declared["names"].kind == "string array"
+
+
+def test_values_go_in_and_come_out():
+    config = build(Example, {"rate": 50, "pair": [1, 2.5], "names": ["x"]})
+    assert config == Example(rate=50.0, pair=(1.0, 2.5), names=("x",))
+    assert isinstance(config.rate, float)
+    assert all(isinstance(value, float) for value in config.pair)
+    assert build(Example, values_of(config)) == config
+
+
+BAD = {
+    "out of bounds": ("rate", 0.0, "> 0"),
+    "a string": ("rate", "fast", "double"),
+    "a bool for a double": ("rate", True, "double"),
+    "NaN": ("rate", math.nan, "finite"),
+    "infinity": ("rate", math.inf, "finite"),
+    "NaN where infinity may be": ("limit", math.nan, "finite"),
+    "an integer beyond all doubles": ("rate", 10**400, "double"),
+    "a double for an integer": ("steps", 2.0, "integer"),
+    "a bool for an integer": ("steps", True, "integer"),
+    "an integer for a bool": ("on", 1, "bool"),
+    "no choice": ("mode", "c", "one of a, b"),
+    "a scalar for an array": ("pair", 3.0, "array of 2"),
+    "a string for an array": ("names", "x", "string array"),
+    "too long": ("pair", (1.0, 2.0, 3.0), "array of 2"),
+    "one bad element": ("pair", (1.0, 6.0), "<= 5"),
+    "NaN in an array": ("pair", (1.0, math.nan), "finite"),
+    "values that do not fit": ("pair", (2.0, 1.0), "ascending"),
+}
+
+
+@pytest.mark.parametrize(("name", "value", "allowed"), BAD.values(), ids=BAD.keys())
+def test_a_bad_value_is_named_shown_and_told_what_is_allowed(name, value, allowed):
+    with pytest.raises(ParameterError) as caught:
+        build(Example, {name: value})
+    assert caught.value.name == name
+    assert allowed in caught.value.allowed
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 300
+
+
+def test_an_unknown_name_is_told_the_nearest():
+    with pytest.raises(ParameterError, match="did you mean 'rate'"):
+        build(Example, {"rat": 1.0})
+
+
+@given(st.floats(allow_nan=False, min_value=5e-324, max_value=1e6))
+def test_every_double_in_bounds_is_kept_to_the_bit(value):
+    assert values_of(build(Example, {"rate": value}))["rate"] == value

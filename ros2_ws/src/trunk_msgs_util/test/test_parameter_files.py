@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trunk_msgs_util.parameter_files import (
+    ParameterFileError,
+    Section,
+    check_names,
+    parse,
+    read,
+    resolve,
+    write,
+)
+
+MATCHES = [
+    ("/**", "/simulator", True),
+    ("/**", "/a/b/simulator", True),
+    ("simulator", "/simulator", True),
+    ("simulator", "/robot/simulator", False),
+    ("/robot/simulator", "/robot/simulator", True),
+    ("/**/simulator", "/simulator", True),
+    ("/**/simulator", "/a/b/simulator", True),
+    ("/*/simulator", "/robot/simulator", True),
+    ("/*/simulator", "/simulator", False),
+    ("/*/simulator", "/a/b/simulator", False),
+    ("simulator", "/simulator2", False),
+]
+
+
+@pytest.mark.parametrize(("pattern", "node", "expected"), MATCHES)
+def test_patterns_mean_what_they_mean_to_rcl(pattern, node, expected):
+    assert Section(pattern, {}).matches(node) is expected
+
+
+@pytest.mark.parametrize(("pattern", "node", "expected"), MATCHES)
+def test_rcl_agrees(pattern, node, expected, tmp_path):
+    rclpy = pytest.importorskip("rclpy")
+    path = tmp_path / "p.yaml"
+    path.write_text(f"{pattern}:\n  ros__parameters:\n    x: 1.5\n")
+    context = rclpy.Context()
+    rclpy.init(args=["--ros-args", "--params-file", str(path)], context=context)
+    try:
+        namespace, _, name = node.rpartition("/")
+        made = rclpy.create_node(name, namespace=namespace or "/", context=context)
+        found = made.declare_parameter("x", 0.0).value == 1.5
+        made.destroy_node()
+    finally:
+        context.try_shutdown()
+    assert found is expected
+
+
+def test_names_nest_and_later_layers_win():
+    first = parse("/**:\n  ros__parameters:\n    a: {b: 1, c: 2}\n    d: 3\n", "one")
+    second = parse("robot:\n  node:\n    ros__parameters:\n      a.b: 5\n", "two")
+    assert resolve("/robot/node", [first, second], ["a.b", "a.c"]) == {"a.b": 5, "a.c": 2}
+    assert resolve("/other", [first, second], ["a.b", "d"]) == {"a.b": 1, "d": 3}
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("1e3", 1000.0), (".inf", math.inf), ("-.inf", -math.inf), ("1.5e-3", 0.0015), ("4", 4)],
+)
+def test_numbers_are_read_as_rcl_reads_them(text, value):
+    layer = parse(f"n:\n  ros__parameters:\n    x: {text}\n", "f")
+    assert resolve("/n", [layer], ["x"]) == {"x": value}
+    assert type(resolve("/n", [layer], ["x"])["x"]) is type(value)
+
+
+BROKEN = {
+    "not YAML": ("a: [", "line"),
+    "a key twice": ("n:\n  ros__parameters:\n    x: 1\n    x: 2\n", "line 4: 'x' stands twice"),
+    "a list": ("- a\n", "not a mapping"),
+    "nothing for a node": ("a: 3\n", "not a mapping"),
+    "no parameters": ("{}\n", "no ros__parameters"),
+    "a tag": ("n:\n  ros__parameters:\n    x: !!python/name:os.system\n", "line 3"),
+}
+
+
+@pytest.mark.parametrize(("text", "says"), BROKEN.values(), ids=BROKEN.keys())
+def test_a_broken_file_is_one_line_with_its_place(text, says, tmp_path):
+    path = tmp_path / "broken.yaml"
+    path.write_text(text)
+    with pytest.raises(ParameterFileError) as caught:
+        read(path)
+    assert str(path) in str(caught.value)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there_or_not_text(tmp_path):
+    with pytest.raises(ParameterFileError, match="cannot be read"):
+        read(tmp_path / "none.yaml")
+    (tmp_path / "bytes").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ParameterFileError, match="not a text file"):
+        read(tmp_path / "bytes")
+
+
+NODES = {"simulator": ["plant.length", "update_rate"], "pid": ["gains.p", "update_rate"]}
+
+
+@pytest.mark.parametrize(
+    ("section", "name"),
+    [("simulator", "plant.lenght"), ("pid", "plant.length"), ("/**", "gains.q"), ("/*/pid", "x")],
+)
+def test_a_misspelt_parameter_is_refused_with_file_and_section(section, name):
+    layer = parse(f"{section}:\n  ros__parameters:\n    {name}: 1.0\n", "mine.yaml")
+    with pytest.raises(ParameterFileError) as caught:
+        check_names([layer], NODES)
+    assert "mine.yaml" in str(caught.value)
+    assert section in str(caught.value)
+    assert name in str(caught.value)
+
+
+def test_parameters_of_any_of_the_nodes_and_other_nodes_pass():
+    text = "/**:\n  ros__parameters: {gains.p: 1.0, plant.length: 2.0}\n"
+    check_names([parse(text, "f"), parse("rviz:\n  ros__parameters: {x: 1}\n", "g")], NODES)
+
+
+values = st.one_of(
+    st.booleans(),
+    st.integers(-(2**53), 2**53),
+    st.floats(allow_nan=False),
+    st.text("abc NB=:#'\"é", max_size=8),
+    st.lists(st.floats(allow_nan=False), max_size=4).map(tuple),
+    st.lists(st.text("SMB ", min_size=1, max_size=6), max_size=4).map(tuple),
+)
+
+
+@given(st.dictionaries(st.sampled_from(["a", "b.c", "d.e.f"]), values, min_size=1))
+def test_what_is_written_is_read_back_to_the_bit(tmp_path_factory, written):
+    path = tmp_path_factory.mktemp("params") / "p.yaml"
+    write(path, {"node": written})
+    found = resolve("/node", [read(path)], written)
+    for name, value in written.items():
+        again = tuple(found[name]) if isinstance(found[name], list) else found[name]
+        assert repr(again) == repr(value)

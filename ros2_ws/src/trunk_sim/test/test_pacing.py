@@ -1,0 +1,205 @@
+from __future__ import annotations
+
+import pytest
+
+from trunk_sim.pacing import MAX_CATCH_UP, LockstepPacing, RealTimePacing
+
+H = 1_000_000
+
+
+class FakeLoop:
+    """A plant that only counts."""
+
+    def __init__(self, steps=None):
+        self.stamp_ns, self.period_ns, self.steps = 0, H, steps
+        self.efforts, self.counts = [], {}
+        self.finished, self.failure = False, None
+
+    @property
+    def at_end(self):
+        return self.steps is not None and self.stamp_ns == self.steps * H
+
+    def advance(self, effort):
+        self.efforts.append(effort)
+        self.stamp_ns += H
+
+    def finish(self):
+        self.finished = True
+
+    def fail(self, reason):
+        self.failure = reason
+
+    def count(self, what, number=1):
+        self.counts[what] = self.counts.get(what, 0) + number
+
+
+@pytest.fixture
+def real_time():
+    loop = FakeLoop()
+    pacing = RealTimePacing(loop, command_timeout=0.005)
+    pacing.begin(now_ns=1000)
+    return loop, pacing
+
+
+class TestRealTime:
+    def test_nothing_happens_before_it_begins(self):
+        loop = FakeLoop()
+        RealTimePacing(loop, 0.005).tick(10**12)
+        assert loop.efforts == []
+
+    def test_a_step_a_tick_with_the_newest_command(self, real_time):
+        loop, pacing = real_time
+        pacing.command(0, 3.0, 1001)
+        pacing.tick(1000 + H)
+        pacing.command(H, 4.0, 1002 + H)
+        pacing.tick(1000 + 2 * H)
+        assert loop.efforts == [3.0, 4.0]
+
+    def test_a_late_tick_catches_up_and_is_counted(self, real_time):
+        loop, pacing = real_time
+        pacing.tick(1000 + 4 * H)
+        assert loop.stamp_ns == 4 * H
+        assert loop.counts["deadlines missed"] == 3
+        assert pacing.worst_late_ns == 3 * H
+
+    def test_far_behind_it_re_anchors(self, real_time):
+        loop, pacing = real_time
+        pacing.tick(1000 + (MAX_CATCH_UP + 10) * H)
+        assert loop.stamp_ns == H
+        pacing.tick(1000 + (MAX_CATCH_UP + 11) * H)
+        assert loop.stamp_ns == 2 * H
+
+    def test_an_old_command_is_not_used_and_a_fresh_one_is_again(self, real_time):
+        loop, pacing = real_time
+        pacing.command(0, 3.0, 1001)
+        for k in range(1, 8):
+            pacing.tick(1000 + k * H)
+        assert loop.efforts == [3.0] * 6 + [0.0]  # at 5 ms it is still in use, at 6 ms no longer
+        pacing.command(7 * H, 5.0, 1)
+        pacing.tick(1000 + 8 * H)
+        assert loop.efforts[-1] == 5.0
+
+    @pytest.mark.parametrize("stamp_ns", [-H, 0, H], ids=["older", "same", "from the future"])
+    def test_commands_out_of_order_are_counted_and_ignored(self, real_time, stamp_ns):
+        loop, pacing = real_time
+        pacing.command(0, 3.0, 1001)
+        pacing.command(stamp_ns, 9.0, 1002)
+        pacing.tick(1000 + H)
+        assert loop.efforts == [3.0]
+        assert loop.counts["commands out of order"] == 1
+
+    def test_a_pause_takes_no_time(self, real_time):
+        loop, pacing = real_time
+        pacing.paused = True
+        pacing.tick(1000 + 5 * H)
+        assert loop.efforts == []
+        pacing.begin(1000 + 9 * H)
+        pacing.tick(1000 + 10 * H)
+        assert loop.stamp_ns == H
+
+    @pytest.mark.parametrize("answered", [True, False])
+    def test_the_last_state_waits_for_its_answer_up_to_the_timeout(self, answered):
+        loop = FakeLoop(steps=1)
+        pacing = RealTimePacing(loop, 0.005)
+        pacing.begin(0)
+        pacing.tick(H)
+        pacing.tick(2 * H)
+        assert not loop.finished
+        if answered:
+            pacing.command(H, 1.0, 2 * H)
+        pacing.tick(3 * H if answered else 8 * H)
+        assert loop.finished
+
+
+def lockstep(steps=None, windows=None, speed=0.0):
+    loop = FakeLoop(steps)
+    pacing = LockstepPacing(loop, windows or {"effort_command": 0}, timeout=1.0, speed=speed)
+    return loop, pacing
+
+
+class TestLockstep:
+    def test_it_steps_once_for_each_answer(self):
+        loop, pacing = lockstep()
+        pacing.begin(0)
+        for k in range(5):
+            pacing.command(k * H, float(k), 1)
+        assert loop.efforts == [0.0, 1.0, 2.0, 3.0, 4.0]
+
+    def test_wrong_answers_are_counted_and_ignored(self):
+        loop, pacing = lockstep(windows={"effort_command": 0, "disturbance": -H})
+        pacing.begin(0)
+        pacing.command(-H, 9.0, 1)
+        pacing.command(5 * H, 9.0, 1)
+        pacing.command(0, 1.0, 1)
+        pacing.command(0, 9.0, 1)
+        pacing.answered("disturbance", H, 1)
+        assert loop.efforts == [1.0]
+        assert loop.counts == {
+            "late answers ignored": 1,
+            "answers to no state ignored": 1,
+            "doubled answers ignored": 1,
+        }
+
+    def test_answers_before_the_begin_count_but_do_not_step(self):
+        loop, pacing = lockstep(windows={"effort_command": 0, "disturbance": -H})
+        pacing.answered("disturbance", H, 0)
+        assert loop.efforts == []
+        pacing.begin(1)
+        pacing.command(0, 1.0, 2)
+        assert loop.efforts == [1.0]
+
+    def test_the_disturbance_answers_for_the_next_state(self):
+        loop, pacing = lockstep(windows={"effort_command": 0, "disturbance": -H})
+        pacing.begin(0)
+        pacing.answered("disturbance", 0, 1)
+        pacing.command(0, 1.0, 1)
+        assert pacing.silent() == ["disturbance"]
+        pacing.answered("disturbance", H, 1)
+        assert loop.efforts == [1.0]
+
+    def test_the_recorder_may_be_behind_by_its_window_but_not_at_the_end(self):
+        loop, pacing = lockstep(steps=4, windows={"effort_command": 0, "recorder": 2 * H})
+        pacing.answered("recorder", 0, 0)
+        pacing.begin(0)
+        for k in range(3):
+            pacing.command(k * H, 0.0, 1)
+        assert loop.stamp_ns == 3 * H  # state 3 may not be left: the recorder is 3 behind
+        pacing.command(3 * H, 0.0, 1)
+        assert loop.stamp_ns == 3 * H
+        pacing.answered("recorder", H, 1)
+        assert loop.stamp_ns == 4 * H
+        pacing.command(4 * H, 0.0, 1)
+        assert not loop.finished
+        pacing.answered("recorder", 4 * H, 1)
+        assert loop.finished
+
+    def test_silence_ends_the_run_and_names_who_is_silent(self):
+        loop, pacing = lockstep(windows={"effort_command": 0, "recorder": 5 * H})
+        pacing.begin(0)
+        pacing.command(0, 1.0, 500_000_000)
+        pacing.tick(1_400_000_000)
+        assert loop.failure is None
+        pacing.tick(1_600_000_000)
+        assert "effort_command" in loop.failure
+        assert "recorder" not in loop.failure
+        assert "t = 0.001 s" in loop.failure
+
+    def test_a_pace_holds_the_next_state_back(self):
+        loop, pacing = lockstep(speed=2.0)
+        pacing.begin(0)
+        pacing.command(0, 1.0, 100)
+        assert loop.efforts == []
+        pacing.tick(H // 2 - 1)
+        assert loop.efforts == []
+        pacing.tick(H // 2)
+        assert loop.efforts == [1.0]
+
+    def test_a_pause_holds_it_and_costs_no_timeout(self):
+        loop, pacing = lockstep()
+        pacing.begin(0)
+        pacing.paused = True
+        pacing.command(0, 1.0, 1)
+        pacing.tick(10**10)
+        assert (loop.efforts, loop.failure) == ([], None)
+        pacing.begin(10**10)
+        assert loop.efforts == [1.0]
