@@ -49,7 +49,8 @@ def main() -> None:
     from .commands.common import run_errors, user_errors
 
     try:
-        trunk(standalone_mode=False)
+        code = trunk(standalone_mode=False)  # what a verb gave to ctx.exit comes back as a value
+        sys.exit(code if isinstance(code, int) else 0)
     except click.exceptions.Exit as stop:
         sys.exit(stop.exit_code)
     except click.ClickException as error:

@@ -1,0 +1,148 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from trunk_control.rule_tables import KD_AS_PRINTED, KP_AS_PRINTED
+from trunk_experiments.plan import SCENARIOS, PlanError, make_plan, shipped_files
+from trunk_msgs_util.declarations import ParameterError
+from trunk_msgs_util.parameter_files import ParameterFileError, read, resolve
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+@pytest.mark.parametrize("controller", ["pid", "fuzzy_pid"])
+def test_every_scenario_makes_a_plan(scenario, controller):
+    plan = make_plan(scenario, controller)
+    assert plan.simulator.duration == 10.0
+    assert plan.simulator.update_rate == plan.controller.update_rate
+    assert (plan.disturbance is not None) == (scenario in ("fig8", "fig9", "demo"))
+
+
+@pytest.mark.parametrize("name", sorted(shipped_files()))
+def test_every_shipped_file_is_read_and_says_what_it_is(name):
+    path = shipped_files()[name]
+    assert path.read_text().startswith("# ")
+    scenario, params = (name, []) if name in SCENARIOS else ("fig6", [name])
+    make_plan(scenario, "pid", params)
+    assert make_plan(scenario, "fuzzy_pid", params).scenario == scenario
+
+
+def test_the_paper_profile_is_the_default_of_the_figures():
+    controller = make_plan("fig7", "pid").controller
+    assert (controller.derivative_mode, controller.u_clamp_max) == ("error", math.inf)
+    assert controller.antiwindup_strategy == "none"
+    assert make_plan("fig7", "pid").simulator.substeps == 10
+
+
+def test_a_later_profile_wins_and_keeps_the_rate():
+    plan = make_plan("fig7", "pid", ["profile_practical"])
+    assert (plan.controller.derivative_mode, plan.controller.u_clamp_max) == ("rate", 100.0)
+    assert plan.controller.antiwindup_strategy == "conditional_integration"
+    assert plan.controller.update_rate == 1000.0
+
+
+def test_both_gain_sets_are_shipped_and_never_mixed():
+    zn = make_plan("fig6", "pid", ["pid_as_printed", "pid_ziegler_nichols"]).controller
+    printed = make_plan("fig6", "pid", ["pid_ziegler_nichols", "pid_as_printed"]).controller
+    assert (zn.p, zn.i, zn.d) == (60.0, 100.0, 9.0)
+    assert (printed.p, printed.i, printed.d) == (60.0, 36.0, 400.0)
+
+
+def test_the_rule_tables_that_are_shipped():
+    printed = make_plan("fig6", "fuzzy_pid", ["fuzzy_zhao_1993", "fuzzy_as_printed"]).controller
+    zhao = make_plan("fig6", "fuzzy_pid", ["fuzzy_zhao_1993"]).controller
+    assert (printed.rules_kp, printed.rules_kd) == (KP_AS_PRINTED, KD_AS_PRINTED)
+
+    def changed(a, b):
+        return {(i, j) for i in range(7) for j in range(7) if a[i].split()[j] != b[i].split()[j]}
+
+    assert changed(printed.rules_kp, zhao.rules_kp) == {(1, 1), (1, 5), (5, 1), (5, 5)}
+    assert changed(printed.rules_kd, zhao.rules_kd) == {(1, 6)}
+    assert printed.rules_alpha == zhao.rules_alpha
+    assert make_plan("fig6", "fuzzy_pid", ["fuzzy_log"]).controller.consequents == "log"
+
+
+def test_the_command_line_wins_over_files():
+    plan = make_plan(
+        "fig8",
+        "fuzzy_pid",
+        ["profile_practical"],
+        ["fuzzy_pid.u_clamp_max=50", "simulator.plant.length=1e0", "disturbance.pulse.magnitude=2"],
+        {"duration": 3.0, "update_rate": 500.0},
+    )
+    assert plan.controller.u_clamp_max == 50.0
+    assert (plan.simulator.length, plan.simulator.duration) == (1.0, 3.0)
+    assert plan.disturbance.pulse_magnitude == 2.0
+    rates = {plan.simulator.update_rate, plan.controller.update_rate, plan.disturbance.update_rate}
+    assert rates == {500.0}
+
+
+def test_a_plan_written_as_a_file_is_the_same_plan(tmp_path):
+    plan = make_plan("fig8", "fuzzy_pid", settings=["simulator.sensor.delay=0.1"])
+    path = tmp_path / "params.yaml"
+    plan.write_parameters(path)
+    again = make_plan(str(path), "fuzzy_pid")
+    assert again.simulator == plan.simulator
+    assert again.controller == plan.controller
+    assert again.disturbance == plan.disturbance
+    assert resolve("/simulator", [read(path)], ["sensor.delay"]) == {"sensor.delay": 0.1}
+
+
+BAD = {
+    "no scenario": (("fig5", "pid"), {}, PlanError, "fig6"),
+    "no controller": (("fig6", "lqg"), {}, PlanError, "fuzzy_pid"),
+    "no file": (("fig6", "pid", ["mine"]), {}, PlanError, "pid_as_printed"),
+    "no node": (("fig6", "pid", [], ["plant.length=1"]), {}, PlanError, "simulator"),
+    "no value": (("fig6", "pid", [], ["simulator.plant.length"]), {}, PlanError, "VALUE"),
+    "no parameter": (
+        ("fig6", "pid", [], ["simulator.plant.lenght=1"]),
+        {},
+        ParameterFileError,
+        "did you mean 'plant.length'",
+    ),
+    "a bad value": (("fig6", "pid", [], ["pid.gains.p=-1"]), {}, ParameterFileError, "gains.p"),
+    "a faster controller": (
+        ("fig6", "pid", [], ["pid.update_rate=2000"]),
+        {},
+        PlanError,
+        "above the simulator's",
+    ),
+    "an incommensurate one": (
+        ("fig6", "pid", [], ["pid.update_rate=300"]),
+        {},
+        PlanError,
+        "no integer divisor",
+    ),
+    "another joint": (("fig6", "pid", [], ["pid.joint=knee"]), {}, PlanError, "hip, trunk"),
+    "a negative duration": (
+        ("fig6", "pid"),
+        {"everywhere": {"duration": -1.0}},
+        ParameterFileError,
+        "the command line",
+    ),
+}
+
+
+@pytest.mark.parametrize(("arguments", "more", "kind", "says"), BAD.values(), ids=BAD.keys())
+def test_what_cannot_be_is_refused_in_one_line(arguments, more, kind, says):
+    with pytest.raises(kind) as caught:
+        make_plan(*arguments, **more)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert isinstance(caught.value, PlanError | ParameterFileError | ParameterError)
+
+
+@pytest.mark.parametrize(
+    ("rate", "says"),
+    [(1000.0, "near the bound 800"), (500.0, "beyond the bound 400"), (2000.0, None)],
+)
+def test_a_derivative_gain_near_the_sampled_bound_is_warned_of(rate, says):
+    plan = make_plan("fig6", "pid", ["pid_as_printed"], everywhere={"update_rate": rate})
+    assert len(plan.warnings) == (says is not None)
+    assert says is None or says in plan.warnings[0]
+
+
+def test_a_controller_slower_than_the_plant_is_allowed():
+    plan = make_plan("fig6", "pid", settings=["pid.update_rate=250"])
+    assert plan.controller.period_ns == 4 * plan.simulator.period_ns

@@ -1,0 +1,194 @@
+"""The `trunk` command as a user meets it: real processes, their output and exit codes."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+
+import pytest
+
+MAIN = "from trunk_experiments.cli import main; main()"
+
+
+def trunk(*arguments, code=0, cwd=None):
+    done = subprocess.run(
+        [sys.executable, "-c", MAIN, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        cwd=cwd,
+        check=False,
+    )
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    return done
+
+
+@pytest.fixture(scope="module")
+def fig7(tmp_path_factory):
+    path = tmp_path_factory.mktemp("runs") / "fig 7.mcap"  # a space in the path
+    trunk("simulate", "fig7", "--controller", "pid", "-o", path)
+    return path
+
+
+REFERENCE = {  # the published reference table; None: never settles
+    ("fig6", "pid", "pid_as_printed"): (16.222, None, 15.781, 15.785, 2.35353, 111.81, 31.435),
+    ("fig6", "pid", "pid_ziegler_nichols"): (
+        6.6953,
+        1.385,
+        -1.0282,
+        2.4776,
+        0.46310,
+        145.28,
+        31.468,
+    ),
+    ("fig6", "fuzzy_pid", "fuzzy_as_printed"): (
+        9.3731,
+        1.843,
+        -0.2794,
+        2.7843,
+        0.63947,
+        126.33,
+        31.514,
+    ),
+    ("fig7", "pid", "pid_ziegler_nichols"): (
+        9.5521,
+        None,
+        0.0071,
+        3.4594,
+        0.60717,
+        51332.9,
+        7118.2,
+    ),
+    ("fig7", "fuzzy_pid", "fuzzy_as_printed"): (
+        8.6754,
+        1.066,
+        0.4719,
+        3.1490,
+        0.66250,
+        204668.6,
+        14162.4,
+    ),
+}
+KEYS = (
+    "overshoot_deg",
+    "settling_time_6deg_s",
+    "steady_state_error_mean_deg",
+    "steady_state_error_rms_deg",
+    "iae",
+    "effort",
+    "peak_torque",
+)
+
+
+@pytest.mark.parametrize(
+    ("run", "expected"), REFERENCE.items(), ids=lambda v: "-".join(map(str, v))
+)
+def test_simulate_and_metrics_reproduce_the_reference_table(run, expected, tmp_path):
+    scenario, controller, params = run
+    path = tmp_path / "run.mcap"
+    trunk("simulate", scenario, "--controller", controller, "--params", params, "-o", path)
+    values = json.loads(trunk("metrics", path, "--json").stdout)
+    for key, wanted in zip(KEYS, expected, strict=True):
+        if wanted is None:
+            assert values[key] is None
+        else:  # the table prints five digits
+            assert values[key] == pytest.approx(wanted, rel=1e-4, abs=6e-5)
+
+
+def test_metrics_keys_are_the_promised_ones(fig7):
+    assert list(json.loads(trunk("metrics", fig7, "--json").stdout)) == [
+        "overshoot_deg",
+        "settling_time_6deg_s",
+        "steady_state_error_mean_deg",
+        "steady_state_error_rms_deg",
+        "iae",
+        "ise",
+        "itae",
+        "effort",
+        "peak_torque",
+        "theta_min_deg",
+        "theta_max_deg",
+    ]
+
+
+def test_export_writes_a_row_per_state_in_full_precision(fig7, tmp_path):
+    path = tmp_path / "run.csv"
+    trunk("export", fig7, "--csv", path)
+    with path.open(newline="") as file:
+        rows = list(csv.reader(file))
+    assert ",".join(rows[0]) == (
+        "t,x,theta,x_dot,theta_dot,theta_measured,reference,torque,kp,ki,kd"
+    )
+    assert len(rows) == 1 + 10001
+    assert [float(v) for v in rows[1][:5]] == [0.0, 0.0, 0.5235987755982988, 1.0, 0.0]
+    assert [float(v) for v in rows[1][8:]] == [60.0, 100.0, 9.0]
+    assert all(repr(float(v)) == v for row in rows[1:50] for v in row)
+
+
+def test_info_says_what_is_there(fig7):
+    found = json.loads(trunk("info", fig7, "--json").stdout)
+    assert found["complete"] is True
+    assert found["topics"]["/joint_states"]["messages"] == 10001
+    assert found["provenance"]["scenario"] == "fig7"
+    assert "/pid" in found["nodes"]
+    assert "complete" in trunk("info", fig7).stdout
+
+
+def test_simulate_like_gives_the_same_bits(fig7, tmp_path):
+    again = tmp_path / "again.mcap"
+    trunk("simulate", "--like", fig7, "-o", again)
+    assert trunk("diff", fig7, again).stdout.startswith("identical")
+    trunk("verify", again)
+
+
+def test_diff_says_where_two_runs_part(fig7, tmp_path):
+    other = tmp_path / "other.mcap"
+    trunk("simulate", "fig7", "--controller", "pid", "--set", "pid.gains.d=9.5", "-o", other)
+    said = trunk("diff", fig7, other, code=1).stdout
+    assert "first at t = 0.001 s: effort_command" in said
+    assert "pid: gains.d: 9.0 in A, 9.5 in B" in said
+
+
+MISTAKES = {
+    "no such file": (("metrics", "none.mcap"), 2, "none.mcap"),
+    "a directory": (("info", "."), 2, "."),
+    "no scenario": (("simulate", "fig5", "-o", "x.mcap"), 2, "fig6"),
+    "nothing to simulate": (("simulate", "-o", "x.mcap"), 2, "--like"),
+    "no end": (("simulate", "fig6", "--duration", "0", "-o", "x.mcap"), 2, "duration"),
+    "an unknown verb": (("simulat",), 2, "simulat"),
+    "a folder that is not there": (("simulate", "fig6", "-o", "no/x.mcap"), 2, "no/x.mcap"),
+    "an unstable loop": (
+        ("simulate", "fig7", "--controller", "pid", "--params", "pid_as_printed"),
+        1,
+        "unstable",
+    ),
+}
+
+
+@pytest.mark.parametrize(("arguments", "code", "says"), MISTAKES.values(), ids=MISTAKES.keys())
+def test_a_mistake_is_told_in_one_line(arguments, code, says, tmp_path):
+    if code == 1:
+        arguments = (*arguments, "--rate", "250", "-o", "x.mcap")
+    said = trunk(*arguments, code=code, cwd=tmp_path).stderr
+    assert says in said
+    assert sum(line.startswith(("trunk: error", "Error")) for line in said.splitlines()) == 1
+
+
+def test_a_file_is_not_overwritten_unless_asked(tmp_path):
+    path = tmp_path / "x.mcap"
+    path.write_text("mine")
+    said = trunk("simulate", "fig6", "--duration", "0.1", "-o", path, code=2).stderr
+    assert "x.mcap" in said
+    assert path.read_text() == "mine"
+    trunk("simulate", "fig6", "--duration", "0.1", "-o", path, "--force")
+    assert path.stat().st_size > 1000
+
+
+def test_every_verb_has_help():
+    listed = trunk("--help").stdout
+    for verb in ("run", "simulate", "metrics", "info", "export", "verify", "diff", "params"):
+        assert verb in listed
+        assert "Usage" in trunk(verb, "--help").stdout
