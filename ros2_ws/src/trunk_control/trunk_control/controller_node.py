@@ -42,7 +42,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             JointState, topics.REFERENCE, self._on_reference, qos.control(1), raw=True
         )
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self._ready_timer = self.create_timer(0.02, self._announce)
+        self._ready_timer = self.every(0.02, self._announce)
 
     def configure(self, config: ControllerConfig) -> None:
         """Take changed parameters between two samples, without a jump in the command."""

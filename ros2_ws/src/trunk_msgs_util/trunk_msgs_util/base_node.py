@@ -13,11 +13,13 @@ from typing import Any, Generic, TypeVar
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterEvent
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
+from rclpy.timer import Timer
 
 from . import qos, topics
 from .conversions import status_to_ros
@@ -44,6 +46,7 @@ class TrunkNode(Node, Generic[Config]):
         """Declare and check the parameters. Raises ParameterError."""
         super().__init__(name)
         self.run_stamp_ns = -1  # before the first state
+        self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.counters: Counter[str] = Counter()
         self.linger_s = 0.0  # messages may gather for so long before they are taken
         self.exit_code: int | None = None  # set: the node is done and its process ends
@@ -56,7 +59,11 @@ class TrunkNode(Node, Generic[Config]):
         )
         self._diagnostics_topic = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._parameters_topic.publish(self._parameters_set.event(0))
-        self._diagnostics_timer = self.create_timer(1.0, self._publish_diagnostics)
+        self._diagnostics_timer = self.every(1.0, self._publish_diagnostics)
+
+    def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
+        """Call back periodically by the steady clock: simulated time must not drive what makes it."""
+        return self.create_timer(period_s, callback, clock=self._steady_clock)
 
     @property
     def config(self) -> Config:

@@ -72,10 +72,10 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         for topic, type_name in topics.evidence_types(config.controllers).items():
             self._subscribe(topic, type_name)
         self._writer.flush()
-        self._flush_timer = self.create_timer(config.flush_interval, self._flush)
+        self._flush_timer = self.every(config.flush_interval, self._flush)
         if config.lockstep:
             self.linger_s = _LINGER_S
-            self._progress_timer = self.create_timer(0.02, self._tell_progress)
+            self._progress_timer = self.every(0.02, self._tell_progress)
         self.event("ready", answers="recorder")
         self.get_logger().info(f"recording to {self._path}")
 

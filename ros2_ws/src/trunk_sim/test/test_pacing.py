@@ -29,6 +29,9 @@ class FakeLoop:
     def fail(self, reason):
         self.failure = reason
 
+    def participant(self, topic):
+        return f"/node ({topic})"
+
     def count(self, what, number=1):
         self.counts[what] = self.counts.get(what, 0) + number
 
@@ -180,7 +183,7 @@ class TestLockstep:
         pacing.tick(1_400_000_000)
         assert loop.failure is None
         pacing.tick(1_600_000_000)
-        assert "effort_command" in loop.failure
+        assert "no answer from /node (effort_command) to the state" in loop.failure
         assert "recorder" not in loop.failure
         assert "t = 0.001 s" in loop.failure
 

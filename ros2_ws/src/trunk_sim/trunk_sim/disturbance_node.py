@@ -28,7 +28,7 @@ class DisturbanceNode(TrunkNode[DisturbanceConfig]):
         self._subscription = self.create_subscription(
             JointState, topics.GROUND_TRUTH, self._on_state, qos.control(), raw=True
         )
-        self._ready_timer = self.create_timer(0.02, self._announce)
+        self._ready_timer = self.every(0.02, self._announce)
 
     def configure(self, config: DisturbanceConfig) -> None:
         """Take changed signals; they act from the next stamp on."""

@@ -42,6 +42,9 @@ class Loop(Protocol):
     def count(self, what: str, number: int = 1) -> None:
         """Count something for diagnostics."""
 
+    def participant(self, topic: str) -> str:
+        """Return who answers on a topic, for people."""
+
 
 class Pacing(ABC):
     """Takes in commands and ticks of a clock, and advances the loop."""
@@ -198,7 +201,7 @@ class LockstepPacing(Pacing):
             waited = (now_ns - self._waiting_since_ns) / NANOSECONDS
             if waited > self._timeout:
                 self._loop.fail(
-                    f"no answer on {', '.join(silent)} to the state at "
+                    f"no answer from {', '.join(map(self._loop.participant, silent))} to the state at "
                     f"t = {seconds(self._loop.stamp_ns):g} s within lockstep.timeout = "
                     f"{self._timeout:g} s"
                 )

@@ -49,8 +49,8 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._diagnosed = (time.monotonic(), 0)
         self._pacing = self._make_pacing(config)
         self._create_topics(config)
-        self._start_timer = self.create_timer(0.02, self._try_start)
-        self._step_timer = self.create_timer(self._tick_period(config), self._tick)
+        self._start_timer = self.every(0.02, self._try_start)
+        self._step_timer = self.every(self._tick_period(config), self._tick)
         self._step_timer.cancel()
 
     def _make_pacing(self, config: SimulatorConfig) -> Pacing:
@@ -212,6 +212,10 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self.counters[what] += number
         if what in _DOUBLED and self._running and self.exit_code is None:
             self._only_one_controller()
+
+    def participant(self, topic: str) -> str:
+        """Return who answers on a topic, for people."""
+        return f"{self._ready.get(topic, 'anyone')} ({topic})"
 
     def _tick(self) -> None:
         if self.exit_code is None:
