@@ -54,9 +54,9 @@ up_to_date() {
 }
 
 make_venv() {
-    say "making .venv with $python"
     "${python#cpython * }" -Ic 'import ensurepip, venv' 2>/dev/null || die "${python#cpython * } has no venv module:" \
         "install it (Debian, Ubuntu: apt install python3-venv) and run this again"
+    say "making .venv with $python"
     # The build holds absolute paths and the interpreter's: it goes as well.
     rm -rf ros2_ws/build ros2_ws/install
     find .venv -mindepth 1 -maxdepth 1 ! -name .lock -exec rm -rf {} +
@@ -104,6 +104,7 @@ build() {
         COLCON_HOME=$root/.venv/.colcon "$venv_python" -m colcon --log-base /dev/null build --symlink-install \
             --event-handlers console_cohesion+ desktop_notification-
     ) >.venv/.log 2>&1 || { cat .venv/.log >&2; die 'ros2_ws could not be built, see above'; }
+    find -L ros2_ws/install/*/share -type l -delete # colcon leaves links to data that is gone
     if [[ $root == *[[:space:]]* || ${#root} -gt 100 ]]; then # no first line for a kernel: let sh read it
         for script in ros2_ws/install/*/lib/trunk_*/*; do
             sed -i "1c #!/bin/sh\\n'''exec' \"$venv_python\" \"\$0\" \"\$@\"\\n' '''" "$script"

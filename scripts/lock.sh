@@ -16,3 +16,4 @@ for set in runtime ros build dev; do
     "${compile[@]}" --constraint "$all" "$set.in" -o "$set.txt"
 done
 "${compile[@]}" --no-deps "$@" bench.in -o bench.txt
+sed -i '1i # pip install --no-deps -r requirements/bench.txt' bench.txt

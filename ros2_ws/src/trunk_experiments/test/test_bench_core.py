@@ -55,7 +55,7 @@ def test_simple_pid_must_agree(monkeypatch):
     [
         (
             "fuzzylite",
-            "pyfuzzylite is not installed; it comes with: pip install -r requirements/bench.txt",
+            "pyfuzzylite is not installed; it comes with: pip install --no-deps -r requirements/bench.txt",
         ),
         (
             "simple_pid",

@@ -60,8 +60,8 @@ def bench_core(rounds: int = 9) -> list[BenchRow]:
     if rounds < 1:
         raise ValueError(f"rounds must be 1 or greater, not {rounds!r}")
     pyfuzzylite, simple_pid = "pyfuzzylite", "simple-pid"
-    fuzzylite = _library("fuzzylite", pyfuzzylite, "requirements/bench.txt")
-    simple = _library("simple_pid", simple_pid, "requirements/dev.txt")
+    fuzzylite = _library("fuzzylite", pyfuzzylite, "--no-deps -r requirements/bench.txt")
+    simple = _library("simple_pid", simple_pid, "-r requirements/dev.txt")
     config = FuzzyPidConfig()
     times = _measure(
         {
@@ -111,7 +111,7 @@ def _library(module: str, package: str, requirements: str) -> Any:
     try:
         return import_module(module)
     except ImportError:
-        message = f"{package} is not installed; it comes with: pip install -r {requirements}"
+        message = f"{package} is not installed; it comes with: pip install {requirements}"
         raise BenchError(message) from None
 
 

@@ -24,8 +24,10 @@ DESCRIPTIONS = (
         JOINT_STATES,
         JOINT_STATE_TYPE,
         "simulator",
-        "hip and trunk as *measured*: position [m, rad], velocity, effort [N, N m]; delay, bias, noise "
-        "and pulses on",
+        (
+            "hip and trunk as *measured*: position [m, rad], velocity, effort [N, N m]; delay, bias, noise "
+            "and pulses on"
+        ),
     ),
     (
         GROUND_TRUTH,
@@ -43,8 +45,10 @@ DESCRIPTIONS = (
         DISTURBANCE,
         JOINT_STATE_TYPE,
         "disturbance",
-        "per joint, what acts at the stamp: effort = external force or torque, position = offset on the "
-        "measurement",
+        (
+            "per joint, what acts at the stamp: effort = external force or torque, position = offset on the "
+            "measurement"
+        ),
     ),
     (
         REFERENCE,
@@ -56,8 +60,10 @@ DESCRIPTIONS = (
         "CONTROLLER/state",
         JOINT_STATE_TYPE,
         "controller",
-        "a stamped record, names and values: reference, measurement, error, error_rate, p, i, d terms, "
-        "kp, ki, kd, alpha, unsaturated, effort",
+        (
+            "a stamped record, names and values: reference, measurement, error, error_rate, p, i, d terms, "
+            "kp, ki, kd, alpha, unsaturated, effort"
+        ),
     ),
     (
         RUN_PARAMETERS,
