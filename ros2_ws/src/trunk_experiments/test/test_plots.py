@@ -1,0 +1,149 @@
+"""Pictures: every format, what each axes shows, and that it is the recorded data."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from trunk_experiments.cli import trunk
+from trunk_experiments.plot_style import COLORS, line_style, save
+from trunk_experiments.plots import overview, paper_figure
+from trunk_experiments.run_view import RunView, labels, off_scale
+from trunk_msgs_util.recording import Recording
+
+MAGIC = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
+
+
+@pytest.fixture(scope="module")
+def views(short_run):
+    runs = (short_run("fig8", "pid"), short_run("fig8", "fuzzy_pid"))
+    return [RunView.read(Recording.open(run)) for run in runs]
+
+
+def axes_of(figure, title):
+    return next(axes for axes in figure.axes if axes.get_title(loc="left").startswith(title))
+
+
+def has_line(axes, x, y):
+    return any(
+        np.array_equal(line.get_xdata(), x) and np.array_equal(line.get_ydata(), y)
+        for line in axes.lines
+    )
+
+
+@pytest.mark.parametrize("suffix", MAGIC)
+@pytest.mark.parametrize("draw", [overview, lambda views: paper_figure(views, 8)])
+def test_every_format_is_written_and_the_same_twice(views, tmp_path, suffix, draw):
+    path = tmp_path / f"a{suffix}"
+    save(draw(views), path)
+    first = path.read_bytes()
+    assert first.startswith(MAGIC[suffix])
+    save(draw(views), path)
+    assert path.read_bytes() == first
+
+
+def test_another_format_is_refused(views, tmp_path):
+    with pytest.raises(ValueError, match=r"\.png, \.svg, \.pdf"):
+        save(overview(views), tmp_path / "a.bmp")
+
+
+def test_the_overview_shows_every_run_in_every_axes(views):
+    figure = overview(views)
+    for view in views:
+        table = view.table
+        angle = np.degrees(table.theta)
+        assert has_line(axes_of(figure, "Trunk angle"), table.t, angle)
+        assert has_line(axes_of(figure, "Torque"), table.t, table.torque)
+        assert has_line(axes_of(figure, "Phase"), angle, table.theta_dot)
+        for column, title in (("kp", "Gain $K_p"), ("ki", "Gain $K_i"), ("kd", "Gain $K_d")):
+            assert has_line(axes_of(figure, title), table.t, getattr(table, column))
+        assert has_line(axes_of(figure, "Ratio"), table.t, table.alpha)
+    traveled = [line.get_xdata() for line in axes_of(figure, "Hip path").lines]
+    x = views[0].table.x
+    assert any(x.min() == line[0] and x.max() == line[-1] for line in traveled)
+
+
+def test_every_axes_has_units(views):
+    for figure in (overview(views), paper_figure(views, 8)):
+        for axes in figure.axes:
+            assert "(" in axes.get_xlabel()
+            assert "(" in axes.get_ylabel()
+
+
+def test_the_reference_its_band_and_the_pulse_are_drawn_once(views):
+    axes = axes_of(overview(views), "Trunk angle")
+    (band,) = axes.collections
+    heights = band.get_paths()[0].vertices[:, 1]
+    assert (heights.min(), heights.max()) == (-6.0, 6.0)
+    (span,) = axes.patches
+    assert (span.get_x(), span.get_x() + span.get_width()) == pytest.approx((1.0, 1.1), abs=1e-12)
+    texts = [text.get_text() for text in overview(views).legends[0].get_texts()]
+    assert "pulse acts" in texts
+    assert "torque limits" not in texts  # the paper's profile has none
+
+
+def test_torque_limits_are_drawn(short_run):
+    view = RunView.read(Recording.open(short_run("demo", "pid")))
+    figure = overview([view])
+    heights = [line.get_ydata()[0] for line in axes_of(figure, "Torque").lines]
+    assert {-100.0, 100.0} <= set(heights)
+    assert "torque limits" in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_a_spike_is_cut_off_and_said_with_its_height(views):
+    axes = axes_of(overview(views), "Torque")
+    peak = max(np.abs(view.table.torque).max() for view in views)
+    assert axes.get_ylim()[1] < peak / 2
+    assert f"{peak:,.0f} N·m" in axes.get_title(loc="right")
+    assert off_scale(np.sin(np.arange(100.0))) is None
+
+
+def test_no_legend_covers_data(views):
+    for figure in (overview(views), paper_figure(views, 8)):
+        figure.draw_without_rendering()
+        (legend,) = figure.legends
+        box = legend.get_window_extent()
+        assert not any(box.overlaps(axes.get_window_extent()) for axes in figure.axes)
+
+
+def test_the_papers_layout_names_the_controllers(views, short_run):
+    printed = RunView.read(Recording.open(short_run("fig6", "pid", ("pid_as_printed",))))
+    figure = paper_figure([printed, *views], 6)
+    (axes,) = figure.axes
+    assert axes.get_title(loc="left").startswith("Fig. 6")
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    wanted = {"PID (gains as printed)", "PID (Ziegler–Nichols)", "Fuzzy-PID"}
+    assert wanted <= set(texts)
+
+
+def test_runs_differ_in_colour_and_dashes():
+    styles = [line_style(i) for i in range(5)]
+    assert len({style["color"] for style in styles}) == 5
+    assert len({str(style["linestyle"]) for style in styles}) == 5
+    assert len({str(line_style(i)) for i in range(35)}) == 35
+    assert len(set(COLORS)) == len(COLORS)
+
+
+def test_names_are_distinct_and_no_mathematics(views, tmp_path, short_run):
+    assert labels(views) == ["fig8-pid", "fig8-fuzzy_pid"]
+    assert len(set(labels([views[0]] * 2))) == 2
+    hostile = tmp_path / "_$x^$.mcap"
+    hostile.write_bytes(short_run("fig8", "pid").read_bytes())
+    figure = overview([RunView.read(Recording.open(hostile))])
+    figure.draw_without_rendering()
+    assert r"_\$x^\$" in figure.legends[0].get_texts()[0].get_text()
+
+
+def test_the_command(short_run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = str(short_run("fig8", "pid"))
+    assert CliRunner().invoke(trunk, ["plot", run]).exit_code == 0
+    assert (tmp_path / "fig8-pid.png").stat().st_size > 10_000
+    told = CliRunner().invoke(trunk, ["plot", run, "--fig", "6"])
+    assert told.exit_code == 0
+    assert "'fig8', not 'fig6'" in told.output
+    assert (tmp_path / "fig6.png").exists()
+    wrong = CliRunner().invoke(trunk, ["plot", run, "-o", "a.bmp"])
+    assert wrong.exit_code == 2
+    assert ".png, .svg, .pdf" in wrong.output

@@ -1,0 +1,231 @@
+"""Runs as printed pictures: an overview of everything, or the layout of one of the paper's figures.
+
+Drawn on `matplotlib.figure.Figure` alone: no window, no global state, whatever the environment says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+
+from .plot_style import COLORS, STYLE, line_style
+from .run_view import RunView, labels, off_scale, same_pulses
+
+BAND, PULSE, REFERENCE, LIMIT = "#7a7a7a", "#E69F00", "#222222", "#B00020"
+BAND_DEG = 6.0
+FIGURES = {
+    6: "zero reference",
+    7: "step reference",
+    8: "zero reference, pulse disturbances",
+    9: "step reference, pulse disturbances",
+}
+
+
+def overview(views: Sequence[RunView]) -> Figure:
+    """Return everything there is to see of one run or several: angle, torque, gains, path, phase."""
+    names = labels(views)
+    with rc_context(STYLE):
+        figure = Figure(figsize=(10.0, 10.8), layout="constrained")
+        grid = figure.add_gridspec(4, 1, height_ratios=(1.4, 1.2, 1.15, 1.5))
+        angle = figure.add_subplot(grid[0])
+        torque = figure.add_subplot(grid[1], sharex=angle)
+        small = [figure.add_subplot(cell) for cell in _cells(grid[2], 4)]
+        path, phase = (figure.add_subplot(cell) for cell in _cells(grid[3], 2))
+        _angle(angle, views)
+        _torque(torque, views)
+        _gains(small, views)
+        _path(path, views)
+        _phase(phase, views)
+        for axes in (angle, torque):
+            axes.set_xlabel("time (s)")
+        _legend(figure, "outside upper center", _run_handles(names), _context_handles(views))
+    return figure
+
+
+def paper_figure(views: Sequence[RunView], number: int) -> Figure:
+    """Return the runs laid out like the paper's figure 6, 7, 8 or 9: angle over time, one axes."""
+    names = labels(views, lambda view: view.title)
+    with rc_context({**STYLE, "font.size": 10.0, "axes.labelsize": 10.0, "axes.titlesize": 11.0}):
+        figure = Figure(figsize=(8.0, 4.6), layout="constrained")
+        axes = figure.add_subplot()
+        _angle(axes, views)
+        axes.set_title(f"Fig. {number}: trunk angle, {FIGURES[number]}")
+        axes.set_xlabel("time (s)")
+        context = _context_handles(views, limits=False)
+        _legend(figure, "outside lower center", _run_handles(names), context)
+    return figure
+
+
+def _cells(spec: SubplotSpec, columns: int) -> list[SubplotSpec]:
+    row = spec.subgridspec(1, columns)
+    return [row[0, i] for i in range(columns)]
+
+
+def _run_handles(names: Sequence[str]) -> list[Line2D | Patch]:
+    return [Line2D([], [], **line_style(i), label=_plain(name)) for i, name in enumerate(names)]
+
+
+def _context_handles(views: Sequence[RunView], limits: bool = True) -> list[Line2D | Patch]:
+    """Return the legend's entries for what is no run: the reference, its band, pulses, limits."""
+    found: list[Line2D | Patch] = [
+        Line2D([], [], color=REFERENCE, linewidth=1.0, linestyle=(0, (2, 2)), label="reference"),
+        Patch(color=BAND, alpha=0.22, linewidth=0, label=f"reference ±{BAND_DEG:g}°"),
+    ]
+    if same_pulses(views):
+        found.append(Patch(color=PULSE, alpha=0.45, linewidth=0, label="pulse acts"))
+    if limits and any(isfinite(bound) for view in views for bound in view.limits):
+        found.append(Line2D([], [], color=LIMIT, linewidth=1.0, label="torque limits"))
+    return found
+
+
+def _legend(
+    figure: Figure, where: str, runs: list[Line2D | Patch], context: list[Line2D | Patch]
+) -> None:
+    """Add a legend outside all axes: rows of runs, then a row of what they are seen against."""
+    columns = max(min(4, len(runs)), len(context))
+    rows = [runs[i : i + columns] for i in range(0, len(runs), columns)] + [context]
+    if len(runs) == 1:
+        rows, columns = [runs + context], 1 + len(context)
+    blank = Line2D([], [], alpha=0.0, label=" ")
+    filled = [row + [blank] * (columns - len(row)) for row in rows]
+    # Matplotlib fills column by column.
+    handles = [row[i] for i in range(columns) for row in filled]
+    figure.legend(handles=handles, loc=where, ncols=columns)
+
+
+def _plain(text: str) -> str:
+    """Return a name that Matplotlib does not take for mathematics, nor (``_…``) for one to leave out."""
+    return text.replace("$", r"\$") if not text.startswith("_") else f" {text}".replace("$", r"\$")
+
+
+def _pulse_spans(axes: Axes, views: Sequence[RunView]) -> None:
+    for p in same_pulses(views):
+        axes.axvspan(p.start, p.end, color=PULSE, alpha=0.45, linewidth=0, zorder=0.5)
+
+
+def _angle(axes: Axes, views: Sequence[RunView]) -> None:
+    drawn: set[Any] = set()
+    _pulse_spans(axes, views)
+    for i, view in enumerate(views):
+        t, reference = view.table.t, np.degrees(view.table.reference)
+        levels = np.flatnonzero(np.diff(reference)) + 1
+        shape = (reference[0], *t[levels], *reference[levels])
+        if shape not in drawn:  # the band of a shared reference is not laid on itself
+            drawn.add(shape)
+            axes.fill_between(
+                t, reference - BAND_DEG, reference + BAND_DEG, color=BAND, alpha=0.22, linewidth=0
+            )
+            axes.plot(t, reference, color=REFERENCE, linewidth=1.0, linestyle=(0, (2, 2)))
+        axes.plot(t, np.degrees(view.table.theta), **line_style(i), zorder=3 + 0.01 * i)
+    axes.set_title("Trunk angle")
+    axes.set_ylabel(r"angle $\theta$ (°)")
+    axes.set_xlim(min(v.table.t[0] for v in views), max(v.table.t[-1] for v in views))
+
+
+def _torque(axes: Axes, views: Sequence[RunView]) -> None:
+    _pulse_spans(axes, views)
+    for i, view in enumerate(views):
+        # Torque is held over each period: steps, not slopes.
+        axes.step(view.table.t, view.table.torque, where="post", **line_style(i), linewidth=1.2)
+    for bound in sorted({b for view in views for b in view.limits if isfinite(b)}):
+        axes.axhline(bound, color=LIMIT, linewidth=1.0)
+    axes.set_title("Torque on the trunk")
+    axes.set_ylabel(r"torque $\tau$ (N·m)")
+    spans = [off_scale(view.table.torque) for view in views]
+    wanted = [
+        float(np.nanmax(np.abs(view.table.torque))) if span is None else span
+        for view, span in zip(views, spans, strict=True)
+    ]
+    if any(span is not None for span in spans):
+        limit = max(wanted)
+        axes.set_ylim(-limit, limit)
+        peak = max(float(np.nanmax(np.abs(view.table.torque))) for view in views)
+        axes.set_title(
+            f"off scale: short peaks up to {peak:,.0f} N·m",
+            loc="right",
+            fontsize=8.0,
+            fontweight="normal",
+            color="#555555",
+        )
+
+
+_GAINS = (
+    ("kp", r"$K_p$", "N·m/rad"),
+    ("ki", r"$K_i$", "N·m/(rad·s)"),
+    ("kd", r"$K_d$", "N·m·s/rad"),
+    ("alpha", r"$\alpha$", "no unit"),
+)
+
+
+def _gains(grid: Sequence[Axes], views: Sequence[RunView]) -> None:
+    for axes, (column, symbol, unit) in zip(grid, _GAINS, strict=True):
+        for i, view in enumerate(views):
+            values = getattr(view.table, column)
+            axes.plot(view.table.t, values, **line_style(i), linewidth=1.1)
+        _pulse_spans(axes, views)
+        axes.set_title(f"Gain {symbol}" if column != "alpha" else f"Ratio {symbol}")
+        axes.set_ylabel(f"{symbol} ({unit})")
+        axes.set_xlabel("time (s)")
+        axes.set_xlim(min(v.table.t[0] for v in views), max(v.table.t[-1] for v in views))
+        low, high = axes.get_ylim()
+        middle = (low + high) / 2.0
+        if high - low < 0.2 * abs(middle):  # a constant gain is a line, not a magnified rounding
+            axes.set_ylim(middle - 0.1 * abs(middle), middle + 0.1 * abs(middle))
+        axes.yaxis.set_major_locator(MaxNLocator(4))
+        axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+
+
+def _path(axes: Axes, views: Sequence[RunView]) -> None:
+    low = min(float(view.table.x.min()) for view in views)
+    high = max(float(view.table.x.max()) for view in views)
+    margin = 0.25 * max(high - low, 1.0)
+    x = np.linspace(low - margin, high + margin, 800)
+    for amplitude, wavenumber in sorted({view.hip_path for view in views}):
+        axes.plot(x, amplitude * np.sin(wavenumber * x), color="#888888", linewidth=0.9)
+    for i, view in enumerate(views):
+        amplitude, wavenumber = view.hip_path
+        traveled = np.linspace(float(view.table.x.min()), float(view.table.x.max()), 800)
+        y = amplitude * np.sin(wavenumber * traveled)
+        # Wide below, narrow above: every run's range shows where they overlap.
+        width = 2.2 + 2.4 * (len(views) - 1 - i)
+        color = COLORS[i % len(COLORS)]
+        axes.plot(traveled, y, color=color, linewidth=width, solid_capstyle="butt")
+        axes.plot(view.table.x[:1], [_height(view)], "o", color="#222222", markersize=5, zorder=5)
+    axes.annotate(
+        "start",
+        (float(views[0].table.x[0]), _height(views[0])),
+        xytext=(8, -9),
+        textcoords="offset points",
+        fontsize=8.0,
+    )
+    axes.set_title("Hip path, traveled range in colour")
+    axes.set_xlabel(r"$x$ (m)")
+    axes.set_ylabel(r"$y = A\,\sin(k x)$ (m)")
+    if high - low < 20.0:  # a hip that runs away has a path too long to be drawn true to scale
+        axes.set_aspect("equal", adjustable="datalim")
+
+
+def _height(view: RunView) -> float:
+    amplitude, wavenumber = view.hip_path
+    return float(amplitude * np.sin(wavenumber * view.table.x[0]))
+
+
+def _phase(axes: Axes, views: Sequence[RunView]) -> None:
+    for i, view in enumerate(views):
+        theta, rate = np.degrees(view.table.theta), view.table.theta_dot
+        axes.plot(theta, rate, **line_style(i), linewidth=1.0)
+        axes.plot(theta[:1], rate[:1], "o", color="#222222", markersize=5, zorder=5)
+        axes.plot(theta[-1:], rate[-1:], "s", color=line_style(i)["color"], markersize=5, zorder=5)
+    axes.set_title("Phase portrait (● start, ■ end)")
+    axes.set_xlabel(r"angle $\theta$ (°)")
+    axes.set_ylabel(r"rate $\dot\theta$ (rad/s)")

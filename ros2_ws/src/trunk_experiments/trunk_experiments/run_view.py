@@ -1,0 +1,191 @@
+"""`RunView`: what pictures, comparisons and reports show of a recorded run, read once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, cast
+
+import numpy as np
+
+from trunk_control.config import ControllerConfig, FuzzyPidConfig, PidConfig
+from trunk_msgs_util import topics
+from trunk_msgs_util.declarations import ParameterError
+from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.run_table import RunTable
+from trunk_msgs_util.units import seconds
+from trunk_sim.config import DisturbanceConfig, SimulatorConfig
+from trunk_sim.disturbances import CHANNELS, pulse
+
+from .nodes import CONTROLLERS
+from .replay import config_of, timeline_of
+
+if TYPE_CHECKING:
+    from trunk_msgs_util.declarations import Value
+    from trunk_msgs_util.joint_arrays import Floats, Integers, JointArrays
+
+AS_PRINTED, ZIEGLER_NICHOLS = (60.0, 36.0, 400.0), (60.0, 100.0, 9.0)  # N m/rad and so on
+
+
+class Pulse(NamedTuple):
+    """A span of time in which a pulse acts: ``start <= t < end`` in s, magnitude in the channel's unit."""
+
+    start: float
+    end: float
+    channel: str
+    magnitude: float
+
+
+@dataclass(frozen=True)
+class RunView:
+    """A recorded run. A configuration is None where it was not recorded or cannot be used."""
+
+    recording: Recording
+    table: RunTable
+    terms: JointArrays  # of ~/state, by stamp; empty where there is none
+    disturbances: JointArrays  # by stamp
+    controller_name: str | None
+    controller: ControllerConfig | None
+    simulator: SimulatorConfig | None
+    disturbance: DisturbanceConfig | None
+    pulses: tuple[Pulse, ...]
+    warnings: tuple[str, ...]
+
+    @classmethod
+    def read(cls, recording: Recording) -> RunView:
+        """Return what can be shown of a recording; what cannot is said in ``warnings``.
+
+        Raises RecordingError where there are no true states.
+        """
+        warnings = list(recording.warnings)
+        name = recording.controller
+
+        def config(node: str) -> object:
+            try:
+                return config_of(recording, node)
+            except KeyError:
+                return None
+            except ParameterError as error:
+                warnings.append(f"{node}: recorded parameters cannot be used: {error}")
+                return None
+
+        known = name if name in CONTROLLERS else None
+        controller = config(known) if known else None
+        state = topics.controller_state(name) if name else ""
+        disturbance = cast("DisturbanceConfig | None", config("disturbance"))
+        acting = recording.joints(recording.topic(topics.DISTURBANCE)).by_stamp()
+        return cls(
+            recording=recording,
+            table=RunTable.from_recording(recording),
+            terms=recording.joints(recording.topic(state)).by_stamp(),
+            disturbances=acting,
+            controller_name=name,
+            controller=cast("ControllerConfig | None", controller),
+            simulator=cast("SimulatorConfig | None", config("simulator")),
+            disturbance=disturbance,
+            pulses=tuple(_pulses(recording, acting.stamp_ns)) if disturbance else (),
+            warnings=tuple(warnings),
+        )
+
+    @property
+    def path(self) -> Path:
+        """The recording's file."""
+        return self.recording.path
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Bounds of the applied torque in N m: the controller's and the actuator's."""
+        low, high = -inf, inf
+        if self.controller is not None:
+            low, high = self.controller.u_clamp_min, self.controller.u_clamp_max
+        if self.simulator is not None:
+            low, high = max(low, -self.simulator.max_effort), min(high, self.simulator.max_effort)
+        return low, high
+
+    @property
+    def hip_path(self) -> tuple[float, float]:
+        """Amplitude A in m and wave number k in rad/m of the path ``y = A sin(k x)``."""
+        simulator = self.simulator or SimulatorConfig()
+        return simulator.amplitude, simulator.wavenumber
+
+    @property
+    def parameters(self) -> Mapping[str, Mapping[str, Value]]:
+        """Every node's parameters at the start, without the run's namespace."""
+        return {
+            name.removeprefix(self.recording.namespace).lstrip("/"): values
+            for name, values in self.recording.parameters().items()
+        }
+
+    @property
+    def title(self) -> str:
+        """The controller in words: ``PID (Ziegler–Nichols)``, ``Fuzzy-PID``."""
+        if isinstance(self.controller, PidConfig):
+            gains = tuple(self.controller.gains)
+            if gains == AS_PRINTED:
+                return "PID (gains as printed)"
+            if gains == ZIEGLER_NICHOLS:
+                return "PID (Ziegler–Nichols)"
+            return "PID ({:g}, {:g}, {:g})".format(*gains)
+        if isinstance(self.controller, FuzzyPidConfig):
+            other = self.controller.rules != FuzzyPidConfig().rules
+            return "Fuzzy-PID (own rules)" if other else "Fuzzy-PID"
+        return self.controller_name or "no controller"
+
+
+def _pulses(recording: Recording, stamps: Integers) -> list[Pulse]:
+    """Return the windows of the recorded stamps in which a pulse acted, changes of parameters and all."""
+    timeline = timeline_of(recording, "disturbance")
+    signals = timeline.config.signals
+    found: list[Pulse] = []
+    open_since: tuple[int, str, float] | None = None
+    for stamp_ns in stamps.tolist():
+        if timeline.advance(stamp_ns):
+            signals = timeline.config.signals
+        value = pulse(
+            stamp_ns, signals.pulse_starts, signals.pulse_duration, signals.pulse_magnitude
+        )
+        if open_since is not None and value != open_since[2]:
+            start, channel, magnitude = open_since
+            found.append(Pulse(seconds(start), seconds(stamp_ns), channel, magnitude))
+            open_since = None
+        if value != 0.0 and open_since is None:
+            open_since = stamp_ns, CHANNELS[signals.pulse_channel], value
+    if open_since is not None:
+        start, channel, magnitude = open_since
+        found.append(Pulse(seconds(start), seconds(int(stamps[-1])), channel, magnitude))
+    return found
+
+
+def labels(views: Sequence[RunView], name: Callable[[RunView], str] | None = None) -> list[str]:
+    """Return one distinct name per run: the file's, with as much of its path, or a number, as it takes.
+
+    ``name`` gives the names to begin with.
+    """
+    names = [name(view) if name else view.path.stem for view in views]
+    if name is None and len(set(names)) < len(names):
+        names = [f"{view.path.resolve().parent.name}/{view.path.stem}" for view in views]
+    elif len(set(names)) < len(names):
+        names = [f"{n}, {view.path.stem}" for n, view in zip(names, views, strict=True)]
+    if len(set(names)) < len(names):
+        names = [f"{n} #{i}" for i, n in enumerate(names, 1)]
+    return names
+
+
+def same_pulses(views: Sequence[RunView]) -> list[Pulse]:
+    """Return the pulse windows of all runs, each once."""
+    return sorted({p for view in views for p in view.pulses})
+
+
+def off_scale(values: Floats) -> float | None:
+    """Return a half-range that shows all but short spikes, None where the whole fits.
+
+    A derivative of a step makes peaks a hundred times what surrounds them; an axis that holds them
+    shows nothing else.
+    """
+    finite = np.abs(values[np.isfinite(values)])
+    if not len(finite):
+        return None
+    usual = float(np.quantile(finite, 0.985))
+    return 1.25 * usual if 0.0 < 4.0 * usual < float(np.max(finite)) else None
