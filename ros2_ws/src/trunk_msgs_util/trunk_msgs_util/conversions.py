@@ -42,7 +42,10 @@ class WireReader:
         self._layout = JointStateLayout(())
 
     def __call__(self, data: bytes) -> JointSample:
-        """Return the sample. A layout of another kind, or another byte order, is left to rclpy."""
+        """Return the sample; one without names and with stamp -1 ns where the bytes make no message.
+
+        Another byte order is left to rclpy.
+        """
         try:
             return self._layout.unpack(data)
         except ValueError:
@@ -51,7 +54,11 @@ class WireReader:
             self._layout = JointStateLayout.parse(data)
             return self._layout.unpack(data)
         except ValueError:
+            pass
+        try:
             return sample_from_ros(deserialize_message(data, JointState))
+        except Exception:  # whatever rclpy and the middleware make of a peer's bytes
+            return JointSample(-1, ())
 
 
 def sample_to_ros(sample: JointSample) -> JointState:

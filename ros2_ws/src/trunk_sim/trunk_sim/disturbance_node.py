@@ -43,6 +43,9 @@ class DisturbanceNode(TrunkNode[DisturbanceConfig]):
 
     def _on_state(self, data: bytes) -> None:
         stamp_ns = self._read(data).stamp_ns
+        if stamp_ns < 0:
+            self.counters["states malformed"] += 1
+            return
         next_ns = stamp_ns + self._period_ns
         if self._sent_ns < stamp_ns:
             self._publish(stamp_ns)

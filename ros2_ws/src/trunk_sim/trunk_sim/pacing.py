@@ -77,9 +77,13 @@ class RealTimePacing(Pacing):
 
     def __init__(self, loop: Loop, command_timeout: float) -> None:
         super().__init__(loop)
-        self._timeout_ns = nanoseconds(command_timeout)
+        self.set_timeout(command_timeout)
         self._stamp_ns = -1
         self._effort = 0.0
+
+    def set_timeout(self, command_timeout: float) -> None:
+        """Use no command that answers a state older than this, s."""
+        self._timeout_ns = nanoseconds(command_timeout)
 
     def command(self, stamp_ns: int, effort: float, now_ns: int) -> None:
         """Take the command where it is newer than the last."""

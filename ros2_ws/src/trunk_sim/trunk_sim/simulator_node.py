@@ -105,6 +105,8 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
     def configure(self, config: SimulatorConfig) -> None:
         """Take changed constants; they act from the next step on."""
         self._simulation.retune(config)
+        if isinstance(self._pacing, RealTimePacing):
+            self._pacing.set_timeout(config.command_timeout)
 
     # Start: hold state 0 until every participant is matched in both directions.
 
