@@ -17,8 +17,11 @@ def evidence() -> QoSProfile:
     )
 
 
-def control(depth: int = 10) -> QoSProfile:
-    """Return the profile of subscriptions in the loop: reliable, short, nothing from the past."""
+def control(depth: int = 100) -> QoSProfile:
+    """Return the profile of subscriptions in the loop: reliable, nothing from the past.
+
+    Deep enough for the burst with which a simulator catches up after a stall: each state is answered.
+    """
     return QoSProfile(
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE,

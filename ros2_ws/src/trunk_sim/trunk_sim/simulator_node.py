@@ -86,7 +86,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
             JointState, topics.EFFORT_COMMAND, self._on_command, qos.control(), raw=True
         )
         self._disturbance_topic = self.create_subscription(
-            JointState, topics.DISTURBANCE, self._on_disturbance, qos.control(100), raw=True
+            JointState, topics.DISTURBANCE, self._on_disturbance, qos.control(), raw=True
         )
         self.create_subscription(
             DiagnosticArray, topics.RUN_EVENTS, self._on_event, qos.run_information()
