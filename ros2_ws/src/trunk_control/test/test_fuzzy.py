@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trunk_control.config import FuzzyPidConfig
-from trunk_control.fuzzy import FuzzyRules, infer, locate, logarithmic_value
+from trunk_control.fuzzy import FuzzyRules, fired_rules, infer, locate, logarithmic_value
 
 PRINTED = FuzzyPidConfig().rules
 
@@ -155,3 +155,19 @@ def test_logarithmic_consequents_leave_alpha_alone():
     linear = infer(0.3, -0.7, PRINTED)
     assert logarithmic[2] == linear[2]
     assert logarithmic[:2] != linear[:2]
+
+
+@given(values, values, rule_bases)
+@settings(max_examples=300, deadline=None)
+def test_fired_rules_sum_up_to_what_is_inferred(error, error_rate, rules):
+    fired = fired_rules(error, error_rate, rules)
+    assert len({(rule.row, rule.column) for rule in fired}) == 4
+    assert sum(rule.weight for rule in fired) == pytest.approx(1.0, abs=1e-15)
+    firing = np.outer(
+        memberships(error, rules.error_peaks), memberships(error_rate, rules.rate_peaks)
+    )
+    for rule in fired:
+        assert rule.weight == pytest.approx(firing[rule.row, rule.column], abs=1e-12)
+        assert rule.alpha == rules.alpha[rule.row * 7 + rule.column]
+    sums = [sum(rule.weight * getattr(rule, n) for rule in fired) for n in ("kp", "kd", "alpha")]
+    assert sums == pytest.approx(infer(error, error_rate, rules), rel=0.0, abs=1e-14)

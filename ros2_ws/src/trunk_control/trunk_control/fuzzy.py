@@ -114,3 +114,38 @@ def infer(error: float, error_rate: float, rules: FuzzyRules) -> tuple[float, fl
         kp = bilinear(rules.kp, corner, columns, a, b)
         kd = bilinear(rules.kd, corner, columns, a, b)
     return kp, kd, bilinear(rules.alpha, corner, columns, a, b)
+
+
+class FiredRule(NamedTuple):
+    """A rule's cell (i-th label of e, j-th of e_dot), its weight, and its consequents at that weight."""
+
+    row: int
+    column: int
+    weight: float
+    kp: float
+    kd: float
+    alpha: float
+
+
+def fired_rules(error: float, error_rate: float, rules: FuzzyRules) -> tuple[FiredRule, ...]:
+    """Return the four rules whose weighted consequents `infer` sums up; for people, not for the loop.
+
+    Their weights sum to 1; at a peak of a triangle some of them are 0.
+    """
+    i, a = locate(error, rules.error_peaks)
+    j, b = locate(error_rate, rules.rate_peaks)
+    w11 = a * b
+    w01 = b - w11
+    fired = []
+    for row, column, weight in (
+        (i, j, 1.0 - a - w01),
+        (i, j + 1, w01),
+        (i + 1, j, a - w11),
+        (i + 1, j + 1, w11),
+    ):
+        cell = row * len(rules.rate_peaks) + column
+        kp, kd = rules.kp[cell], rules.kd[cell]
+        if rules.logarithmic:
+            kp, kd = logarithmic_value(weight, kp), logarithmic_value(weight, kd)
+        fired.append(FiredRule(row, column, weight, kp, kd, rules.alpha[cell]))
+    return tuple(fired)

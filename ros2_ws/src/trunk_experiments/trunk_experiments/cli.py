@@ -12,6 +12,8 @@ _VERBS = {
     "run": ("run", "Run a scenario in the ROS 2 graph and record it."),
     "simulate": ("simulate", "Run a scenario without ROS, by the same functions."),
     "metrics": ("metrics", "Print a recorded run's metrics."),
+    "compare": ("compare", "Compare recorded runs side by side."),
+    "explain": ("explain", "Say why a run had this torque at this instant."),
     "plot": ("plot", "Draw recorded runs as PNG, SVG or PDF."),
     "diff": ("diff", "Say where two recorded runs part, bit by bit."),
     "verify": ("verify", "Recompute a recorded run from itself."),

@@ -1,0 +1,122 @@
+"""`trunk compare`: the best of each row, what differs, where runs part."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from trunk_experiments.cli import trunk
+from trunk_experiments.compare import QUANTITIES, best_of, compare, differing_parameters
+from trunk_experiments.run_view import RunView
+from trunk_msgs_util.metrics import metrics
+from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.run_table import RunTable
+
+
+@pytest.fixture(scope="module")
+def runs(short_run):
+    return [short_run("fig6", "pid", duration=3.0), short_run("fig6", "fuzzy_pid", duration=3.0)]
+
+
+@pytest.fixture(scope="module")
+def found(runs):
+    return compare([RunView.read(Recording.open(run)) for run in runs])
+
+
+def invoke(*arguments):
+    done = CliRunner().invoke(trunk, ["compare", *map(str, arguments)])
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+@pytest.mark.parametrize(
+    ("values", "best"),
+    [
+        ((3.0, 1.0, 2.0), (1,)),
+        ((-0.5, 1.0), (0,)),
+        ((0.5, -0.25), (1,)),
+        ((None, 7.0), (1,)),
+        ((7.0, None), (0,)),
+        ((None, None), ()),
+        ((1.0, 1.0, 2.0), (0, 1)),
+        ((0.0, -0.0), (0, 1)),
+        ((1.0,), ()),
+    ],
+)
+def test_the_least_magnitude_is_best_and_null_comes_last(values, best):
+    assert best_of(values) == best
+
+
+def test_rows_hold_the_metrics_of_each_run(runs, found):
+    expected = [metrics(RunTable.from_recording(Recording.open(run))).as_dict() for run in runs]
+    assert [row.key for row in found.rows] == list(expected[0]) == list(QUANTITIES)
+    for row in found.rows:
+        assert row.values == tuple(run[row.key] for run in expected)
+    best = {row.key: row.best for row in found.rows}
+    assert best["iae"] == (0,)  # 0.42 against 0.57
+    assert best["theta_max_deg"] == ()  # an angle's range is nobody's merit
+
+
+def test_parameters_that_differ(short_run, found):
+    assert found.parameters["controller"] == ("pid", "fuzzy_pid")
+    assert found.parameters["controller.gains.p"] == (60.0, None)
+    assert "simulator.plant.length" not in found.parameters
+    assert not any(name.startswith("recorder") for name in found.parameters)
+    other = short_run("fig6", "pid", ("pid_as_printed",), duration=3.0)
+    views = [
+        RunView.read(Recording.open(p)) for p in (short_run("fig6", "pid", duration=3.0), other)
+    ]
+    assert differing_parameters(views) == {
+        "controller.gains.i": (100.0, 36.0),
+        "controller.gains.d": (9.0, 400.0),
+    }
+
+
+def test_where_runs_part(runs, found, short_run):
+    (difference,) = found.diffs
+    # At t = 0 both know the same state; the first torque already differs.
+    assert (difference.first.topic, difference.first.stamp_ns) == ("effort_command", 0)
+    same = compare([RunView.read(Recording.open(runs[0]))] * 2)
+    assert same.diffs[0].identical
+    assert same.parameters == {}
+
+
+def test_json(runs):
+    values = json.loads(invoke(*runs, "--json"))
+    assert values["runs"] == ["fig6-pid", "fig6-fuzzy_pid"]
+    assert values["metrics"]["iae"]["best"] == ["fig6-pid"]
+    assert values["first_divergence"]["fig6-fuzzy_pid"]["stamp_ns"] == 0
+    assert values["parameters"]["controller"] == ["pid", "fuzzy_pid"]
+
+
+def test_csv_is_exact(runs, found):
+    rows = list(csv.reader(io.StringIO(invoke(*runs, "--csv"))))
+    assert rows[0] == ["quantity", "unit", "fig6-pid", "fig6-fuzzy_pid", "best"]
+    for row, line in zip(found.rows, rows[1:], strict=True):
+        assert [float(v) if v else None for v in line[2:4]] == list(row.values)
+
+
+def test_markdown_marks_the_best(runs):
+    text = invoke(*runs, "--markdown")
+    line = next(line for line in text.splitlines() if line.startswith("| IAE"))
+    cells = [cell.strip() for cell in line.strip("|").split("|")]
+    assert cells[-2].startswith("**")
+    assert not cells[-1].startswith("**")
+
+
+def test_a_table_for_people(runs):
+    text = invoke(*runs)
+    assert "* 0." in text
+    assert "fig6-fuzzy_pid against fig6-pid: t = 0 s: effort_command" in text
+
+
+def test_a_file_that_is_no_recording(tmp_path):
+    path = tmp_path / "a.mcap"
+    path.write_bytes(b"no")
+    done = CliRunner().invoke(trunk, ["compare", str(path)])
+    assert done.exit_code != 0
+    assert str(path) in str(done.exception)

@@ -1,0 +1,99 @@
+"""`trunk explain`: one update, term by term, equal to what was recorded."""
+
+from __future__ import annotations
+
+import json
+from math import pi
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from trunk_experiments.cli import trunk
+from trunk_experiments.explain import explain
+from trunk_msgs_util.recording import Recording, RecordingError
+
+FIELDS = ("error", "error_rate", "p_term", "i_term", "d_term", "kp", "ki", "kd", "alpha")
+
+
+@pytest.mark.parametrize("scenario", ["fig8", "demo"])
+@pytest.mark.parametrize("controller", ["pid", "fuzzy_pid"])
+@pytest.mark.parametrize("at", [0.0, 0.5, 1.0, 1.05, 1.1, 1.3])
+def test_terms_are_the_recorded_ones(short_run, scenario, controller, at):
+    recording = Recording.open(short_run(scenario, controller))
+    found = explain(recording, at)
+    state = recording.joints(recording.topic(f"{controller}/state"))
+    row = int(np.flatnonzero(state.stamp_ns <= round(at * 1e9))[-1])
+    assert found.update == state.stamp_ns[row] / 1e9
+    for name in (*FIELDS, "unsaturated", "effort"):
+        assert getattr(found.terms, name) == state.column("position", name)[row], name
+    assert found.agrees
+    assert found.recorded == found.applied == found.terms.effort
+
+
+def test_rules_make_the_gains(short_run):
+    found = explain(Recording.open(short_run("fig8", "fuzzy_pid")), 0.7)
+    total = {n: sum(r.weight * getattr(r, n) for r in found.rules) for n in ("kp", "kd", "alpha")}
+    assert found.terms.kp == pytest.approx(32.0 + 28.0 * total["kp"], rel=1e-14)
+    assert found.terms.kd == pytest.approx(9.6 + 8.4 * total["kd"], rel=1e-14)
+    assert found.terms.alpha == pytest.approx(total["alpha"], rel=1e-14)
+    weights = [rule.weight for rule in found.rules]
+    assert weights == sorted(weights, reverse=True)
+    # The first state: e = -30 deg is the peak of NS, e_dot = 0 that of ZO; Tables 2 to 4 say B, S, S.
+    first = explain(Recording.open(short_run("fig8", "fuzzy_pid")), 0.0).rules[0]
+    assert (first.error_label, first.rate_label) == ("NS", "ZO")
+    assert (first.kp_label, first.kd_label, first.alpha_label) == ("B", "S", "S")
+
+
+def test_a_plain_pid_has_no_rules(short_run):
+    assert explain(Recording.open(short_run("fig8", "pid")), 0.7).rules == ()
+
+
+def test_the_pulse_that_acted(short_run):
+    recording = Recording.open(short_run("fig8", "pid"))
+    inside, outside = explain(recording, 1.05), explain(recording, 1.2)
+    assert inside.disturbance.trunk_offset == 100.0 * pi / 180.0
+    assert inside.measurement == pytest.approx(inside.true_angle + inside.disturbance.trunk_offset)
+    assert not any(outside.disturbance)
+
+
+def test_limits_and_anti_windup(short_run):
+    recording = Recording.open(short_run("demo", "fuzzy_pid"))
+    limited, free = explain(recording, 1.0), explain(recording, 0.5)
+    assert limited.limited
+    assert limited.terms.effort == -100.0 > limited.terms.unsaturated
+    assert limited.windup.acted
+    assert limited.windup.after == limited.windup.before != limited.windup.used
+    assert not free.limited
+    assert not free.windup.acted
+    assert free.windup.after == free.windup.before + free.windup.increment
+
+
+def test_an_instant_between_updates_is_that_of_the_held_command(short_run):
+    run = short_run("fig8", "pid", settings=("pid.update_rate=100.0",))
+    found = explain(Recording.open(run), 0.5079)
+    assert found.update == 0.5
+    assert found.windup.increment == pytest.approx(0.01 * found.terms.error)
+    assert found.agrees
+
+
+@pytest.mark.parametrize("at", [-0.1, 1.4, float("nan")])
+def test_an_instant_outside_the_run(short_run, at):
+    with pytest.raises(RecordingError, match=r"from t = 0 s to t = 1\.3 s"):
+        explain(Recording.open(short_run("fig8", "pid")), at)
+
+
+def test_the_command(short_run):
+    run = str(short_run("demo", "fuzzy_pid"))
+    shown = CliRunner().invoke(trunk, ["explain", run, "--at", "1.0"])
+    assert shown.exit_code == 0
+    for words in ("trunk offset", "NB", "-100 … 100", "limited", "acted", "bit for bit"):
+        assert words in shown.output, words
+    values = json.loads(CliRunner().invoke(trunk, ["explain", run, "--at", "1", "--json"]).output)
+    assert values["agrees"] is True
+    assert values["limits"] == [-100.0, 100.0]
+    assert len(values["rules"]) == 4
+    plain = CliRunner().invoke(
+        trunk, ["explain", str(short_run("fig8", "pid")), "--at", "1", "--json"]
+    )
+    assert json.loads(plain.output)["limits"] == [None, None]

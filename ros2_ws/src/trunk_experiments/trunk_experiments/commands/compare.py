@@ -1,0 +1,143 @@
+"""``trunk compare``: runs side by side."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import click
+
+from trunk_msgs_util.recording import Recording
+
+from ..compare import QUANTITIES, Comparison, Quantity, compare
+from ..run_view import RunView
+from .common import print_table
+
+
+@click.command("compare")
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path))
+@click.option("--json", "form", flag_value="json", help="Print JSON.")
+@click.option("--csv", "form", flag_value="csv", help="Print the metrics as CSV.")
+@click.option("--markdown", "form", flag_value="markdown", help="Print Markdown tables.")
+def command(runs: tuple[Path, ...], form: str | None) -> None:
+    """Compare recorded runs: metrics, parameters, and where each parts from the first.
+
+    The best of a row, the least in magnitude, is marked; what never happened comes last.
+    """
+    views = [RunView.read(Recording.open(run)) for run in runs]
+    for view in views:
+        for warning in view.warnings:
+            click.echo(f"trunk: warning: {view.path}: {warning}", err=True)
+    found = compare(views)
+    if form == "json":
+        click.echo(json.dumps(as_values(found), indent=2, ensure_ascii=False))
+    elif form == "csv":
+        click.echo(as_csv(found), nl=False)
+    elif form == "markdown":
+        click.echo(as_markdown(found))
+    else:
+        _show(found)
+
+
+def divergences(found: Comparison) -> list[tuple[str, str]]:
+    """Return, for each run behind the first, its name and where it parts from the first."""
+    return [
+        (name, "identical, bit for bit" if d.first is None else d.first.describe())
+        for name, d in zip(found.names[1:], found.diffs, strict=True)
+    ]
+
+
+def as_values(found: Comparison) -> dict[str, object]:
+    """Return a comparison as plain values; ``best`` holds names of runs."""
+    return {
+        "runs": list(found.names),
+        "metrics": {
+            row.key: {
+                "unit": _quantity(row.key).unit,
+                "values": list(row.values),
+                "best": [found.names[i] for i in row.best],
+            }
+            for row in found.rows
+        },
+        "parameters": {name: list(values) for name, values in found.parameters.items()},
+        "first_divergence": {
+            name: None if d.first is None else d.first._asdict()
+            for name, d in zip(found.names[1:], found.diffs, strict=True)
+        },
+    }
+
+
+def as_csv(found: Comparison) -> str:
+    """Return the metrics as CSV in full precision; empty where a quantity does not exist."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["quantity", "unit", *found.names, "best"])
+    for row in found.rows:
+        values = ["" if value is None else repr(value) for value in row.values]
+        best = "; ".join(found.names[i] for i in row.best)
+        writer.writerow([row.key, _quantity(row.key).unit, *values, best])
+    return text.getvalue()
+
+
+def as_markdown(found: Comparison) -> str:
+    """Return the metrics, the best in bold, and the differing parameters as Markdown tables."""
+    lines = [_line(("quantity", "unit", *found.names)), _line(("---",) * (2 + len(found.names)))]
+    for row in found.rows:
+        shown = [
+            f"**{number(value)}**" if i in row.best else number(value)
+            for i, value in enumerate(row.values)
+        ]
+        quantity = _quantity(row.key)
+        lines.append(_line((quantity.label, quantity.unit, *shown)))
+    if found.parameters:
+        lines += ["", _line(("parameter", *found.names)), _line(("---",) * (1 + len(found.names)))]
+        lines += [_line((k, *map(setting, v))) for k, v in found.parameters.items()]
+    lines += ["", *(f"- {name}: {where}" for name, where in divergences(found))]
+    return "\n".join(lines).rstrip()
+
+
+def _line(cells: tuple[str, ...]) -> str:
+    return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
+
+
+def _quantity(key: str) -> Quantity:
+    return QUANTITIES.get(key, Quantity(key, ""))
+
+
+def number(value: float | None) -> str:
+    """Return a metric for people."""
+    return "never" if value is None else f"{value:.6g}"
+
+
+def setting(value: object) -> str:
+    """Return a parameter's value for people, a dash where a run has none."""
+    if isinstance(value, tuple):
+        return "[" + ", ".join(map(setting, value)) + "]"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return "–" if value is None else str(value)
+
+
+def _show(found: Comparison) -> None:
+    print_table(
+        "metrics (* best)",
+        ("quantity", *found.names, "unit"),
+        [
+            (
+                _quantity(row.key).label,
+                *(f"{'* ' if i in row.best else ''}{number(v)}" for i, v in enumerate(row.values)),
+                _quantity(row.key).unit,
+            )
+            for row in found.rows
+        ],
+    )
+    if found.parameters:
+        print_table(
+            "parameters that differ",
+            ("parameter", *found.names),
+            [(name, *map(setting, values)) for name, values in found.parameters.items()],
+        )
+    for name, where in divergences(found):
+        click.echo(f"{name} against {found.names[0]}: {where}")

@@ -1,0 +1,128 @@
+"""``trunk explain``: why this torque at this instant."""
+
+from __future__ import annotations
+
+import json
+from math import degrees, isfinite
+from pathlib import Path
+from typing import Any
+
+import click
+
+from trunk_msgs_util.recording import Recording
+
+from ..explain import Explanation, explain
+from .common import print_table
+
+
+@click.command("explain")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--at", type=float, required=True, metavar="S", help="The instant, s.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON; null for an infinite limit.")
+@click.pass_context
+def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
+    """Say why the controller of a recorded run commanded this torque at this instant.
+
+    Exit code 0: the command computed again is the recorded one; 1: it is not.
+    """
+    recording = Recording.open(run)
+    for warning in recording.warnings:
+        click.echo(f"trunk: warning: {warning}", err=True)
+    found = explain(recording, at)
+    if as_json:
+        click.echo(json.dumps(as_values(found), indent=2))
+    else:
+        _show(found)
+    ctx.exit(0 if found.agrees else 1)
+
+
+def as_values(found: Explanation) -> dict[str, Any]:
+    """Return an explanation as plain values."""
+    return {
+        "asked_s": found.asked,
+        "update_s": found.update,
+        "controller": found.controller,
+        "reference": found.reference,
+        "measurement": found.measurement,
+        "rate": found.rate,
+        "true_angle": found.true_angle,
+        "derivative_mode": found.derivative_mode,
+        "disturbance": found.disturbance._asdict(),
+        "rules": [rule._asdict() for rule in found.rules],
+        "terms": found.terms._asdict(),
+        "limits": [bound if isfinite(bound) else None for bound in found.limits],
+        "limited": found.limited,
+        "anti_windup": {**found.windup._asdict(), "acted": found.windup.acted},
+        "recorded": found.recorded,
+        "agrees": found.agrees,
+        "applied": found.applied,
+    }
+
+
+def _show(found: Explanation) -> None:
+    terms, windup = found.terms, found.windup
+    click.echo(
+        f"t = {found.asked:g} s: {found.controller} holds {terms.effort:.6g} N m, "
+        f"computed at t = {found.update:g} s"
+    )
+    rows = [
+        ("reference", f"{degrees(found.reference):.6g}", "deg"),
+        ("measured angle", f"{degrees(found.measurement):.6g}", "deg"),
+        ("true angle", f"{degrees(found.true_angle):.6g}", "deg"),
+        ("error e", f"{degrees(terms.error):.6g}", "deg"),
+        (f"its derivative (mode {found.derivative_mode})", f"{terms.error_rate:.6g}", "rad/s"),
+    ]
+    units = ("N", "N m", "m", "deg")
+    for (name, value), unit in zip(found.disturbance._asdict().items(), units, strict=True):
+        if value:
+            shown = degrees(value) if unit == "deg" else value
+            rows.append((f"disturbance: {name.replace('_', ' ')}", f"{shown:.6g}", unit))
+    if not any(found.disturbance):
+        rows.append(("disturbance", "none", ""))
+    print_table("what went in", ("quantity", "value", "unit"), rows)
+    if found.rules:
+        print_table(
+            "rules that fired",
+            ("if e is", "and e_dot is", "weight", "Kp'", "Kd'", "alpha"),
+            [
+                (
+                    rule.error_label,
+                    rule.rate_label,
+                    f"{rule.weight:.6f}",
+                    f"{rule.kp_label} = {rule.kp:.6g}",
+                    f"{rule.kd_label} = {rule.kd:.6g}",
+                    f"{rule.alpha_label} = {rule.alpha:.6g}",
+                )
+                for rule in found.rules
+                if rule.weight > 0.0
+            ],
+        )
+    low, high = found.limits
+    free = not (isfinite(low) or isfinite(high))
+    print_table(
+        "what came out",
+        ("quantity", "value", "unit"),
+        [
+            ("P: Kp e", f"{terms.p_term:.6g}", "N m"),
+            ("I: Ki times the integral", f"{terms.i_term:.6g}", "N m"),
+            ("D: Kd times the derivative", f"{terms.d_term:.6g}", "N m"),
+            ("their sum", f"{terms.unsaturated:.6g}", "N m"),
+            ("limits", "none" if free else f"{low:g} … {high:g}", "" if free else "N m"),
+            ("command" + (", limited" if found.limited else ""), f"{terms.effort:.6g}", "N m"),
+            ("torque that the plant got", f"{found.applied:.6g}", "N m"),
+            ("Kp", f"{terms.kp:.6g}", "N m/rad"),
+            ("Ki", f"{terms.ki:.6g}", "N m/(rad s)"),
+            ("Kd", f"{terms.kd:.6g}", "N m s/rad"),
+            ("alpha = Kp^2 / (Ki Kd)", f"{terms.alpha:.6g}", ""),
+        ],
+    )
+    acted = "acted" if windup.acted else "did not act"
+    click.echo(
+        f"anti-windup ({windup.strategy}) {acted}: integral {windup.before:.6g} + "
+        f"{windup.increment:.6g}, used {windup.used:.6g}, kept {windup.after:.6g} rad s"
+    )
+    click.echo(
+        "computed again: equal to the recorded command, bit for bit"
+        if found.agrees
+        else f"computed again: {terms.effort!r}, but {found.recorded!r} N m is recorded"
+    )
