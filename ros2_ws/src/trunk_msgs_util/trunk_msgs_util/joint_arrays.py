@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .joint_state_cdr import JointStateLayout
+from .joint_state_cdr import JointStateLayout, shared
 from .samples import JointSample
 from .schemas import deserialize, stamp_of
 from .topics import JOINT_STATE_TYPE
@@ -16,6 +17,8 @@ from .units import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from .mcap_split import Messages
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -55,20 +58,41 @@ class JointArrays:
         return JointArrays(self.names, self.stamp_ns[rows], self.log_time_ns[rows], *quantities)
 
 
-def decode(messages: Sequence[bytes], log_time_ns: Sequence[int]) -> JointArrays:
+def structured(messages: Messages) -> tuple[tuple[str, ...], NDArray[Any]] | None:
+    """Return the names and an array of fields sec, nanosec, position, velocity, effort.
+
+    No Python work for each message; a quantity is [N, values]. None where the messages do not all
+    share one layout, are big-endian or malformed.
+    """
+    data, _, start, end = messages
+    sizes = end - start
+    if (sizes != sizes[0]).any():
+        return None
+    try:
+        layout = shared(JointStateLayout.parse(data[start[0] : end[0]]))
+        return layout.name, layout.decode_at(data, start)
+    except ValueError:
+        return None
+
+
+def stamps(array: NDArray[Any]) -> Integers:
+    """Return the stamps in ns of what `structured` returns."""
+    stamp_ns: Integers = array["sec"].astype(np.int64) * NANOSECONDS + array["nanosec"]
+    return stamp_ns
+
+
+def decode(messages: Messages) -> JointArrays:
     """Return one or more serialized messages as arrays, in bulk where they share a layout.
 
     Raises ValueError for bytes that are not JointState, and where values do not match names.
     """
-    log = np.array(log_time_ns, np.int64)
-    try:
-        layout = JointStateLayout.parse(messages[0])
-        array = layout.decode(messages)
-    except ValueError:
-        samples = [_sample(message) for message in messages]
+    log = messages.log_time_ns
+    found = structured(messages)
+    if found is None:
+        samples = [_sample(message) for message in messages.bytes()]
         return concatenate([_one(s, log[i : i + 1]) for i, s in enumerate(samples)])
-    stamp = array["sec"].astype(np.int64) * NANOSECONDS + array["nanosec"]
-    return _arrays(layout.name, stamp, log, [array[quantity] for quantity in QUANTITIES])
+    names, array = found
+    return _arrays(names, stamps(array), log, [array[quantity] for quantity in QUANTITIES])
 
 
 def _arrays(
@@ -77,11 +101,13 @@ def _arrays(
     for quantity, values in zip(QUANTITIES, quantities, strict=True):
         if values.shape[1] not in (0, len(names)):
             raise ValueError(f"{values.shape[1]} values of {quantity} for {len(names)} names")
-    # Contiguous copies: a view would keep the joined messages alive.
+    # Contiguous copies: a view would keep the whole chunk alive.
     return JointArrays(names, stamp, log, *(np.array(v, np.float64) for v in quantities))
 
 
 def _sample(data: bytes) -> JointSample:
+    with suppress(ValueError):
+        return shared(JointStateLayout.parse(data)).unpack(data)
     message = deserialize(JOINT_STATE_TYPE, data)
     values = (tuple(getattr(message, quantity).tolist()) for quantity in QUANTITIES)
     return JointSample(stamp_of(message.header.stamp), tuple(message.name), *values)

@@ -121,16 +121,18 @@ class JointStateLayout:
         )
 
     @cached_property
-    def _constant_bytes(self) -> tuple[NDArray[np.intp], NDArray[np.uint8]]:
+    def _constant_spans(self) -> list[tuple[int, NDArray[np.uint8]]]:
         """Offsets and values of all bytes that are the same in every message of this layout."""
         pieces = [piece for group in self._pieces for piece in group]
-        where = [np.arange(2)]  # the encapsulation's two bytes of options may hold anything
-        where += [
-            np.arange(at, at + len(piece))
-            for at, piece in zip(self._plan.piece_offsets, pieces, strict=True)
-        ]
-        values = np.frombuffer(b"".join([_ENCAPSULATION[:2], *pieces]), np.uint8)
-        return np.concatenate(where), values
+        # The encapsulation's two bytes of options may hold anything.
+        spans = [(0, _ENCAPSULATION[:2]), *zip(self._plan.piece_offsets, pieces, strict=True)]
+        joined: list[tuple[int, bytes]] = []
+        for at, piece in spans:
+            if joined and joined[-1][0] + len(joined[-1][1]) == at:
+                joined[-1] = (joined[-1][0], joined[-1][1] + piece)
+            else:
+                joined.append((at, piece))
+        return [(at, np.frombuffer(piece, np.uint8)) for at, piece in joined]
 
     def pack(self, sample: JointSample) -> bytes:
         """Return the message. Raises ValueError where the sample does not have this layout."""
@@ -174,11 +176,39 @@ class JointStateLayout:
         joined = b"".join([message[:size] for message in messages])
         if len(joined) != size * len(messages):
             raise ValueError("messages of different sizes")
-        where, values = self._constant_bytes
-        octets = np.frombuffer(joined, np.uint8).reshape(-1, size)
-        if not (octets[:, where] == values).all():
-            raise ValueError("messages of different layouts")
-        return np.frombuffer(joined, self.dtype)
+        return self._checked(np.frombuffer(joined, f"V{size}"))
+
+    def decode_at(self, data: bytes, start: NDArray[np.int64]) -> NDArray[Any]:
+        """Return the messages that begin at some bytes of ``data`` as an array of `dtype`.
+
+        A view where they stand in equal distances, and else a copy. Raises ValueError unless all
+        have this layout.
+        """
+        size = self.size
+        if start[-1] + size > len(data):
+            raise ValueError("messages of different sizes")
+        step = int(start[1] - start[0]) if len(start) > 1 else size
+        if step > 0 and (np.diff(start) == step).all():
+            whole: NDArray[np.void] = np.ndarray(
+                (len(start),), f"V{size}", data, int(start[0]), (step,)
+            )
+        else:
+            everywhere: NDArray[np.void] = np.ndarray(
+                (len(data) - size + 1,), f"V{size}", data, 0, (1,)
+            )
+            whole = everywhere[start]
+        return self._checked(whole)
+
+    def _checked(self, whole: NDArray[np.void]) -> NDArray[Any]:
+        octets = np.lib.stride_tricks.as_strided(
+            whole.view(np.dtype([("first", "u1"), ("", f"V{self.size - 1}")]))["first"],
+            (len(whole), self.size),
+            (*whole.strides, 1),
+        )
+        for at, values in self._constant_spans:
+            if not (octets[:, at : at + len(values)] == values).all():
+                raise ValueError("messages of different layouts")
+        return whole.view(self.dtype)
 
     @classmethod
     def parse(cls, data: bytes) -> JointStateLayout:
@@ -228,6 +258,12 @@ class _Cursor:
 @lru_cache(maxsize=256)
 def _layout(name: tuple[str, ...], position: int, velocity: int, effort: int) -> JointStateLayout:
     return JointStateLayout(name, position, velocity, effort)
+
+
+@lru_cache(maxsize=256)
+def shared(layout: JointStateLayout) -> JointStateLayout:
+    """Return an equal layout whose plan is made once for all chunks of a stream."""
+    return layout
 
 
 def layout_of(sample: JointSample) -> JointStateLayout:

@@ -1,29 +1,32 @@
 """The blocks of an MCAP file, in order, as far as the file is sound and no further.
 
-A block is what holds messages: a chunk, or a message that stands outside chunks.
+A block is what holds messages: a chunk, or a run of messages that stand outside chunks.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
-from dataclasses import dataclass, field
 from io import BytesIO
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
+import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Chunk
-from mcap.stream_reader import get_chunk_data_stream
+
+from .mcap_chunk import MAX_CHUNK, chunk_records
+from .mcap_split import HEAD, Content, record_offsets, split
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 MAGIC = b"\x89MCAP0\r\n"
+BLOCKS = (Opcode.CHUNK, Opcode.MESSAGE)
 
-_RECORD = struct.Struct("<BQ")  # opcode, length
-_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _CRC = struct.Struct("<I")
+_RUN = 1 << 20  # bytes of messages outside chunks that are read at a time
+# These may be longer than `MAX_CHUNK`; nothing here reads what is in them.
+_SKIPPED = (Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX)
 
 
 class DamageError(ValueError):
@@ -35,11 +38,12 @@ class ChecksumError(DamageError):
 
 
 class Record(NamedTuple):
-    """A record; ``offset`` is where it, or the chunk that holds it, begins in the file."""
+    """A record, or a run of messages outside chunks with their heads (``opcode`` is MESSAGE)."""
 
-    offset: int
+    offset: int  # in the file; of the chunk, for what stands in one
     opcode: int
-    body: bytes
+    body: bytes  # empty for attachments and indexes
+    end: int
 
     @property
     def stream(self) -> ReadDataStream:
@@ -47,52 +51,50 @@ class Record(NamedTuple):
         return ReadDataStream(BytesIO(self.body))
 
 
-class Span(NamedTuple):
-    """Where a message's data stand in a block's content."""
-
-    log_time_ns: int
-    start: int
-    end: int
-
-
-@dataclass
-class Content:
-    """A block's content, split: spans of messages by channel, and the records beside them."""
-
-    data: bytes
-    spans: dict[int, list[Span]] = field(default_factory=dict)
-    records: list[Record] = field(default_factory=list)
-
-
-def _name(opcode: int) -> str:
+def name_of(opcode: int) -> str:
+    """Return what a record of this kind is called."""
     return Opcode(opcode).name if opcode in Opcode._value2member_map_ else f"record {opcode:#x}"
 
 
 def records(file: BinaryIO, size: int) -> Iterator[Record]:
     """Yield the records of a file of ``size`` bytes that stands behind its magic.
 
-    Raises DamageError at a record that the file does not hold whole, and ChecksumError behind the
-    data where they do not have the checksum that they were written with.
+    Raises DamageError at a record that the file does not hold whole or that is too long to be read,
+    and ChecksumError behind the data where they do not have the checksum that they were written
+    with.
     """
     crc = zlib.crc32(MAGIC)
     offset = len(MAGIC)
     while offset < size:
-        head = file.read(_RECORD.size)
-        if len(head) < _RECORD.size:
+        head = file.read(HEAD.size)
+        if len(head) < HEAD.size:
             raise DamageError(f"ends at byte {size}, in a record's head at byte {offset}")
-        opcode, length = _RECORD.unpack(head)
-        end = offset + _RECORD.size + length
+        opcode, length = HEAD.unpack(head)
+        end = offset + HEAD.size + length
         if end > size:
             raise DamageError(
-                f"ends at byte {size}, inside the {_name(opcode)} record at byte {offset}"
+                f"ends at byte {size}, inside the {name_of(opcode)} record at byte {offset}"
             )
-        body = file.read(length)
-        if opcode == Opcode.DATA_END:
-            (expected,) = _CRC.unpack(body[:4].ljust(4, b"\x00"))
-            if expected not in (0, crc):
-                raise ChecksumError(f"the checksum of the first {offset} bytes is wrong")
-        crc = zlib.crc32(body, zlib.crc32(head, crc))
-        yield Record(offset, opcode, body)
+        if opcode in _SKIPPED:
+            yield Record(offset, opcode, b"", end)
+            crc = _skip(file, length, zlib.crc32(head, crc))
+        else:
+            if length > MAX_CHUNK:
+                raise DamageError(
+                    f"the {name_of(opcode)} record at byte {offset} claims {length} bytes, "
+                    f"more than the {MAX_CHUNK} that are read"
+                )
+            body = file.read(length)
+            if opcode == Opcode.MESSAGE:
+                body = _run(file, head + body, size - end)
+                end = offset + len(body)
+                head = b""
+            if opcode == Opcode.DATA_END:
+                (expected,) = _CRC.unpack(body[:4].ljust(4, b"\x00"))
+                if expected not in (0, crc):
+                    raise ChecksumError(f"the checksum of the first {offset} bytes is wrong")
+            crc = zlib.crc32(body, zlib.crc32(head, crc))
+            yield Record(offset, opcode, body, end)
         if opcode == Opcode.FOOTER:
             if file.read(len(MAGIC)) != MAGIC:
                 raise DamageError(f"ends at byte {size}, without the closing magic at byte {end}")
@@ -101,51 +103,46 @@ def records(file: BinaryIO, size: int) -> Iterator[Record]:
     raise DamageError(f"ends at byte {size}, without a footer")
 
 
+def _skip(file: BinaryIO, length: int, crc: int) -> int:
+    """Read over some bytes and return the checksum continued over them."""
+    while length > 0:
+        piece = file.read(min(length, _RUN))
+        crc = zlib.crc32(piece, crc)
+        length -= max(len(piece), 1)
+    return crc
+
+
+def _run(file: BinaryIO, first: bytes, left: int) -> bytes:
+    """Return a message record and the whole message records behind it, about `_RUN` bytes."""
+    data = first + file.read(min(_RUN, left))
+    offsets, end = record_offsets(data)
+    others = np.flatnonzero(np.frombuffer(data, np.uint8)[offsets] != Opcode.MESSAGE)
+    if len(others):
+        end = int(offsets[others[0]])
+    file.seek(end - len(data), 1)
+    return data[:end]
+
+
 def damaged(record: Record, error: Exception) -> DamageError:
     """Return what to raise where a record's body makes no sense."""
     what = str(error) or type(error).__name__
     return DamageError(
-        f"the {_name(record.opcode)} record at byte {record.offset} is damaged ({what})"
+        f"the {name_of(record.opcode)} record at byte {record.offset} is damaged ({what})"
     )
 
 
 def content_of(record: Record) -> Content:
-    """Return the content of a chunk, or of a message outside chunks. Raises DamageError."""
+    """Return the content of a block. Raises DamageError."""
     try:
-        if record.opcode == Opcode.CHUNK:
-            stream, length = get_chunk_data_stream(Chunk.read(record.stream), validate_crc=True)
-            return _split(stream.read(length), record.offset)
-        message = _RECORD.pack(record.opcode, len(record.body)) + record.body
-        return _split(message, record.offset)
-    except Exception as error:  # whatever damaged bytes make of the decompressor and of mcap
+        return split(chunk_records(record.body) if record.opcode == Opcode.CHUNK else record.body)
+    except Exception as error:  # whatever damaged bytes make of a decompressor
         raise damaged(record, error) from None
 
 
-def _split(data: bytes, offset: int) -> Content:
-    content = Content(data)
-    at, size = 0, len(data)
-    while at < size:
-        opcode, length = _RECORD.unpack_from(data, at)
-        start = at + _RECORD.size
-        end = start + length
-        if end > size:
-            raise ValueError("a record goes beyond its chunk")
-        if opcode == Opcode.MESSAGE:
-            channel, _, log_time_ns, _ = _MESSAGE.unpack_from(data, start)
-            span = Span(log_time_ns, start + _MESSAGE.size, end)
-            spans = content.spans.get(channel)
-            if spans is None:
-                content.spans[channel] = [span]
-            else:
-                spans.append(span)
-        else:
-            content.records.append(Record(offset, opcode, data[start:end]))
-        at = end
-    return content
-
-
-def read_record(file: BinaryIO, offset: int) -> Record:
-    """Return the record at a byte offset that `records` has yielded before."""
+def read_block(file: BinaryIO, offset: int, end: int) -> Record:
+    """Return a block that `records` has yielded before."""
     file.seek(offset)
-    opcode, length = _RECORD.unpack(file.read(_RECORD.size))
-    return Record(offset, opcode, file.read(length))
+    data = file.read(end - offset)
+    if data[:1] == bytes([Opcode.CHUNK]):
+        return Record(offset, Opcode.CHUNK, data[HEAD.size :], end)
+    return Record(offset, Opcode.MESSAGE, data, end)

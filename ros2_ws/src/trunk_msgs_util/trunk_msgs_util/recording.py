@@ -1,66 +1,36 @@
-"""`Recording`: what an MCAP file of a run says, as far as the file is sound."""
+"""`Recording`: what a run's MCAP file or rosbag2 folder says, as far as it is sound."""
 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeVar
-
-from mcap.opcode import Opcode
-from mcap.records import Channel, Metadata, Schema
+from typing import TYPE_CHECKING, TypeVar
 
 from . import topics as names
+from .bag_folder import METADATA, bag_folder
 from .joint_arrays import JointArrays, concatenate, decode
-from .mcap_blocks import (
-    MAGIC,
-    ChecksumError,
-    Content,
-    DamageError,
-    Record,
-    content_of,
-    damaged,
-    read_record,
-    records,
-)
+from .recording_file import RecordingError, RecordingFile, Topic
 from .recording_writer import DIGESTS, END, PROVENANCE
 from .schemas import ParameterChange, RunEvent, parse_event, parse_parameter_event
-from .units import NANOSECONDS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from .declarations import Value
+    from .mcap_split import Content, Messages
+
+__all__ = ["Recording", "RecordingError", "Topic"]
 
 Parsed = TypeVar("Parsed")
 
-_BLOCKS = (Opcode.CHUNK, Opcode.MESSAGE)
-# These types begin with a stamp, right behind the encapsulation.
-_STAMPED = (
-    names.JOINT_STATE_TYPE,
-    names.PARAMETER_EVENT_TYPE,
-    names.DIAGNOSTIC_ARRAY_TYPE,
-    names.CLOCK_TYPE,
-)
-
-
-class RecordingError(ValueError):
-    """The file cannot be used as a recording: one line that names it and says what to do."""
-
-
-@dataclass
-class Topic:
-    """What the file holds of a topic; stamps are the headers', or else the log times."""
-
-    type: str
-    count: int = 0
-    first_stamp_ns: int | None = None
-    last_stamp_ns: int | None = None
-    size: int = 0  # encoded bytes
+# Decompressed chunks that are kept for the next topic: a run of a minute is decompressed once.
+_KEPT = 64 << 20
+_OURS = "trunk_msgs_util"  # begins the library's name in files that must have an end record
 
 
 class Recording:
-    """A run's file, scanned once; messages are read from it when they are asked for.
+    """A run's file or files, scanned once; messages are read when they are asked for.
 
     ``warnings`` says what is missing or damaged, and from which byte on. Nothing behind the first
     damaged byte counts.
@@ -74,88 +44,80 @@ class Recording:
         self.end: dict[str, str] | None = None
         self.warnings: list[str] = []
         self._sound = True
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
-        self._blocks: list[tuple[int, frozenset[int]]] = []  # offset, channels with messages
+        self._files: list[RecordingFile] = []
+        self._kept: OrderedDict[tuple[int, int], Content] = OrderedDict()
 
     @classmethod
-    def open(cls, path: str | Path) -> Recording:
-        """Scan a file. Raises RecordingError where it is not there, not readable or not MCAP."""
+    def open(
+        cls, path: str | Path, progress: Callable[[int, int], None] = lambda _done, _of: None
+    ) -> Recording:
+        """Scan a file or a folder; ``progress`` is told bytes read and bytes in all.
+
+        Raises RecordingError where it is not there, not readable, or not MCAP.
+        """
         recording = cls(path)
         try:
-            recording._scan()
+            recording._scan(progress)
         except OSError as error:
             raise RecordingError(
                 f"{path}: {error.strerror}: give an MCAP file that can be read"
             ) from None
         return recording
 
-    def _scan(self) -> None:
-        size = self.path.stat().st_size
-        with self.path.open("rb") as file:
-            if size == 0:
-                raise RecordingError(f"{self.path} is empty: nothing was recorded; record it again")
-            if file.read(len(MAGIC)) != MAGIC:
-                raise RecordingError(f"{self.path} is not an MCAP file: give a recording of a run")
-            try:
-                for record in records(file, size):
-                    self._take(record)
-            except ChecksumError as error:
-                self._sound = False
-                self.warnings.append(str(error))
-            except DamageError as error:
-                self.warnings.append(str(error))
-        if self.end is None:
+    def _scan(self, progress: Callable[[int, int], None]) -> None:
+        files, counted = [self.path], None
+        is_bag = self.path.is_dir()
+        if is_bag:
+            files, counted = bag_folder(self.path)
+        sizes = [path.stat().st_size for path in files]
+        for i, path in enumerate(files):
+            file = RecordingFile(path, self.topics)
+            file.scan(partial(_tell, progress, sum(sizes[:i]), sum(sizes)))
+            self._files.append(file)
+            self._sound &= file.sound
+            self.provenance.update(file.metadata[PROVENANCE])
+            self.digests.update(file.metadata.get(DIGESTS, {}))
+            self.end = file.metadata.get(END, self.end)
+            if file.warning:
+                self.warnings.append(f"{path.name}: {file.warning}" if is_bag else file.warning)
+                if path != files[-1]:
+                    self.warnings.append(f"{len(files) - i - 1} files behind it are not read")
+                break
+        self._judge(is_bag, counted)
+
+    def _judge(self, is_bag: bool, counted: int | None) -> None:
+        """Warn where nothing says that the run is whole."""
+        found = sum(topic.count for topic in self.topics.values())
+        if counted is not None and counted != found:
+            self._sound = False
+            self.warnings.append(f"{METADATA} counts {counted} messages, its files hold {found}")
+        library = self._files[0].library
+        if self.end is not None:
+            if self.end.get("complete") != "true":
+                self.warnings.append(f"incomplete: {self.end.get('reason', 'no reason given')}")
+        elif library.startswith(_OURS) or not library:
             self.warnings.append(f"no {END} record: the recorder was not ended in order")
-        elif self.end.get("complete") != "true":
-            self.warnings.append(f"incomplete: {self.end.get('reason', 'no reason given')}")
-
-    def _take(self, record: Record) -> None:
-        if record.opcode in _BLOCKS:
-            self._take_block(content_of(record), record.offset)
-            return
-        try:
-            self._take_record(record)
-        except Exception as error:  # whatever a damaged record makes of its reader
-            raise damaged(record, error) from None
-
-    def _take_record(self, record: Record) -> None:
-        if record.opcode == Opcode.SCHEMA:
-            schema = Schema.read(record.stream)
-            self._schemas.setdefault(schema.id, schema)
-        elif record.opcode == Opcode.CHANNEL:
-            channel = Channel.read(record.stream)
-            if self._channels.setdefault(channel.id, channel) is channel:
-                described = self._schemas.get(channel.schema_id)
-                self.topics.setdefault(channel.topic, Topic(described.name if described else ""))
-        elif record.opcode == Opcode.METADATA:
-            metadata = Metadata.read(record.stream)
-            if metadata.name == PROVENANCE:
-                self.provenance.update(metadata.metadata)
-            elif metadata.name == DIGESTS:
-                self.digests = metadata.metadata
-            elif metadata.name == END:
-                self.end = metadata.metadata
-
-    def _take_block(self, content: Content, offset: int) -> None:
-        for record in content.records:
-            self._take(record)
-        if not content.spans.keys() <= self._channels.keys():
-            raise DamageError(f"the record at byte {offset} has messages of an unknown channel")
-        for channel, spans in content.spans.items():
-            topic = self.topics[self._channels[channel].topic]
-            topic.count += len(spans)
-            topic.size += sum(span.end - span.start for span in spans)
-            first, last = (
-                _stamp(content.data[span.start : span.start + 12])
-                if topic.type in _STAMPED
-                else span.log_time_ns
-                for span in (spans[0], spans[-1])
+        elif is_bag and counted is None:
+            self.warnings.append(f"no {METADATA}: the recorder was not ended in order")
+        else:
+            self.warnings.append(
+                f"recorded by {library}: no {END} record says whether the run is whole"
             )
-            if topic.first_stamp_ns is None:
-                topic.first_stamp_ns = first
-            topic.last_stamp_ns = last
-        self._blocks.append((offset, frozenset(content.spans)))
+
+    @property
+    def files(self) -> list[Path]:
+        """The MCAP files that were read; more than one for a split bag."""
+        return [file.path for file in self._files]
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return sum(path.stat().st_size for path in self.files)
+
+    @property
+    def library(self) -> str:
+        """What wrote the first file, by its own word."""
+        return self._files[0].library
 
     @property
     def complete(self) -> bool:
@@ -164,15 +126,11 @@ class Recording:
 
     def altered_topics(self) -> list[str]:
         """Return the topics whose messages are not those that the recorder wrote, by its digests."""
-        altered = []
-        for topic, digest in sorted(self.digests.items()):
-            found = hashlib.blake2b(digest_size=16)
-            for _, messages in self.messages(topic):
-                for data in messages:
-                    found.update(data)
-            if found.hexdigest() != digest:
-                altered.append(topic)
-        return altered
+        found = {topic: hashlib.blake2b(digest_size=16) for topic in self.digests}
+        for block in self.blocks(self.digests):
+            for topic, messages in block.items():
+                found[topic].update(b"".join(messages.bytes()))
+        return sorted(t for t, digest in self.digests.items() if found[t].hexdigest() != digest)
 
     @property
     def namespace(self) -> str:
@@ -195,33 +153,60 @@ class Recording:
         }
         return max(counts, key=lambda name: counts[name], default=None)
 
+    def blocks(self, topics: Iterable[str]) -> Iterator[dict[str, Messages]]:
+        """Yield the messages of some topics, block by block in the file's order.
+
+        One pass: each block is decompressed once for all of the topics. A topic of which a block
+        has nothing is not in its dictionary.
+        """
+        asked = list(topics)
+        for number, file in enumerate(self._files):
+            wanted = {
+                topic: [c for c, channel in file.channels.items() if channel.topic == topic]
+                for topic in asked
+            }
+            every = {channel for channels in wanted.values() for channel in channels}
+            with file.path.open("rb") as stream:
+                for block in file.blocks:
+                    if every.isdisjoint(block.channels):
+                        continue
+                    key = (number, block.offset)
+                    content = self._kept.get(key) or file.content(stream, block)
+                    self._keep(key, content)
+                    found = ((t, content.messages(channels)) for t, channels in wanted.items())
+                    yield {topic: messages for topic, messages in found if messages is not None}
+
+    def _keep(self, key: tuple[int, int], content: Content) -> None:
+        self._kept[key] = content
+        self._kept.move_to_end(key)
+        # Offsets take about as much as short messages do.
+        while sum(2 * len(kept.data) for kept in self._kept.values()) > _KEPT:
+            self._kept.popitem(last=False)
+
     def messages(self, topic: str) -> Iterator[tuple[list[int], list[bytes]]]:
         """Yield ``(log times in ns, messages)`` of a topic, block by block, in the file's order."""
-        wanted = {number for number, channel in self._channels.items() if channel.topic == topic}
-        with self.path.open("rb") as file:
-            for offset, channels in self._blocks:
-                if wanted.isdisjoint(channels):
-                    continue
-                content = content_of(read_record(file, offset))
-                spans = [s for channel in wanted for s in content.spans.get(channel, ())]
-                if len(wanted) > 1:
-                    spans.sort(key=lambda span: span.start)
-                yield (
-                    [span.log_time_ns for span in spans],
-                    [content.data[span.start : span.end] for span in spans],
-                )
+        for block in self.blocks([topic]):
+            yield block[topic].log_time_ns.tolist(), block[topic].bytes()
 
     def joints(self, topic: str) -> JointArrays:
         """Return all messages of a JointState topic (absolute name), none for an unknown topic.
 
         Raises RecordingError where they are not JointState messages.
         """
-        try:
-            return concatenate([decode(data, log) for log, data in self.messages(topic)])
-        except (ValueError, OverflowError) as error:
-            raise RecordingError(
-                f"{self.path}: {topic} cannot be read as JointState: {error}"
-            ) from None
+        return self.joints_of([topic])[topic]
+
+    def joints_of(self, topics: Iterable[str]) -> Mapping[str, JointArrays]:
+        """Return all messages of some JointState topics, read in one pass. Raises as `joints`."""
+        parts: dict[str, list[JointArrays]] = {topic: [] for topic in topics}
+        for block in self.blocks(parts):
+            for topic, messages in block.items():
+                try:
+                    parts[topic].append(decode(messages))
+                except (ValueError, OverflowError) as error:
+                    raise RecordingError(
+                        f"{self.path}: {topic} cannot be read as JointState: {error}"
+                    ) from None
+        return {topic: concatenate(parts.pop(topic)) for topic in list(parts)}
 
     def _parsed(self, relative: str, parse: Callable[[bytes], Parsed]) -> list[Parsed]:
         topic = self.topic(relative)
@@ -250,7 +235,5 @@ class Recording:
         return self._parsed(names.RUN_EVENTS, parse_event)
 
 
-def _stamp(data: bytes) -> int:
-    order: Literal["little", "big"] = "little" if data[1:2] == b"\x01" else "big"
-    sec = int.from_bytes(data[4:8], order, signed=True)
-    return sec * NANOSECONDS + int.from_bytes(data[8:12], order)
+def _tell(progress: Callable[[int, int], None], before: int, of: int, done: int) -> None:
+    progress(before + done, of)

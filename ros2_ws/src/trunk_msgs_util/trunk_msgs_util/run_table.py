@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from . import topics
-from .joint_arrays import Floats, Integers, JointArrays
+from .joint_arrays import Floats, Integers
 from .recording import Recording, RecordingError
+from .series import joint_names, read_series
 from .units import NANOSECONDS
 
 CSV_COLUMNS = (
@@ -51,31 +53,53 @@ class RunTable:
     alpha: Floats
 
     @classmethod
-    def from_recording(cls, recording: Recording) -> RunTable:
-        """Return a recorded run, matched by stamps. Raises RecordingError without true states."""
+    def from_recording(
+        cls, recording: Recording, only: Collection[str] = ("theta_measured", *_HELD)
+    ) -> RunTable:
+        """Return a recorded run, matched by stamps. Raises RecordingError without true states.
 
-        def read(relative: str) -> JointArrays:
-            return recording.joints(recording.topic(relative)).by_stamp()
-
-        truth = read(topics.GROUND_TRUTH)
-        if not len(truth):
-            raise RecordingError(
-                f"{recording.path} has no messages on {recording.topic(topics.GROUND_TRUTH)}: "
-                "record a run with the simulator in it"
-            )
-        hip, trunk = _joints(recording, truth)
+        ``only`` names what is read beside the true states and the torque; the rest is NaN.
+        """
+        truth_topic = recording.topic(topics.GROUND_TRUTH)
+        hip, trunk = _joints(recording, truth_topic)
+        measured_topic = recording.topic(topics.JOINT_STATES)
+        command_topic = recording.topic(topics.EFFORT_COMMAND)
+        state_topic = recording.topic(topics.controller_state(recording.controller or ""))
+        held = [name for name in _HELD if name in only]
+        found = read_series(
+            recording,
+            {
+                truth_topic: [
+                    ("position", hip),
+                    ("position", trunk),
+                    ("velocity", hip),
+                    ("velocity", trunk),
+                    ("effort", trunk),
+                ],
+                command_topic: [("effort", trunk)],
+                **({measured_topic: [("position", trunk)]} if "theta_measured" in only else {}),
+                **({state_topic: [("position", name) for name in held]} if held else {}),
+            },
+        )
+        truth = found[truth_topic]
         at = truth.stamp_ns
-        measured = read(topics.JOINT_STATES)
-        command = read(topics.EFFORT_COMMAND)
-        controller = recording.controller
-        state = read(topics.controller_state(controller)) if controller else _NOTHING
-        held = {name: _held(at, state.stamp_ns, state.column("position", name)) for name in _HELD}
+        nothing = np.broadcast_to(np.nan, at.shape)
+        columns = dict.fromkeys(("theta_measured", *_HELD), nothing)
+        for name in held:
+            state = found[state_topic]
+            columns[name] = _held(at, state.stamp_ns, state.column("position", name))
+        if measured_topic in found:
+            measured = found[measured_topic]
+            values = measured.column("position", trunk)
+            columns["theta_measured"] = _matched(at, measured.stamp_ns, values)
 
         # A true state tells the torque of the step before it; only the last step's is not told.
-        torque = np.append(truth.column("effort", trunk)[1:], np.nan)
+        effort = truth.column("effort", trunk)
+        torque = np.append(effort[1:], np.nan)
+        command = found.pop(command_topic)
         last = _matched(at[-1:], command.stamp_ns, command.column("effort", trunk))
         limit = _max_effort(recording, int(at[-1]))
-        torque[-1] = truth.column("effort", trunk)[-1] if np.isnan(last[0]) else last[0]
+        torque[-1] = effort[-1] if np.isnan(last[0]) else last[0]
         torque[-1] = np.clip(torque[-1], -limit, limit)
         return cls(
             t=at / NANOSECONDS,
@@ -83,9 +107,8 @@ class RunTable:
             theta=truth.column("position", trunk),
             x_dot=truth.column("velocity", hip),
             theta_dot=truth.column("velocity", trunk),
-            theta_measured=_matched(at, measured.stamp_ns, measured.column("position", trunk)),
             torque=torque,
-            **held,
+            **columns,
         )
 
     def write_csv(self, path: str | Path) -> None:
@@ -98,37 +121,42 @@ class RunTable:
                 file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
 
 
-_NO_STAMPS: Integers = np.empty(0, np.int64)
-_NOTHING = JointArrays((), _NO_STAMPS, _NO_STAMPS, *(np.empty((0, 0)) for _ in range(3)))
-
-
 def _held(at: Integers, stamps: Integers, values: Floats) -> Floats:
     """Return the last of the values at or before each stamp, NaN before the first."""
+    if np.array_equal(at, stamps):
+        return values
     rows = np.searchsorted(stamps, at, side="right")
     return np.append(np.nan, values)[rows]
 
 
 def _matched(at: Integers, stamps: Integers, values: Floats) -> Floats:
     """Return the values that have exactly the stamps, NaN where there is none."""
+    if np.array_equal(at, stamps):
+        return values
     rows = np.searchsorted(stamps, at, side="right")
     found = np.append(-1, stamps)[rows] == at
     return np.where(found, np.append(np.nan, values)[rows], np.nan)
 
 
-def _joints(recording: Recording, truth: JointArrays) -> tuple[str, str]:
+def _joints(recording: Recording, topic: str) -> tuple[str, str]:
     """Return the names of the hip's and the trunk's joint."""
+    names = joint_names(recording, topic)
+    if topic not in recording.topics or not recording.topics[topic].count:
+        raise RecordingError(
+            f"{recording.path} has no messages on {topic}: record a run with the simulator in it"
+        )
     told = recording.parameters().get(recording.topic("simulator"), {}).get("joints")
     if isinstance(told, tuple) and len(told) == 2:
         joints = str(told[0]), str(told[1])
-    elif {"hip", "trunk"} <= set(truth.names) or len(truth.names) < 2:
+    elif {"hip", "trunk"} <= set(names) or len(names) < 2:
         joints = "hip", "trunk"
     else:
-        joints = truth.names[0], truth.names[1]
+        joints = names[0], names[1]
     for name in joints:
-        if name not in truth.names:
+        if name not in names:
             raise RecordingError(
-                f"{recording.path}: {recording.topic(topics.GROUND_TRUTH)} has no joint {name!r} "
-                f"but {', '.join(truth.names)}: set the parameter joints to its names"
+                f"{recording.path}: {topic} has no joint {name!r} "
+                f"but {', '.join(names)}: set the parameter joints to its names"
             )
     return joints
 

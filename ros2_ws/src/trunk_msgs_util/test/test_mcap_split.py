@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+import struct
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trunk_msgs_util.mcap_split import HEAD, record_offsets, split
+
+
+def walk(data: bytes) -> tuple[list[int], int]:
+    """The definition: one record after another."""
+    offsets, at = [], 0
+    while at + HEAD.size <= len(data):
+        end = at + HEAD.size + struct.unpack_from("<Q", data, at + 1)[0]
+        if end > len(data):
+            break
+        offsets.append(at)
+        at = end
+    return offsets, at
+
+
+def record(opcode: int, body: bytes) -> bytes:
+    return HEAD.pack(opcode, len(body)) + body
+
+
+def message(channel: int, log_time_ns: int, data: bytes) -> bytes:
+    return record(5, struct.pack("<HIQQ", channel, 0, log_time_ns, 0) + data)
+
+
+lengths = st.integers(0, 40)
+# Stretches of periods, so that regular and irregular parts follow one another.
+stretches = st.lists(
+    st.tuples(st.lists(lengths, min_size=1, max_size=70), st.integers(1, 400)), max_size=4
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(stretches, st.integers(0, 60))
+def test_offsets_are_those_of_the_walk(stretches, cut):
+    records = [record(9, b"\xff" * n) for period, times in stretches for n in period * times]
+    data = b"".join(records)
+    data = data[: max(len(data) - cut, 0)]
+    offsets, end = record_offsets(data)
+    assert (offsets.tolist(), end) == walk(data)
+
+
+@given(st.binary(max_size=400))
+def test_any_bytes_are_split_like_the_walk(data):
+    offsets, end = record_offsets(data)
+    assert (offsets.tolist(), end) == walk(data)
+
+
+def test_messages_stand_by_channel_and_others_beside_them():
+    parts = [record(3, b"schema")]
+    for k in range(500):
+        parts += [message(1, k, b"a" * 8), message(2, k, b"b" * (k % 3))]
+        if k == 250:
+            parts.append(record(4, b"channel"))
+    content = split(b"".join(parts))
+    assert content.others == [(3, b"schema"), (4, b"channel")]
+    assert content.channels[1].log_time_ns.tolist() == list(range(500))
+    assert content.channels[2].bytes() == [b"b" * (k % 3) for k in range(500)]
+    both = content.messages([1, 2])
+    assert both.start.tolist() == sorted(both.start.tolist())
+    assert both.log_time_ns.tolist() == np.repeat(np.arange(500), 2).tolist()
+    assert content.messages([7]) is None
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        (record(5, b"short"), "too short for its head"),
+        (message(1, 0, b"")[:-1], "goes beyond its chunk"),
+        (message(1, 2**63, b""), "log time"),
+        (record(8, b"") * (2**18 + 1), "records that are not messages"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(data, says):
+    with pytest.raises(ValueError, match=says):
+        split(data)
+
+
+def test_regular_records_cost_next_to_nothing():
+    data = b"".join(message(c, k, b"x" * 100 * c) for k in range(20_000) for c in (1, 2, 3))
+    start = time.process_time()
+    record_offsets(data)
+    assert time.process_time() - start < 0.02  # a walk takes six times as long
+
+
+def test_hardly_regular_records_are_no_trap():
+    regular = b"".join(record(9, b"") for _ in range(300))
+    data = (regular + record(9, b"x")) * 3000  # many beginnings of periods
+    start = time.process_time()
+    offsets, _ = record_offsets(data)
+    assert time.process_time() - start < 2.0
+    assert len(offsets) == 301 * 3000

@@ -1,0 +1,168 @@
+"""Where the records of a chunk begin, found in bulk.
+
+Records follow one another by their lengths. A recorder writes the same few topics again and again,
+so their lengths repeat with a period: it is looked for in the lengths walked so far, and NumPy then
+checks thousands of records against it at once. Where they are irregular, they are walked.
+"""
+
+from __future__ import annotations
+
+import struct
+from array import array
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from .joint_arrays import Integers
+
+HEAD = struct.Struct("<BQ")  # opcode, length of what follows
+_LENGTH = struct.Struct("<Q")
+_MESSAGE_HEAD = 22  # channel 2, sequence 4, log time 8, publish time 8
+_WINDOW = 128  # lengths in which a period is looked for
+_MAX_WALK = 8192
+_OTHERS = 1 << 18  # records that are not messages: all schemas and channels that there can be
+
+
+class Messages(NamedTuple):
+    """Messages in the order of the file; message i is ``data[start[i]:end[i]]``."""
+
+    data: bytes
+    log_time_ns: Integers
+    start: Integers
+    end: Integers
+
+    def bytes(self) -> list[bytes]:
+        """Return each message."""
+        data = self.data
+        spans = zip(self.start.tolist(), self.end.tolist(), strict=True)
+        return [data[start:end] for start, end in spans]
+
+    def first(self) -> Messages:
+        """Return the first message alone."""
+        return Messages(self.data, self.log_time_ns[:1], self.start[:1], self.end[:1])
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+
+@dataclass(frozen=True)
+class Content:
+    """The records of a chunk: messages by channel, and what stands beside them."""
+
+    data: bytes
+    channels: dict[int, Messages] = field(default_factory=dict)
+    others: list[tuple[int, bytes]] = field(default_factory=list)  # opcode, body
+
+    def messages(self, channels: Iterable[int]) -> Messages | None:
+        """Return the messages of some channels in the order of the file, None without any."""
+        found = [self.channels[c] for c in channels if c in self.channels]
+        if len(found) < 2:
+            return found[0] if found else None
+        log, start, end = (
+            np.concatenate(columns) for columns in list(zip(*found, strict=True))[1:]
+        )
+        order = np.argsort(start)
+        return Messages(self.data, log[order], start[order], end[order])
+
+
+def unaligned(data: bytes, type_name: str) -> NDArray[Any]:
+    """Return a view in which element i is the value that begins at byte i."""
+    dtype = np.dtype(type_name)
+    return np.ndarray((max(len(data) - dtype.itemsize + 1, 0),), dtype, data, 0, (1,))
+
+
+def split(data: bytes) -> Content:
+    """Return the content of a chunk. Raises ValueError where its records make no sense."""
+    offsets, end = record_offsets(data)
+    if end != len(data):
+        raise ValueError("a record goes beyond its chunk")
+    opcodes = np.frombuffer(data, np.uint8)[offsets]
+    ends = np.append(offsets[1:], end)
+    is_message = opcodes == Opcode.MESSAGE
+    content = Content(data)
+    others = np.flatnonzero(~is_message)
+    if len(others) > _OTHERS:
+        raise ValueError(f"it has {len(others)} records that are not messages")
+    content.others.extend(
+        (int(opcodes[i]), data[offsets[i] + HEAD.size : ends[i]]) for i in others.tolist()
+    )
+    if len(others):
+        offsets, ends = offsets[is_message], ends[is_message]
+    if not len(offsets):
+        return content
+    starts = offsets + HEAD.size + _MESSAGE_HEAD
+    if (ends < starts).any():
+        raise ValueError("a message is too short for its head")
+    log = unaligned(data, "<u8")[offsets + HEAD.size + 6]
+    if log.max() > np.iinfo(np.int64).max:
+        raise ValueError("a log time is beyond the year 2262")
+    log = log.astype(np.int64)
+    channel = unaligned(data, "<u2")[offsets + HEAD.size]
+    for number in np.unique(channel).tolist():
+        rows = np.flatnonzero(channel == number)
+        content.channels[number] = Messages(data, log[rows], starts[rows], ends[rows])
+    return content
+
+
+def record_offsets(data: bytes) -> tuple[Integers, int]:
+    """Return where each whole record begins [N], and where the last one ends."""
+    parts: list[Integers] = []
+    at, size, steps = 0, len(data), _WINDOW
+    last_head = size - HEAD.size
+    while at <= last_head:
+        walked = array("q")
+        for _ in range(steps):
+            if at > last_head:
+                break
+            following = at + HEAD.size + _LENGTH.unpack_from(data, at + 1)[0]
+            if following > size:
+                parts.append(np.array(walked, np.int64))
+                return np.concatenate(parts), at
+            walked.append(at)
+            at = following
+        parts.append(np.array(walked, np.int64))
+        period = _period([*walked[-_WINDOW:], at])
+        if period:
+            repeats = _repeats(data, at, period)
+            parts.append(repeats)
+            at += sum(period) * (len(repeats) // len(period))
+            steps = _WINDOW
+        else:
+            steps = min(2 * steps, _MAX_WALK)  # so that looking costs little where there is none
+    return (np.concatenate(parts) if parts else np.empty(0, np.int64)), at
+
+
+def _period(offsets: list[int]) -> list[int]:
+    """Return the shortest sequence of sizes that all of the offsets repeat; empty without one."""
+    sizes = [b - a for a, b in pairwise(offsets)]
+    for length in range(1, len(sizes) // 2 + 1):
+        if sizes[length:] == sizes[:-length]:
+            return sizes[-length:]
+    return []
+
+
+def _repeats(data: bytes, at: int, sizes: list[int]) -> Integers:
+    """Return the offsets of the whole periods that follow one another from ``at`` on."""
+    stride = sum(sizes)
+    within = np.cumsum([0, *sizes[:-1]])
+    possible = (len(data) - at) // stride
+    count, tried = 0, 64
+    while count < possible:  # in growing steps: what is not regular for long stays cheap
+        tried = good = min(tried, possible - count)
+        for begin, size in zip(within.tolist(), sizes, strict=True):
+            where = at + count * stride + begin + 1
+            lengths: NDArray[np.uint64] = np.ndarray((good,), "<u8", data, where, (stride,))
+            wrong = np.flatnonzero(lengths != size - HEAD.size)
+            good = int(wrong[0]) if len(wrong) else good
+        count += good
+        if good < tried:
+            break
+        tried *= 4
+    offsets: Integers = (at + stride * np.arange(count)[:, None] + within).ravel()
+    return offsets
