@@ -1,0 +1,37 @@
+#!/usr/bin/env python3
+"""Step random runs by CPython and by compiled code and compare every number bit by bit.
+
+scripts/check_compiled.py [RUNS]     default 1000; exit code 1 where a bit differs
+"""
+
+from __future__ import annotations
+
+import sys
+
+from trunk_experiments.closed_loop import Batch
+from trunk_experiments.compiled_check import first_difference, random_plan
+
+
+def main() -> int:
+    text = sys.argv[1] if len(sys.argv) > 1 else "1000"
+    if len(sys.argv) > 2 or not text.isdecimal() or text == "0":
+        print(
+            f"RUNS is {' '.join(sys.argv[1:])!r}: one whole number > 0 is needed", file=sys.stderr
+        )
+        return 2
+    batch = Batch()
+    diverged = 0
+    differences = []
+    for index in range(int(text)):
+        plan = random_plan(index)
+        found = first_difference(plan, batch)
+        diverged += batch.run(plan).diverged_at is not None
+        if found:
+            differences.append(found)
+            print(found)
+    print(f"{text} random runs, {diverged} of them diverging: {len(differences)} differ")
+    return 1 if differences else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
