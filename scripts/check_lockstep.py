@@ -28,6 +28,8 @@ CONTROLLERS = (
     ("pid", "pid_ziegler_nichols"),
     ("pid", "pid_as_printed"),
     ("fuzzy_pid", "fuzzy_as_printed"),
+    ("lqr", "profile_practical"),
+    ("computed_torque", "profile_practical"),
 )
 
 

@@ -9,13 +9,13 @@ from types import FunctionType
 import numpy as np
 import pytest
 
-from trunk_control import fuzzy, fuzzy_pid, pid, reference
+from trunk_control import computed_torque, fuzzy, fuzzy_pid, lqr, pid, reference
 from trunk_control.config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES, FuzzyPidConfig
 from trunk_sim import disturbances, integrator, plant
 
 numba = pytest.importorskip("numba")
 
-MODULES = (plant, integrator, disturbances, pid, fuzzy, fuzzy_pid, reference)
+MODULES = (plant, integrator, disturbances, pid, fuzzy, fuzzy_pid, lqr, computed_torque, reference)
 
 
 def compiled(modules) -> dict[str, object]:
@@ -151,6 +151,22 @@ def test_fuzzy_pid_update(twin, rules):
         expected = fuzzy_pid.fuzzy_pid_update(*sample, rules, box, law)
         actual = twin["fuzzy_pid_update"](*sample, compiled_rules, box, law)
         assert bits(actual) == bits(expected)
+
+
+def test_lqr_update(twin):
+    for *sample, law in pid_inputs(2000, 10, LAWS[-2]):
+        arguments = (*sample, 4.905, law)
+        assert bits(twin["lqr_update"](*arguments)) == bits(lqr.lqr_update(*arguments))
+
+
+def test_computed_torque_update(twin):
+    rng = np.random.default_rng(11)
+    for k, (*sample, gains, law) in enumerate(pid_inputs(2000, 12, LAWS[-2])):
+        hip = computed_torque.Hip(*rng.normal(0.0, 2.0, 2).tolist())
+        model = computed_torque.Model(*rng.uniform(0.1, 5.0, 6).tolist(), bool(k % 2))
+        arguments = (*sample, hip, gains, model, law)
+        expected = computed_torque.computed_torque_update(*arguments)
+        assert bits(twin["computed_torque_update"](*arguments)) == bits(expected)
 
 
 STAMPS = [0, 1, 2**53, *np.random.default_rng(9).integers(0, 10**11, 1000).tolist()]

@@ -24,6 +24,8 @@ setup(
         "console_scripts": [
             "pid = trunk_control.pid_node:main",
             "fuzzy_pid = trunk_control.fuzzy_pid_node:main",
+            "lqr = trunk_control.lqr_node:main",
+            "computed_torque = trunk_control.computed_torque_node:main",
         ],
     },
 )

@@ -12,19 +12,26 @@ from hypothesis import strategies as st
 from trunk_control.config import FuzzyPidConfig, PidConfig
 from trunk_control.controller import FuzzyPidController, PidController
 from trunk_control.fuzzy_pid import fuzzy_pid_update
+from trunk_control.model_config import ComputedTorqueConfig, LqrConfig
+from trunk_control.model_controller import ComputedTorqueController, LqrController
 from trunk_control.pid import PidState, pid_update
 from trunk_msgs_util.units import period_ns
 
 MS = 1_000_000
 FREE = {"u_clamp_max": 1e9, "u_clamp_min": -1e9, "antiwindup_strategy": "none"}
-both = pytest.mark.parametrize(
+every = pytest.mark.parametrize(
     ("make", "config"),
-    [(PidController, PidConfig(**FREE)), (FuzzyPidController, FuzzyPidConfig(**FREE))],
-    ids=["pid", "fuzzy_pid"],
+    [
+        (PidController, PidConfig(**FREE)),
+        (FuzzyPidController, FuzzyPidConfig(**FREE)),
+        (LqrController, LqrConfig(**FREE)),
+        (ComputedTorqueController, ComputedTorqueConfig(**FREE)),
+    ],
+    ids=["pid", "fuzzy_pid", "lqr", "computed_torque"],
 )
 
 
-@both
+@every
 @pytest.mark.parametrize(
     ("plant_rate", "rate", "divisor"),
     [
@@ -48,7 +55,7 @@ def test_due_at_every_divisor_th_state(make, config, plant_rate, rate, divisor):
         assert answer.fresh == (k % divisor == 0), k
 
 
-@both
+@every
 def test_command_is_held_between_due_instants(make, config):
     controller = make(replace(config, update_rate=100.0))
     due = controller.update(0, 0.3, 0.5)
@@ -82,7 +89,7 @@ def test_fuzzy_controller_runs_its_law():
         assert controller.update(k * 5 * MS, *sample[1:]).terms == terms
 
 
-@both
+@every
 def test_reference_comes_from_the_profile_or_from_outside(make, config):
     config = replace(
         config, reference_profile="step", reference_value=0.5, reference_step_time=0.01
@@ -94,7 +101,7 @@ def test_reference_comes_from_the_profile_or_from_outside(make, config):
     assert (answer.reference, answer.terms.error) == (-0.25, -0.45)
 
 
-@both
+@every
 def test_a_stamp_that_runs_back_resets(make, config):
     used, fresh = make(config), make(config)
     for k in range(10):
@@ -103,7 +110,7 @@ def test_a_stamp_that_runs_back_resets(make, config):
     assert used.state == fresh.state
 
 
-@both
+@every
 def test_the_same_stamp_twice_is_one_sample(make, config):
     controller = make(config)
     first = controller.update(0, 0.3, 1.0)
@@ -111,7 +118,7 @@ def test_the_same_stamp_twice_is_one_sample(make, config):
     assert (second.effort, second.fresh) == (first.effort, False)
 
 
-@both
+@every
 def test_reset_forgets_everything(make, config):
     used, fresh = make(config), make(config)
     for k in range(10):
@@ -120,7 +127,7 @@ def test_reset_forgets_everything(make, config):
     assert used.update(999 * MS, 0.2, 0.5) == fresh.update(999 * MS, 0.2, 0.5)
 
 
-@both
+@every
 @pytest.mark.parametrize("mode", ["error", "measurement", "rate"])
 def test_a_sample_that_is_not_finite_is_skipped(make, config, mode):
     # What follows is what would have followed had that state never come: dt spans the gap.
@@ -135,7 +142,7 @@ def test_a_sample_that_is_not_finite_is_skipped(make, config, mode):
         assert disturbed.update(5 * k * MS, angle, 1.0) == spared.update(5 * k * MS, angle, 1.0)
 
 
-@both
+@every
 @pytest.mark.parametrize("bad", [(nan, 0.0), (0.1, nan)], ids=["angle", "rate"])
 def test_no_command_before_the_first_finite_sample(make, config, bad):
     controller = make(config)
@@ -181,7 +188,7 @@ def check_bumpless(controller, new, angle, rate):
     assert after.effort - before.effort == pytest.approx(increment, abs=1e-12 * scale + 1e-12)
 
 
-@both
+@every
 def test_retuning_before_the_first_sample(make, config):
     controller = make(config)
     controller.retune(replace(config, reference_value=0.5))

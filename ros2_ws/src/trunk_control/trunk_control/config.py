@@ -160,6 +160,16 @@ class ControllerConfig:
         return period_ns(self.update_rate)
 
     @property
+    def hip(self) -> str | None:
+        """The hip's joint, where the law uses its motion."""
+        return None
+
+    @property
+    def damping_gain(self) -> float:
+        """The largest gain of the rate, N m s/rad: it bounds the period of the sampled loop."""
+        return 0.0
+
+    @property
     def law(self) -> PidLaw:
         """What stays fixed while gains move."""
         return PidLaw(
@@ -208,6 +218,11 @@ class PidConfig(ControllerConfig):
     def gains(self) -> Gains:
         """The gains."""
         return Gains(self.p, self.i, self.d)
+
+    @property
+    def damping_gain(self) -> float:
+        """Kd."""
+        return self.d
 
 
 def _range_gain(name: str, default: float, description: str, unit: str) -> float:
@@ -302,6 +317,11 @@ class FuzzyPidConfig(ControllerConfig):
         if name == "rules.alpha":
             return dict(zip(rule_tables.ALPHA_LABELS, self.alpha_centers, strict=True))
         return dict(rule_tables.GAIN_CENTERS)
+
+    @property
+    def damping_gain(self) -> float:
+        """The largest Kd of the box."""
+        return self.d_max
 
     @property
     def box(self) -> GainBox:

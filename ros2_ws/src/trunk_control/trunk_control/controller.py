@@ -7,10 +7,12 @@ at its ``update_rate``, and holds its command in between.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from trunk_msgs_util.units import seconds
 
+from .computed_torque import Hip
 from .config import ControllerConfig, FuzzyPidConfig, PidConfig
 from .fuzzy_pid import fuzzy_pid_update, inferred_gains
 from .pid import Gains, PidState, Terms, pid_update, retune
@@ -24,6 +26,22 @@ class Answer(NamedTuple):
     fresh: bool  # False: the command is held, no update was due
     reference: float  # rad
     terms: Terms | None  # of the update; None where the command is held
+
+
+_STILL = Hip()
+
+
+def hip_index(config: ControllerConfig, joints: Sequence[str]) -> int | None:
+    """Return the place of the hip among the joints; None for a law that does not use it.
+
+    Raises ValueError where the joint is not there.
+    """
+    return None if config.hip is None else joints.index(config.hip)
+
+
+def hip_seen(index: int | None, position: Sequence[float], velocity: Sequence[float]) -> Hip:
+    """Return the hip's motion from a state's values."""
+    return _STILL if index is None else Hip(position[index], velocity[index])
 
 
 class Controller(ABC):
@@ -46,7 +64,7 @@ class Controller(ABC):
 
     @abstractmethod
     def _update(
-        self, reference: float, measurement: float, rate: float, dt: float
+        self, reference: float, measurement: float, rate: float, hip: Hip, dt: float
     ) -> tuple[PidState, Terms]:
         """Return the next state and the terms of one update of the law."""
 
@@ -59,11 +77,17 @@ class Controller(ABC):
         return self._last_ns is None or stamp_ns - self._last_ns >= self._due_after_ns
 
     def update(
-        self, stamp_ns: int, position: float, velocity: float, reference: float | None = None
+        self,
+        stamp_ns: int,
+        position: float,
+        velocity: float,
+        reference: float | None = None,
+        hip: Hip = _STILL,
     ) -> Answer:
         """Return the answer to a state: angle in rad, rate in rad/s, at a stamp in ns.
 
-        ``reference`` [rad] replaces the configured profile. A stamp that runs back resets the
+        ``reference`` [rad] replaces the configured profile; ``hip`` is for laws whose configuration
+        names the hip's joint. A stamp that runs back resets the
         controller: time began anew.
         """
         last_ns = self._last_ns
@@ -75,7 +99,7 @@ class Controller(ABC):
         if not self.due(stamp_ns):
             return Answer(self.state.effort, False, reference, None)
         dt = seconds(self._period_ns if last_ns is None else stamp_ns - last_ns)
-        state, terms = self._update(reference, position, velocity, dt)
+        state, terms = self._update(reference, position, velocity, hip, dt)
         if state is self.state:  # held: not a finite sample; dt goes on from the last that was
             return Answer(terms.effort, False, reference, None)
         self.state = state
@@ -107,7 +131,7 @@ class PidController(Controller):
         return self._pid_gains
 
     def _update(
-        self, reference: float, measurement: float, rate: float, dt: float
+        self, reference: float, measurement: float, rate: float, hip: Hip, dt: float
     ) -> tuple[PidState, Terms]:
         return pid_update(self.state, reference, measurement, rate, dt, self._pid_gains, self._law)
 
@@ -126,7 +150,7 @@ class FuzzyPidController(Controller):
         return inferred_gains(self.state.error, self.state.derivative, self._rules, self._box)[0]
 
     def _update(
-        self, reference: float, measurement: float, rate: float, dt: float
+        self, reference: float, measurement: float, rate: float, hip: Hip, dt: float
     ) -> tuple[PidState, Terms]:
         return fuzzy_pid_update(
             self.state, reference, measurement, rate, dt, self._rules, self._box, self._law

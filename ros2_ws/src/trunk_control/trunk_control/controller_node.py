@@ -14,7 +14,7 @@ from trunk_msgs_util.conversions import WireReader, sample_to_wire
 from trunk_msgs_util.samples import JointSample
 
 from .config import ControllerConfig
-from .controller import Answer, Controller
+from .controller import Answer, Controller, hip_index, hip_seen
 
 
 class ControllerNode(TrunkNode[ControllerConfig]):
@@ -28,6 +28,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         self._reference: float | None = None  # from the topic
         self._names: tuple[str, ...] = ()
         self._index = 0
+        self._hip: int | None = None
         self._read_state = WireReader()
         self._read_reference = WireReader()
         self._commensurate_known = False
@@ -56,27 +57,31 @@ class ControllerNode(TrunkNode[ControllerConfig]):
 
     def _joint_index(self, names: tuple[str, ...]) -> int | None:
         if names != self._names:
-            if self.config.joint not in names:
+            try:
+                self._index = names.index(self.config.joint)
+                self._hip = hip_index(self.config, names)
+            except ValueError:
                 return None
             self._names = names
-            self._index = names.index(self.config.joint)
         return self._index
 
     def _on_state(self, data: bytes) -> None:
         message = self._read_state(data)
         index = self._joint_index(message.name)
-        if index is None or index >= len(message.position):
+        last = -1 if index is None else max(index, self._hip or 0)
+        if index is None or last >= len(message.position):
             self.counters["states without the joint"] += 1
             return
-        if index < len(message.velocity):
+        if last < len(message.velocity):
             velocity = message.velocity[index]
-        elif self.config.derivative_mode != "rate":
+        elif self.config.derivative_mode != "rate" and self._hip is None:
             velocity = 0.0  # not used
         else:
-            self.counters["states without a velocity (derivative_mode is 'rate')"] += 1
+            self.counters["states without the velocity that the law needs"] += 1
             return
         position = message.position[index]
-        if not (isfinite(position) and isfinite(velocity)):
+        hip = hip_seen(self._hip, message.position, message.velocity)
+        if not (isfinite(position) and isfinite(velocity) and all(map(isfinite, hip))):
             self.counters["states not finite"] += 1
             return
         stamp_ns = message.stamp_ns
@@ -85,7 +90,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         if self.config.lockstep and not self._commensurate(stamp_ns - self.run_stamp_ns):
             return
         self.run_stamp_ns = stamp_ns
-        answer = self._controller.update(stamp_ns, position, velocity, self._reference)
+        answer = self._controller.update(stamp_ns, position, velocity, self._reference, hip)
         if answer.fresh or self.config.lockstep:
             self._publish(stamp_ns, position, answer)
 

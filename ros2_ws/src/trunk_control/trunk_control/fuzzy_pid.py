@@ -66,4 +66,4 @@ def fuzzy_pid_update(
         return held(state, gains, alpha, state.effort)
     derivative = error_derivative(state, error, measurement, rate, dt, law)
     gains, alpha = inferred_gains(error, derivative, rules, box)
-    return combine(state, error, measurement, derivative, dt, gains, alpha, law)
+    return combine(state, error, measurement, derivative, dt, gains, alpha, law, 0.0)

@@ -103,12 +103,14 @@ def combine(
     gains: Gains,
     alpha: float,
     law: PidLaw,
+    feedforward: float,
 ) -> tuple[PidState, Terms]:
-    """Return the next state and the terms of ``u = kp e + ki I + kd D``, limited to [u_min, u_max].
+    """Return the next state and the terms of ``u = kp e + ki I + kd D + f``, limited to [u_min, u_max].
 
-    ``I_k = I_{k-1} + h e_k`` is used at once. Anti-windup acts afterwards, on the I of the next sample:
-    conditional integration drops the increment where u is limited and ``u e > 0``; back-calculation
-    adds ``h (u_limited - u) / (T_t ki)``. Ki stands outside the sum, so that gains may change freely.
+    ``feedforward`` f [N m] is what a model says beside the feedback; 0 in a PID. ``I_k = I_{k-1} + h e_k``
+    is used at once. Anti-windup acts afterwards, on the I of the next sample: conditional integration
+    drops the increment where u is limited and ``u e > 0``; back-calculation adds
+    ``h (u_limited - u) / (T_t ki)``. Ki stands outside the sum, so that gains may change freely.
     """
     kp, ki, kd = gains
     integral = state.integral + dt * error
@@ -121,7 +123,7 @@ def combine(
         i_term = law.i_min
         integral = i_term / ki
     d_term = kd * derivative
-    u = p_term + i_term + d_term
+    u = p_term + i_term + d_term + feedforward
     effort = u
     if u > law.u_max:
         effort = law.u_max
@@ -197,7 +199,7 @@ def pid_update(
     if not usable(error, rate, dt):
         return held(state, gains, alpha_of(gains), state.effort)
     derivative = error_derivative(state, error, measurement, rate, dt, law)
-    return combine(state, error, measurement, derivative, dt, gains, alpha_of(gains), law)
+    return combine(state, error, measurement, derivative, dt, gains, alpha_of(gains), law, 0.0)
 
 
 def retune(state: PidState, old: Gains, new: Gains) -> PidState:

@@ -13,6 +13,8 @@ _CLASSES = {
     "recorder": ("trunk_msgs_util.recorder_node", "RecorderNode"),
     "pid": ("trunk_control.pid_node", "PidNode"),
     "fuzzy_pid": ("trunk_control.fuzzy_pid_node", "FuzzyPidNode"),
+    "lqr": ("trunk_control.lqr_node", "LqrNode"),
+    "computed_torque": ("trunk_control.computed_torque_node", "ComputedTorqueNode"),
     "disturbance": ("trunk_sim.disturbance_node", "DisturbanceNode"),
     "simulator": ("trunk_sim.simulator_node", "SimulatorNode"),
 }

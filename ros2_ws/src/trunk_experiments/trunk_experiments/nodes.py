@@ -7,6 +7,8 @@ from typing import Any
 
 from trunk_control.config import ControllerConfig, FuzzyPidConfig, PidConfig
 from trunk_control.controller import Controller, FuzzyPidController, PidController
+from trunk_control.model_config import ComputedTorqueConfig, LqrConfig
+from trunk_control.model_controller import ComputedTorqueController, LqrController
 from trunk_msgs_util.config import RecorderConfig
 from trunk_msgs_util.declarations import declarations
 from trunk_sim.config import DisturbanceConfig, SimulatorConfig
@@ -26,6 +28,8 @@ NODES: dict[str, NodeKind] = {
     "disturbance": NodeKind("trunk_sim", DisturbanceConfig),
     "pid": NodeKind("trunk_control", PidConfig, PidController),
     "fuzzy_pid": NodeKind("trunk_control", FuzzyPidConfig, FuzzyPidController),
+    "lqr": NodeKind("trunk_control", LqrConfig, LqrController),
+    "computed_torque": NodeKind("trunk_control", ComputedTorqueConfig, ComputedTorqueController),
     "recorder": NodeKind("trunk_msgs_util", RecorderConfig),
 }
 CONTROLLERS = tuple(name for name, kind in NODES.items() if kind.controller is not None)

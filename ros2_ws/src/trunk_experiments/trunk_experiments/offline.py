@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from trunk_control.controller import Answer
+from trunk_control.controller import Answer, hip_index, hip_seen
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import step_count
 from trunk_sim.disturbances import Disturbance, disturbance_at
@@ -55,6 +55,7 @@ def steps(plan: RunPlan, happenings: Happenings | None = None) -> Iterator[Step]
     of_controller = outside.timeline(plan.controller_name, plan.controller)
     disturbances = disturbance_source(plan, outside)
     index = simulator.joints.index(plan.controller.joint)
+    hip = hip_index(plan.controller, simulator.joints)
     last = step_count(simulator.duration, simulator.update_rate)
     for k in range(last + 1):
         stamp_ns = simulation.stamp_ns
@@ -66,6 +67,7 @@ def steps(plan: RunPlan, happenings: Happenings | None = None) -> Iterator[Step]
             measured.position[index],
             measured.velocity[index],
             outside.references.get(stamp_ns),
+            hip_seen(hip, measured.position, measured.velocity),
         )
         yield Step(stamp_ns, simulation.truth(), measured, acting, answer)
         of_simulator.advance(stamp_ns + 1, simulation)

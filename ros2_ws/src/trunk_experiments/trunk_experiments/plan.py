@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from trunk_control.config import ControllerConfig, FuzzyPidConfig
+from trunk_control.config import ControllerConfig
 from trunk_msgs_util.config import RecorderConfig
 from trunk_msgs_util.declarations import ParameterError, build, declarations, values_of
 from trunk_msgs_util.parameter_files import (
@@ -200,11 +200,12 @@ def _checked(plan: RunPlan) -> RunPlan:
             f"{plan.controller_name}: update_rate {control:g} Hz is no integer divisor of the "
             f"simulator's {plant:g} Hz: its period would not be a whole number of steps"
         )
-    if plan.controller.joint not in plan.simulator.joints:
-        raise PlanError(
-            f"{plan.controller_name}: joint {plan.controller.joint!r} is none of the simulator's "
-            f"joints: {', '.join(plan.simulator.joints)}"
-        )
+    for joint in (plan.controller.joint, plan.controller.hip):
+        if joint is not None and joint not in plan.simulator.joints:
+            raise PlanError(
+                f"{plan.controller_name}: joint {joint!r} is none of the simulator's "
+                f"joints: {', '.join(plan.simulator.joints)}"
+            )
     return with_values(plan, warnings=tuple(_advice(plan)))
 
 
@@ -215,11 +216,7 @@ def _advice(plan: RunPlan) -> Iterable[str]:
     """
     plant = plan.simulator.plant
     controller = plan.controller
-    kd = (
-        controller.d_max
-        if isinstance(controller, FuzzyPidConfig)
-        else getattr(controller, "d", 0.0)
-    )
+    kd = controller.damping_gain
     period = seconds(controller.period_ns)
     inertia = plant.trunk_mass * plant.length**2
     if not plant.prescribed:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+from trunk_control.controller import hip_index, hip_seen
 from trunk_msgs_util import topics
 from trunk_msgs_util.declarations import build
 from trunk_msgs_util.recording import Recording
@@ -86,17 +87,18 @@ def replay_controller(recording: Recording, node: str) -> Iterator[tuple[int, li
     states = Messages(recording, topics.JOINT_STATES)
     commands = Messages(recording, topics.EFFORT_COMMAND)
     terms = Messages(recording, topics.controller_state(node))
-    index = states.names.index(config.joint)
+    index, hip = states.names.index(config.joint), hip_index(config, states.names)
     from_topic = config.reference_profile == "topic"
     for stamp_ns in commands.stamps:
         if stamp_ns not in states:
             yield stamp_ns, [Difference(stamp_ns, topics.JOINT_STATES, "missing", 0.0, 0.0)]
             continue
         timeline.advance(stamp_ns, controller)
-        position = states.get(stamp_ns, "position")[index]
-        velocity = states.get(stamp_ns, "velocity")[index]
+        positions, velocities = states.get(stamp_ns, "position"), states.get(stamp_ns, "velocity")
+        position = positions[index]
         reference = terms.get(stamp_ns, "position")[0] if from_topic and stamp_ns in terms else None
-        answer = controller.update(stamp_ns, position, velocity, reference)
+        seen = hip_seen(hip, positions, velocities)
+        answer = controller.update(stamp_ns, position, velocities[index], reference, seen)
         found = list(commands.compare(stamp_ns, "effort", (answer.effort,)))
         if answer.terms is not None and stamp_ns in terms:
             values = (answer.reference, position, *answer.terms)

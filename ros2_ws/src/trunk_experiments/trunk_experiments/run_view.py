@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from trunk_control.config import ControllerConfig, FuzzyPidConfig, PidConfig
+from trunk_control.model_config import ComputedTorqueConfig, LqrConfig
 from trunk_msgs_util import topics
 from trunk_msgs_util.declarations import ParameterError
 from trunk_msgs_util.recording import Recording
@@ -131,6 +132,10 @@ class RunView:
         if isinstance(self.controller, FuzzyPidConfig):
             other = self.controller.rules != FuzzyPidConfig().rules
             return "Fuzzy-PID (own rules)" if other else "Fuzzy-PID"
+        if isinstance(self.controller, LqrConfig):
+            return "LQR"
+        if isinstance(self.controller, ComputedTorqueConfig):
+            return "Computed torque"
         return self.controller_name or "no controller"
 
 

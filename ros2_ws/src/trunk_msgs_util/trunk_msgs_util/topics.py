@@ -16,7 +16,7 @@ PARAMETER_EVENT_TYPE = "rcl_interfaces/msg/ParameterEvent"
 DIAGNOSTIC_ARRAY_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 
-CONTROLLERS = ("pid", "fuzzy_pid")
+CONTROLLERS = ("pid", "fuzzy_pid", "lqr", "computed_torque")
 
 # What each topic carries, for people: name, type, who publishes, content.
 DESCRIPTIONS = (

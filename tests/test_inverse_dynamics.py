@@ -1,0 +1,23 @@
+"""The controller's inverse dynamics invert the plant's accelerations: two solutions of one Lagrangian."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trunk_control.computed_torque import Hip, Model, inverse_dynamics
+from trunk_sim.plant import PlantParameters, PlantState, accelerations
+
+
+@pytest.mark.parametrize("prescribed", [False, True], ids=["passive", "prescribed"])
+def test_inverse_dynamics_invert_the_plant(prescribed):
+    rng = np.random.default_rng(3)
+    for _ in range(2000):
+        constants = (*rng.uniform(0.1, 5.0, 6).tolist(), prescribed)
+        x, theta, x_dot, theta_dot = rng.uniform(-4.0, 4.0, 4).tolist()
+        wanted = float(rng.normal(0.0, 30.0))
+        inertia, bias = inverse_dynamics(Hip(x, x_dot), theta, theta_dot, Model(*constants))
+        torque = inertia * wanted + bias
+        state = PlantState(x, theta, x_dot, theta_dot)
+        _, found = accelerations(state, 0.0, torque, PlantParameters(*constants))
+        assert found == pytest.approx(wanted, rel=1e-9, abs=1e-9 * (1.0 + abs(bias) / inertia))
