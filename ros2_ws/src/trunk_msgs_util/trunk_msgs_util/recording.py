@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from . import topics as names
 from .bag_folder import METADATA, bag_folder
+from .glance import glance
 from .joint_arrays import JointArrays, concatenate, decode
 from .recording_file import RecordingError, RecordingFile, Topic
 from .recording_writer import DIGESTS, END, PROVENANCE
@@ -26,6 +27,8 @@ Parsed = TypeVar("Parsed")
 
 # Decompressed chunks that are kept for the next topic: a run of a minute is decompressed once.
 _KEPT = 64 << 20
+# From here on `Recording.glance` does not read all: what is shorter is scanned in no time.
+_GLANCE = 32 << 20
 _OURS = "trunk_msgs_util"  # begins the library's name in files that must have an end record
 
 
@@ -43,6 +46,7 @@ class Recording:
         self.digests: dict[str, str] = {}
         self.end: dict[str, str] | None = None
         self.warnings: list[str] = []
+        self.checked = True  # every record was read and is sound
         self._sound = True
         self._files: list[RecordingFile] = []
         self._kept: OrderedDict[tuple[int, int], Content] = OrderedDict()
@@ -55,14 +59,29 @@ class Recording:
 
         Raises RecordingError where it is not there, not readable, or not MCAP.
         """
+        return cls(path)._opened(progress)
+
+    @classmethod
+    def glance(
+        cls, path: str | Path, progress: Callable[[int, int], None] = lambda _done, _of: None
+    ) -> Recording:
+        """Open a recording by its summary and indexes; ``checked`` is False where that was enough.
+
+        Files of less than `_GLANCE` bytes, and those without a sound summary, are scanned.
+        Raises as `open` does.
+        """
         recording = cls(path)
+        recording.checked = False
+        return recording._opened(progress)
+
+    def _opened(self, progress: Callable[[int, int], None]) -> Recording:
         try:
-            recording._scan(progress)
+            self._scan(progress)
         except OSError as error:
             raise RecordingError(
-                f"{path}: {error.strerror}: give an MCAP file that can be read"
+                f"{self.path}: {error.strerror}: give an MCAP file that can be read"
             ) from None
-        return recording
+        return self
 
     def _scan(self, progress: Callable[[int, int], None]) -> None:
         files, counted = [self.path], None
@@ -70,9 +89,15 @@ class Recording:
         if is_bag:
             files, counted = bag_folder(self.path)
         sizes = [path.stat().st_size for path in files]
+        glances = not self.checked and sum(sizes) >= _GLANCE
+        self.checked = True
         for i, path in enumerate(files):
-            file = RecordingFile(path, self.topics)
-            file.scan(partial(_tell, progress, sum(sizes[:i]), sum(sizes)))
+            glanced = glance(path, self.topics) if glances else None
+            if glanced is not None:
+                self.checked = False
+            file = glanced or RecordingFile(path, self.topics)
+            if glanced is None:
+                file.scan(partial(_tell, progress, sum(sizes[:i]), sum(sizes)))
             self._files.append(file)
             self._sound &= file.sound
             self.provenance.update(file.metadata[PROVENANCE])

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import BinaryIO
 
+    from .joint_arrays import Integers
     from .mcap_split import Content, Messages
 
 # These types begin with a stamp, right behind the encapsulation.
@@ -60,21 +61,29 @@ class Topic:
         """Count in some messages, behind those before."""
         self.count += len(messages)
         self.size += int((messages.end - messages.start).sum())
-        first, last = (
+        self.take_stamps(messages, messages)
+        self.take_log(messages.log_time_ns)
+
+    def take_stamps(self, first: Messages, last: Messages) -> None:
+        """Take in the stamps of the first of some messages, and of the last of others."""
+        begin, end = (
             stamp_at(messages.data, int(messages.start[i]))
             if self.type in _STAMPED
             else int(messages.log_time_ns[i])
-            for i in (0, -1)
+            for messages, i in ((first, 0), (last, -1))
         )
         if self.first_stamp_ns is None:
-            self.first_stamp_ns = first
-        self.last_stamp_ns = last
-        log = messages.log_time_ns
+            self.first_stamp_ns = begin
+        self.last_stamp_ns = end
+
+    def take_log(self, log_time_ns: Integers) -> None:
+        """Take in the log times of one or more messages, behind those before."""
+        first, last = int(log_time_ns[0]), int(log_time_ns[-1])
         if self.last_log_ns is not None:
-            self.longest_gap_ns = max(self.longest_gap_ns, int(log[0]) - self.last_log_ns)
-        if len(log) > 1:
-            self.longest_gap_ns = max(self.longest_gap_ns, int(np.diff(log).max()))
-        self.last_log_ns = int(log[-1])
+            self.longest_gap_ns = max(self.longest_gap_ns, first - self.last_log_ns)
+        if len(log_time_ns) > 1:
+            self.longest_gap_ns = max(self.longest_gap_ns, int(np.diff(log_time_ns).max()))
+        self.last_log_ns = last
 
 
 @dataclass(frozen=True)
@@ -130,19 +139,23 @@ class RecordingFile:
         if record.opcode == Opcode.HEADER:
             self.library = Header.read(record.stream).library
         elif record.opcode == Opcode.SCHEMA:
-            schema = Schema.read(record.stream)
-            self._schemas.setdefault(schema.id, schema)
+            self.take_described(Schema.read(record.stream))
         elif record.opcode == Opcode.CHANNEL:
-            channel = Channel.read(record.stream)
-            if self.channels.setdefault(channel.id, channel) is channel:
-                described = self._schemas.get(channel.schema_id)
-                self.topics.setdefault(channel.topic, Topic(described.name if described else ""))
+            self.take_described(Channel.read(record.stream))
         elif record.opcode == Opcode.METADATA:
             metadata = Metadata.read(record.stream)
             if metadata.name == PROVENANCE:
                 self.metadata[PROVENANCE].update(metadata.metadata)
             elif metadata.name in (DIGESTS, END):
                 self.metadata[metadata.name] = metadata.metadata
+
+    def take_described(self, item: Schema | Channel) -> None:
+        """Take in a schema or a channel; the first with a number counts."""
+        if isinstance(item, Schema):
+            self._schemas.setdefault(item.id, item)
+        elif self.channels.setdefault(item.id, item) is item:
+            described = self._schemas.get(item.schema_id)
+            self.topics.setdefault(item.topic, Topic(described.name if described else ""))
 
     def _take_block(self, record: Record) -> None:
         content = content_of(record)

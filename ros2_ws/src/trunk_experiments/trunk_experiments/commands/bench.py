@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import asdict
+from pathlib import Path
 
 import click
 
@@ -77,3 +78,36 @@ def core(rounds: int, as_json: bool) -> None:
             ],
         )
     sys.exit(0 if all(row.met is not False for row in rows) else 1)
+
+
+@command.command("read")
+@click.argument("run", required=False, type=click.Path(path_type=Path, exists=True))
+@click.option("--rounds", default=5, show_default=True, help="Rounds, of which the median counts.")
+@click.option(
+    "--duration", default=20.0, show_default=True, help="Length of the run without RUN, s."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def read(run: Path | None, rounds: int, duration: float, as_json: bool) -> None:
+    """Compare reading RUN, or a simulated run, with rosbags; the arrays must be equal."""
+    from ..bench_read import bench_read
+
+    rows = bench_read(rounds, duration, run)
+    if as_json:
+        click.echo(json.dumps([asdict(row) for row in rows], indent=2))
+    else:
+        print_table(
+            f"median of {rounds} rounds, side by side",
+            ("what", "ours, 1/s", "rosbags, 1/s", "ratio", "goal", ""),
+            [
+                (
+                    row.name,
+                    f"{row.ours_hz:.3g}",
+                    f"{row.theirs_hz:.3g}",
+                    f"{row.ratio:.3g}",
+                    row.goal,
+                    _met(row.met),
+                )
+                for row in rows
+            ],
+        )
+    sys.exit(0 if all(row.met for row in rows) else 1)

@@ -3,68 +3,155 @@
 from __future__ import annotations
 
 import json
+import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util import topics as names
+from trunk_msgs_util.recording import Recording, Topic
 from trunk_msgs_util.units import seconds
 
-from .common import print_table
+from .reading import progress_bar, show_warnings
+
+_WIDTH = 80
+_UNITS = ("B", "kB", "MB", "GB", "TB")
 
 
 def summary(recording: Recording) -> dict[str, Any]:
-    """Return a recording's content as plain values."""
-    topics = {}
-    for name, topic in sorted(recording.topics.items()):
-        first, last = topic.first_stamp_ns or 0, topic.last_stamp_ns or 0
-        span = seconds(last - first)
-        topics[name] = {
-            "type": topic.type,
-            "messages": topic.count,
-            "rate_hz": (topic.count - 1) / span if span > 0.0 else None,
-            "bytes": topic.size,
-        }
+    """Return a recording's content as plain values; times are the headers' stamps, in s.
+
+    Gaps are between log times. ``checked`` is False where a long file was judged by its indexes
+    alone; a size is then None where messages differ in theirs.
+    """
     return {
         "file": str(recording.path),
-        "bytes": recording.path.stat().st_size,
+        "files": [str(path) for path in recording.files],
+        "bytes": recording.size,
         "complete": recording.complete,
+        "checked": recording.checked,
         "end": recording.end,
         "warnings": recording.warnings,
+        "recorded_by": recording.library,
+        "duration_s": _duration(recording),
+        "scenario": recording.provenance.get("scenario"),
+        "controller": recording.controller,
         "provenance": recording.provenance,
         "nodes": sorted(recording.parameters()),
-        "topics": topics,
+        "topics": {
+            name: _topic(topic, recording.checked)
+            for name, topic in sorted(recording.topics.items())
+        },
     }
+
+
+def _topic(topic: Topic, checked: bool) -> dict[str, Any]:
+    first, last = topic.first_stamp_ns or 0, topic.last_stamp_ns or 0
+    span = seconds(last - first)
+    return {
+        "type": topic.type,
+        "messages": topic.count,
+        "rate_hz": (topic.count - 1) / span if span > 0.0 else None,
+        "longest_gap_s": seconds(topic.longest_gap_ns) if topic.count > 1 else None,
+        "bytes": topic.size if checked or topic.size or not topic.count else None,
+    }
+
+
+def _duration(recording: Recording) -> float | None:
+    """Return the span of the true states, or else of the longest topic, in s; None without any."""
+    truth = recording.topics.get(recording.topic(names.GROUND_TRUTH))
+    spans = [
+        topic.last_stamp_ns - topic.first_stamp_ns
+        for topic in ([truth] if truth and truth.count else recording.topics.values())
+        if topic.first_stamp_ns is not None and topic.last_stamp_ns is not None
+    ]
+    return seconds(max(spans)) if spans else None
+
+
+def _size(size: float | None) -> str:
+    if size is None:
+        return "?"
+    unit = 0
+    while size >= 1000.0 and unit < len(_UNITS) - 1:
+        size, unit = size / 1000.0, unit + 1
+    return f"{size:.0f} B" if unit == 0 else f"{size:.3g} {_UNITS[unit]}"
+
+
+def _lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return aligned lines: two columns of text, then numbers; wide names never fold."""
+    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
+    return [
+        "  ".join(
+            cell.ljust(width) if i < 2 else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in (header, *rows)
+    ]
+
+
+def _pairs(values: dict[str, str]) -> list[str]:
+    """Return names and values as lines of no more than 80 columns, where words allow it."""
+    width = max(map(len, values), default=0) + 2
+    return [
+        line
+        for name, value in values.items()
+        for line in textwrap.wrap(
+            f"{name:{width}}{value}",
+            _WIDTH,
+            subsequent_indent=" " * width,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+    ]
+
+
+def _state(found: dict[str, Any]) -> str:
+    if not found["complete"]:
+        return f"INCOMPLETE ({(found['end'] or {}).get('reason', 'no end marker')})"
+    if found["checked"]:
+        return f"complete ({found['end']['reason']})"
+    return "complete by its index; trunk doctor checks the content"
 
 
 @click.command("info")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def command(run: Path, as_json: bool) -> None:
-    """Say what is in a recording, and whether it is whole."""
-    found = summary(Recording.open(run))
+    """Say what is in a recording, an MCAP file or a rosbag2 folder, and whether it is whole.
+
+    Long files are judged by their indexes, in an instant.
+    """
+    with progress_bar(f"reading {run.name}") as tell:
+        recording = Recording.glance(run, tell)
+    found = summary(recording)
     if as_json:
         click.echo(json.dumps(found, indent=2))
         return
-    for warning in found["warnings"]:
-        click.echo(f"trunk: warning: {warning}", err=True)
-    reason = (found["end"] or {}).get("reason", "no end marker")
-    state = "complete" if found["complete"] else "INCOMPLETE"
-    click.echo(f"{run}: {found['bytes']} bytes, {state} ({reason})")
-    print_table(
-        "topics",
-        ("topic", "messages", "rate, Hz", "kB", "type"),
-        [
-            (
-                name,
-                str(t["messages"]),
-                "" if t["rate_hz"] is None else f"{t['rate_hz']:.5g}",
-                f"{t['bytes'] / 1000:.1f}",
-                t["type"].replace("/msg/", "/"),
-            )
-            for name, t in found["topics"].items()
-        ],
-    )
-    print_table("provenance", ("key", "value"), list(found["provenance"].items()))
-    click.echo(f"parameters of {', '.join(found['nodes']) or 'no node'}")
+    show_warnings(found["warnings"])
+    files = f" in {len(found['files'])} files" if len(found["files"]) > 1 else ""
+    click.echo(f"{run}: {_state(found)}")
+    overview = {
+        "size": _size(found["bytes"]) + files,
+        "duration": "?" if found["duration_s"] is None else f"{found['duration_s']:.10g} s",
+        "scenario": found["scenario"] or "?",
+        "controller": found["controller"] or "none",
+        "parameters of": ", ".join(found["nodes"]) or "no node",
+        "recorded by": found["recorded_by"] or "?",
+    }
+    click.echo("\n".join(["", *_pairs(overview), ""]))
+    rows = [
+        (
+            name,
+            t["type"].rsplit("/", 1)[-1],
+            str(t["messages"]),
+            "" if t["rate_hz"] is None else f"{t['rate_hz']:.5g}",
+            "" if t["longest_gap_s"] is None else f"{1e3 * t['longest_gap_s']:.4g}",
+            _size(t["bytes"]),
+        )
+        for name, t in found["topics"].items()
+    ]
+    header = ("topic", "type", "messages", "rate,Hz", "gap,ms", "size")
+    click.echo("\n".join([*_lines(header, rows), ""]))
+    click.echo("\n".join(_pairs(found["provenance"]) or ["no provenance"]))

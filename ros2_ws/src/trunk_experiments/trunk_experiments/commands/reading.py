@@ -1,0 +1,38 @@
+"""Opening a recording for a verb: a progress bar where a person waits, and warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+from trunk_msgs_util.recording import Recording
+
+Tell = Callable[[int, int], None]
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[Tell]:
+    """Yield a function that is told how much of how much is done; a bar on terminals alone."""
+    console = Console(stderr=True)
+    columns = (TextColumn(what), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    with bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, of: bar.update(task, completed=done, total=of)
+
+
+def open_run(path: Path) -> Recording:
+    """Open a recording. Raises RecordingError."""
+    with progress_bar(f"reading {path.name}") as tell:
+        return Recording.open(path, tell)
+
+
+def show_warnings(warnings: list[str]) -> None:
+    """Print warnings to stderr."""
+    for warning in warnings:
+        click.echo(f"trunk: warning: {warning}", err=True)
