@@ -10,9 +10,9 @@ compile=(uv pip compile --quiet --universal --python-version 3.10 --fork-strateg
 
 all=$(mktemp --suffix=.txt)
 trap 'rm -f "$all"' EXIT
-sort -u {runtime,ros,build,dev}.txt >"$all" # uv keeps the pins it finds in its output file
-"${compile[@]}" "$@" {runtime,ros,build,dev}.in -o "$all"
-for set in runtime ros build dev; do
+sort -u {runtime,ros,build,cluster,dev}.txt >"$all" # uv keeps the pins it finds in its output file
+"${compile[@]}" "$@" {runtime,ros,build,cluster,dev}.in -o "$all"
+for set in runtime ros build cluster dev; do
     "${compile[@]}" --constraint "$all" "$set.in" -o "$set.txt"
 done
 "${compile[@]}" --no-deps "$@" bench.in -o bench.txt
