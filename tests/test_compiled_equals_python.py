@@ -11,11 +11,22 @@ import pytest
 
 from trunk_control import computed_torque, fuzzy, fuzzy_pid, lqr, pid, reference
 from trunk_control.config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES, FuzzyPidConfig
-from trunk_sim import disturbances, integrator, plant
+from trunk_sim import disturbances, integrator, plant, plant_as_printed
 
 numba = pytest.importorskip("numba")
 
-MODULES = (plant, integrator, disturbances, pid, fuzzy, fuzzy_pid, lqr, computed_torque, reference)
+MODULES = (
+    plant,
+    plant_as_printed,
+    integrator,
+    disturbances,
+    pid,
+    fuzzy,
+    fuzzy_pid,
+    lqr,
+    computed_torque,
+    reference,
+)
 
 
 def compiled(modules) -> dict[str, object]:
@@ -58,7 +69,9 @@ def arrays(record):
 def plants(count: int, seed: int):
     rng = np.random.default_rng(seed)
     for k in range(count):
-        parameters = plant.PlantParameters(*rng.uniform(0.1, 5.0, 6).tolist(), bool(k % 2))
+        parameters = plant.PlantParameters(
+            *rng.uniform(0.1, 5.0, 6).tolist(), bool(k % 2), k % 5 == 0
+        )
         state = plant.PlantState(*rng.uniform(-4.0, 4.0, 4).tolist())
         yield state, *rng.normal(0.0, 30.0, 2).tolist(), parameters
 

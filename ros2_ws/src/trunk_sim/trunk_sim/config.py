@@ -13,6 +13,7 @@ from .plant import PlantParameters, PlantState
 from .sensors import SensorParameters
 
 _JOINTS = ("hip", "trunk")
+EQUATIONS = ("derived", "as_printed")
 
 
 def _joints() -> tuple[str, ...]:
@@ -69,6 +70,12 @@ class SimulatorConfig:
     )
     gravity: float = parameter(
         "plant.gravity", 9.81, "Gravity g", unit="m/s^2", minimum=0.0, maximum=1e3
+    )
+    equations: str = parameter(
+        "plant.equations",
+        "derived",
+        "derived from the paper's Lagrangian, or as_printed: its misprinted eq. 12, wrong physics",
+        choices=EQUATIONS,
     )
     amplitude: float = parameter(
         "path.amplitude",
@@ -208,6 +215,16 @@ class SimulatorConfig:
         "publish_clock", False, "Publish simulated time on /clock", fixed=True
     )
 
+    def __post_init__(self) -> None:
+        printed = (self.amplitude, self.wavenumber, self.hip_mode) == (1.0, 1.0, "passive")
+        if self.equations == "as_printed" and not printed:
+            raise ParameterError(
+                "plant.equations",
+                self.equations,
+                "derived, where path.amplitude or path.wavenumber is not 1 or hip.mode not passive: "
+                "the paper prints no other case",
+            )
+
     @property
     def period_ns(self) -> int:
         """The control period h in ns."""
@@ -224,6 +241,7 @@ class SimulatorConfig:
             self.amplitude,
             self.wavenumber,
             self.hip_mode == "prescribed",
+            self.equations == "as_printed",
         )
 
     @property

@@ -12,6 +12,8 @@ from __future__ import annotations
 from math import cos, sin
 from typing import NamedTuple
 
+from .plant_as_printed import accelerations_as_printed
+
 
 class PlantParameters(NamedTuple):
     """Constants of the plant (SI units); the defaults are the paper's Table 5 where it prints one."""
@@ -23,6 +25,7 @@ class PlantParameters(NamedTuple):
     amplitude: float = 1.0  # A, m
     wavenumber: float = 1.0  # k, rad/m
     prescribed: bool = False  # True: the hip keeps its horizontal speed whatever the trunk does
+    as_printed: bool = False  # True: the paper's misprinted equations, which are wrong physics
 
 
 class PlantState(NamedTuple):
@@ -49,7 +52,10 @@ def accelerations(
     where F [N] acts on the hip along x and tau [N m] is the whole torque on theta (actuator plus
     disturbance). With ``p.prescribed`` the hip's motion is given (x'' = 0) and only the second row is
     solved. The determinant ``a11 a22 - a12^2`` is positive for positive masses and length.
+    ``p.as_printed`` gives the paper's eq. 12 instead (`accelerations_as_printed`).
     """
+    if p.as_printed:
+        return accelerations_as_printed(state, hip_force, torque, p)
     x, theta, x_dot, theta_dot = state
     phase = p.wavenumber * x
     slope = p.amplitude * p.wavenumber * cos(phase)

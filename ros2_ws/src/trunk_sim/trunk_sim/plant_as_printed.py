@@ -1,0 +1,50 @@
+"""Eqs. 11 and 12 of the paper letter by letter: WRONG PHYSICS, kept to show what they would give.
+
+Do not use it for anything else. What makes it unusable: gravity points up (both signs of G are
+wrong), so the upright trunk swings about its equilibrium by itself and there is nothing to stabilise;
+the velocity terms enter with the opposite sign (+M^-1 V) and one of them is not the Lagrangian's, so
+the equations conserve no energy, and none dissipates where it should.
+
+Pure: runs in CPython and compiles with numba unchanged.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .plant import PlantParameters, PlantState
+
+
+def accelerations_as_printed(
+    state: PlantState, hip_force: float, torque: float, p: PlantParameters
+) -> tuple[float, float]:
+    """Return ``(x_ddot, theta_ddot)`` in m/s^2 and rad/s^2 of ``Z'' = M^-1 (V Z' - G - U)``.
+
+    With Z = [x, theta] and the printed matrices, rows in the printed order (theta's, then x's)::
+
+        M = | m l (cos th - cos x sin th)   m l^2                       |
+            | (M+m)(1 + cos^2 x)            m l (cos th - cos x sin th) |
+        V = | m l sin x sin th x'           0                                  |
+            | -(M+m) sin x cos x x'         -m l (sin th + cos th) cos x th'   |
+        G = | m g l sin th | -(M+m) g cos x |,     U = | -tau | -F |
+
+    The torque enters as -U with U = -tau: the paper's negative gains in its eq. 12 are our positive
+    ones. F [N] acts on the hip. The path is ``y = sin x``, whatever ``p`` says of it.
+    """
+    x, theta, x_dot, theta_dot = state
+    sin_x, cos_x = sin(x), cos(x)
+    sin_theta, cos_theta = sin(theta), cos(theta)
+    mass = p.hip_mass + p.trunk_mass
+    moment = p.trunk_mass * p.length
+    m11 = moment * (cos_theta - cos_x * sin_theta)
+    m12 = moment * p.length
+    m21 = mass * (1.0 + cos_x * cos_x)
+    v11 = moment * sin_x * sin_theta * x_dot
+    v21 = -mass * sin_x * cos_x * x_dot
+    v22 = -moment * (sin_theta + cos_theta) * cos_x * theta_dot
+    r1 = v11 * x_dot - moment * p.gravity * sin_theta + torque
+    r2 = v21 * x_dot + v22 * theta_dot + mass * p.gravity * cos_x + hip_force
+    determinant = m11 * m11 - m12 * m21  # negative: the printed rows are those of M, swapped
+    return (m11 * r1 - m12 * r2) / determinant, (m11 * r2 - m21 * r1) / determinant
