@@ -4,6 +4,7 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/bootstrap.sh >/dev/null || { echo 'test: FAILED: bootstrap' >&2; exit 1; }
 source scripts/env.sh
+bash scripts/browser.sh >/dev/null || true # says why, and its tests are skipped
 
 failed=()
 stage() { # NAME COMMAND...

@@ -3,9 +3,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from mcap.reader import make_reader
 
 from trunk_experiments.offline_recording import record_offline
 from trunk_experiments.plan import make_plan
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording_writer import PROVENANCE, RecordingWriter
+from trunk_msgs_util.schemas import parameter_event
 
 
 @pytest.fixture(scope="session")
@@ -24,3 +28,36 @@ def short_run(tmp_path_factory):
         return made[key]
 
     return run
+
+
+SCRIPT = "<script>alert(1)</script>"
+CLOSE = "</script><script>alert(2)</script>"
+QUOTES = "\"'><img src=x onerror=alert(3)><!--"
+WORDS = (SCRIPT, CLOSE, QUOTES)
+
+
+def write_hostile(source, path):
+    """Copy a run; every free word in it tries to get out of the text of a page."""
+    with source.open("rb") as file, RecordingWriter(path) as writer:
+        writer.add_metadata(PROVENANCE, {"scenario": SCRIPT, QUOTES: CLOSE, "mode": QUOTES})
+        channels = {}
+        for schema, channel, message in make_reader(file).iter_messages():
+            if channel.topic not in channels:
+                channels[channel.topic] = writer.channel(channel.topic, schema.name)
+            writer.write(
+                channels[channel.topic], message.log_time, message.publish_time, message.data
+            )
+        parameters = channels["/" + topics.RUN_PARAMETERS]
+        data = parameter_event(0, f"/{CLOSE}", {SCRIPT: QUOTES, QUOTES: CLOSE}, {})
+        writer.write(parameters, 0, 0, data)
+        evil = writer.channel(f"/{SCRIPT}", topics.PARAMETER_EVENT_TYPE)
+        writer.write(evil, 0, 0, data)
+        writer.finish(complete=False, reason=CLOSE)
+    return path
+
+
+@pytest.fixture
+def hostile_run(short_run, tmp_path):
+    """Return a recording full of markup, in a file named like markup, and the words in it."""
+    path = tmp_path / "<img src=x onerror=alert(4)>.mcap"
+    return write_hostile(short_run("fig8", "fuzzy_pid"), path), WORDS

@@ -12,6 +12,7 @@ _VERBS = {
     "run": ("run", "Run a scenario in the ROS 2 graph and record it."),
     "simulate": ("simulate", "Run a scenario without ROS, by the same functions."),
     "metrics": ("metrics", "Print a recorded run's metrics."),
+    "report": ("report", "Write recorded runs as one HTML page to look at."),
     "compare": ("compare", "Compare recorded runs side by side."),
     "explain": ("explain", "Say why a run had this torque at this instant."),
     "plot": ("plot", "Draw recorded runs as PNG, SVG or PDF."),

@@ -1,0 +1,208 @@
+"""The report without a browser: its data to the last bit, its words escaped, nothing from elsewhere."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from trunk_control.fuzzy import infer
+from trunk_experiments.cli import trunk
+from trunk_experiments.report import make_report
+from trunk_experiments.report_data import packed, rule_use
+from trunk_experiments.report_page import render
+from trunk_experiments.run_view import RunView
+from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.recording_writer import RecordingWriter
+
+
+def view_of(path):
+    return RunView.read(Recording.open(path))
+
+
+def unpacked(column):
+    if "constant" in column:
+        return np.full(column["count"], column["constant"])
+    return np.frombuffer(base64.b64decode(column["f8"]), "<f8")
+
+
+class Page(HTMLParser):
+    """Elements, the text that a reader sees, and the content of each script."""
+
+    def __init__(self, text):
+        super().__init__(convert_charrefs=True)
+        self.tags, self.words, self.scripts, self._in = [], [], [], None
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        self._in = tag
+        if tag == "script":
+            self.scripts.append("")
+
+    def handle_endtag(self, tag):
+        self._in = None
+
+    def handle_data(self, data):
+        if self._in == "script":
+            self.scripts[-1] += data
+        else:
+            self.words.append(data)
+
+    @property
+    def data(self):
+        return json.loads(self.scripts[0])
+
+
+@pytest.fixture(scope="module")
+def views(short_run):
+    return [view_of(short_run("fig8", "pid")), view_of(short_run("fig8", "fuzzy_pid"))]
+
+
+@pytest.fixture(scope="module")
+def page(views):
+    return Page(render(make_report(views)))
+
+
+@given(st.lists(st.floats(), max_size=20))
+def test_packing_keeps_every_value(values):
+    array = np.array(values, np.float64)
+    assert np.array_equal(unpacked(packed(array)), array, equal_nan=True)
+
+
+def test_packing_tells_zeros_apart():
+    assert np.signbit(unpacked(packed(np.array([0.0, -0.0])))).tolist() == [False, True]
+    assert np.signbit(unpacked(packed(np.array([-0.0, -0.0])))).all()
+
+
+def test_the_page_holds_every_value_of_every_run(views, page):
+    for view, run in zip(views, page.data["runs"], strict=True):
+        table = view.table
+        expected = {
+            "t": table.t,
+            "x": table.x,
+            "theta": np.degrees(table.theta),
+            "measured": np.degrees(table.theta_measured),
+            "reference": np.degrees(table.reference),
+            "rate": table.theta_dot,
+            "torque": table.torque,
+            "kp": table.kp,
+            "ki": table.ki,
+            "kd": table.kd,
+            "alpha": table.alpha,
+        }
+        assert run["columns"].keys() == expected.keys()
+        for name, values in expected.items():
+            assert unpacked(run["columns"][name]).tobytes() == values.tobytes(), name
+        (pulse,) = run["pulses"]
+        assert (pulse["start"], pulse["end"]) == (1.0, 1.1)
+        assert pulse["text"] == "+100° on the measured angle"
+
+
+def test_surfaces_are_what_is_inferred(views, page):
+    pid, fuzzy = page.data["runs"]
+    assert pid["fuzzy"] is None
+    surface = fuzzy["fuzzy"]
+    errors, rates = unpacked(surface["error"]), unpacked(surface["rate"])
+    alpha = unpacked(surface["alpha"]).reshape(len(rates), len(errors))
+    rules = views[1].controller.rules
+    for i, j in ((0, 0), (7, 40), (60, 3)):
+        expected = infer(np.radians(errors[j]), rates[i], rules)[2]
+        assert alpha[i, j] == pytest.approx(expected, abs=1e-9)
+    updates = surface["updates"]
+    assert unpacked(updates["rate"]).tobytes() == (
+        views[1].terms.column("position", "error_rate").tobytes()
+    )
+
+
+def test_rules_are_counted(views):
+    counts = np.array(rule_use(views[1]))
+    terms = views[1].terms
+    error, rate = terms.column("position", "error"), terms.column("position", "error_rate")
+    peaks_e = np.array(views[1].controller.rules.error_peaks)
+    peaks_r = np.array(views[1].controller.rules.rate_peaks)
+    e, r = np.clip(error, peaks_e[0], peaks_e[-1]), np.clip(rate, peaks_r[0], peaks_r[-1])
+    spacing_e, spacing_r = np.diff(peaks_e)[0], np.diff(peaks_r)[0]
+    near_e = np.abs(e[:, None] - peaks_e) < spacing_e * (1 - 1e-12)
+    near_r = np.abs(r[:, None] - peaks_r) < spacing_r * (1 - 1e-12)
+    assert np.array_equal(counts, near_e.T.astype(int) @ near_r.astype(int))
+    assert rule_use(views[0]) == []
+
+
+def test_words_and_numbers_of_the_page(page):
+    words = " ".join(page.words)
+    for wanted in ("fig8-pid", "PID (Ziegler–Nichols)", "Fuzzy-PID", "Rules used", "gains.p_max"):
+        assert wanted in words, wanted
+    assert sum(tag == "canvas" for tag, _ in page.tags) == 2
+
+
+def test_nothing_comes_from_elsewhere(page):
+    for tag, attributes in page.tags:
+        for name, value in attributes.items():
+            assert name not in {"src", "srcset", "action"}, (tag, name)
+            assert not name.startswith("on"), (tag, name)
+            assert name != "href" or value.startswith("#")
+            assert name != "style"
+    assert not any(tag in {"link", "img", "iframe", "object", "base"} for tag, _ in page.tags)
+
+
+def test_the_policy_allows_these_scripts_alone(page):
+    (policy,) = (
+        a["content"] for t, a in page.tags if a.get("http-equiv") == "Content-Security-Policy"
+    )
+    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+    assert rules["default-src"] == "'none'"
+    digests = re.findall(r"'sha256-([^']+)'", rules["script-src"])
+    assert "unsafe" not in rules["script-src"]
+    expected = [hashlib.sha256(s.encode()).digest() for s in page.scripts[1:]]
+    assert [base64.b64decode(d) for d in digests] == expected
+
+
+def test_hostile_words_are_text(hostile_run):
+    path, hostile_words = hostile_run
+    page = Page(render(make_report([view_of(path)])))
+    words = " ".join(page.words)
+    for word in hostile_words:
+        assert word in words, word
+    assert len(page.scripts) == 3
+    assert not any(tag == "img" for tag, _ in page.tags)
+    assert page.data["runs"][0]["label"] == path.stem
+    assert "<" not in page.scripts[0]
+
+
+def test_damage_is_said(short_run, tmp_path):
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(short_run("fig8", "pid").read_bytes()[:-3000])
+    words = " ".join(Page(render(make_report([view_of(path)]))).words)
+    assert "cut: warnings" in words
+
+
+def test_the_command_and_its_size(short_run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = short_run("fig8", "fuzzy_pid", duration=10.0)
+    done = CliRunner().invoke(trunk, ["report", str(run)])
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "fig8-fuzzy_pid.html").stat().st_size < 8_000_000
+
+
+def test_a_run_without_a_known_controller(short_run, tmp_path):
+    source = short_run("fig8", "pid")
+    path = tmp_path / "bare.mcap"
+    with source.open("rb") as file, RecordingWriter(path) as writer:
+        channels = {}
+        for schema, channel, message in make_reader(file).iter_messages(
+            topics=["/ground_truth/joint_states"]
+        ):
+            key = channels.setdefault(channel.topic, writer.channel(channel.topic, schema.name))
+            writer.write(key, message.log_time, message.publish_time, message.data)
+    words = " ".join(Page(render(make_report([view_of(path)]))).words)
+    assert "No metrics" in words

@@ -1,0 +1,306 @@
+"""The report as a reader meets it: opened from disk in a headless Chromium that may reach nothing else."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from trunk_experiments.report import make_report
+from trunk_experiments.report_page import write
+from trunk_experiments.run_view import RunView
+from trunk_msgs_util.recording import Recording
+
+playwright = pytest.importorskip("playwright.sync_api")
+pytestmark = pytest.mark.browser
+
+ARGUMENTS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+)
+DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
+T = "() => clock.time"
+
+
+def find_browser():
+    for name in (os.environ.get("TRUNK_CHROMIUM"), "chromium", "chromium-browser", "google-chrome"):
+        path = shutil.which(name) if name else None
+        if (
+            path
+            and not subprocess.run([path, "--version"], capture_output=True, check=False).returncode
+        ):
+            return path
+    return None
+
+
+@pytest.fixture(scope="module")
+def browser():
+    path = find_browser()
+    if path is None:
+        pytest.skip("no Chromium: scripts/browser.sh installs it, or says why not")
+    with playwright.sync_playwright() as driver:
+        started = driver.chromium.launch(executable_path=path, args=list(ARGUMENTS))
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def views(short_run):
+    runs = (short_run("fig8", "pid"), short_run("fig8", "fuzzy_pid"))
+    return [RunView.read(Recording.open(run)) for run in runs]
+
+
+@pytest.fixture(scope="module")
+def file(views, tmp_path_factory):
+    path = tmp_path_factory.mktemp("report") / "two runs.html"
+    write(make_report(views), path)
+    return path
+
+
+@pytest.fixture
+def opened(browser):
+    """Return a function that opens a page; at the end nothing may have been asked for or complained of."""
+    contexts, requests, complaints = [], [], []
+
+    def go(path, viewport=DESKTOP, **options):
+        context = browser.new_context(viewport=viewport, **options)
+        contexts.append(context)
+
+        def answer(route):
+            requests.append(route.request.url)
+            if route.request.url == path.as_uri():
+                route.continue_()
+            else:
+                route.abort()
+
+        context.route("**/*", answer)
+        page = context.new_page()
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("dialog", lambda dialog: (complaints.append("dialog"), dialog.dismiss()))
+        page.goto(path.as_uri())
+        page.wait_for_selector("html[data-ready]", timeout=60_000)
+        return page
+
+    yield go
+    for context in contexts:
+        context.close()
+    assert complaints == []
+    assert len(requests) == len(contexts), requests  # each page itself, and nothing more
+
+
+def cursor_times(page):
+    """Return the time under each chart's cursor, read from where it stands."""
+    return page.evaluate(
+        """() => charts.filter((c) => c.timed).map((c) => {
+            const { _size, xaxis } = c.target._fullLayout;
+            return xaxis.p2d(parseFloat(c.cursor.style.left) - _size.l);
+        })"""
+    )
+
+
+def readout(page, run, name):
+    text = page.inner_text(f"#readout-{run} [data-value={name}]")
+    return float(re.match(r"[−\d.e+]+", text)[0].replace("−", "-"))
+
+
+def row_at(view, time):
+    return int(np.searchsorted(view.table.t, time + 1e-10, side="right")) - 1
+
+
+def test_scrubbing_moves_everything(opened, file, views):
+    page = opened(file)
+    assert page.evaluate(T) == 0.0
+    for wanted in (0.731, 1.05, 1.3):
+        page.locator("#scrub").fill(str(wanted))
+        assert page.evaluate(T) == wanted
+        times = cursor_times(page)
+        assert len(times) == 6
+        assert times == pytest.approx([wanted] * 6, abs=0.002)
+        assert page.inner_text("#time") == f"{wanted:.3f} s"
+        for run, view in enumerate(views):
+            row = row_at(view, wanted)
+            assert readout(page, run, "theta") == pytest.approx(
+                np.degrees(view.table.theta[row]), rel=1e-3
+            )
+            assert readout(page, run, "torque") == pytest.approx(view.table.torque[row], rel=1e-3)
+            assert readout(page, run, "x") == pytest.approx(view.table.x[row], rel=1e-3)
+
+
+def test_playing_moves_cursor_picture_and_slider(opened, file):
+    page = opened(file)
+    picture = "() => document.getElementById('stage-0').toDataURL()"
+    before = page.evaluate(picture)
+    page.click("#play")
+    assert page.get_attribute("#play", "aria-label") == "Pause"
+    page.wait_for_function("() => clock.time > 0.2")
+    page.click("#play")
+    stopped = page.evaluate(T)
+    assert page.get_attribute("#play", "aria-label") == "Play"
+    assert page.evaluate(picture) != before
+    assert cursor_times(page) == pytest.approx([stopped] * 6, abs=0.002)
+    assert float(page.input_value("#scrub")) == pytest.approx(stopped, abs=0.01)
+    page.wait_for_timeout(150)
+    assert page.evaluate(T) == stopped
+    page.select_option("#speed", "4")
+    page.click("#play")
+    page.wait_for_function("() => clock.time === report.end && !clock.playing", timeout=10_000)
+
+
+def test_hovering_shows_the_data_and_moves_the_clock(opened, file, views):
+    page = opened(file)
+    for name, column in (("angle", np.degrees(views[0].table.theta)), ("kp", views[0].table.kp)):
+        page.locator(f"#plot-{name}").scroll_into_view_if_needed()
+        place = page.evaluate(
+            """(id) => {
+                const gd = document.getElementById(`plot-${id}`);
+                const box = gd.getBoundingClientRect();
+                const { _size, xaxis } = gd._fullLayout;
+                gd.on("plotly_hover", ({ points }) => {
+                    window.hovered = points.map((p) => [p.x, p.y, p.data.meta?.run]);
+                });
+                return [box.left + _size.l + xaxis.d2p(0.5), box.top + _size.t + _size.h / 2];
+            }""",
+            name,
+        )
+        page.mouse.move(place[0] - 3, place[1])
+        page.mouse.move(*place)
+        page.wait_for_function("() => window.hovered")
+        points = {run: (x, y) for x, y, run in page.evaluate("() => window.hovered")}
+        x, y = points[0]
+        row = int(np.flatnonzero(views[0].table.t == x)[0])  # a stamp, exactly
+        assert y == column[row]  # and its value, to the last bit
+        texts = page.locator(f"#plot-{name} .hovertext").all_text_contents()
+        shown = [float(re.sub("−", "-", re.search(r"[−-]?[\d.]+", text)[0])) for text in texts]
+        assert any(value == pytest.approx(y, rel=1e-9) for value in shown), texts
+        assert page.evaluate(T) == x
+        assert cursor_times(page) == pytest.approx([x] * 6, abs=0.002)
+        page.evaluate("() => { window.hovered = null; }")
+
+
+def test_the_data_in_the_page_are_the_recorded_bits(opened, file, views):
+    page = opened(file)
+    for run, view in enumerate(views):
+        drawn = page.evaluate(
+            """(run) => {
+                const gd = document.getElementById("plot-torque");
+                return Array.from(gd.data.find((trace) => trace.meta?.run === run).y);
+            }""",
+            run,
+        )
+        assert drawn == view.table.torque.tolist()
+
+
+def test_zooming_one_chart_zooms_all(opened, file):
+    page = opened(file)
+    page.evaluate(
+        "() => Plotly.relayout('plot-kd', { 'xaxis.range[0]': 0.4, 'xaxis.range[1]': 0.9 })"
+    )
+    ranges = "() => charts.filter((c) => c.timed).map((c) => c.target._fullLayout.xaxis.range)"
+    page.wait_for_function(f"() => ({ranges})().every(([a, b]) => a === 0.4 && b === 0.9)")
+    page.evaluate("() => clock.set(0.65)")
+    assert cursor_times(page) == pytest.approx([0.65] * 6, abs=0.002)
+    page.evaluate("() => clock.set(0.1)")  # outside what is shown
+    assert page.locator(".cursor:visible").count() == 0
+
+
+def test_keys(opened, file):
+    page = opened(file)
+
+    def press(key):
+        page.keyboard.press(key)
+        return page.evaluate(T)
+
+    assert [press("ArrowRight"), press("ArrowRight")] == [0.01, 0.02]
+    assert press("ArrowLeft") == 0.01
+    assert press("Shift+ArrowRight") == 0.11
+    assert press(".") == 0.111
+    assert press(",") == 0.11
+    assert press("End") == 1.3
+    assert press("Home") == 0.0
+    press(" ")
+    assert page.evaluate("() => clock.playing")
+    press(" ")
+    assert not page.evaluate("() => clock.playing")
+    page.focus("#play")
+    press(" ")  # a focused button is pressed once, not twice
+    assert page.evaluate("() => clock.playing")
+    press("Home")
+    page.focus("#scrub")
+    assert press("ArrowRight") == 0.01
+    assert page.get_attribute("#scrub", "aria-valuetext") == "0.010 seconds"
+
+
+def test_focus_is_seen_and_everything_has_a_name(opened, file):
+    page = opened(file)
+    page.keyboard.press("Tab")
+    assert page.evaluate("() => document.activeElement.className") == "skip"
+    page.keyboard.press("Tab")
+    assert page.evaluate("() => document.activeElement.id") == "play"
+    outline = "() => getComputedStyle(document.activeElement).outlineStyle"
+    assert page.evaluate(outline) == "solid"
+    unnamed = page.evaluate(
+        """() => [...document.querySelectorAll("canvas, button, input, [role=region], figure")]
+            .filter((e) => !e.getAttribute("aria-label")).map((e) => e.outerHTML.slice(0, 80))"""
+    )
+    assert unnamed == []
+
+
+def test_two_runs_stand_side_by_side_on_a_desktop(opened, file):
+    page = opened(file)
+    left, right = (page.locator(f"#stage-{i}").bounding_box() for i in range(2))
+    assert left["y"] == right["y"]
+    assert left["x"] + left["width"] < right["x"]
+
+
+def test_a_phone_shows_them_one_below_the_other(opened, file):
+    page = opened(file, PHONE, has_touch=True, is_mobile=True)
+    first, second = (page.locator(f"#stage-{i}").bounding_box() for i in range(2))
+    assert first["x"] == second["x"]
+    assert first["y"] + first["height"] < second["y"]
+    assert page.evaluate("() => document.documentElement.scrollWidth") == 390
+
+
+def test_dark_mode_and_print(opened, file):
+    page = opened(file, color_scheme="dark")
+    background = "() => getComputedStyle(document.body).backgroundColor"
+    assert page.evaluate(background) == "rgb(20, 23, 27)"
+    ink = "() => document.getElementById('plot-angle')._fullLayout.font.color"
+    assert page.evaluate(ink) == "#e9ecef"
+    page.emulate_media(media="print", color_scheme="dark")
+    assert page.evaluate(background) == "rgb(255, 255, 255)"
+    page.wait_for_function(f"() => ({ink})() === '#000'")
+    assert not page.locator("#controls").is_visible()
+
+
+@pytest.mark.parametrize("motion", ["reduce", "no-preference"])
+def test_a_pulse_flashes_only_where_motion_is_welcome(opened, file, motion):
+    page = opened(file, reduced_motion=motion)
+    assert not page.evaluate("() => clock.playing")  # nothing moves by itself
+    page.evaluate("() => clock.set(1.05)")
+    filled = page.evaluate(
+        """() => document.getElementById("stage-0").getContext("2d").getImageData(20, 40, 1, 1).data[3]"""
+    )
+    assert filled == (0 if motion == "reduce" else 255)
+
+
+def test_hostile_words_stay_text(opened, hostile_run, tmp_path):
+    run, words = hostile_run
+    path = tmp_path / "hostile.html"
+    write(make_report([RunView.read(Recording.open(run))]), path)
+    page = opened(path)
+    page.evaluate("() => document.querySelectorAll('details').forEach((d) => { d.open = true; })")
+    text = page.inner_text("body")
+    for word in (*words, run.stem):
+        assert word in text
+    assert page.evaluate("() => document.images.length") == 0
+    page.evaluate("() => clock.set(0.5)")
+    page.hover("#plot-angle")

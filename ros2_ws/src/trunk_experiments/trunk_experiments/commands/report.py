@@ -1,0 +1,35 @@
+"""``trunk report``: runs as one page to look at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from trunk_msgs_util.recording import Recording
+
+
+@click.command("report")
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="The page to write; default RUN.html.",
+)
+def command(runs: tuple[Path, ...], output: Path | None) -> None:
+    """Write one HTML file that shows recorded runs: animated, plotted, judged.
+
+    It needs no network and no server; several runs stand side by side on the same clock.
+    """
+    from ..report import make_report
+    from ..report_page import write
+    from ..run_view import RunView
+
+    target = output or Path(f"{runs[0].stem}.html")
+    views = [RunView.read(Recording.open(run)) for run in runs]
+    for view in views:
+        for warning in view.warnings:
+            click.echo(f"trunk: warning: {view.path}: {warning}", err=True)
+    size = write(make_report(views), target)
+    click.echo(f"{target}: {len(views)} run{'s' if len(views) > 1 else ''}, {size / 1e6:.1f} MB")

@@ -1,0 +1,76 @@
+"use strict";
+// Controls, keys, themes, printing; then everything is drawn.
+(() => {
+  const play = document.getElementById("play");
+  const scrub = document.getElementById("scrub");
+  const time = document.getElementById("time");
+  const speed = document.getElementById("speed");
+  const periods = report.runs.map(({ columns: { t } }) => (t.length > 1 ? (t[t.length - 1] - t[0]) / (t.length - 1) : 0.001));
+  const finest = Math.min(...periods);
+
+  scrub.min = report.start;
+  scrub.max = report.end;
+  scrub.addEventListener("input", () => {
+    clock.pause();
+    clock.set(Number(scrub.value));
+  });
+  speed.addEventListener("change", () => { clock.speed = Number(speed.value); });
+  const toggle = () => (clock.playing ? clock.pause() : clock.play());
+  play.addEventListener("click", toggle);
+  clock.told = () => {
+    play.firstElementChild.textContent = clock.playing ? "⏸" : "▶";
+    play.setAttribute("aria-label", clock.playing ? "Pause" : "Play");
+  };
+  clock.listeners.push((now) => {
+    scrub.value = now;
+    scrub.setAttribute("aria-valuetext", `${now.toFixed(3)} seconds`);
+    time.textContent = `${now.toFixed(3)} s`;
+  });
+
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    const on = event.target instanceof Element ? event.target : document.body;
+    if (on.closest("select, summary, a, .scroll")) return;
+    if (event.key === " ") {
+      if (on === play) return; // a button knows what space means
+      event.preventDefault();
+      toggle();
+      return;
+    }
+    const step = event.shiftKey ? 0.1 : 0.01;
+    const to = {
+      ArrowLeft: clock.time - step, ArrowRight: clock.time + step,
+      ",": clock.time - finest, ".": clock.time + finest,
+      Home: report.start, End: report.end,
+    }[event.key];
+    if (to === undefined) return;
+    event.preventDefault();
+    clock.pause();
+    clock.set(Math.round(to * 1e9) / 1e9);
+  });
+
+  const stages = report.runs.map(makeStage);
+  const paint = () => {
+    document.querySelectorAll(".swatch[data-run]").forEach((s) => { s.style.background = runColor(Number(s.dataset.run)); });
+    document.querySelectorAll("line[data-run]").forEach((s) => {
+      s.style.stroke = runColor(Number(s.dataset.run));
+      const dash = runDash(Number(s.dataset.run));
+      s.style.strokeDasharray = dash === "solid" ? "none" : dash.replaceAll("px", "");
+    });
+    stages.forEach((stage) => stage.draw());
+  };
+  const repaint = () => {
+    paint();
+    repaintCharts();
+  };
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
+  matchMedia("print").addEventListener("change", repaint);
+
+  makeTimeCharts();
+  makePlaneCharts();
+  makeMaps();
+  for (const chart of charts) clock.listeners.push((now) => chart.show(now));
+  paint();
+  clock.set(report.start);
+  drawCharts().then(() => { document.documentElement.dataset.ready = "true"; });
+})();
