@@ -1,0 +1,55 @@
+#!/usr/bin/env bash
+# Make the README's pictures anew, in docs/images, from runs made here and now: scripts/pictures.sh
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+bash scripts/bootstrap.sh >/dev/null
+# shellcheck source=scripts/env.sh
+source scripts/env.sh
+browser=$(bash scripts/browser.sh) || { echo 'pictures: a Chromium is needed, see above' >&2; exit 1; }
+
+images=$PWD/docs/images
+mkdir -p "$images"
+runs=$(mktemp -d)
+trap 'rm -rf "$runs"' EXIT
+
+run() { # NAME SCENARIO CONTROLLER [options]
+    trunk simulate "$2" --controller "$3" "${@:4}" -o "$runs/$1.mcap"
+}
+run pid-as-printed fig6 pid --params pid_as_printed
+run pid-zn fig6 pid
+run fuzzy fig6 fuzzy_pid
+run fig8-pid fig8 pid
+run fig8-fuzzy-pid fig8 fuzzy_pid
+run demo demo fuzzy_pid
+
+trunk plot "$runs"/{pid-as-printed,pid-zn,fuzzy}.mcap --fig 6 -o "$images/fig6.png"
+trunk plot "$runs"/{fig8-pid,fig8-fuzzy-pid}.mcap -o "$images/plot.png"
+trunk report "$runs"/{fig8-pid,fig8-fuzzy-pid}.mcap -o "$runs/report.html"
+trunk report "$runs/demo.mcap" -o "$runs/surface.html"
+
+python - "$browser" "$runs" "$images" <<'END'
+import sys
+from pathlib import Path
+
+from PIL import Image
+from playwright.sync_api import sync_playwright
+
+browser, runs, images = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
+with sync_playwright() as driver:
+    chromium = driver.chromium.launch(executable_path=browser, args=["--no-sandbox", "--disable-gpu"])
+    page = chromium.new_page(viewport={"width": 1200, "height": 1180})
+    for name, at in (("report", 1.06), ("surface", 3.0)):
+        page.goto((runs / f"{name}.html").as_uri())
+        page.wait_for_selector("html[data-ready]")
+        page.evaluate(f"() => clock.set({at})")
+        target = images / f"{name}.png"
+        if name == "report":
+            page.screenshot(path=target)
+        else:
+            page.locator(".fuzzy").screenshot(path=target)
+    chromium.close()
+for path in sorted(images.glob("*.png")):
+    # 256 colours are enough for lines and flat areas, and a third of the size.
+    Image.open(path).convert("RGB").quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
+    print(f"{path.relative_to(Path.cwd())}: {path.stat().st_size / 1000:.0f} kB")
+END
