@@ -17,7 +17,7 @@ FIELDS = ("error", "error_rate", "p_term", "i_term", "d_term", "kp", "ki", "kd",
 
 
 @pytest.mark.parametrize("scenario", ["fig8", "demo"])
-@pytest.mark.parametrize("controller", ["pid", "fuzzy_pid"])
+@pytest.mark.parametrize("controller", ["pid", "fuzzy_pid", "lqr", "computed_torque"])
 @pytest.mark.parametrize("at", [0.0, 0.5, 1.0, 1.05, 1.1, 1.3])
 def test_terms_are_the_recorded_ones(short_run, scenario, controller, at):
     recording = Recording.open(short_run(scenario, controller))
@@ -47,6 +47,15 @@ def test_rules_make_the_gains(short_run):
 
 def test_a_plain_pid_has_no_rules(short_run):
     assert explain(Recording.open(short_run("fig8", "pid")), 0.7).rules == ()
+
+
+def test_what_a_model_adds(short_run):
+    assert explain(Recording.open(short_run("fig8", "pid")), 0.7).by_model == 0.0
+    found = explain(Recording.open(short_run("fig8", "computed_torque")), 0.7)
+    terms = found.terms
+    assert found.by_model != 0.0
+    total = terms.p_term + terms.i_term + terms.d_term + found.by_model
+    assert total == pytest.approx(terms.unsaturated, rel=1e-12)
 
 
 def test_the_pulse_that_acted(short_run):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from trunk_control.config import ControllerConfig, FuzzyPidConfig
+from trunk_control.controller import hip_index, hip_seen
 from trunk_control.fuzzy import fired_rules
 from trunk_control.pid import PidState, Terms
 from trunk_control.rule_tables import INPUT_LABELS
@@ -68,6 +69,12 @@ class Explanation:
     true_angle: float  # rad
     recorded: float  # N m, the command in the recording
     applied: float  # N m, what the plant got over the step from the instant on
+
+    @property
+    def by_model(self) -> float:
+        """What a law adds from its model of the plant to P, I and D, in N m; 0 for a PID."""
+        terms = self.terms
+        return terms.unsaturated - (terms.p_term + terms.i_term + terms.d_term)
 
     @property
     def limited(self) -> bool:
@@ -142,6 +149,7 @@ def _last_update(recording: Recording, name: str, at_ns: int, commands: Messages
     states = Messages(recording, topics.JOINT_STATES)
     terms = Messages(recording, topics.controller_state(name))
     index = states.names.index(timeline.config.joint)
+    hip = hip_index(timeline.config, states.names)
     found: _Update | None = None
     last_ns: int | None = None
     for stamp_ns in commands.stamps:
@@ -150,13 +158,13 @@ def _last_update(recording: Recording, name: str, at_ns: int, commands: Messages
         if stamp_ns not in states:
             continue
         timeline.advance(stamp_ns, controller)
-        position = states.get(stamp_ns, "position")[index]
-        velocity = states.get(stamp_ns, "velocity")[index]
+        positions, velocities = states.get(stamp_ns, "position"), states.get(stamp_ns, "velocity")
+        seen = hip_seen(hip, positions, velocities)
         told = None
         if timeline.config.reference_profile == "topic" and stamp_ns in terms:
             told = terms.get(stamp_ns, "position")[0]
         before = controller.state
-        answer = controller.update(stamp_ns, position, velocity, told)
+        answer = controller.update(stamp_ns, positions[index], velocities[index], told, seen)
         if answer.terms is not None:
             period_ns = timeline.config.period_ns if last_ns is None else stamp_ns - last_ns
             last_ns = stamp_ns
@@ -166,8 +174,8 @@ def _last_update(recording: Recording, name: str, at_ns: int, commands: Messages
                 controller.state,
                 answer.reference,
                 answer.terms,
-                position,
-                velocity,
+                positions[index],
+                velocities[index],
                 seconds(period_ns),
                 timeline.config,
             )

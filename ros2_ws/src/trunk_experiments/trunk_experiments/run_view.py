@@ -136,7 +136,8 @@ class RunView:
             return "LQR"
         if isinstance(self.controller, ComputedTorqueConfig):
             return "Computed torque"
-        return self.controller_name or "no controller"
+        names = {"lqr": "LQR", "computed_torque": "Computed torque"}
+        return names.get(self.controller_name or "", self.controller_name or "no controller")
 
 
 def _pulses(recording: Recording, stamps: Integers) -> list[Pulse]:
