@@ -15,11 +15,12 @@ setup(
     maintainer=maintainer.text,
     maintainer_email=maintainer.get("email"),
     packages=find_packages(include=[name, f"{name}.*"]),
-    package_data={name: ["py.typed", "config/*.yaml", "report_assets/*"]},
+    package_data={name: ["py.typed", "config/*.yaml", "report_assets/*", "studies/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),
         (f"share/{name}/config", sorted(glob(f"{name}/config/*.yaml"))),
+        (f"share/{name}/studies", sorted(glob(f"{name}/studies/*.yaml"))),
     ],
     zip_safe=False,
     entry_points={

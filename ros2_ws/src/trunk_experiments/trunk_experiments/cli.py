@@ -21,6 +21,7 @@ _VERBS = {
     "info": ("info", "Say what is in a recording."),
     "export": ("export", "Write a recorded run as CSV."),
     "params": ("params", "List every parameter that the nodes declare."),
+    "sweep": ("sweep", "Run a study: grids and draws over any parameter, compiled."),
     "bench": ("bench", "Measure speed, as ratios in one run."),
 }
 

@@ -1,0 +1,215 @@
+"""Sweeps: the same file however they run; a killed one goes on; runs equal `trunk simulate`'s."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pyarrow.parquet as pq
+import pytest
+
+from trunk_experiments import sweep as module
+from trunk_experiments.offline_recording import record_offline
+from trunk_experiments.plan import make_plan
+from trunk_experiments.study import StudyError
+from trunk_experiments.study_design import design, make_bases, plan_of
+from trunk_experiments.study_file import parse_study, read_study, shipped_studies
+from trunk_experiments.sweep import METRICS, Sweep, SweepError, processes, run_block
+from trunk_msgs_util.metrics import metrics
+from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.run_table import RunTable
+
+STUDY = """
+scenario: fig8
+params: profile_practical
+rate: 200
+duration: 3.0
+controllers: [pid, fuzzy_pid]
+runs: 5
+block: 7
+set: {simulator.substeps: 1, simulator.sensor.position_noise: 0.01}
+vary:
+  delay: {parameter: simulator.sensor.delay, values: [0.0, 0.01, 0.3]}
+  mass: {parameter: simulator.plant.trunk_mass, distribution: uniform, low: 0.3, high: 0.8}
+"""
+
+
+@pytest.fixture(scope="module")
+def study():
+    return parse_study(STUDY, "study.yaml")
+
+
+def make(study, path, count=1):
+    sweep = Sweep(study, path)
+    sweep.start()
+    sweep.run(processes(count))
+    sweep.finish()
+    return path.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def undisturbed(study, tmp_path_factory):
+    path = tmp_path_factory.mktemp("sweep") / "out.parquet"
+    make(study, path)
+    return path
+
+
+def rows(path):
+    return pq.read_table(path).to_pylist()
+
+
+def test_rows_are_in_order_and_all_there(undisturbed, study):
+    found = rows(undisturbed)
+    assert [row["run"] for row in found] == list(range(study.total)) == list(range(30))
+    assert {row["status"] for row in found} <= {"ok", "diverged"}
+    assert list(found[0])[-len(METRICS) :] == list(METRICS)
+
+
+def test_draws_are_paired(undisturbed):
+    drawn = {}
+    for row in rows(undisturbed):
+        drawn.setdefault(row["draw"], set()).add((row["seed"], row["mass"]))
+    assert sorted(drawn) == list(range(5))
+    assert all(len(values) == 1 for values in drawn.values())
+    assert len(set.union(*drawn.values())) == 5
+
+
+def test_one_more_draw_or_variable_changes_no_other(study):
+    more = parse_study(
+        STUDY.replace("runs: 5", "runs: 6")
+        + "  angle: {parameter: 'simulator.initial.position[1]', "
+        "distribution: normal, mean: 0.0, std: 0.1}\n",
+        "study.yaml",
+    )
+    one, other = design(study, 0, 10), design(more, 0, 10)
+    assert (one["mass"], one["seed"]) == (other["mass"], other["seed"])
+
+
+def test_a_row_is_the_run_that_simulate_makes(undisturbed, tmp_path):
+    row = rows(undisturbed)[11]
+    plan = make_plan(
+        "fig8",
+        row["controller"],
+        ["profile_practical"],
+        [
+            "simulator.sensor.position_noise=0.01",
+            "simulator.substeps=1",
+            f"simulator.sensor.delay={row['delay']!r}",
+            f"simulator.plant.trunk_mass={row['mass']!r}",
+            f"simulator.sensor.seed={row['seed']}",
+        ],
+        {"update_rate": 200.0, "duration": 3.0},
+    )
+    record_offline(plan, tmp_path / "run.mcap")
+    expected = metrics(RunTable.from_recording(Recording.open(tmp_path / "run.mcap")))
+    assert {name: row[name] for name in METRICS} == expected.as_dict()
+
+
+def test_processes_give_the_same_bytes(undisturbed, study, tmp_path):
+    assert make(study, tmp_path / "out.parquet", 2) == undisturbed.read_bytes()
+
+
+def test_provenance_and_study_are_in_the_file(undisturbed):
+    told = pq.read_schema(undisturbed).metadata
+    assert told[b"study"].decode() == STUDY
+    assert b'"numpy"' in told[b"provenance"]
+    assert told[b"grid"] == b'["delay"]'
+
+
+def test_sigkill_loses_no_finished_block(tmp_path):
+    text = STUDY.replace("duration: 3.0", "duration: 20.0").replace("runs: 5", "runs: 12")
+    file = tmp_path / "study.yaml"
+    file.write_text(text.replace("block: 7", "block: 3"))
+    output = tmp_path / "out.parquet"
+    command = [sys.executable, "-c", "from trunk_experiments.cli import main; main()", "sweep"]
+    command += [str(file), "-o", str(output), "--jobs", "2"]
+    started = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    folder = tmp_path / "out.parquet.blocks"
+    deadline = time.monotonic() + 60.0
+    while len(list(folder.glob("0*.parquet"))) < 4 and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.kill(started.pid, signal.SIGKILL)
+    started.wait()
+    assert not output.exists()
+    kept = {path.name: path.stat().st_mtime_ns for path in folder.glob("0*.parquet")}
+    assert 4 <= len(kept) < 24
+    study = read_study(str(file))
+    sweep = Sweep(study, output)
+    assert sweep.start() == 3 * len(kept)
+    sweep.run(processes(1))
+    assert kept.items() <= {p.name: p.stat().st_mtime_ns for p in folder.glob("0*.parquet")}.items()
+    sweep.finish()
+    assert output.read_bytes() == make(study, tmp_path / "undisturbed.parquet")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "out.parquet",
+        "study.yaml",
+        "undisturbed.parquet",
+    ]
+
+
+def test_blocks_of_another_study_are_refused(study, tmp_path):
+    Sweep(study, tmp_path / "out.parquet").start()
+    other = parse_study(STUDY.replace("0.3]", "0.2]"), "study.yaml")
+    with pytest.raises(StudyError, match="finished blocks of another study"):
+        Sweep(other, tmp_path / "out.parquet").start()
+
+
+def test_a_worker_with_other_sources_is_refused(study, tmp_path):
+    sweep = Sweep(study, tmp_path / "out.parquet")
+    sweep.start()
+
+    def foreign(blocks):
+        for block in blocks:
+            yield block.index, run_block(block).replace_schema_metadata({"sources": "other"})
+
+    with pytest.raises(SweepError, match="block 0 comes from a worker with other sources"):
+        sweep.run(foreign)
+
+
+def test_values_that_do_not_fit_one_another_are_told(tmp_path):
+    text = STUDY.replace("[pid, fuzzy_pid]", "[fuzzy_pid]").replace("runs: 5\n", "")
+    text = text[: text.index("vary:")] + (
+        "vary:\n  p_max: {parameter: fuzzy_pid.gains.p_max, values: [20.0, 60.0]}\n"
+    )
+    path = tmp_path / "out.parquet"
+    make(parse_study(text, "study.yaml"), path)
+    first, second = rows(path)
+    assert first["status"] == "refused"
+    assert "'gains.p_max': 20.0 is not allowed: at least gains.p_min" in first["reason"]
+    assert (second["status"], second["reason"]) == ("ok", None)
+
+
+def test_rates_vary_together():
+    text = STUDY[: STUDY.index("vary:")].replace("runs: 5\n", "") + (
+        "vary:\n  rate_hz: {parameter: [simulator.update_rate, controller.update_rate], "
+        "values: [100, 400]}\n"
+    )
+    study = parse_study(text, "study.yaml")
+    bases = make_bases(study)
+    columns = design(study, 0, study.total)
+    made = [
+        plan_of(study, bases, dict(zip(columns, values, strict=True)))
+        for values in zip(*columns.values(), strict=True)
+    ]
+    rates = [(plan.simulator.update_rate, plan.controller.update_rate) for plan in made]
+    assert rates == [(100.0, 100.0)] * 2 + [(400.0, 400.0)] * 2
+
+
+@pytest.mark.parametrize("name", shipped_studies())
+def test_shipped_studies_are_sound(name):
+    study = read_study(name)
+    bases = make_bases(study)
+    columns = design(study, 0, 3)
+    for values in zip(*columns.values(), strict=True):
+        plan_of(study, bases, dict(zip(columns, values, strict=True)))
+
+
+def test_a_broken_pool_is_one_line(study, monkeypatch):
+    monkeypatch.setattr(module, "_end_with_parent", os._exit)  # its missing argument ends a worker
+    bases = make_bases(study)
+    block = module.Block(0, study, bases, design(study, 0, 1))
+    with pytest.raises(SweepError, match="a worker process was killed"):
+        list(processes(2)([block, block]))

@@ -1,0 +1,100 @@
+"""Blocks on a Dask cluster of two worker processes, one of them killed: the same bytes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from trunk_experiments.study import StudyError
+from trunk_experiments.study_file import parse_study
+from trunk_experiments.sweep import Sweep, processes
+from trunk_experiments.sweep_cluster import dask_runner
+
+distributed = pytest.importorskip("distributed")
+
+STUDY = """
+scenario: fig6
+rate: 1000
+set: {simulator.substeps: 1}
+duration: 5.0
+controllers: [pid, fuzzy_pid]
+block: 10
+vary:
+  delay: {parameter: simulator.sensor.delay, from: 0.0, to: 0.02, steps: 100}
+"""
+
+
+@pytest.fixture(scope="module")
+def study():
+    return parse_study(STUDY, "study.yaml")
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """Yield a scheduler's address and two workers, each a process of its own."""
+    environment = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "30s"}
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1"]
+    file = tmp_path / "scheduler.json"
+    command += ["--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment}
+    started = [subprocess.Popen(command, **quiet)]
+    try:
+        worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-nanny"]
+        worker += ["--nthreads", "1", "--no-dashboard", "--scheduler-file", str(file)]
+        worker += ["--local-directory", str(tmp_path)]
+        started += [subprocess.Popen(worker, **quiet) for _ in range(2)]
+        deadline = time.monotonic() + 30.0
+        while not file.exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        with distributed.Client(scheduler_file=str(file), timeout=30) as client:
+            client.wait_for_workers(2, timeout=60)
+            address = client.scheduler.address
+        yield address, started[1:]
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
+
+
+def test_the_loss_of_a_worker_changes_nothing(study, cluster, tmp_path):
+    address, workers = cluster
+    path = tmp_path / "cluster.parquet"
+    sweep = Sweep(study, path)
+    sweep.start()
+    finished = []
+
+    def progress(runs):
+        finished.append(runs)
+        if len(finished) == 3:
+            os.kill(workers[0].pid, signal.SIGKILL)
+
+    sweep.run(dask_runner(address), progress)
+    assert workers[0].wait(10) == -signal.SIGKILL
+    assert sum(finished) == study.total == 200
+    sweep.finish()
+    plain = Sweep(study, tmp_path / "plain.parquet")
+    plain.start()
+    plain.run(processes(1))
+    plain.finish()
+    assert path.read_bytes() == plain.output.read_bytes()
+
+
+def test_no_scheduler_is_one_line(monkeypatch):
+    from trunk_experiments import sweep_cluster
+
+    monkeypatch.setattr(sweep_cluster, "_CONNECT_S", 0.5)
+    with pytest.raises(StudyError, match=r"--scheduler tcp://127.0.0.1:9: no scheduler answers"):
+        list(dask_runner("tcp://127.0.0.1:9")([]))
+    with pytest.raises(StudyError, match=r"--scheduler nonsense://: no scheduler answers"):
+        list(dask_runner("nonsense://")([]))
+
+
+def test_without_dask_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(StudyError, match=r"pip install -r requirements/cluster\.txt"):
+        dask_runner("tcp://127.0.0.1:9")

@@ -1,0 +1,87 @@
+"""``trunk sweep``: many compiled runs of a study, into one Parquet file."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeRemainingColumn,
+)
+
+from ..plan import PlanError
+
+
+@click.command("sweep")
+@click.argument("study")
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="The Parquet file to write.",
+)
+@click.option("--force", is_flag=True, help="Replace the file where it exists.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    help="Processes on this machine.  [default: one per core]",
+)
+@click.option(
+    "--scheduler",
+    metavar="tcp://HOST:PORT",
+    help="Run the blocks on an existing Dask cluster; needs requirements/cluster.txt.",
+)
+@click.option("--check", is_flag=True, help="Only check the study and say what it would run.")
+def command(
+    study: str, output: Path, force: bool, jobs: int | None, scheduler: str | None, check: bool
+) -> None:
+    """Run STUDY, a YAML file or a shipped study's name: grids and seeded draws over parameters.
+
+    A sweep that was interrupted, even by kill -9, goes on where it was when the same command is given
+    again. The same study gives the same file, however it was run.
+    """
+    from ..study_file import read_study
+    from ..sweep import Sweep, outcome_counts, processes
+
+    if output.exists() and not force:
+        raise PlanError(f"--output {output}: it exists; give another name, or --force")
+    sweep = Sweep(read_study(study), output)
+    total = sweep.study.total
+    if check:
+        sweep.check()
+        click.echo(f"{study}: {total} runs in {sweep.blocks} blocks")
+        return
+    finished = sweep.start()
+    for warning in sweep.warnings:
+        click.echo(f"trunk: warning: {warning}", err=True)
+    if finished:
+        click.echo(f"going on: {finished} of {total} runs are there", err=True)
+    if scheduler is None:
+        missing = len(sweep.missing)
+        runner = processes(max(1, min(jobs or len(os.sched_getaffinity(0)), missing)))
+    else:
+        from ..sweep_cluster import dask_runner
+
+        runner = dask_runner(scheduler)
+    console = Console(stderr=True)
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as progress:
+        task = progress.add_task("runs", total=total, completed=finished)
+        sweep.run(runner, lambda runs: progress.advance(task, runs))
+    sweep.finish()
+    told = ", ".join(f"{count} {name}" for name, count in outcome_counts(output).items())
+    click.echo(f"{output}: {total} runs: {told}")

@@ -1,0 +1,73 @@
+"""Seeded draws: each variable has a stream of its own, so that adding one changes no other's values."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from math import inf, log
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+# What each needs, and what it may have.
+DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "uniform": (("low", "high"), ()),
+    "loguniform": (("low", "high"), ()),
+    "normal": (("mean", "std"), ("low", "high")),
+    "integers": (("low", "high"), ()),
+    "choice": (("values",), ()),
+}
+
+
+class DrawError(ValueError):
+    """Numbers that make no distribution."""
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """A distribution by name; ``low`` and ``high`` truncate a normal one, integers include both ends."""
+
+    kind: str
+    values: tuple[Any, ...] = ()
+    low: float = -inf
+    high: float = inf
+    mean: float = 0.0
+    std: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.low <= self.high:
+            raise DrawError(f"low {self.low:g} is above high {self.high:g}")
+        if self.kind == "loguniform" and self.low <= 0.0:
+            raise DrawError(f"low is {self.low:g}: a number > 0 is needed")
+        if self.kind == "normal" and self.std <= 0.0:
+            raise DrawError(f"std is {self.std:g}: a number > 0 is needed")
+        if self.kind == "integers" and (self.low % 1.0 or self.high % 1.0):
+            raise DrawError(f"low {self.low:g} and high {self.high:g} must be whole numbers")
+
+    def draw(self, count: int, seed: int, name: str) -> list[Any]:
+        """Return ``count`` values of the stream that seed and name start; a longer one begins alike."""
+        generator = stream(seed, name)
+        if self.kind == "integers":
+            whole: list[Any] = generator.integers(
+                int(self.low), int(self.high), count, endpoint=True
+            ).tolist()
+            return whole
+        u = generator.random(count)
+        if self.kind == "choice":
+            return [self.values[int(i)] for i in u * len(self.values)]
+        if self.kind == "uniform":
+            drawn = self.low + (self.high - self.low) * u
+        elif self.kind == "loguniform":
+            drawn = np.exp(log(self.low) + (log(self.high) - log(self.low)) * u)
+        else:
+            below, above = (ndtr((end - self.mean) / self.std) for end in (self.low, self.high))
+            drawn = self.mean + self.std * ndtri(below + (above - below) * u)
+        values: list[Any] = np.clip(drawn, self.low, self.high).tolist()
+        return values
+
+
+def stream(seed: int, name: str) -> np.random.Generator:
+    """Return the generator of a variable: PCG64, seeded by the study's seed and the variable's name."""
+    words = np.frombuffer(hashlib.sha256(name.encode()).digest(), dtype="<u4").tolist()
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *words])))
