@@ -162,9 +162,10 @@ def test_the_policy_allows_these_scripts_alone(page):
     rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
     assert rules["default-src"] == "'none'"
     digests = re.findall(r"'sha256-([^']+)'", rules["script-src"])
-    assert "unsafe" not in rules["script-src"]
-    expected = [hashlib.sha256(s.encode()).digest() for s in page.scripts[1:]]
-    assert [base64.b64decode(d) for d in digests] == expected
+    expected = [hashlib.sha256(script.encode()).digest() for script in page.scripts[1:]]
+    assert [base64.b64decode(digest) for digest in digests] == expected
+    assert len(rules["script-src"].split()) == len(digests)  # and no other source
+    assert not {"connect-src", "frame-src", "worker-src"} & rules.keys()
 
 
 def test_hostile_words_are_text(hostile_run):
