@@ -56,15 +56,16 @@ def name_of(opcode: int) -> str:
     return Opcode(opcode).name if opcode in Opcode._value2member_map_ else f"record {opcode:#x}"
 
 
-def records(file: BinaryIO, size: int) -> Iterator[Record]:
-    """Yield the records of a file of ``size`` bytes that stands behind its magic.
+def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Record]:
+    """Yield the records of a file of ``size`` bytes that stands at ``start``: behind its magic.
 
+    From a later ``start`` the checksum of the data cannot be judged, and is not.
     Raises DamageError at a record that the file does not hold whole or that is too long to be read,
     and ChecksumError behind the data where they do not have the checksum that they were written
     with.
     """
     crc = zlib.crc32(MAGIC)
-    offset = len(MAGIC)
+    offset = start
     while offset < size:
         head = file.read(HEAD.size)
         if len(head) < HEAD.size:
@@ -91,7 +92,7 @@ def records(file: BinaryIO, size: int) -> Iterator[Record]:
                 head = b""
             if opcode == Opcode.DATA_END:
                 (expected,) = _CRC.unpack(body[:4].ljust(4, b"\x00"))
-                if expected not in (0, crc):
+                if start == len(MAGIC) and expected not in (0, crc):
                     raise ChecksumError(f"the checksum of the first {offset} bytes is wrong")
             crc = zlib.crc32(body, zlib.crc32(head, crc))
             yield Record(offset, opcode, body, end)

@@ -185,12 +185,26 @@ class Recording:
         has nothing is not in its dictionary.
         """
         asked = list(topics)
+        for file, content in self._contents(asked):
+            found = {topic: content.messages(file.numbers(topic)) for topic in asked}
+            yield {topic: messages for topic, messages in found.items() if messages is not None}
+
+    def copies(self, topics: Iterable[str]) -> Iterator[tuple[RecordingFile, Messages]]:
+        """Yield the messages of some topics together, in the file's order, with their file.
+
+        A message's head of 22 bytes (channel 2, sequence 4, log time 8, publish time 8) stands
+        before its data.
+        """
+        asked = list(topics)
+        for file, content in self._contents(asked):
+            messages = content.messages([c for topic in asked for c in file.numbers(topic)])
+            if messages is not None:
+                yield file, messages
+
+    def _contents(self, topics: list[str]) -> Iterator[tuple[RecordingFile, Content]]:
+        """Yield the blocks that have messages of some topics, each read once."""
         for number, file in enumerate(self._files):
-            wanted = {
-                topic: [c for c, channel in file.channels.items() if channel.topic == topic]
-                for topic in asked
-            }
-            every = {channel for channels in wanted.values() for channel in channels}
+            every = {channel for topic in topics for channel in file.numbers(topic)}
             with file.path.open("rb") as stream:
                 for block in file.blocks:
                     if every.isdisjoint(block.channels):
@@ -198,8 +212,7 @@ class Recording:
                     key = (number, block.offset)
                     content = self._kept.get(key) or file.content(stream, block)
                     self._keep(key, content)
-                    found = ((t, content.messages(channels)) for t, channels in wanted.items())
-                    yield {topic: messages for topic, messages in found if messages is not None}
+                    yield file, content
 
     def _keep(self, key: tuple[int, int], content: Content) -> None:
         self._kept[key] = content

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .mcap_split import Content, Messages
 
 # These types begin with a stamp, right behind the encapsulation.
-_STAMPED = (
+STAMPED = (
     names.JOINT_STATE_TYPE,
     names.PARAMETER_EVENT_TYPE,
     names.DIAGNOSTIC_ARRAY_TYPE,
@@ -68,7 +68,7 @@ class Topic:
         """Take in the stamps of the first of some messages, and of the last of others."""
         begin, end = (
             stamp_at(messages.data, int(messages.start[i]))
-            if self.type in _STAMPED
+            if self.type in STAMPED
             else int(messages.log_time_ns[i])
             for messages, i in ((first, 0), (last, -1))
         )
@@ -108,7 +108,7 @@ class RecordingFile:
         self.sound = True  # nothing in it was altered
         self.channels: dict[int, Channel] = {}
         self.blocks: list[Block] = []
-        self._schemas: dict[int, Schema] = {}
+        self.schemas: dict[int, Schema] = {}
 
     def scan(self, progress: Callable[[int], None] = lambda _: None) -> None:
         """Read the file; ``progress`` is told the bytes read. Raises RecordingError and OSError."""
@@ -152,9 +152,9 @@ class RecordingFile:
     def take_described(self, item: Schema | Channel) -> None:
         """Take in a schema or a channel; the first with a number counts."""
         if isinstance(item, Schema):
-            self._schemas.setdefault(item.id, item)
+            self.schemas.setdefault(item.id, item)
         elif self.channels.setdefault(item.id, item) is item:
-            described = self._schemas.get(item.schema_id)
+            described = self.schemas.get(item.schema_id)
             self.topics.setdefault(item.topic, Topic(described.name if described else ""))
 
     def _take_block(self, record: Record) -> None:
@@ -175,6 +175,15 @@ class RecordingFile:
             if messages is not None:
                 self.topics[topic].take(messages)
         self.blocks.append(Block(record.offset, record.end, frozenset(content.channels)))
+
+    def numbers(self, topic: str) -> list[int]:
+        """Return the channels of a topic."""
+        return [number for number, channel in self.channels.items() if channel.topic == topic]
+
+    def type_of(self, channel: int) -> str:
+        """Return the message type of a channel."""
+        schema = self.schemas.get(self.channels[channel].schema_id)
+        return schema.name if schema else ""
 
     def by_topic(self, channels: dict[int, Messages]) -> dict[str, list[int]]:
         """Return the channels in a block by their topics."""

@@ -1,25 +1,71 @@
-"""``trunk export``: a recorded run as a table of numbers."""
+"""``trunk export``: a recorded run, or a part of it, in other formats."""
 
 from __future__ import annotations
 
+from math import inf
 from pathlib import Path
 
 import click
 
-from trunk_msgs_util.recording import Recording
 from trunk_msgs_util.run_table import RunTable
+
+from ..extract import window, write_mcap, write_npz, write_parquet
+from .reading import open_run, show_warnings
+
+_FILE = click.Path(path_type=Path, dir_okay=False)
 
 
 @click.command("export")
 @click.argument("run", type=click.Path(path_type=Path))
+@click.option("--csv", type=_FILE, help="CSV: a row per true state, full precision.")
+@click.option("--parquet", type=_FILE, help="Parquet: the same columns and alpha.")
+@click.option("--npz", type=_FILE, help="NumPy archive: the same columns and alpha.")
+@click.option("--mcap", type=_FILE, help="MCAP: messages as they are, byte for byte.")
 @click.option(
-    "--csv", "csv", required=True, type=click.Path(path_type=Path), help="The file to write."
+    "--from", "start", type=float, default=-inf, metavar="S", help="From this time on, s."
 )
-def command(run: Path, csv: Path) -> None:
-    """Write a recorded run as CSV: a row per state, full precision, SI units and radians."""
-    recording = Recording.open(run)
-    for warning in recording.warnings:
-        click.echo(f"trunk: warning: {warning}", err=True)
-    table = RunTable.from_recording(recording)
-    table.write_csv(csv)
-    click.echo(f"{csv}: {len(table.t)} rows")
+@click.option("--to", "end", type=float, default=inf, metavar="S", help="Up to this time, s.")
+@click.option(
+    "--topics",
+    multiple=True,
+    metavar="TOPIC",
+    help="For --mcap: only this topic; repeatable.",
+)
+def command(
+    run: Path,
+    csv: Path | None,
+    parquet: Path | None,
+    npz: Path | None,
+    mcap: Path | None,
+    start: float,
+    end: float,
+    topics: tuple[str, ...],
+) -> None:
+    """Write a recorded run as CSV, Parquet, NumPy archive or MCAP; SI units and radians.
+
+    Times are simulated seconds, by the messages' stamps; both ends are in.
+    """
+    if not (csv or parquet or npz or mcap):
+        raise click.UsageError("give at least one of --csv, --parquet, --npz, --mcap")
+    if topics and not mcap:
+        raise click.UsageError("--topics is for --mcap; tables have their columns")
+    if not start <= end:
+        raise click.UsageError(f"--from {start:g} must not be after --to {end:g}")
+    for output in (csv, parquet, npz, mcap):
+        if output is not None and output.exists() and run.exists() and output.samefile(run):
+            raise click.UsageError(f"{output} is the recording itself")
+    recording = open_run(run)
+    show_warnings(recording.warnings)
+    if csv or parquet or npz:
+        table = window(RunTable.from_recording(recording), start, end)
+        if csv:
+            table.write_csv(csv)
+        if parquet:
+            write_parquet(table, parquet)
+        if npz:
+            write_npz(table, npz)
+        for output in filter(None, (csv, parquet, npz)):
+            click.echo(f"{output}: {len(table.t)} rows")
+    if mcap:
+        count = write_mcap(recording, mcap, start, end, topics)
+        click.echo(f"{mcap}: {count} messages")

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from trunk_msgs_util.metrics import metrics
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.recording import Recording, RecordingError
 from trunk_msgs_util.run_table import RunTable
 
 from .common import print_table
@@ -45,7 +45,11 @@ def show_metrics(recording: Recording, title: str) -> None:
 
 def _values(recording: Recording) -> dict[str, float | None]:
     # What metrics need and no more: an hour at 1 kHz then takes a third of a GiB.
-    return metrics(RunTable.from_recording(recording, only=("reference",))).as_dict()
+    table = RunTable.from_recording(recording, only=("reference",))
+    try:
+        return metrics(table).as_dict()
+    except ValueError as error:
+        raise RecordingError(f"{recording.path}: {error}") from None
 
 
 @click.command("metrics")

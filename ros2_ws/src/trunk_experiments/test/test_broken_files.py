@@ -1,0 +1,266 @@
+"""Whatever is wrong with a file: a valid prefix and a warning, or one clear line and exit code 2."""
+
+from __future__ import annotations
+
+import json
+import random
+import struct
+import subprocess
+import sys
+
+import lz4.frame
+import pytest
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.records import Chunk
+from mcap.writer import Writer
+
+from trunk_experiments.cli import main
+from trunk_msgs_util.mcap_chunk import MAX_CHUNK
+from trunk_msgs_util.recording import Recording, RecordingError
+from trunk_msgs_util.recording_writer import PROVENANCE, RecordingWriter
+
+TRUTH = "/ground_truth/joint_states"
+GIB = 1 << 30
+
+
+@pytest.fixture
+def trunk(monkeypatch, capsys):
+    """Run the command in this process; return exit code, stdout and stderr."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["trunk", *map(str, arguments)])
+        code = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def whole(short_run, tmp_path_factory):
+    """A run in many small chunks: its bytes, its true states, its topics."""
+    run = Recording.open(short_run("fig8", "pid", duration=0.3))
+    path = tmp_path_factory.mktemp("whole") / "run.mcap"
+    messages = [
+        (log, topic, data)
+        for topic in run.topics
+        for block in run.messages(topic)
+        for log, data in zip(*block, strict=True)
+    ]
+    with RecordingWriter(path) as writer:
+        writer.add_metadata(PROVENANCE, run.provenance)
+        channels = {name: writer.channel(name, topic.type) for name, topic in run.topics.items()}
+        for i, (log, topic, data) in enumerate(sorted(messages)):
+            writer.write(channels[topic], log, log, data)
+            if i % 100 == 0:
+                writer.flush()
+    recording = Recording.open(path)
+    return path.read_bytes(), recording.joints(TRUTH), recording.topics
+
+
+def judge(trunk, path, whole):
+    """Judge what metrics says of a broken copy; return if it passed for complete, and the words."""
+    code, out, err = trunk("metrics", "--json", path)
+    lines = err.splitlines()
+    assert "Traceback" not in err
+    if code:
+        assert code == 2
+        assert sum(line.startswith("trunk: error: ") for line in lines) == 1
+        assert str(path) in lines[-1]
+        assert not out
+        return False, err
+    assert json.loads(out)["theta_max_deg"] <= 180.0
+    joints = Recording.open(path).joints(TRUTH)
+    _, expected, _ = whole
+    n = len(joints)
+    assert joints.stamp_ns.tolist() == expected.stamp_ns[:n].tolist()
+    assert joints.position.tobytes() == expected.position[:n].tobytes()
+    complete = json.loads(trunk("info", "--json", path)[1])["complete"]
+    if not lines:  # nothing was said: then nothing is missing
+        assert complete
+        assert n == len(expected)
+    return complete, err
+
+
+def test_a_thousand_cuts(whole, trunk, tmp_path):
+    data, _, _ = whole
+    path = tmp_path / "cut.mcap"
+    end_record = data.rindex(b"trunk_end", 0, data.rindex(b"trunk_end") - 1)
+    lengths = set()
+    for i in range(1000):
+        size = i * len(data) // 1000
+        path.write_bytes(data[:size])
+        complete, err = judge(trunk, path, whole)
+        assert not (complete and size < end_record)
+        assert err
+        lengths.add(len(Recording.open(path).joints(TRUTH)) if size > 8 else 0)
+    assert len(lengths) > 10
+
+
+def test_a_thousand_flipped_bits(whole, trunk, tmp_path):
+    data, _, _ = whole
+    path = tmp_path / "flipped.mcap"
+    data_end = data.rindex(b"\x0f\x04\x00\x00\x00\x00\x00\x00\x00")
+    chosen = random.Random(7)
+    for i in range(1000):
+        at = i * len(data) // 1000 + chosen.randrange(len(data) // 1000)
+        altered = bytearray(data)
+        altered[at] ^= 1 << chosen.randrange(8)
+        path.write_bytes(altered)
+        complete, _ = judge(trunk, path, whole)
+        assert not complete or at >= data_end  # behind it are indexes alone
+
+
+def test_no_recordings(trunk, tmp_path):
+    empty, text = tmp_path / "empty.mcap", tmp_path / "text.mcap"
+    empty.write_bytes(b"")
+    text.write_text("t,x\n0,0\n")
+    (tmp_path / "folder").mkdir()
+    for verb in ("metrics", "info", "doctor", "export", "verify"):
+        for path in (empty, text, tmp_path / "folder", tmp_path / "missing"):
+            more = ("--csv", tmp_path / "x.csv") if verb == "export" else ()
+            code, out, err = trunk(verb, path, *more)
+            assert (code, out, len(err.splitlines())) == (2, "", 1)
+            assert str(path) in err
+
+
+def foreign(path, count=30, topics=("/other",), twice=False):
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2", "foreign")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        for _ in range(1 + twice):
+            for topic in topics:
+                channel = writer.register_channel(topic, "cdr", schema)
+                for k in range(count):
+                    writer.add_message(channel, k, b"\0\1\0\0\2\0\0\0a\0", k)
+        writer.finish()
+    return path
+
+
+def test_a_bag_without_our_topics(trunk, tmp_path):
+    path = foreign(tmp_path / "a.mcap", twice=True)
+    code, out, _ = trunk("info", "--json", path)
+    assert (code, json.loads(out)["topics"]["/other"]["messages"]) == (0, 60)
+    code, out, err = trunk("metrics", path)
+    assert (code, out) == (2, "")
+    assert "no messages on /ground_truth/joint_states" in err
+
+
+def test_our_topic_with_another_type_is_one_line(trunk, tmp_path):
+    path = foreign(tmp_path / "a.mcap", topics=(TRUTH, "/run/parameters"))
+    for verb in ("metrics", "info"):
+        code, out, err = trunk(verb, path)
+        assert (code, out) == (2, "")
+        assert "cannot be read" in err.splitlines()[-1]
+
+
+def test_doubled_topics_and_messages_count_once(whole, trunk, tmp_path, short_run):
+    """Each topic on two channels, each message twice: the first of a stamp counts."""
+    path = tmp_path / "twice.mcap"
+    recording = Recording.open(short_run("fig8", "pid", duration=0.3))
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2", "foreign")
+        schema = writer.register_schema("sensor_msgs/msg/JointState", "ros2msg", b"")
+        for topic in (TRUTH, "/joint_states", "/effort_command", "/pid/state"):
+            channels = [writer.register_channel(topic, "cdr", schema) for _ in range(2)]
+            for log, messages in recording.messages(topic):
+                for at, message in zip(log, messages, strict=True):
+                    for channel in channels:
+                        writer.add_message(channel, at, message, at)
+        writer.finish()
+    single = json.loads(trunk("metrics", "--json", recording.path)[1])
+    code, out, err = trunk("metrics", "--json", path)
+    assert code == 0
+    assert "recorded by foreign" in err
+    assert json.loads(out) == single
+    code, out, _ = trunk("doctor", path)
+    assert code == 1
+    assert f"{TRUTH}, t = 0 s: the stamp stands twice" in out
+
+
+def with_bytes(path, hostile):
+    """Write a header, then some bytes, then an end."""
+    head = b"\x89MCAP0\r\n" + record_of(1, b"\4\0\0\0ros2\0\0\0\0")
+    tail = record_of(15, bytes(4)) + record_of(2, bytes(20)) + b"\x89MCAP0\r\n"
+    path.write_bytes(head + hostile + tail)
+    return path
+
+
+def record_of(opcode, body, length=None):
+    return struct.pack("<BQ", opcode, len(body) if length is None else length) + body
+
+
+def chunk(data, size, compression):
+    builder = RecordBuilder()
+    Chunk(compression, data, 0, 0, 0, size).write(builder)
+    return builder.end()
+
+
+def zstd_claiming(size):
+    return struct.pack("<IBQ", 0xFD2FB528, 0b1110_0000, size) + b"\x01\x00\x00"
+
+
+TB = 1 << 40
+BOMB = b"\x09" + bytes(8)  # the shortest record, which is not a message
+HOSTILE = {
+    "a chunk of 1 TB": lambda: chunk(zstandard.compress(b"x"), TB, "zstd"),
+    "a frame of 1 TB": lambda: chunk(zstd_claiming(TB), 1000, "zstd"),
+    "both of 1 TB": lambda: chunk(zstd_claiming(TB), TB, "zstd"),
+    "a Zstandard bomb": lambda: chunk(zstandard.compress(bytes(4 * GIB // 8)), 1000, "zstd"),
+    "an honest bomb": lambda: chunk(zstandard.compress(bytes(GIB // 2)), GIB // 2, "zstd"),
+    "an LZ4 bomb": lambda: chunk(lz4.frame.compress(bytes(GIB // 2)), 1000, "lz4"),
+    "many records": lambda: chunk(
+        zstandard.compress(BOMB * (MAX_CHUNK // 9)), MAX_CHUNK // 9 * 9, "zstd"
+    ),
+    "a record of 1 TB": lambda: record_of(4, b"", TB),
+    "a record of 2^64 - 1 bytes": lambda: record_of(5, b"", 2**64 - 1),
+    "a string of 4 GB": lambda: record_of(4, b"\1\0\1\0\xff\xff\xff\xff"),
+    "an attachment of 1 TB": lambda: record_of(9, bytes(100), TB),
+    "a chunk in a chunk": lambda: chunk(chunk(b"", 0, ""), len(chunk(b"", 0, "")), ""),
+}
+
+
+LIMITED = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))
+from trunk_experiments.cli import main
+try:
+    main()
+finally:
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr)
+"""
+
+
+@pytest.mark.parametrize("hostile", HOSTILE.values(), ids=HOSTILE.keys())
+def test_hostile_files_cost_neither_time_nor_memory(hostile, tmp_path):
+    path = with_bytes(tmp_path / "a.mcap", hostile())
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED, "metrics", path],
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+    )
+    assert done.returncode == 2
+    *_, error, peak = done.stderr.splitlines()
+    assert error.startswith("trunk: error: ")
+    assert str(path) in error
+    assert "Traceback" not in done.stderr
+    assert int(peak) * 1024 < GIB
+    if "in a chunk" not in str(hostile):
+        assert Recording.open(path).warnings
+
+
+def test_a_deep_yaml(tmp_path):
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    (bag / "metadata.yaml").write_text("[" * 2000)
+    with pytest.raises(RecordingError, match="does not describe a bag"):
+        Recording.open(bag)

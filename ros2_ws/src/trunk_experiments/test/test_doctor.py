@@ -1,0 +1,195 @@
+from __future__ import annotations
+
+import struct
+
+import pytest
+from mcap.writer import Writer
+
+from trunk_experiments.commands.doctor import exit_code
+from trunk_experiments.doctor import ERROR, WARNING, examine
+from trunk_experiments.recover import recover
+from trunk_msgs_util import topics
+from trunk_msgs_util.joint_state_cdr import layout_of
+from trunk_msgs_util.recording import Recording, RecordingError
+from trunk_msgs_util.recording_writer import PROVENANCE, RecordingWriter
+from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.schemas import parameter_event
+
+TRUTH = f"/{topics.GROUND_TRUTH}"
+MS = 1_000_000
+
+
+def write_run(path, stamps=range(20), value=float, end=True, provenance=True, parameters=True):
+    """A run whose true states have some stamps in ms; the value of each is by its stamp."""
+    writer = RecordingWriter(path, "none", overwrite=True)
+    if provenance:
+        writer.add_metadata(PROVENANCE, {"mode": "offline", "scenario": "fig6"})
+    channels = {
+        topic: writer.channel(f"/{topic}", type_name)
+        for topic, type_name in topics.evidence_types(("pid",)).items()
+    }
+    for node in ("simulator", "pid") if parameters else ():
+        data = parameter_event(0, f"/{node}", {"update_rate": 1000.0}, {})
+        writer.write(channels[topics.RUN_PARAMETERS], 0, 0, data)
+    for i, k in enumerate(stamps):
+        sample = JointSample(k * MS, ("hip", "trunk"), (0.5, value(k)))
+        writer.write(channels[topics.GROUND_TRUTH], i, i, layout_of(sample).pack(sample))
+        state = JointSample(i * MS, topics.STATE_NAMES, (1.0,) * len(topics.STATE_NAMES))
+        writer.write(channels["pid/state"], i, i, layout_of(state).pack(state))
+        if i % 5 == 4:
+            writer.flush()
+    if end:
+        writer.finish(complete=True, reason="finished")
+    else:
+        writer._file.close()
+    return path
+
+
+def said(path):
+    return [finding.describe() for finding in examine(path)]
+
+
+def test_a_sound_run_has_no_findings(tmp_path, short_run):
+    assert examine(write_run(tmp_path / "a.mcap")) == []
+    assert examine(short_run()) == []
+    assert exit_code([]) == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (
+            {"stamps": [0, 1, 2, 6, 7]},
+            f"{TRUTH}, t = 0.002 s: steps are missing behind this stamp: 3",
+        ),
+        ({"stamps": [0, 1, 1, 2]}, f"{TRUTH}, t = 0.001 s: the stamp stands twice"),
+        ({"stamps": [0, 2, 1, 3]}, f"{TRUTH}, t = 0.001 s: the stamp is before"),
+        (
+            {"value": lambda k: float("nan") if k == 7 else 1.0},
+            f"{TRUTH}, t = 0.007 s: position[trunk] is nan",
+        ),
+        (
+            {"value": lambda k: float("inf") if k > 7 else 1.0},
+            f"{TRUTH}, t = 0.008 s: position[trunk] is inf: 12 times in all, the last at t = 0.019 s",
+        ),
+        ({"provenance": False}, "no provenance: scenario"),
+        ({"parameters": False}, "no parameters of pid: the run cannot be rebuilt"),
+        ({"end": False}, "no trunk_end record"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_place(tmp_path, options, says):
+    found = examine(write_run(tmp_path / "a.mcap", **options))
+    assert any(finding.describe().startswith(says) for finding in found), found
+    assert exit_code(found) == 1
+
+
+def records_of(data):
+    at = 8
+    while at < len(data) - 8:
+        opcode, length = struct.unpack_from("<BQ", data, at)
+        yield opcode, at, at + 9 + length
+        at += 9 + length
+
+
+@pytest.mark.parametrize(
+    ("opcode", "within", "says"),
+    [
+        (6, 200, "its checksum is wrong"),
+        (12, 60, "the checksum of the first"),
+        (7, 20, "the message indexes behind the chunk are not of its messages"),
+        (8, 25, "the index has a chunk here"),
+        (11, 20, "the checksum of summary and footer is wrong"),
+        (2, 20, "the checksum of summary and footer is wrong"),
+    ],
+)
+def test_one_flipped_bit_is_found_where_it_is(tmp_path, opcode, within, says):
+    path = write_run(tmp_path / "a.mcap")
+    data = bytearray(path.read_bytes())
+    at = next(at for o, at, _ in records_of(data) if o == opcode)
+    data[at + within] ^= 1
+    path.write_bytes(data)
+    found = [f for f in examine(path) if says in f.message]
+    assert found, said(path)
+    assert found[0].severity == ERROR
+    if opcode == 6:
+        assert found[0].byte == at
+
+
+def test_an_altered_message_is_found_by_its_digest(tmp_path):
+    """All checksums are right, an index is there: only the digest can tell."""
+    path = write_run(tmp_path / "a.mcap")
+    run = Recording.open(path)
+    forged = tmp_path / "b.mcap"
+    with forged.open("wb") as file:
+        writer = Writer(file, enable_data_crcs=True)
+        writer.start("ros2", "trunk_msgs_util")
+        writer.add_metadata(PROVENANCE, run.provenance)
+        for name, topic in run.topics.items():
+            schema = writer.register_schema(topic.type, "ros2msg", b"")
+            channel = writer.register_channel(name, "cdr", schema)
+            for log, messages in run.messages(name):
+                for at, message in zip(log, messages, strict=True):
+                    if name == TRUTH and at == 3:
+                        message = message[:-12] + b"\1" + message[-11:]
+                    writer.add_message(channel, at, message, at)
+        writer.add_metadata("trunk_digests", run.digests)
+        writer.add_metadata("trunk_end", run.end)
+        writer.finish()
+    (finding,) = [f for f in examine(forged) if f.severity in (ERROR, WARNING)]
+    assert finding.topic == TRUTH
+    assert "digest" in finding.message
+
+
+def test_recover_saves_all_but_the_damaged_chunk(tmp_path):
+    path = write_run(tmp_path / "a.mcap")
+    data = bytearray(path.read_bytes())
+    chunks = [(at, end) for opcode, at, end in records_of(data) if opcode == 6]
+    data[chunks[1][0] + 300] ^= 1
+    path.write_bytes(data)
+    recovery = recover(path, tmp_path / "b.mcap")
+    assert recovery.messages[TRUTH] == 15
+    assert any(f"byte {chunks[1][0]} is damaged" in line for line in recovery.lost)
+    saved = Recording.open(tmp_path / "b.mcap")
+    assert saved.joints(TRUTH).stamp_ns.tolist() == [k * MS for k in (*range(5), *range(10, 20))]
+    assert not saved.complete
+    assert saved.end["recovered"] == "true"
+    assert saved.provenance == {"mode": "offline", "scenario": "fig6"}
+    assert not [f for f in examine(tmp_path / "b.mcap") if f.byte is not None]
+
+
+def test_recover_goes_on_behind_a_record_without_an_end(tmp_path):
+    path = write_run(tmp_path / "a.mcap")
+    data = bytearray(path.read_bytes())
+    chunks = [at for opcode, at, _ in records_of(data) if opcode == 6]
+    data[chunks[0] + 1 : chunks[0] + 9] = struct.pack("<Q", 1 << 40)  # the first chunk's length
+    path.write_bytes(data)
+    recovery = recover(path, tmp_path / "b.mcap")
+    assert recovery.messages[TRUTH] == 15
+    joints = Recording.open(tmp_path / "b.mcap").joints(TRUTH)
+    assert joints.position[:, 1].tolist() == [float(k) for k in range(5, 20)]
+
+
+def test_recover_finishes_what_was_cut(tmp_path):
+    path = write_run(tmp_path / "a.mcap", end=False)
+    path.write_bytes(path.read_bytes()[:-50])
+    recovery = recover(path, tmp_path / "b.mcap")
+    assert recovery.messages[TRUTH] >= 15
+    assert len(recovery.lost) == 1
+    assert [f.message for f in examine(tmp_path / "b.mcap")] == [
+        f"incomplete: recovered; it was: no end; lost: {recovery.lost[0]}"
+    ]
+
+
+def test_recover_refuses_what_it_must(tmp_path):
+    path = write_run(tmp_path / "a.mcap")
+    with pytest.raises(FileExistsError, match="the broken file itself"):
+        recover(path, path, overwrite=True)
+    other = tmp_path / "b.mcap"
+    other.write_text("mine")
+    with pytest.raises(FileExistsError, match="choose another name"):
+        recover(path, other)
+    assert other.read_text() == "mine"
+    path.write_bytes(path.read_bytes()[:60])
+    with pytest.raises(RecordingError, match="nothing was recovered"):
+        recover(path, tmp_path / "c.mcap")
+    assert not (tmp_path / "c.mcap").exists()

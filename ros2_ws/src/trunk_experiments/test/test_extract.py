@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from trunk_experiments.extract import COLUMNS, window, write_mcap, write_npz, write_parquet
+from trunk_msgs_util.recording import Recording, RecordingError
+from trunk_msgs_util.run_table import CSV_COLUMNS, RunTable
+
+TRUTH = "/ground_truth/joint_states"
+
+
+@pytest.fixture(scope="module")
+def run(short_run):
+    return Recording.open(short_run("fig8", "fuzzy_pid"))
+
+
+@pytest.fixture(scope="module")
+def table(run):
+    return RunTable.from_recording(run)
+
+
+def test_tables_hold_the_same_bits(table, tmp_path):
+    part = window(table, 0.2, 0.9)
+    assert (part.t[0], part.t[-1], len(part.t)) == (0.2, 0.9, 701)
+    write_parquet(part, tmp_path / "a")
+    write_npz(part, tmp_path / "b")
+    part.write_csv(tmp_path / "c")
+    parquet, npz = pq.read_table(tmp_path / "a"), np.load(tmp_path / "b")
+    with (tmp_path / "c").open() as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(parquet.column_names) == tuple(npz) == COLUMNS == (*CSV_COLUMNS, "alpha")
+    for name in COLUMNS:
+        expected = getattr(part, name).tobytes()
+        assert parquet[name].to_numpy().tobytes() == expected
+        assert npz[name].tobytes() == expected
+    assert [float(row["torque"]) for row in rows] == part.torque.tolist()
+    assert len(window(table).t) == 1301
+
+
+def test_a_part_is_copied_byte_for_byte(run, tmp_path):
+    path = tmp_path / "part.mcap"
+    count = write_mcap(run, path, 0.5, 0.6, ["joint_states", "/run/parameters", "/run/events"])
+    part = Recording.open(path)
+    ((log, data),) = part.messages("/joint_states")
+    whole = {t: m for block in run.messages("/joint_states") for t, m in zip(*block, strict=True)}
+    assert log == [k * 1_000_000 for k in range(500, 601)]
+    assert data == [whole[t] for t in log]
+    assert count == 101 + len(run.parameters())
+    assert part.parameters() == run.parameters()  # set before, and still holding
+    assert part.provenance == run.provenance
+    assert part.events() == []
+    assert not part.complete
+    assert "t = 0.5 to 0.6 s" in part.end["reason"]
+
+
+def test_all_of_a_run_is_complete_and_the_same(run, tmp_path):
+    path = tmp_path / "all.mcap"
+    assert write_mcap(run, path) == sum(topic.count for topic in run.topics.values())
+    copy = Recording.open(path)
+    assert copy.complete
+    assert copy.joints(TRUTH).position.tobytes() == run.joints(TRUTH).position.tobytes()
+
+
+def test_an_unknown_topic_is_named(run, tmp_path):
+    with pytest.raises(RecordingError, match="has no topic /states, only "):
+        write_mcap(run, tmp_path / "a.mcap", topics=["states"])
+    assert not (tmp_path / "a.mcap").exists()

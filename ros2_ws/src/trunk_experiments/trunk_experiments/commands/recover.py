@@ -1,0 +1,34 @@
+"""``trunk recover``: a whole file out of a broken one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ..recover import recover
+
+
+@click.command("recover")
+@click.argument("broken", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    required=True,
+    help="The MCAP file to write.",
+)
+@click.option("--force", is_flag=True, help="Replace the file where it exists.")
+@click.pass_context
+def command(context: click.Context, broken: Path, output: Path, force: bool) -> None:
+    """Write a finished, indexed file with everything that can be read of a broken one.
+
+    The new file is marked as recovered and never passes for a complete run.
+
+    Exit code: 0 nothing was lost, 1 something was lost, 2 nothing can be read.
+    """
+    recovery = recover(broken, output, force)
+    for line in recovery.lost:
+        click.echo(f"lost: {line}")
+    click.echo(f"{output}: {recovery.count} messages of {len(recovery.messages)} topics")
+    context.exit(1 if recovery.lost else 0)
