@@ -11,6 +11,10 @@ from click.testing import CliRunner
 
 from trunk_experiments.cli import trunk
 from trunk_experiments.explain import explain
+from trunk_experiments.offline import Happenings
+from trunk_experiments.offline_recording import record_offline
+from trunk_experiments.plan import make_plan
+from trunk_experiments.timeline import Change
 from trunk_msgs_util.recording import Recording, RecordingError
 
 FIELDS = ("error", "error_rate", "p_term", "i_term", "d_term", "kp", "ki", "kd", "alpha")
@@ -83,6 +87,18 @@ def test_an_instant_between_updates_is_that_of_the_held_command(short_run):
     found = explain(Recording.open(run), 0.5079)
     assert found.update == 0.5
     assert found.windup.increment == pytest.approx(0.01 * found.terms.error)
+    assert found.agrees
+
+
+def test_the_first_update_after_a_reset(tmp_path):
+    plan = make_plan("fig8", "pid", settings=["pid.update_rate=100.0", "simulator.duration=0.6"])
+    reset = Happenings({"pid": [Change(503_000_000, None)]})
+    record_offline(plan, tmp_path / "run.mcap", happenings=reset)
+    found = explain(Recording.open(tmp_path / "run.mcap"), 0.505)
+    assert found.update == 0.504
+    assert found.windup.before == 0.0
+    assert found.windup.increment == 0.01 * found.terms.error  # its period, not the 4 ms since
+    assert not found.windup.acted
     assert found.agrees
 
 

@@ -151,7 +151,7 @@ def _last_update(recording: Recording, name: str, at_ns: int, commands: Messages
     index = states.names.index(timeline.config.joint)
     hip = hip_index(timeline.config, states.names)
     found: _Update | None = None
-    last_ns: int | None = None
+    last_ns = 0
     for stamp_ns in commands.stamps:
         if stamp_ns > at_ns:
             break
@@ -166,7 +166,8 @@ def _last_update(recording: Recording, name: str, at_ns: int, commands: Messages
         before = controller.state
         answer = controller.update(stamp_ns, positions[index], velocities[index], told, seen)
         if answer.terms is not None:
-            period_ns = timeline.config.period_ns if last_ns is None else stamp_ns - last_ns
+            # Not started: the first update of all, or the first after a reset.
+            period_ns = stamp_ns - last_ns if before.started else timeline.config.period_ns
             last_ns = stamp_ns
             found = _Update(
                 stamp_ns,
