@@ -17,6 +17,7 @@ from mcap.reader import make_reader
 
 from trunk_control.fuzzy import infer
 from trunk_experiments.cli import trunk
+from trunk_experiments.doctor import INFO, examine
 from trunk_experiments.report import make_report
 from trunk_experiments.report_data import packed, rule_use
 from trunk_experiments.report_page import render
@@ -183,8 +184,17 @@ def test_hostile_words_are_text(hostile_run):
 def test_damage_is_said(short_run, tmp_path):
     path = tmp_path / "cut.mcap"
     path.write_bytes(short_run("fig8", "pid").read_bytes()[:-3000])
-    words = " ".join(Page(render(make_report([view_of(path)]))).words)
+    report = make_report([view_of(path)])
+    wanted = [f.describe() for f in examine(path) if f.severity != INFO]
+    assert wanted
+    assert list(report.runs[0].warnings) == list(dict.fromkeys(wanted))
+    words = " ".join(Page(render(report)).words)
     assert "cut: warnings" in words
+    assert wanted[0] in words
+
+
+def test_a_sound_run_has_no_warnings(views):
+    assert [section.warnings for section in make_report(views).runs] == [(), ()]
 
 
 def test_the_command_and_its_size(short_run, tmp_path, monkeypatch):

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import import_module
-from importlib.util import find_spec
 from typing import Any
 
 from trunk_control.config import FuzzyPidConfig
@@ -13,6 +11,7 @@ from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util.recording import RecordingError
 
 from .compare import QUANTITIES, Row, differing_parameters, metric_rows
+from .doctor import INFO, examine
 from .report_data import report_data, rule_use
 from .run_view import RunView, labels
 
@@ -92,15 +91,8 @@ def quantity_label(key: str) -> tuple[str, str]:
 
 
 def said_of(view: RunView) -> list[str]:
-    """Return what is wrong with a run: what `doctor` finds where that is there, else what reading found."""
-    if find_spec(f"{__package__}.doctor") is None:
-        return list(view.warnings)
-    doctor = import_module(f"{__package__}.doctor")
-    found = [
-        str(finding.describe())
-        for finding in doctor.examine(view.path)
-        if finding.severity != doctor.INFO
-    ]
+    """Return what is wrong with a run: what `examine` finds, and what kept its parameters from use."""
+    found = [finding.describe() for finding in examine(view.path) if finding.severity != INFO]
     return found + [w for w in view.warnings if w not in view.recording.warnings]
 
 
