@@ -244,3 +244,13 @@ def test_what_is_no_bag_is_one_line(tmp_path, change, says):
 def replace(bag, old, new):
     path = bag / "metadata.yaml"
     path.write_text(path.read_text().replace(old, new))
+
+
+def test_other_names_of_the_same_size_are_another_layout(tmp_path):
+    samples = [JointSample(k, ("ab", "cd") if k % 2 else ("cd", "ab"), (k, -k)) for k in range(9)]
+    messages = [("/a", s.stamp_ns, layout_of(s).pack(s)) for s in samples]
+    recording = Recording.open(write_mcap(tmp_path / "a.mcap", messages))
+    expected = [k if k % 2 else -k for k in range(9)]
+    assert recording.joints("/a").column("position", "ab").tolist() == expected
+    series = read_series(recording, {"/a": [("position", "ab")]})["/a"]
+    assert series.column("position", "ab").tolist() == expected
