@@ -60,8 +60,8 @@ def bench_core(rounds: int = 9) -> list[BenchRow]:
     if rounds < 1:
         raise ValueError(f"rounds must be 1 or greater, not {rounds!r}")
     pyfuzzylite, simple_pid = "pyfuzzylite", "simple-pid"
-    fuzzylite = _library("fuzzylite", pyfuzzylite, "--no-deps -r requirements/bench.txt")
-    simple = _library("simple_pid", simple_pid, "-r requirements/dev.txt")
+    fuzzylite = library("fuzzylite", pyfuzzylite, "--no-deps -r requirements/bench.txt")
+    simple = library("simple_pid", simple_pid, "-r requirements/dev.txt")
     config = FuzzyPidConfig()
     times = _measure(
         {
@@ -107,7 +107,7 @@ def bench_core(rounds: int = 9) -> list[BenchRow]:
     ]
 
 
-def _library(module: str, package: str, requirements: str) -> Any:
+def library(module: str, package: str, requirements: str) -> Any:
     try:
         return import_module(module)
     except ImportError:

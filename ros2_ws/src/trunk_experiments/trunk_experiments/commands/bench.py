@@ -111,3 +111,32 @@ def read(run: Path | None, rounds: int, duration: float, as_json: bool) -> None:
             ],
         )
     sys.exit(0 if all(row.met for row in rows) else 1)
+
+
+@command.command("sweep")
+@click.option("--rounds", default=3, show_default=True, help="Rounds, of which the median counts.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def sweep(rounds: int, as_json: bool) -> None:
+    """Compiled closed-loop runs against MuJoCo's and scikit-fuzzy's; many runs; two cores."""
+    from ..bench_sweep import bench_sweep
+
+    rows = bench_sweep(rounds)
+    if as_json:
+        click.echo(json.dumps([asdict(row) for row in rows], indent=2))
+    else:
+        print_table(
+            f"median of {rounds} rounds, side by side",
+            ("what", "ours, ms", "theirs, ms", "ratio", "goal", ""),
+            [
+                (
+                    row.name,
+                    f"{row.ours_s * 1e3:.3g}",
+                    f"{row.theirs_s * 1e3:.3g}",
+                    f"{row.ratio:.3g}",
+                    row.goal,
+                    _met(row.met),
+                )
+                for row in rows
+            ],
+        )
+    sys.exit(0 if all(row.met is not False for row in rows) else 1)
