@@ -171,9 +171,9 @@ def test_hovering_shows_the_data_and_moves_the_clock(opened, file, views):
             }""",
             name,
         )
-        page.mouse.move(place[0] - 3, place[1])
-        page.mouse.move(*place)
+        page.mouse.move(*place)  # one move, one event: what is shown is what it told
         page.wait_for_function("() => window.hovered")
+        page.locator(f"#plot-{name} .hovertext").first.wait_for(state="attached")
         points = {run: (x, y) for x, y, run in page.evaluate("() => window.hovered")}
         x, y = points[0]
         row = int(np.flatnonzero(views[0].table.t == x)[0])  # a stamp, exactly
