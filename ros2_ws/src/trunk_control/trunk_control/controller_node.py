@@ -96,7 +96,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
 
     def _commensurate(self, step_ns: int) -> bool:
         """Refuse, at the second state, a plant whose rate is no multiple of this controller's."""
-        if self._commensurate_known or step_ns <= 0:
+        if self._commensurate_known or self.run_stamp_ns < 0 or step_ns <= 0:
             return True
         self._commensurate_known = True
         ratio = self.config.period_ns / step_ns

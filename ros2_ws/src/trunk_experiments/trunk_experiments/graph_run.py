@@ -129,8 +129,14 @@ def _watch(
                 )
         progress(monitor.time)
     if simulator.exit_code != 0:
-        monitor.spin(0.2)  # its last words
+        _hear_last_words(monitor)
         raise RunError(monitor.failure or simulator.describe_end())
+
+
+def _hear_last_words(monitor: Monitor) -> None:
+    deadline = time.monotonic() + 0.5
+    while monitor.failure is None and time.monotonic() < deadline:
+        monitor.spin(0.05)
 
 
 def _check_alive(running: dict[str, NodeProcess], simulator: NodeProcess) -> None:

@@ -10,7 +10,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from trunk_msgs_util import qos, topics
+from trunk_msgs_util import middleware, qos, topics
 
 
 class Monitor:
@@ -21,6 +21,7 @@ class Monitor:
         self.ready: set[str] = set()
         self.failure: str | None = None
         self.time = 0.0
+        middleware.prepare()
         self._context = rclpy.Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node("run_monitor", context=self._context, start_parameter_services=False)

@@ -16,12 +16,12 @@ from rcl_interfaces.msg import ParameterEvent
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
+from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 
-from . import qos, topics
+from . import middleware, qos, topics
 from .conversions import status_to_ros
 from .declarations import ParameterError, values_of
 from .executor import LoopExecutor
@@ -124,13 +124,8 @@ class TrunkNode(Node, Generic[Config]):
         deadline = time.monotonic() + _ACKNOWLEDGE_S
         for publisher in list(self.publishers):
             left = max(deadline - time.monotonic(), 0.0)
-            if not _acknowledged(publisher, left):
-                break
+            publisher.wait_for_all_acked(Duration(seconds=left))
         self.destroy_node()
-
-
-def _acknowledged(publisher: Publisher, timeout_s: float) -> bool:
-    return bool(publisher.wait_for_all_acked(Duration(seconds=timeout_s)))
 
 
 class Shutdown:
@@ -153,6 +148,9 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
     closed in the reverse order of the mapping: the recorder stands first.
     """
     shutdown = Shutdown()
+    middleware.prepare()
+    # rcl would say in words of its own what our one line says.
+    set_logger_level("rcl", LoggingSeverity.FATAL)
     try:
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     except (

@@ -25,6 +25,7 @@ from .simulation import DivergedError, Simulation
 # been matched for this long.
 _MATCHED_S = 1.0
 _LOCKSTEP_TICK_S = 0.05
+_STRANGER_S = 3.0
 _DOUBLED = ("late answers ignored", "doubled answers ignored", "commands out of order")
 
 
@@ -39,6 +40,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._ready: dict[str, str] = {}  # topic -> node that answers on it
         self._matched_since: dict[str, float] = {}
         self._waiting_logged = time.monotonic()
+        self._strange_since: float | None = None
         self._running = False
         self._truth_published = False
         self._disturbances: deque[tuple[int, Disturbance]] = deque()
@@ -147,6 +149,8 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
             self._truth_published = True
         if topics.DISTURBANCE in self.config.wait_for and not self._disturbances:
             return  # the first measurement carries its disturbance too
+        if self._strangers():
+            return
         self._start_timer.cancel()
         if not self._only_one_controller():
             return
@@ -157,9 +161,23 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._step_timer.reset()
         self._pacing.begin(time.monotonic_ns())
 
+    def _strangers(self) -> bool:
+        """True, for a bounded time, while a publisher of commands is discovered but not its node."""
+        unnamed = any(
+            p.node_name == "_NODE_NAME_UNKNOWN_"
+            for p in self.get_publishers_info_by_topic(self._commands.topic_name)
+        )
+        now = time.monotonic()
+        if not unnamed:
+            self._strange_since = None
+            return False
+        if self._strange_since is None:
+            self._strange_since = now
+        return now - self._strange_since < _STRANGER_S
+
     def _only_one_controller(self) -> bool:
         publishers = self.get_publishers_info_by_topic(self._commands.topic_name)
-        if len(publishers) <= 1:
+        if len(publishers) <= 1 or self._strangers():
             return True
         names = sorted(f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers)
         self.fail(

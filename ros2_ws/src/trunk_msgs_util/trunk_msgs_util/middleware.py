@@ -1,0 +1,17 @@
+"""Settings of the middleware that a run needs; whoever has own ones keeps them."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+_PROFILES = Path(__file__).with_name("fastdds.xml")
+
+
+def prepare() -> None:
+    """Give Fast DDS a short heartbeat, unless a profiles file is set; before rclpy is initialised.
+
+    What was sent while a reader was only half discovered is repaired at the next heartbeat, and the
+    wait for acknowledgements before a node ends takes one.
+    """
+    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(_PROFILES))

@@ -1,0 +1,74 @@
+"""Real processes over real DDS: each test has a ROS domain of its own and leaves no process behind."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from .peer import Peer
+from .processes import Children
+
+_DOMAINS = 100  # beyond, DDS's ports run into those that the kernel hands out
+_DDS_PORT, _PORTS_PER_DOMAIN = 7410, 250
+
+
+class Domains:
+    """Hands out ROS domains in which nobody is: no other session of tests, nobody else."""
+
+    def __init__(self) -> None:
+        """Begin with TRUNK_TEST_DOMAIN, else somewhere."""
+        self._next = int(os.environ.get("TRUNK_TEST_DOMAIN", os.getpid()))
+        self._lock = socket.socket(socket.AF_UNIX)
+
+    def choose(self) -> int:
+        """Return the next free domain, and give back the one before."""
+        self._lock.close()
+        for _ in range(_DOMAINS):
+            domain = 1 + (self._next - 1) % _DOMAINS
+            self._next += 1
+            self._lock = socket.socket(socket.AF_UNIX)
+            with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+                self._lock.bind(f"\0trunk-test-domain-{domain}")  # goes with this process
+                port.bind(("", _DDS_PORT + _PORTS_PER_DOMAIN * domain))
+                return domain
+            self._lock.close()
+        pytest.fail("every ROS domain from 1 to 100 is in use")
+
+    def close(self) -> None:
+        self._lock.close()
+
+
+@pytest.fixture(scope="session")
+def domains() -> Iterator[Domains]:
+    chosen = Domains()
+    yield chosen
+    chosen.close()
+
+
+@pytest.fixture(autouse=True)
+def domain(domains: Domains, monkeypatch: pytest.MonkeyPatch) -> int:
+    """Put this test, and all that it starts, into a domain of its own."""
+    number = domains.choose()
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("RCUTILS_COLORIZED_OUTPUT", "0")
+    return number
+
+
+@pytest.fixture
+def children(tmp_path: Path, domain: int) -> Iterator[Children]:
+    started = Children(tmp_path)
+    yield started
+    started.close()
+
+
+@pytest.fixture
+def peer(domain: int) -> Iterator[Peer]:
+    listener = Peer()
+    yield listener
+    listener.close()

@@ -1,0 +1,155 @@
+"""A node of the test's own in the graph: it listens, speaks, and calls services."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+
+from trunk_msgs_util import qos, topics
+from trunk_msgs_util.conversions import sample_to_ros, stamp_from_ros
+from trunk_msgs_util.samples import JointSample
+
+from .processes import PATIENCE_S
+
+
+class Event(NamedTuple):
+    """A message on ``run/events``."""
+
+    node: str
+    message: str
+    stamp_ns: int
+    values: dict[str, str]
+
+
+class Parameters(NamedTuple):
+    """A message on ``run/parameters``."""
+
+    node: str
+    stamp_ns: int
+    new: dict[str, Any]
+    changed: dict[str, Any]
+
+
+class Peer:
+    """Collects what the graph says; every wait has a condition and a deadline."""
+
+    def __init__(self) -> None:
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = Node("peer", context=self._context, start_parameter_services=False)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self.events: list[Event] = []
+        self.parameters: list[Parameters] = []
+        self.diagnostics: list[tuple[str, dict[str, str]]] = []
+        self._listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
+        self.hear_run()
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def _listen(
+        self, kind: type, topic: str, callback: Callable[[Any], None], profile: Any
+    ) -> None:
+        self.node.create_subscription(kind, topic, callback, profile)
+
+    def _on_event(self, message: DiagnosticArray) -> None:
+        stamp_ns = stamp_from_ros(message.header.stamp)
+        for status in message.status:
+            values = {v.key: v.value for v in status.values}
+            self.events.append(Event(status.name, status.message, stamp_ns, values))
+
+    def _on_parameters(self, message: ParameterEvent) -> None:
+        new, changed = (
+            {p.name: parameter_value_to_python(p.value) for p in listed}
+            for listed in (message.new_parameters, message.changed_parameters)
+        )
+        stamp_ns = stamp_from_ros(message.stamp)
+        self.parameters.append(Parameters(message.node, stamp_ns, new, changed))
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self.diagnostics.append((status.name, {v.key: v.value for v in status.values}))
+
+    def hear_run(self, namespace: str = "") -> None:
+        """Collect what is known of a run in a namespace, from its beginning."""
+        for kind, topic, callback in (
+            (DiagnosticArray, topics.RUN_EVENTS, self._on_event),
+            (ParameterEvent, topics.RUN_PARAMETERS, self._on_parameters),
+        ):
+            self._listen(kind, f"{namespace}/{topic}", callback, qos.run_information())
+
+    def hear(self, topic: str) -> list[JointState]:
+        """Return a list that fills with all messages of a JointState topic, past ones too."""
+        heard: list[JointState] = []
+        self._listen(JointState, topic, heard.append, qos.evidence())
+        return heard
+
+    def speaker(self, topic: str) -> Callable[[JointSample], None]:
+        """Return what publishes samples on a topic, once somebody listens to it."""
+        publisher = self.node.create_publisher(JointState, topic, qos.evidence())
+        self.until(publisher.get_subscription_count, f"somebody listens to {topic}")
+        return lambda sample: publisher.publish(sample_to_ros(sample))
+
+    def until(self, condition: Callable[[], Any], what: str) -> Any:
+        """Spin until the condition is truthy, and return it; fail the test at the deadline."""
+        deadline = time.monotonic() + PATIENCE_S
+        while not (found := condition()):
+            if time.monotonic() > deadline:
+                pytest.fail(f"not within {PATIENCE_S:g} s: {what}")
+            self._executor.spin_once(timeout_sec=0.02)
+        return found
+
+    def until_event(self, node: str, message: str) -> Event:
+        """Spin until a node has said this on ``run/events``, and return the last such event."""
+        wanted = (f"/{node.lstrip('/')}", message)
+        return self.until(
+            lambda: next((e for e in reversed(self.events) if (e.node, e.message) == wanted), None),
+            f"{node} says {message!r}",
+        )
+
+    def until_up(self, node: str) -> dict[str, Any]:
+        """Spin until a node has published its parameters, and return them."""
+        name = f"/{node.lstrip('/')}"
+        return self.until(
+            lambda: next((p.new for p in self.parameters if p.node == name and p.new), None),
+            f"{node} publishes its parameters",
+        )
+
+    def fresh_diagnostics(self, node: str) -> dict[str, str]:
+        """Return what a node says on /diagnostics from the second message after now."""
+        seen, name = len(self.diagnostics), f"/{node.lstrip('/')}"
+        return self.until(
+            lambda: [v for n, v in self.diagnostics[seen:] if n == name][1:], f"{node} diagnoses"
+        )[0]
+
+    def until_recorded(self, messages: int, node: str = "recorder") -> None:
+        """Spin until a recorder says that so many messages are in its file."""
+
+        def recorded() -> bool:
+            said = [v for n, v in self.diagnostics if n == f"/{node}"]
+            return bool(said) and int(said[-1]["messages"]) >= messages
+
+        self.until(recorded, f"{messages} messages are recorded")
+
+    def call(self, kind: type, name: str, **fields: Any) -> Any:
+        """Call a service and return its response."""
+        client = self.node.create_client(kind, name)
+        self.until(client.service_is_ready, f"{name} is there")
+        future = client.call_async(kind.Request(**fields))
+        self.until(future.done, f"{name} answers")
+        self.node.destroy_client(client)
+        return future.result()

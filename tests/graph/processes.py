@@ -1,0 +1,143 @@
+"""Processes under test: started, found again wherever they come from, never left behind."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import uuid
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from trunk_experiments.nodes import NODES
+from trunk_experiments.processes import find_executable
+
+PATIENCE_S = 30.0  # for what should come soon, on a machine that may be busy with something else
+_TOKEN = "TRUNK_TEST_TOKEN"
+
+
+def until(condition: Callable[[], Any], what: str, pause_s: float = 0.01) -> Any:
+    """Poll until the condition is truthy, and return it; fail the test at the deadline."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not (found := condition()):
+        if time.monotonic() > deadline:
+            pytest.fail(f"not within {PATIENCE_S:g} s: {what}")
+        time.sleep(pause_s)
+    return found
+
+
+@dataclass
+class Child:
+    """A process that a test started; what it says goes to files, so that it never blocks."""
+
+    name: str
+    process: subprocess.Popen[bytes]
+    folder: Path
+
+    @property
+    def stdout(self) -> str:
+        return (self.folder / f"{self.name}.out").read_text(errors="replace")
+
+    @property
+    def stderr(self) -> str:
+        return (self.folder / f"{self.name}.err").read_text(errors="replace")
+
+    def send(self, number: int) -> None:
+        self.process.send_signal(number)
+
+    def wait(self) -> int:
+        """Return the exit code; fail the test where the process does not end."""
+        until(lambda: self.process.poll() is not None, f"{self.name} ends\n{self.stderr}", 0.002)
+        return self.process.returncode
+
+    def stop(self, number: int = signal.SIGINT) -> int:
+        """Send a signal, wait for the end and return the exit code."""
+        self.send(number)
+        return self.wait()
+
+
+class Children:
+    """Starts processes, finds those that they start, and sees that none is left."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.environment = {_TOKEN: uuid.uuid4().hex}  # by it we know our own, however indirect
+        self._started: list[Child] = []
+
+    def start(self, name: str, *command: object) -> Child:
+        out, err = self.folder / f"{name}.out", self.folder / f"{name}.err"
+        with out.open("wb") as stdout, err.open("wb") as stderr:
+            process = subprocess.Popen(
+                [str(part) for part in command],
+                cwd=self.folder,
+                env={**os.environ, **self.environment},
+                stdin=subprocess.DEVNULL,
+                stdout=stdout,
+                stderr=stderr,
+            )
+        self._started.append(Child(name, process, self.folder))
+        return self._started[-1]
+
+    def node(self, executable: str, *ros_arguments: object, name: str = "") -> Child:
+        """Start a node's executable; an argument ``NAME:=VALUE`` sets a parameter."""
+        path = find_executable(NODES[executable].package, executable)
+        arguments = []
+        for argument in map(str, ros_arguments):
+            rule = ":=" in argument and not argument.startswith("__")
+            arguments += ["-p", argument] if rule else [argument]
+        given = ["--ros-args", *arguments] if arguments else []
+        return self.start(name or executable, path, *given)
+
+    def trunk(self, *arguments: object, name: str = "trunk") -> Child:
+        """Start the ``trunk`` command."""
+        return self.start(name, find_executable("trunk_experiments", "trunk"), *arguments)
+
+    def python(self, code: str, *arguments: object, name: str = "python") -> Child:
+        """Start a script, given as text."""
+        return self.start(name, sys.executable, "-c", code, *arguments)
+
+    def pids(self) -> dict[int, str]:
+        """Return pid and command line of every live process that began here."""
+        ((key, value),) = self.environment.items()
+        found = {}
+        for entry in Path("/proc").iterdir():
+            with suppress(OSError):
+                if entry.name.isdigit() and f"{key}={value}".encode() in (
+                    (entry / "environ").read_bytes().split(b"\0")
+                ):
+                    arguments = (entry / "cmdline").read_bytes().split(b"\0")
+                    found[int(entry.name)] = " ".join(map(os.fsdecode, arguments)).strip()
+        return found
+
+    def pid_of(self, executable: str) -> int:
+        """Wait for the process of a node's executable, whoever started it, and return its pid."""
+        wanted = re.compile(rf"lib/trunk_\w+/{executable}( |$)")
+
+        def find() -> list[int]:
+            return [pid for pid, line in self.pids().items() if wanted.search(line)]
+
+        return int(until(find, f"{executable} runs")[0])
+
+    def none_left(self) -> None:
+        """Wait until nothing that began here is alive any more."""
+        until(lambda: not self.pids(), f"every process has ended: {self.pids()}", 0.05)
+
+    def close(self) -> None:
+        """Fail the test where something has to be killed."""
+        deadline = time.monotonic() + 2.0
+        while (left := self.pids()) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        for pid in left:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        for child in self._started:
+            child.process.wait()
+        assert not left, f"left behind, and killed: {left}"

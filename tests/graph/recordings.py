@@ -1,0 +1,37 @@
+"""What a test asks of a recording's file, by readers that are not ours."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from mcap.reader import make_reader
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.joint_arrays import JointArrays
+from trunk_msgs_util.recording import Recording
+
+
+def finished_file(path: Path) -> Counter[str]:
+    """Return the messages by topic of a file with footer, index and sound checksums."""
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None, "no footer, no summary"
+        counts = Counter(channel.topic for _, channel, _ in reader.iter_messages())
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == counts.total()
+    return counts
+
+
+def joints(recording: Recording, topic: str) -> JointArrays:
+    return recording.joints(recording.topic(topic))
+
+
+def assert_every_step(recording: Recording, period_ns: int, states: int) -> None:
+    """Assert that true and measured states stand at every stamp, each once, in order."""
+    wanted = np.arange(states) * period_ns
+    for topic in (topics.GROUND_TRUTH, topics.JOINT_STATES):
+        stamps = joints(recording, topic).stamp_ns
+        np.testing.assert_array_equal(stamps, wanted, err_msg=topic)

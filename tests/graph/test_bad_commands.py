@@ -1,0 +1,110 @@
+"""Commands that the simulator must not apply: counted in /diagnostics, with no effect on the plant.
+
+The test is the only controller, so that it decides to the bit what the plant may feel.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from math import inf, nan
+
+import pytest
+from sensor_msgs.msg import JointState
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.conversions import stamp_from_ros
+from trunk_msgs_util.samples import JointSample
+
+from .peer import Peer
+from .processes import Children
+
+pytestmark = pytest.mark.graph
+
+PERIOD_NS = 5_000_000
+TIMEOUT_NS = 500_000_000  # of commands
+GOOD, BAD = 0.25, 77.0  # N m
+
+
+def command(stamp_ns: int, effort: float = BAD, name: str = "trunk") -> JointSample:
+    return JointSample(stamp_ns, (name,), effort=(effort,))
+
+
+def stamp_of(messages: list[JointState]) -> int:
+    """Return the last message's stamp, -1 where there is none."""
+    return stamp_from_ros(messages[-1].header.stamp) if messages else -1
+
+
+def efforts(truth: list[JointState]) -> dict[int, float]:
+    """Return the torque over the step before each state, by the state's stamp."""
+    return {stamp_from_ros(m.header.stamp): m.effort[1] for m in truth}
+
+
+def test_real_time(children: Children, peer: Peer) -> None:
+    truth = peer.hear(topics.GROUND_TRUTH)
+    simulator = children.node("simulator", f"command_timeout:={TIMEOUT_NS / 1e9}")
+    say = peer.speaker(topics.EFFORT_COMMAND)
+    peer.until_event("simulator", "started")
+    peer.until(lambda: len(truth) > 10, "states go on")
+    good_ns = stamp_of(truth)
+    for bad in (
+        command(good_ns, name="hip"),
+        JointSample(good_ns, ("trunk",)),  # no effort in it
+        command(good_ns, nan),
+        command(good_ns, inf),
+        command(good_ns + 3600 * 10**9),  # answers a state that is not
+    ):
+        say(bad)
+    say(command(good_ns, GOOD))
+    say(command(good_ns))  # again
+    say(command(good_ns - PERIOD_NS))  # stale
+    peer.until(lambda: efforts(truth[-1:]).popitem()[1] == GOOD, "the good command is used")
+
+    said = peer.fresh_diagnostics("simulator")
+    assert said["commands without the joint"] == "2"
+    assert said["commands not finite"] == "2"
+    assert said["commands out of order"] == "3"
+    assert simulator.stop() == 0, simulator.stderr
+    felt = efforts(truth)
+    assert set(felt.values()) == {0.0, GOOD}
+    # The last step that used it begins exactly the timeout after the state that it answers.
+    used = [stamp_ns for stamp_ns, effort in felt.items() if effort == GOOD]
+    assert used == list(range(used[0], good_ns + TIMEOUT_NS + 2 * PERIOD_NS, PERIOD_NS))
+
+
+def test_lockstep(children: Children, peer: Peer) -> None:
+    truth = peer.hear(topics.GROUND_TRUTH)
+    simulator = children.node("simulator", "lockstep.enabled:=true", "duration:=0.025")
+    say = peer.speaker(topics.EFFORT_COMMAND)
+    peer.until_event("simulator", "started")
+    for k in range(5):
+        now_ns = k * PERIOD_NS
+        peer.until(lambda: stamp_of(truth) == now_ns, "the plant steps")  # noqa: B023
+        say(command(now_ns - PERIOD_NS))  # for k = 0: an answer before all time
+        say(command(now_ns + PERIOD_NS))
+        say(command(now_ns, nan))
+        say(command(now_ns, BAD, "hip"))
+        say(command(now_ns, GOOD + k))
+        say(command(now_ns))
+    peer.until(lambda: stamp_of(truth) == 5 * PERIOD_NS, "the plant steps")
+    said = peer.fresh_diagnostics("simulator")
+    assert said["commands without the joint"] == said["commands not finite"] == "5"
+    assert said["answers to no state ignored"] == "5"
+    assert said["late answers ignored"] == "10"
+    say(command(5 * PERIOD_NS, GOOD))  # the last state wants an answer too
+    assert simulator.wait() == 0, simulator.stderr
+    assert list(efforts(truth).values()) == [0.0] + [GOOD + k for k in range(5)]
+
+
+def test_silent_controller_in_real_time(children: Children, peer: Peer) -> None:
+    truth = peer.hear(topics.GROUND_TRUTH)
+    pid = children.node("pid", "u_clamp_max:=5.0", "u_clamp_min:=-5.0")
+    simulator = children.node("simulator", f"command_timeout:={TIMEOUT_NS / 1e9}")
+    peer.until(lambda: len(truth) > 50 and truth[-1].effort[1] != 0.0, "commands are used")
+    os.kill(pid.process.pid, signal.SIGSTOP)
+    peer.until(lambda: not any(m.effort[1] for m in truth[-20:]), "the torque goes to zero")
+    os.kill(pid.process.pid, signal.SIGCONT)
+    peer.until(lambda: truth[-1].effort[1] != 0.0, "commands are used again")
+    assert int(peer.fresh_diagnostics("simulator")["steps without a fresh command"]) >= 20
+    for child in (simulator, pid):
+        assert child.stop() == 0, child.stderr

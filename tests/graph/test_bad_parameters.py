@@ -1,0 +1,113 @@
+"""A wrong parameter ends a node at its start: code 2, one line that says which, what and what is allowed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from .peer import Peer
+from .processes import Child, Children
+
+pytestmark = pytest.mark.graph
+
+# Executable: (argument, value as the line must show it, what the line must say is allowed).
+WRONG = {
+    "simulator": [
+        ("plant.length:=-1.5", "-1.5", "double, > 0"),
+        ("plant.length:=long", "'long'", "double, > 0"),
+        ("plant.gravity:=.nan", "nan", "finite double, >= 0"),
+        ("initial.position:=[0.25]", "[0.25]", "double array of 2"),
+        ("hip.mode:=flying", "'flying'", "one of passive, prescribed"),
+        ("wait_for:=[nobody]", "['nobody']", "each one of effort_command, disturbance, recorder"),
+    ],
+    "disturbance": [
+        ("update_rate:=0.0", "0.0", "double, >= 0.001"),
+        ("noise.components:=1.5", "1.5", "integer, >= 1"),
+        ("pulse.magnitude:=.nan", "nan", "finite double"),
+        ("pulse.start_times:=[1.0, -1.0]", "[1.0, -1.0]", "each >= 0"),
+        ("noise.high_frequency:=0.25", "0.25", "greater than noise.low_frequency (0.5)"),
+    ],
+    "pid": [
+        ("gains.p:=-1.0", "-1.0", "double, >= 0"),
+        ("gains.p:=true", "True", "double, >= 0"),
+        ("gains.d:=.nan", "nan", "finite double, >= 0"),
+        ("antiwindup_strategy:=hope", "'hope'", "one of none, conditional_integration"),
+        ("u_clamp_max:=-200.0", "-200.0", "greater than u_clamp_min (-100)"),
+        ("reference.values:=[0.5, 0.25]", "[0.5, 0.25]", "as many as reference.times (0)"),
+    ],
+    "fuzzy_pid": [
+        ("gains.p_min:=0.0", "0.0", "double, > 0"),
+        ("fuzzy.rate_range:=[5.0]", "[5.0]", "double, > 0"),
+        ("fuzzy.alpha_centers:=[2.0, .nan, 4.0, 5.0]", "[2.0, nan, 4.0, 5.0]", "each > 0"),
+        ("fuzzy.error_peaks:=[0.0, 1.0]", "[0.0, 1.0]", "double array of 7"),
+        ("gains.p_max:=10.0", "10.0", "at least gains.p_min (32)"),
+        ("rules.kp:=[B B B B B B B]", "['B B B B B B B']", "string array of 7"),
+        (
+            "rules.kd:=[{0}, {0}, S S B X B S S, {0}, {0}, {0}, {0}]".format("B B B B B B B"),
+            "['B B B B B B B', ",
+            "labels S, B; cell (e NS, e_dot ZO) is 'X'",
+        ),
+    ],
+    "recorder": [
+        ("flush_interval:=2.0", "2.0", "double, > 0 and <= 1"),
+        ("overwrite:=3", "3", "bool"),
+        ("flush_interval:=.nan", "nan", "finite double"),
+        ("compression:=gzip", "'gzip'", "one of zstd, lz4, none"),
+        ("output:=/nowhere/run.mcap", "'/nowhere/run.mcap'", "a file to write ("),
+    ],
+}
+
+
+def refusal(child: Child) -> str:
+    """Return the one line with which a node refuses to start."""
+    code = child.wait()
+    assert code == 2, f"exit code {code}: {child.stderr}"
+    assert child.stdout == ""
+    lines = child.stderr.splitlines()
+    assert len(lines) == 1, child.stderr
+    assert lines[0].startswith(child.name.split("-")[0])
+    return lines[0]
+
+
+@pytest.mark.parametrize("executable", WRONG)
+def test_wrong_value(children: Children, executable: str) -> None:
+    cases = WRONG[executable]
+    started = [
+        children.node(executable, argument, name=f"{executable}-{i}")
+        for i, (argument, _, _) in enumerate(cases)
+    ]
+    for child, (argument, value, allowed) in zip(started, cases, strict=True):
+        name = argument.partition(":=")[0]
+        line = refusal(child)
+        assert line.startswith(f"{executable}: error: parameter {name!r}: {value}"), line
+        assert f"is not allowed: {allowed}" in line or f", {allowed}" in line, line
+
+
+def test_wrong_arguments(children: Children, tmp_path: Path) -> None:
+    no_yaml = tmp_path / "no.yaml"
+    no_yaml.write_text("pid: [\n")
+    wrong: dict[str, list[object]] = {
+        "absent.yaml": ["--params-file", "absent.yaml"],
+        "no.yaml": ["--params-file", no_yaml],
+        "gains.p": ["-p", "gains.p"],
+        "deafening": ["--log-level", "deafening"],
+        "--no-such": ["--no-such"],
+    }
+    started = {
+        text: children.node("pid", *arguments, name=f"pid-{i}")
+        for i, (text, arguments) in enumerate(wrong.items())
+    }
+    for text, child in started.items():
+        line = refusal(child)
+        assert line.startswith("pid: error: "), line
+        assert text in line, line
+
+
+def test_integer_is_taken_for_a_double(children: Children, peer: Peer) -> None:
+    node = children.node("pid", "gains.p:=60", "u_clamp_max:=50")
+    values = peer.until_up("pid")
+    assert repr(values["gains.p"]) == "60.0"
+    assert repr(values["u_clamp_max"]) == "50.0"
+    assert node.stop() == 0
+    assert node.stderr == ""

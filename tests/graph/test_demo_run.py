@@ -1,0 +1,90 @@
+"""``trunk run demo``: the whole graph in real time, and a recording that everybody can read."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from mcap_ros2.reader import read_ros2_messages
+from rosbags.highlevel import AnyReader
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording import Recording
+
+from .processes import Children
+from .recordings import assert_every_step, finished_file, joints
+
+pytestmark = pytest.mark.graph
+
+DURATION_S = 3
+PERIOD_NS = 5_000_000
+STATES = DURATION_S * 200 + 1
+# What the wall clock may do to the loop: a step or two of delay now and then, on a busy machine more.
+RANGE_MARGIN_RAD = 0.35
+RMS_RAD = 0.1
+
+
+def test_demo(children: Children, tmp_path: Path) -> None:
+    folder = tmp_path / "demo"
+    run = children.trunk("run", "demo", "--duration", DURATION_S, "--output", folder)
+    assert run.wait() == 0, run.stderr
+    children.none_left()
+    for text in ("metrics of the run", "overshoot", "peak torque", "complete: 601 states"):
+        assert text in run.stdout
+    assert f"recording: {folder / 'run.mcap'}" in run.stdout.replace("\n", "")
+    assert "Traceback" not in run.stderr
+
+    recording = Recording.open(folder / "run.mcap")
+    assert recording.complete, recording.warnings
+    assert recording.warnings == []
+    assert_every_step(recording, PERIOD_NS, STATES)
+    answered = joints(recording, topics.EFFORT_COMMAND).stamp_ns
+    assert len(answered) > 0.8 * STATES
+    assert len(np.unique(answered)) == len(answered)
+    assert np.isin(answered, joints(recording, topics.JOINT_STATES).stamp_ns).all()
+
+    nodes = yaml.safe_load((folder / "params.yaml").read_text())
+    assert set(nodes) == {"recorder", "fuzzy_pid", "disturbance", "simulator"}
+    simulator = nodes["simulator"]["ros__parameters"]
+    assert (simulator["update_rate"], simulator["duration"]) == (200.0, 3.0)
+
+    simulate_like(children, recording)
+    assert_readable_by_all(folder / "run.mcap")
+
+
+def simulate_like(children: Children, recording: Recording) -> None:
+    """Assert that the run in real time is close to the offline run of the same plan."""
+    path = children.folder / "offline.mcap"
+    offline = children.trunk("simulate", "demo", "--duration", DURATION_S, "-o", path)
+    assert offline.wait() == 0, offline.stderr
+    ideal = joints(Recording.open(path), topics.GROUND_TRUTH).column("position", "trunk")
+    real = joints(recording, topics.GROUND_TRUTH).column("position", "trunk")
+    assert ideal.min() - RANGE_MARGIN_RAD < real.min()
+    assert real.max() < ideal.max() + RANGE_MARGIN_RAD
+    assert np.sqrt(np.mean((real - ideal) ** 2)) < RMS_RAD
+
+
+def assert_readable_by_all(path: Path) -> None:
+    """Assert that three readers of other houses decode every message, and count the same."""
+    by_mcap = finished_file(path)
+    by_mcap_ros2 = Counter(
+        message.channel.topic for message in read_ros2_messages(path) if message.ros_msg
+    )
+    by_rosbags: Counter[str] = Counter()
+    with AnyReader([path]) as reader:
+        for connection, _, data in reader.messages():
+            reader.deserialize(data, connection.msgtype)
+            by_rosbags[connection.topic] += 1
+    assert by_mcap == by_mcap_ros2 == by_rosbags
+    assert set(by_mcap) == {
+        "/joint_states",
+        "/ground_truth/joint_states",
+        "/effort_command",
+        "/disturbance",
+        "/fuzzy_pid/state",
+        "/run/parameters",
+        "/run/events",
+    }

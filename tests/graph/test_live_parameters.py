@@ -1,0 +1,192 @@
+"""Parameters changed by ROS 2's ordinary services: judged as a whole, active at once, on the record."""
+
+from __future__ import annotations
+
+from itertools import count
+from math import nan
+from typing import Any
+
+import pytest
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.parameter import Parameter, parameter_value_to_python
+
+from trunk_control.rule_tables import KP_AS_PRINTED
+from trunk_msgs_util.conversions import stamp_from_ros
+from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.samples import JointSample
+
+from .peer import Peer
+from .processes import Child, Children
+
+pytestmark = pytest.mark.graph
+
+PERIOD_NS = 5_000_000
+
+
+class Services:
+    """The parameter services of one node."""
+
+    def __init__(self, peer: Peer, node: str) -> None:
+        self._peer = peer
+        self._node = node
+
+    def set(self, **values: Any) -> SetParametersResult:
+        """Set parameters one by one; ``__`` in a name stands for the dot. Return the last result."""
+        response = self._call(SetParameters, "set_parameters", parameters=_messages(values))
+        return response.results[-1]
+
+    def set_together(self, **values: Any) -> SetParametersResult:
+        return self._call(
+            SetParametersAtomically, "set_parameters_atomically", parameters=_messages(values)
+        ).result
+
+    def get(self, *names: str) -> list[Any]:
+        values = self._call(GetParameters, "get_parameters", names=names).values
+        return [parameter_value_to_python(value) for value in values]
+
+    def describe(self, *names: str) -> Any:
+        return self._call(DescribeParameters, "describe_parameters", names=names).descriptors
+
+    def _call(self, kind: type, service: str, **fields: Any) -> Any:
+        return self._peer.call(kind, f"/{self._node}/{service}", **fields)
+
+
+def _messages(values: dict[str, Any]) -> list[Any]:
+    return [
+        Parameter(name.replace("__", "."), value=value).to_parameter_msg()
+        for name, value in values.items()
+    ]
+
+
+@pytest.fixture
+def pid(children: Children, peer: Peer) -> Child:
+    node = children.node("pid", "gains.i:=0.0", "gains.d:=0.0")
+    peer.until_up("pid")
+    yield node
+    assert node.stop() == 0
+    assert "Traceback" not in node.stderr
+
+
+def test_described(pid: Child, peer: Peer) -> None:
+    gain, low, high, rate, mode, values = Services(peer, "pid").describe(
+        "gains.p",
+        "u_clamp_min",
+        "i_clamp_max",
+        "update_rate",
+        "derivative_mode",
+        "reference.values",
+    )
+    assert gain.description == "Proportional gain [N m/rad]"
+    assert gain.additional_constraints == "double, >= 0 and <= 1e+09"
+    (bounds,) = gain.floating_point_range
+    assert (bounds.from_value, bounds.to_value) == (0.0, 1e9)
+    assert low.floating_point_range == []
+    assert high.floating_point_range[0].from_value == 0.0
+    assert rate.read_only
+    assert rate.description.endswith("[Hz]")
+    assert not gain.read_only
+    assert mode.additional_constraints == "string, one of error, measurement, rate"
+    assert values.type == Parameter.Type.DOUBLE_ARRAY.value
+
+
+def test_stored_is_active_and_published(pid: Child, peer: Peer) -> None:
+    """The test is the plant: it says states and hears which command answers each."""
+    commands, services = peer.hear("effort_command"), Services(peer, "pid")
+    say, steps = peer.speaker("joint_states"), count()
+
+    def answer() -> float:
+        """Return the command that answers the next state: an error of -0.25 rad."""
+        stamp_ns = next(steps) * PERIOD_NS
+        say(JointSample(stamp_ns, ("hip", "trunk"), (0.0, 0.25), (0.0, 0.0)))
+        peer.until(
+            lambda: commands and stamp_from_ros(commands[-1].header.stamp) == stamp_ns,
+            "the controller answers",
+        )
+        return commands[-1].effort[0]
+
+    assert [answer() for _ in range(3)] == [-0.25 * 60.0] * 3
+    assert services.set(gains__p=80).successful  # an integer is taken for a double
+    assert repr(services.get("gains.p")) == "[80.0]"
+    assert answer() == -0.25 * 80.0
+
+    changes = [p for p in peer.parameters if p.changed]
+    assert [(c.node, c.stamp_ns, c.changed) for c in changes] == [
+        ("/pid", 2 * PERIOD_NS, {"gains.p": 80.0})
+    ]
+    out_of_range = "gains.p out of range Min: 0.0, Max: 1000000000.0, value: "  # rclpy's words
+    for value, reason in (
+        (-1.0, out_of_range + "-1.0"),
+        (nan, out_of_range + "nan"),
+        ("much", "expected 'Type.DOUBLE'"),
+    ):
+        result = services.set(gains__p=value)
+        assert not result.successful
+        assert reason in result.reason
+    assert not services.set(update_rate=100.0).successful
+    assert services.get("gains.p", "update_rate") == [80.0, 200.0]
+    assert answer() == -0.25 * 80.0
+    assert len([p for p in peer.parameters if p.changed]) == 1
+
+
+def test_linked_values_and_rules(children: Children, peer: Peer) -> None:
+    node = children.node("fuzzy_pid")
+    peer.until_up("fuzzy_pid")
+    services = Services(peer, "fuzzy_pid")
+
+    result = services.set(gains__p_min=70.0)
+    assert not result.successful
+    assert "'gains.p_max': 60.0 is not allowed: at least gains.p_min (70)" in result.reason
+    assert services.set_together(gains__p_min=70.0, gains__p_max=90.0).successful
+    assert not services.set_together(gains__p_min=40.0, gains__p_max=30.0).successful
+    assert services.get("gains.p_min", "gains.p_max") == [70.0, 90.0]
+
+    rows = list(KP_AS_PRINTED)
+    rows[1] = "S S B B B S X"
+    result = services.set(rules__kp=rows)
+    assert not result.successful
+    assert "cell (e NM, e_dot PB) is 'X'" in result.reason
+    rows[1] = "S B B B B B S"
+    assert services.set(rules__kp=rows).successful
+    assert services.get("rules.kp") == [rows]
+    result = services.set(fuzzy__error_peaks=[0.0, nan])
+    assert not result.successful
+    assert "double array of 7" in result.reason
+
+    peer.until(lambda: len([p for p in peer.parameters if p.changed]) == 2, "changes are published")
+    changes = [p for p in peer.parameters if p.changed]
+    assert [(c.stamp_ns, c.changed) for c in changes] == [
+        (-1, {"gains.p_min": 70.0, "gains.p_max": 90.0}),
+        (-1, {"rules.kp": rows}),
+    ]
+    assert node.stop() == 0
+
+
+def test_change_in_a_recorded_run_is_replayed(children: Children, peer: Peer) -> None:
+    truth = peer.hear("ground_truth/joint_states")
+    folder = children.folder / "changed"
+    run = children.trunk(
+        "run", "demo", "--lockstep", "--speed", 1, "--duration", 2.5, "--output", folder
+    )
+    services, plant = Services(peer, "fuzzy_pid"), Services(peer, "simulator")
+    peer.until(lambda: len(truth) > 100, "the run goes on")
+    assert services.set_together(gains__p_min=50.0, gains__p_max=90.0).successful
+    assert plant.set(plant__trunk_mass=0.75).successful
+    peer.until(lambda: len(truth) > 200, "the run goes on")
+    assert services.set(antiwindup_strategy="none").successful
+    assert run.wait() == 0, run.stderr
+    children.none_left()
+
+    recording = Recording.open(folder / "run.mcap")
+    assert recording.complete, recording.warnings
+    changes = recording.parameter_changes()
+    assert sorted(change.node for change in changes) == ["/fuzzy_pid", "/fuzzy_pid", "/simulator"]
+    assert all(0 < change.stamp_ns < 2_500_000_000 for change in changes)
+    verdict = children.trunk("verify", folder / "run.mcap", name="verify")
+    assert verdict.wait() == 0, verdict.stdout
+    assert "states of the plant: 501 steps checked, all equal" in verdict.stdout

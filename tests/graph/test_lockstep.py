@@ -1,0 +1,116 @@
+"""Lock-step: processes, composed nodes and the offline run give the same bits, under any load and order."""
+
+from __future__ import annotations
+
+import random
+import signal
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from trunk_experiments.cli import trunk
+from trunk_experiments.plan import make_plan
+
+from .peer import Peer
+from .processes import Child, Children
+
+pytestmark = pytest.mark.graph
+
+# The library's call, for the order of start is no option of the command.
+RUN_IN_ORDER = """
+import sys
+from pathlib import Path
+from trunk_experiments.graph_run import RunFiles, run_graph
+from trunk_experiments.plan import make_plan
+
+folder, controller, rate, duration, *order = sys.argv[1:]
+plan = make_plan(
+    "fig8", controller, settings=[f"{controller}.update_rate={rate}"],
+    everywhere={"duration": float(duration), "lockstep.enabled": True},
+)
+run_graph(plan, RunFiles(Path(folder)), lambda t: None, order)
+"""
+BUSY = "while True: pass"
+
+
+def verdict(*arguments: object) -> str:
+    """Return what a verb that only reads says; it must end with code 0."""
+    result = CliRunner().invoke(trunk, [str(argument) for argument in arguments])
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def succeed(child: Child) -> None:
+    assert child.wait() == 0, child.stdout + child.stderr
+
+
+@pytest.mark.parametrize(
+    ("controller", "rate", "duration", "seed"),
+    [("fuzzy_pid", 1000.0, 1.5, 1), ("pid", 1000.0, 1.5, 2), ("fuzzy_pid", 250.0, 0.5, 3)],
+    ids=["fuzzy_pid", "pid", "fuzzy_pid at a quarter of the plant's rate"],
+)
+def test_same_bits_everywhere(
+    children: Children, tmp_path: Path, controller: str, rate: float, duration: float, seed: int
+) -> None:
+    options = ("fig8", "--controller", controller, "--duration", duration)
+    options += ("--set", f"{controller}.update_rate={rate}")
+    order = ["recorder", controller, "disturbance", "simulator"]
+    random.Random(seed).shuffle(order)
+    offline, processes, composed = (
+        tmp_path / name for name in ("offline.mcap", "processes/run.mcap", "composed/run.mcap")
+    )
+    succeed(children.trunk("simulate", *options, "-o", offline))
+    load = [children.python(BUSY, name=f"busy-{i}") for i in range(1)]
+    succeed(children.python(RUN_IN_ORDER, processes.parent, controller, rate, duration, *order))
+    for busy in load:
+        assert busy.stop(signal.SIGTERM) == -signal.SIGTERM
+    succeed(
+        children.trunk("run", *options, "--lockstep", "--composed", "--output", composed.parent)
+    )
+    children.none_left()
+
+    steps, updates = round(duration * 1000) + 1, round(duration * rate) + 1
+    messages = 4 * steps + 1 + updates  # the disturbance is told one step ahead
+    for run in (processes, composed):
+        assert f"identical: {messages} messages" in verdict("diff", offline, run)
+    for run in (offline, processes, composed):
+        said = verdict("verify", run)
+        assert ": verified" in said
+        assert f"states of the plant: {steps} steps checked, all equal" in said
+
+
+def test_incommensurate_rate_is_refused_by_the_run(children: Children, tmp_path: Path) -> None:
+    run = children.trunk(
+        "run", "fig8", "--lockstep", "--set", "fuzzy_pid.update_rate=300.0", "--output", "refused"
+    )
+    assert run.wait() == 2
+    (line,) = run.stderr.splitlines()
+    assert "update_rate 300 Hz is no integer divisor of the simulator's 1000 Hz" in line
+    assert not (tmp_path / "refused").exists()
+
+
+def test_incommensurate_rate_is_refused_by_the_node(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
+    plan = make_plan("fig8", "fuzzy_pid", everywhere={"lockstep.enabled": True, "duration": 0.5})
+    plan.write_parameters(tmp_path / "params.yaml")
+    files = ("--params-file", tmp_path / "params.yaml")
+    controller = children.node("fuzzy_pid", *files, "fuzzy_pid:update_rate:=300.0")
+    peer.until_up("fuzzy_pid")
+    simulator = children.node("simulator", *files)
+    others = [
+        simulator,
+        children.node("disturbance", *files),
+        children.node("recorder", *files, "recorder:output:=run.mcap"),
+    ]
+    ended = peer.until(
+        lambda: [c for c in (controller, simulator) if c.process.poll() is not None],
+        "the controller refuses",
+    )
+    for child in (controller, *others):
+        assert child in ended or child.stop() == 0, child.stderr
+    assert controller.process.returncode == 1
+    (line,) = controller.stderr.splitlines()
+    assert "update_rate = 300 Hz is not allowed in lock-step with a plant at 1000 Hz" in line
+    assert peer.until_event("fuzzy_pid", "failed").values["reason"] in line

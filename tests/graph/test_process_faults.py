@@ -1,0 +1,124 @@
+"""Processes that die, hang or intrude in a run: it ends, says who, leaves nothing but a readable file."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.conversions import stamp_from_ros
+from trunk_msgs_util.recording import Recording
+
+from .peer import Peer
+from .processes import Child, Children, until
+from .recordings import finished_file, joints
+
+pytestmark = pytest.mark.graph
+
+LOST_S = 1.2  # a chunk is finished every 0.5 s, at the latest after 1 s; and a busy machine
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "run" / "run.mcap"
+
+
+def start(children: Children, peer: Peer, *options: object) -> Child:
+    """Return a run of a minute, once it is under way and some of it has been recorded."""
+    run = children.trunk("run", "demo", "--duration", 60, "--output", "run", *options)
+    peer.until_event("simulator", "started")
+    peer.until_recorded(200)
+    return run
+
+
+def fails_with(children: Children, run: Child, *texts: str) -> None:
+    """Assert that the run ends with code 1, a last line that has these texts, and no process left."""
+    assert run.wait() == 1, run.stderr
+    assert "Traceback" not in run.stderr
+    line = run.stderr.splitlines()[-1]
+    assert line.startswith("trunk: error: ")
+    for text in texts:
+        assert text in line, line
+    children.none_left()
+
+
+def incomplete(file: Path) -> dict[str, str]:
+    """Return the end record of a file that is finished, sound, and says that it is not the whole run."""
+    assert finished_file(file)["/ground_truth/joint_states"] > 50
+    recording = Recording.open(file)
+    assert not recording.complete
+    assert recording.end is not None
+    (warning,) = recording.warnings
+    assert warning.startswith("incomplete: ")
+    return recording.end
+
+
+@pytest.mark.parametrize(
+    "mode", [(), ("--lockstep", "--speed", "1")], ids=["real time", "lockstep"]
+)
+def test_controller_is_killed(
+    children: Children, peer: Peer, file: Path, mode: tuple[str, ...]
+) -> None:
+    run = start(children, peer, *mode)
+    os.kill(children.pid_of("fuzzy_pid"), signal.SIGKILL)
+    fails_with(children, run, "fuzzy_pid was ended by SIGKILL")
+    incomplete(file)
+
+
+def test_controller_hangs_in_lockstep(children: Children, peer: Peer, file: Path) -> None:
+    run = start(
+        children, peer, "--lockstep", "--speed", 1, "--set", "simulator.lockstep.timeout=0.5"
+    )
+    os.kill(children.pid_of("fuzzy_pid"), signal.SIGSTOP)
+    fails_with(
+        children, run, "simulator", "no answer", "effort_command", "lockstep.timeout = 0.5 s"
+    )
+    assert "no answer" in incomplete(file)["reason"]
+
+
+def test_recorder_is_killed(children: Children, peer: Peer, file: Path) -> None:
+    truth = peer.hear(topics.GROUND_TRUTH)
+    run = start(children, peer)
+    peer.until(lambda: len(truth) > 300, "states are heard")
+    os.kill(children.pid_of("recorder"), signal.SIGKILL)
+    last_ns = stamp_from_ros(truth[-1].header.stamp)
+    fails_with(children, run, "recorder was ended by SIGKILL")
+    recording = Recording.open(file)
+    assert not recording.complete
+    assert any("without a footer" in warning for warning in recording.warnings)
+    stamps = joints(recording, topics.GROUND_TRUTH).stamp_ns
+    assert (last_ns - stamps[-1]) / 1e9 < LOST_S
+
+
+def test_runner_is_killed(children: Children, peer: Peer, file: Path) -> None:
+    run = start(children, peer)
+    assert run.stop(signal.SIGKILL) == -signal.SIGKILL
+    children.none_left()
+    incomplete(file)
+
+
+def test_runner_is_interrupted(children: Children, peer: Peer, file: Path) -> None:
+    run = start(children, peer)
+    run.send(signal.SIGINT)
+    fails_with(children, run, "stopped by SIGINT")
+    assert incomplete(file)["reason"].startswith("stopped at t = ")
+
+
+@pytest.mark.parametrize("when", ["before", "during"])
+def test_second_controller_is_refused(
+    children: Children, peer: Peer, file: Path, when: str
+) -> None:
+    run = start(children, peer) if when == "during" else None
+    intruder = children.node("pid")
+    peer.until_up("pid")
+    run = run or children.trunk("run", "demo", "--output", "run")
+    until(lambda: run.process.poll() is not None, "the run ends")
+    assert intruder.stop() == 0, intruder.stderr
+    fails_with(
+        children, run, "2 nodes publish /effort_command: /fuzzy_pid, /pid", "stop the others"
+    )
+    finished_file(file)
+    assert not Recording.open(file).complete

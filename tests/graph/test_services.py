@@ -1,0 +1,92 @@
+"""The services of simulator and controller, called in a run that is recorded and then verified."""
+
+from __future__ import annotations
+
+from math import pi
+from pathlib import Path
+
+import pytest
+from std_srvs.srv import SetBool, Trigger
+
+from trunk_experiments.verify import VERIFIED, verify
+from trunk_msgs_util.conversions import stamp_from_ros
+from trunk_msgs_util.recording import Recording
+
+from .peer import Peer
+from .processes import Children
+from .recordings import assert_every_step, joints
+
+pytestmark = pytest.mark.graph
+
+PERIOD_NS = 5_000_000
+START = pi / 6.0  # rad, the initial angle
+
+
+def test_reset_and_pause_in_a_run(children: Children, peer: Peer, tmp_path: Path) -> None:
+    truth = peer.hear("ground_truth/joint_states")
+    terms = peer.hear("pid/state")
+    recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
+    pid = children.node("pid", "reference.value:=0.25")
+    simulator = children.node("simulator", "duration:=0.0")
+
+    def angles() -> dict[int, float]:
+        return {stamp_from_ros(m.header.stamp): m.position[1] for m in truth}
+
+    # The plant's reset: the initial state at once, while time goes on.
+    peer.until(lambda: truth and abs(truth[-1].position[1] - START) > 0.25, "the trunk has moved")
+    response = peer.call(Trigger, "/simulator/reset")
+    assert response.success
+    assert "initial state" in response.message
+    reset_ns = peer.until_event("simulator", "reset").stamp_ns
+    assert reset_ns > 0
+    after_ns = reset_ns + PERIOD_NS
+    peer.until(lambda: after_ns in angles(), "time goes on")
+    # One step of 5 ms from rest: less than 0.01 rad even at full torque.
+    assert angles()[after_ns] == pytest.approx(START, abs=0.01)
+    assert abs(angles()[reset_ns] - START) > 0.2
+
+    # Pause: the last state stays the last until it is told to go on.
+    response = peer.call(SetBool, "/simulator/pause", data=True)
+    assert (response.success, response.message) == (True, "paused")
+    paused_ns = peer.until_event("simulator", "paused").stamp_ns
+    peer.until(lambda: paused_ns in angles(), "the last state before the pause")
+    assert peer.fresh_diagnostics("simulator")["state"] == "paused"  # more than a second later
+    assert max(angles()) == paused_ns
+
+    response = peer.call(SetBool, "/simulator/pause", data=False)
+    assert (response.success, response.message) == (True, "running")
+    assert peer.until_event("simulator", "resumed").stamp_ns == paused_ns
+    peer.until(lambda: paused_ns + 20 * PERIOD_NS in angles(), "states go on")
+    ahead_ns = max(angles()) - paused_ns
+    assert ahead_ns < 500_000_000, "time of the pause was caught up with"
+
+    # The controller's reset: the integral starts anew from the next state on.
+    peer.until(lambda: terms and abs(terms[-1].position[5]) > 0.5, "the integral has grown")
+    response = peer.call(Trigger, "/pid/reset")
+    assert response.success
+    forgot_ns = peer.until_event("pid", "reset").stamp_ns
+    first = peer.until(
+        lambda: [m for m in terms if stamp_from_ros(m.header.stamp) > forgot_ns],
+        "the controller goes on",
+    )[0]
+    values = dict(zip(first.name, first.position, strict=True))
+    assert abs(values["i_term"]) <= values["ki"] * abs(values["error"]) * 2 * PERIOD_NS / 1e9
+
+    for child in (simulator, pid, recorder):
+        assert child.stop() == 0, child.stderr
+    recording = Recording.open(tmp_path / "run.mcap")
+    assert recording.complete, recording.warnings
+    assert_every_step(recording, PERIOD_NS, len(joints(recording, "joint_states")))
+    told = [(event.node, event.message) for event in recording.events()]
+    for message in ("started", "reset", "paused", "resumed", "finished"):
+        assert ("/simulator", message) in told
+    assert ("/pid", "reset") in told
+    verdict = verify(recording)
+    assert verdict.exit_code == VERIFIED, verdict
+
+
+def test_pause_before_the_start_is_refused(children: Children, peer: Peer) -> None:
+    simulator = children.node("simulator")
+    response = peer.call(SetBool, "/simulator/pause", data=True)
+    assert (response.success, response.message) == (False, "waiting for participants")
+    assert simulator.stop() == 0

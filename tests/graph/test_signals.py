@@ -1,0 +1,104 @@
+"""SIGINT and SIGTERM end every node in order: code 0, soon, the recording finished and judged rightly."""
+
+from __future__ import annotations
+
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from trunk_msgs_util.recording import Recording
+
+from .peer import Peer
+from .processes import Child, Children, until
+from .recordings import finished_file
+
+pytestmark = pytest.mark.graph
+
+SIGNALS = [signal.SIGINT, signal.SIGTERM]
+EXECUTABLES = ("simulator", "disturbance", "pid", "fuzzy_pid", "recorder")
+SOON_S = 2.0
+
+
+def stop_soon(number: int, *children: Child) -> None:
+    """Send all of them the signal at once; each must end by itself, soon, with code 0."""
+    begin = time.monotonic()
+    for child in children:
+        child.send(number)
+    running = list(children)
+
+    def all_ended() -> bool:
+        for child in [c for c in running if c.process.poll() is not None]:
+            running.remove(child)
+            took[child.name] = time.monotonic() - begin
+        return not running
+
+    took: dict[str, float] = {}
+    until(all_ended, "all nodes end", 0.002)
+    assert max(took.values()) < SOON_S, took
+    for child in children:
+        assert child.process.returncode == 0, child.stderr
+        assert "Traceback" not in child.stderr
+
+
+@pytest.mark.parametrize("number", SIGNALS, ids=lambda number: number.name)
+def test_idle_node(children: Children, peer: Peer, tmp_path: Path, number: int) -> None:
+    # Each in a namespace of its own: they do not meet, and have nothing to do.
+    started = {
+        name: children.node(name, "output:=run.mcap", "-r", f"__ns:=/{name}")
+        for name in EXECUTABLES
+    }
+    for name in started:
+        peer.hear_run(f"/{name}")
+        peer.until_up(f"/{name}/{name}")
+    stop_soon(number, *started.values())
+    counts = finished_file(tmp_path / "run.mcap")
+    assert set(counts) <= {"/recorder/run/parameters", "/recorder/run/events"}
+    recording = Recording.open(tmp_path / "run.mcap")
+    assert recording.end == {
+        "complete": "false",
+        "reason": "the recorder was stopped before the run was finished",
+    }
+
+
+@pytest.mark.parametrize(
+    ("number", "duration", "complete", "reason"),
+    [
+        (signal.SIGINT, 60.0, "false", "stopped at t = "),
+        (signal.SIGTERM, 0.0, "true", "stopped on request"),
+    ],
+    ids=["SIGINT before the end", "SIGTERM to an endless run"],
+)
+def test_in_a_run(
+    children: Children,
+    peer: Peer,
+    tmp_path: Path,
+    number: int,
+    duration: float,
+    complete: str,
+    reason: str,
+) -> None:
+    """A run with an end is incomplete when it is cut short; one without is whole when it is stopped."""
+    early = children.node("recorder", "output:=early.mcap", "-r", "__node:=early", name="early")
+    recorder = children.node("recorder", "output:=run.mcap")
+    controller = children.node("pid")
+    simulator = children.node("simulator", f"duration:={duration}")
+    for name in ("recorder", "early"):
+        peer.until_recorded(200, name)
+
+    stop_soon(number, early)
+    assert finished_file(tmp_path / "early.mcap")["/joint_states"] > 20
+    assert Recording.open(tmp_path / "early.mcap").warnings == [
+        "incomplete: the recorder was stopped before the run was finished"
+    ]
+    stop_soon(number, simulator)
+    stop_soon(number, controller, recorder)
+    finished_file(tmp_path / "run.mcap")
+    recording = Recording.open(tmp_path / "run.mcap")
+    assert recording.end is not None
+    assert recording.end["complete"] == complete, recording.end
+    assert recording.end["reason"].startswith(reason)
+    states = int(recording.events()[-1].values["states"])
+    for topic in ("/ground_truth/joint_states", "/joint_states"):
+        assert recording.topics[topic].count == states
