@@ -15,7 +15,9 @@ setup(
     maintainer=maintainer.text,
     maintainer_email=maintainer.get("email"),
     packages=find_packages(include=[name, f"{name}.*"]),
-    package_data={name: ["py.typed", "config/*.yaml", "report_assets/*", "studies/*.yaml"]},
+    package_data={
+        name: ["py.typed", "config/*.yaml", "*.html.j2", "report_assets/*", "studies/*.yaml"]
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),

@@ -24,6 +24,7 @@ _VERBS = {
     "export": ("export", "Write a recorded run as CSV, Parquet, npz or a smaller MCAP."),
     "params": ("params", "List every parameter that the nodes declare."),
     "sweep": ("sweep", "Run a study: grids and draws over any parameter, compiled."),
+    "paper": ("paper", "Reproduce the paper's figures and judge its claims."),
     "bench": ("bench", "Measure speed, as ratios in one run."),
 }
 

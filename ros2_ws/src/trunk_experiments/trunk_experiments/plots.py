@@ -52,9 +52,11 @@ def overview(views: Sequence[RunView]) -> Figure:
     return figure
 
 
-def paper_figure(views: Sequence[RunView], number: int) -> Figure:
+def paper_figure(
+    views: Sequence[RunView], number: int, names: Sequence[str] | None = None
+) -> Figure:
     """Return the runs laid out like the paper's figure 6, 7, 8 or 9: angle over time, one axes."""
-    names = labels(views, lambda view: view.title)
+    names = names or labels(views, lambda view: view.title)
     with rc_context({**STYLE, "font.size": 10.0, "axes.labelsize": 10.0, "axes.titlesize": 11.0}):
         figure = Figure(figsize=(8.0, 4.6), layout="constrained")
         axes = figure.add_subplot()

@@ -1,9 +1,9 @@
 """Eqs. 11 and 12 of the paper letter by letter: WRONG PHYSICS, kept to show what they would give.
 
 Do not use it for anything else. What makes it unusable: gravity points up (both signs of G are
-wrong), so the upright trunk swings about its equilibrium by itself and there is nothing to stabilise;
-the velocity terms enter with the opposite sign (+M^-1 V) and one of them is not the Lagrangian's, so
-the equations conserve no energy, and none dissipates where it should.
+wrong), so that over a hip at rest the upright trunk is stable by itself and there is nothing to
+stabilise; the velocity terms enter with the opposite sign (+M^-1 V) and one of them is not the
+Lagrangian's, so that no energy is conserved and a free hip throws the trunk about all the same.
 
 Pure: runs in CPython and compiles with numba unchanged.
 """

@@ -1,0 +1,130 @@
+"""The paper's verdicts: they say what their numbers say, every erratum is shown, the report is whole."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from math import degrees, inf, nan
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trunk_experiments import paper_report
+from trunk_experiments.paper import Reproduction, as_json
+from trunk_experiments.paper_claims import CLAIMS, NOT, PARTLY, REPRODUCED, judge
+from trunk_experiments.paper_errata import ERRATA, single_repairs
+from trunk_experiments.paper_runs import PROFILES, Run, cases, undershoot
+from trunk_msgs_util.metrics import Metrics
+from trunk_msgs_util.run_table import RunTable
+
+NAMES = [f.name for f in fields(Metrics)]
+
+
+def invented(seed):
+    """Return a run of random metrics for every case; some never settle, some diverge."""
+    rng = np.random.default_rng(seed)
+    runs = {}
+    for case in cases():
+        values = dict(
+            zip(NAMES, rng.exponential(10.0 ** rng.uniform(-2, 2), len(NAMES)), strict=True)
+        )
+        if rng.random() < 0.3:
+            values["settling_time_6deg_s"] = None
+        diverged = rng.random() < 0.1
+        runs[case] = Run(
+            case,
+            None if diverged else Metrics(**values),
+            inf if diverged else float(rng.exponential()),
+            "diverged" if diverged else "",
+        )
+    return runs
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_a_verdict_s_text_agrees_with_its_numbers(seed):
+    result = Reproduction(runs=invented(seed), graph=invented(seed))
+    text = json.dumps(as_json(result), allow_nan=False)  # as a reader gets it
+    for claim in json.loads(text)["claims"]:
+        for kind in ("offline", "graph", "practical"):
+            verdict = claim[kind]
+            held = []
+            for check in verdict["checks"]:
+                value = inf if check["value"] is None else check["value"]
+                bound = inf if check["bound"] is None else check["bound"]
+                assert check["holds"] == (
+                    value <= bound if check["relation"] == "<=" else value > bound
+                )
+                held.append(check["holds"])
+            word = REPRODUCED if all(held) else PARTLY if any(held) else NOT
+            assert verdict["verdict"] == word
+            assert verdict["text"].startswith(word)
+            if word == PARTLY:
+                holds, fails = verdict["text"].split("; not for ")
+                for check in verdict["checks"]:
+                    assert check["label"] in (holds if check["holds"] else fails)
+        assert claim["offline"] == claim["graph"]
+
+
+def test_a_claim_flips_with_the_number_that_it_rests_on():
+    runs = invented(1)
+    steady = next(claim for claim in CLAIMS if claim.key == "fuzzy-steady")
+    names = ("fuzzy_as_printed", "fuzzy_zhao_1993")
+    for rms, word in ((0.1, REPRODUCED), (9.0, NOT)):
+        values = {**dict.fromkeys(NAMES, 1.0), "steady_state_error_rms_deg": rms}
+        for case in runs:
+            if case.contender in names:
+                runs[case] = Run(case, Metrics(**values), 0.0)
+        assert judge(steady, runs, PROFILES[0]).word == word
+
+
+def test_claims_are_told_apart():
+    assert len({claim.key for claim in CLAIMS}) == len(CLAIMS)
+    for claim in CLAIMS:
+        assert claim.quote
+        assert claim.tolerance
+
+
+@pytest.mark.parametrize("erratum", ERRATA, ids=lambda e: e.where)
+def test_every_erratum_is_shown(erratum):
+    shown, text = erratum.show()
+    assert shown, text
+
+
+def test_single_repairs_of_a_table():
+    table = ("B S B S B S B",) * 7
+    assert single_repairs(table) == [(3, 3)]  # the middle cell is its own mirror image
+    broken = ("B S B S B S S", *table[1:])
+    assert single_repairs(broken) == [(0, 6)]
+
+
+def swing(angles):
+    t = np.linspace(0.0, 1.0, len(angles))
+    unused = dict.fromkeys(RunTable.__dataclass_fields__, np.full(t.shape, nan))
+    theta = np.asarray(angles, dtype=float)
+    return RunTable(**{**unused, "t": t, "theta": theta, "reference": np.zeros(len(t))})
+
+
+def test_undershoot_is_the_swing_back():
+    assert undershoot(swing([0.5, 0.2, -0.1, 0.3, -0.05])) == pytest.approx(degrees(0.3))
+    assert undershoot(swing([-0.5, 0.1, -0.2, 0.0])) == pytest.approx(degrees(0.2))
+    assert undershoot(swing([0.5, 0.2, 0.1, 0.3])) == 0.0
+    assert undershoot(swing([0.5, -0.2, -0.1])) == 0.0
+
+
+def test_the_report_is_one_file_with_every_part(tmp_path, monkeypatch):
+    monkeypatch.setattr(paper_report, "_figure", lambda figure, folder: "data:image/png;base64,AA")
+    result = Reproduction(
+        runs=invented(2),
+        graph=invented(2),
+        errata=[(ERRATA[0], True, "a < b")],
+        rates={"fig7": {1000.0: dict.fromkeys(paper_report.RATE_KEYS, 1.0), 250.0: None}},
+        literal={"none, derived": None},
+    )
+    page = paper_report.write_report(result, tmp_path).read_text(encoding="utf-8")
+    for text in (CLAIMS[0].quote, "Errata", "diverges", "a &lt; b", "never", PROFILES[1]):
+        assert text in page
+    assert 'src="http' not in page
+    assert json.loads((tmp_path / "paper.json").read_text())["errata"][0]["shown"] is True

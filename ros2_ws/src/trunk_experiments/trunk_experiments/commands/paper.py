@@ -1,0 +1,56 @@
+"""``trunk paper``: the paper's figures and claims, reproduced and judged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from .common import print_table
+
+
+@click.command("paper")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Folder for report.html, paper.json, the figures and the recordings.",
+)
+@click.option(
+    "--graph",
+    is_flag=True,
+    help="Run each figure in the ROS 2 graph as well (lock-step, composed) and compare the bits.",
+)
+@click.pass_context
+def command(context: click.Context, output: Path, graph: bool) -> None:
+    """Reproduce Figs 6 to 9 and judge the paper's claims by the numbers.
+
+    Exit code 1 where a graph run has other bits than the offline run, or an erratum is not shown.
+    """
+    from ..paper import reproduce
+    from ..paper_report import write_report
+
+    output.mkdir(parents=True, exist_ok=True)
+    console = Console(stderr=True)
+    with console.status("starting") as status:
+        result = reproduce(output, graph, status.update)
+        status.update("drawing")
+        report = write_report(result, output)
+    print_table(
+        "claims of the paper, by our runs",
+        ("claim", "figure", "paper's profile", "practical profile"),
+        [
+            (offline.claim.key, offline.claim.figures, offline.word, practical.word)
+            for offline, _, practical in result.verdicts()
+        ],
+    )
+    if graph:
+        same = len(result.graph) - len(result.differing)
+        click.echo(f"graph runs with the offline runs' bits: {same} of {len(result.graph)}")
+    shown = sum(shown for _, shown, _ in result.errata)
+    click.echo(f"errata shown by a computation: {shown} of {len(result.errata)}")
+    click.echo(f"report: {report}")
+    if result.differing or shown < len(result.errata):
+        context.exit(1)
