@@ -25,6 +25,7 @@ _VERBS = {
     "params": ("params", "List every parameter that the nodes declare."),
     "sweep": ("sweep", "Run a study: grids and draws over any parameter, compiled."),
     "paper": ("paper", "Reproduce the paper's figures and judge its claims."),
+    "tune": ("tune", "Compute gains, their margins, and write them as a parameter file."),
     "bench": ("bench", "Measure speed, as ratios in one run."),
 }
 

@@ -1,0 +1,191 @@
+"""Tuning: poles where they were asked for, margins that a simulation confirms, files that nodes load."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trunk_control.config import FuzzyPidConfig
+from trunk_control.model_config import LqrConfig
+from trunk_control.pid import Gains
+from trunk_experiments.commands.tune import command
+from trunk_experiments.linear import Linear, Loop, largest_delay, linearise, margins
+from trunk_experiments.offline import steps
+from trunk_experiments.plan import make_plan
+from trunk_experiments.tune_search import fuzzy_space, gains_space
+from trunk_experiments.tuning import TuningError, by_lqr, by_poles, relay, ultimate
+from trunk_sim.plant import PlantParameters
+
+PLANT = linearise(PlantParameters())
+
+
+def test_linearise_gives_the_textbook_pendulum():
+    found = linearise(PlantParameters(trunk_mass=2.0, length=0.5, gravity=9.0))
+    assert (found.a, found.b) == (pytest.approx(18.0), pytest.approx(2.0))
+
+
+@given(st.lists(st.floats(-40.0, -0.5), min_size=2, max_size=3, unique=True))
+@settings(max_examples=60, deadline=None)
+def test_by_poles_places_them(poles):
+    if min(np.diff(sorted(poles))) < 0.05:
+        return  # nearly double: roots of polynomials are not that exact
+    p, i, d = by_poles(PLANT, poles).p, by_poles(PLANT, poles).i, by_poles(PLANT, poles).d
+    polynomial = [1.0, PLANT.b * d, PLANT.b * p - PLANT.a, PLANT.b * i]
+    found = np.sort(np.roots(polynomial[: len(poles) + 1]).real)
+    assert found == pytest.approx(sorted(poles), rel=1e-4)
+
+
+@pytest.mark.parametrize("poles", [(-1.0,), (-1.0, -1.0), (1.0, -2.0)], ids=str)
+def test_poles_that_cannot_be(poles):
+    with pytest.raises(TuningError, match="distinct negative"):
+        by_poles(PLANT, poles)
+
+
+def test_by_lqr_gives_the_node_s_defaults():
+    gains = by_lqr(PLANT, 0.1, np.radians(6.0), 1.0, 5.0)
+    assert gains == pytest.approx(LqrConfig().gains, rel=1e-5)
+
+
+LOOPS = [
+    (Gains(60.0, 100.0, 9.0), 0.001, True),
+    (Gains(60.0, 100.0, 9.0), 0.005, False),
+    (Gains(60.0, 36.0, 400.0), 0.001, True),
+    (Gains(80.0, 0.0, 6.0), 0.002, True),
+]
+
+
+@pytest.mark.parametrize(("gains", "h", "rate"), LOOPS, ids=str)
+def test_a_simulation_confirms_the_largest_delay(gains, h, rate):
+    loop = Loop(PLANT, gains, h, rate)
+    limit = largest_delay(loop)
+    assert margins(loop).delay == pytest.approx(limit * h)
+    for delay, dies in ((limit, True), (limit + 1, False)):
+        radius = replace(loop, delay=delay).radius()
+        assert (radius < 1.0) == dies
+        settings_ = [
+            "simulator.substeps=1",
+            "simulator.hip.mode=prescribed",
+            "simulator.path.amplitude=0.0",
+            "simulator.initial.position=[0.0, 1.0e-9]",
+            "simulator.initial.velocity=[0.0, 0.0]",
+            f"simulator.sensor.delay={delay * h}",
+            *(
+                f"pid.gains.{n}={v}"
+                for n, v in zip("pid", (gains.p, gains.i, gains.d), strict=True)
+            ),
+            f"pid.derivative_mode={'rate' if rate else 'measurement'}",
+            "pid.u_clamp_max=.inf",
+            "pid.u_clamp_min=-.inf",
+        ]
+        # As long as the slowest mode takes to change a hundredfold, if that can be waited for.
+        periods = min(int(5.0 / abs(np.log(radius))), 4000)
+        plan = make_plan(
+            "fig6", "pid", [], settings_, {"update_rate": 1.0 / h, "duration": 4 * periods * h}
+        )
+        angles = np.abs([step.truth.position[1] for step in steps(plan)])
+        quarter = len(angles) // 4
+        assert (np.max(angles[-quarter:]) < np.max(angles[quarter : 2 * quarter])) == dies
+
+
+def test_margins_of_an_unstable_loop():
+    with pytest.raises(ValueError, match="unstable"):
+        margins(Loop(PLANT, Gains(100.0, 0.0, 0.0), 0.001))
+
+
+def test_gain_margins_are_edges():
+    loop = Loop(PLANT, Gains(60.0, 36.0, 400.0), 0.001)
+    found = margins(loop)
+    for factor, stable in (
+        (0.999 * found.gain_up, True),
+        (1.001 * found.gain_up, False),
+        (1.001 * found.gain_down, True),
+        (0.999 * found.gain_down, False),
+    ):
+        gains = Gains(*(factor * gain for gain in loop.gains))
+        assert replace(loop, gains=gains).stable == stable
+
+
+def test_the_relay_finds_what_routh_says():
+    plant = Linear(PLANT.a, PLANT.b, c=4.0, lag=0.02)
+    found = relay(plant, 1.0)
+    assert (found.exact_gain, found.exact_period) == ultimate(plant)
+    assert found.gain == pytest.approx(found.exact_gain, rel=0.1)  # a describing function's worth
+    assert found.period == pytest.approx(found.exact_period, rel=0.08)
+    poles = np.roots([0.02, 1.08, 4.0 - 0.02 * plant.a, plant.b * found.exact_gain - plant.a])
+    assert np.max(poles.real) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("plant", [PLANT, PLANT._replace(lag=0.02), PLANT._replace(c=1.0)], ids=str)
+def test_no_relay_without_lag_and_damping(plant):
+    with pytest.raises(TuningError, match="no ultimate gain"):
+        relay(plant, 1.0)
+
+
+def test_the_search_starts_from_the_present_parameters():
+    config = FuzzyPidConfig()
+    space = fuzzy_space(config)
+    values = space.values(np.array(space.start))
+    assert values["rules.kp"] == config.rules_kp
+    assert values["rules.alpha"] == config.rules_alpha
+    assert values["gains.p_max"] == pytest.approx(config.p_max)
+    changed = [i for i in range(7) if values["rules.kd"][i] != config.rules_kd[i]]
+    assert changed == [1]  # the misprinted cell: the search keeps the tables symmetric
+    assert gains_space(LqrConfig()).values(np.zeros(3)) == dict.fromkeys(
+        ("gains.p", "gains.i", "gains.d"), 1.0
+    )
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(command, list(map(str, arguments)), catch_exceptions=False)
+
+
+@pytest.mark.parametrize(
+    ("controller", "arguments"),
+    [
+        ("pid", ["poles"]),
+        (
+            "computed_torque",
+            ["poles", "--controller", "computed_torque", "--pole", -9, "--pole", -11],
+        ),
+        ("lqr", ["lqr", "--torque", 8]),
+        ("pid", ["relay", "--lag", 0.02, "--damping", 2.0]),
+    ],
+    ids=["poles", "computed_torque", "lqr", "relay"],
+)
+def test_the_file_is_loaded_by_a_run(controller, arguments, tmp_path):
+    path = tmp_path / "gains.yaml"
+    said = invoke(*arguments, "-o", path)
+    assert said.exit_code == 0
+    assert "delay ms" in said.output
+    plan = make_plan("fig6", controller, [str(path)])
+    assert plan.controller != make_plan("fig6", controller).controller
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("controller", ["pid", "fuzzy_pid"])
+def test_a_search_is_reproducible_and_no_worse_than_its_start(controller, tmp_path):
+    texts = []
+    for name in ("a.yaml", "b.yaml"):
+        arguments = ["--generations", 1, "--population", 1, "--scenario", "fig6"]
+        said = invoke(
+            "optimise", "--controller", controller, *arguments, "-o", tmp_path / name, "--rate", 200
+        )
+        assert said.exit_code == 0
+        texts.append((tmp_path / name).read_text())
+        before, after = (float(said.output.split(w)[0].split()[-1]) for w in (" before", " after"))
+        assert after <= before
+    assert texts[0] == texts[1]
+    assert make_plan("fig6", controller, [str(tmp_path / "a.yaml")])
+
+
+def test_a_file_is_not_overwritten(tmp_path):
+    path = tmp_path / "gains.yaml"
+    path.write_text("mine")
+    with pytest.raises(FileExistsError, match="--force"):
+        invoke("poles", "-o", path)
+    assert path.read_text() == "mine"

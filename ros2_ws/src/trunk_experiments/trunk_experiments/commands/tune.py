@@ -1,0 +1,282 @@
+"""``trunk tune``: gains for a plant, their margins, and the parameter file that the nodes load."""
+
+from __future__ import annotations
+
+from functools import partial
+from math import inf, radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+
+from trunk_control.pid import Gains
+from trunk_msgs_util.declarations import Value, build, values_of
+from trunk_msgs_util.metrics import Metrics
+from trunk_msgs_util.parameter_files import write
+from trunk_msgs_util.units import seconds
+
+from ..nodes import NODES
+from ..plan import RunPlan, make_plan
+from .common import print_table
+
+if TYPE_CHECKING:
+    from ..linear import Linear
+
+_METRICS = tuple(name for name in Metrics.__dataclass_fields__ if not name.startswith("theta"))
+
+
+def _options(function: Any) -> Any:
+    """Add what every method takes: the plant, the profile and rate, and where the gains go."""
+    options = [
+        click.option(
+            "-o",
+            "--output",
+            type=click.Path(path_type=Path, dir_okay=False),
+            help="The ROS 2 parameter file to write, for --params or --params-file.",
+        ),
+        click.option("--force", is_flag=True, help="Replace the file where it exists."),
+        click.option(
+            "--params",
+            multiple=True,
+            metavar="FILE",
+            help="Plant, profile: a parameter file, by path or shipped name; repeatable.",
+        ),
+        click.option(
+            "--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="One value."
+        ),
+        click.option(
+            "--rate", type=float, metavar="HZ", help="update_rate of the sampled loop, Hz."
+        ),
+    ]
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def _plan(
+    controller: str,
+    params: tuple[str, ...],
+    settings: tuple[str, ...],
+    rate: float | None,
+    scenario: str = "fig6",
+) -> RunPlan:
+    everywhere = {} if rate is None else {"update_rate": rate}
+    return make_plan(scenario, controller, ("profile_practical", *params), settings, everywhere)
+
+
+@click.group("tune")
+def command() -> None:
+    """Compute gains, say their margins, write them as a parameter file that the nodes load.
+
+    poles, lqr and relay use the trunk linearised about the upright, its hip prescribed; optimise uses
+    whole runs of the nonlinear plant. The profile is profile_practical unless --params says otherwise.
+    """
+
+
+@command.command("poles")
+@_options
+@click.option("--controller", type=click.Choice(["pid", "computed_torque"]), default="pid")
+@click.option(
+    "--pole",
+    "poles",
+    multiple=True,
+    type=float,
+    metavar="1/S",
+    help="Two or three, distinct, negative.",
+)
+def poles_command(controller: str, poles: tuple[float, ...], **options: Any) -> None:
+    """Place the poles of the loop: at -12, -8 and -2 unless told otherwise."""
+    from ..tuning import by_poles
+
+    plan, plant = _linear(controller, options)
+    if controller == "computed_torque":
+        plant = plant._replace(a=0.0, b=1.0)  # what the inverse dynamics leave
+    _finish(plan, by_poles(plant, poles or (-12.0, -8.0, -2.0)), options)
+
+
+@command.command("lqr")
+@_options
+@click.option(
+    "--integral", default=0.1, show_default=True, help="Largest integral of the error, rad s."
+)
+@click.option("--angle", default=6.0, show_default=True, help="Largest error, deg.")
+@click.option("--speed", default=1.0, show_default=True, help="Largest rate of it, rad/s.")
+@click.option("--torque", default=5.0, show_default=True, help="Largest torque, N m.")
+def lqr_command(integral: float, angle: float, speed: float, torque: float, **options: Any) -> None:
+    """Solve the Riccati equation; weights are one over the square of the largest acceptable values."""
+    from ..tuning import by_lqr
+
+    plan, plant = _linear("lqr", options)
+    gains = by_lqr(plant, integral, radians(angle), speed, torque)
+    _finish(plan, gains, options, {"model.gravity_torque": plant.a / plant.b})
+
+
+@command.command("relay")
+@_options
+@click.option("--lag", type=float, required=True, help="Declared time constant of the actuator, s.")
+@click.option(
+    "--damping", type=float, required=True, help="Declared damping of the joint, N m s/rad."
+)
+@click.option("--amplitude", default=1.0, show_default=True, help="Of the relay, N m.")
+def relay_command(lag: float, damping: float, amplitude: float, **options: Any) -> None:
+    """Find Ku and Tu by a relay, then Table 1's PID. Says so where no ultimate gain exists.
+
+    The plant itself has neither lag nor damping, and no ultimate gain: both are declared here, and the
+    margins are those of the loop that has them.
+    """
+    from ..tuning import relay, ziegler_nichols
+
+    plan, plant = _linear("pid", options)
+    plant = plant._replace(c=damping * plant.b, lag=lag)
+    found = relay(plant, amplitude)
+    print_table(
+        "relay experiment",
+        ("quantity", "relay", "Routh", "unit"),
+        [
+            ("Ku", f"{found.gain:.5g}", f"{found.exact_gain:.5g}", "N m/rad"),
+            ("Tu", f"{found.period:.5g}", f"{found.exact_period:.5g}", "s"),
+            ("amplitude", f"{found.amplitude:.5g}", "", "rad"),
+        ],
+    )
+    _finish(plan, ziegler_nichols(found.gain, found.period), options, plant=plant)
+
+
+@command.command("optimise")
+@_options
+@click.option(
+    "--controller", type=click.Choice(["pid", "fuzzy_pid"]), default="pid", show_default=True
+)
+@click.option("--scenario", "scenarios", multiple=True, default=("fig6", "fig7"), show_default=True)
+@click.option("--metric", type=click.Choice(_METRICS), default="itae", show_default=True)
+@click.option("--generations", type=click.IntRange(1), default=20, show_default=True)
+@click.option("--population", type=click.IntRange(1), default=5, show_default=True)
+@click.option("--seed", type=int, default=1, show_default=True)
+def optimise_command(
+    controller: str,
+    scenarios: tuple[str, ...],
+    metric: str,
+    generations: int,
+    population: int,
+    seed: int,
+    **options: Any,
+) -> None:
+    """Search for the smallest mean of a metric over scenarios, by seeded differential evolution.
+
+    For pid over the gains; for fuzzy_pid over the ranges of the gains, both universes and all three
+    rule tables, symmetric in e and its rate.
+    """
+    from ..tune_search import search
+
+    _check_output(options)
+    plan = partial(_plan, controller, options["params"], options["settings"], options["rate"])
+    with Progress(
+        TextColumn("generation {task.completed} of {task.total}"),
+        BarColumn(),
+        TextColumn("best {task.fields[best]:.5g}"),
+        console=Console(stderr=True),
+        transient=True,
+    ) as progress:
+        task = progress.add_task("", total=generations, best=inf)
+        found = search(
+            [plan(scenario) for scenario in scenarios],
+            metric,
+            generations,
+            population,
+            seed,
+            lambda done, best: progress.update(task, completed=done, best=best),
+        )
+    click.echo(
+        f"{metric}, mean over {', '.join(scenarios)}: {found.start_cost:.6g} before, "
+        f"{found.cost:.6g} after {found.runs} runs (seed {seed})"
+    )
+    _write(plan(scenarios[0]), found.values, options)
+
+
+def _linear(controller: str, options: dict[str, Any]) -> tuple[RunPlan, Linear]:
+    from ..linear import linearise
+
+    _check_output(options)
+    plan = _plan(controller, options["params"], options["settings"], options["rate"])
+    return plan, linearise(plan.simulator.plant)
+
+
+def _check_output(options: dict[str, Any]) -> None:
+    path = options["output"]
+    if path is not None and path.exists() and not options["force"]:
+        raise FileExistsError(f"{path} exists: choose another name, or add --force")
+
+
+def _finish(
+    plan: RunPlan,
+    gains: Gains,
+    options: dict[str, Any],
+    others: dict[str, Value] | None = None,
+    plant: Linear | None = None,
+) -> None:
+    values: dict[str, Value] = {f"gains.{n}": getattr(gains, n) for n in "pid"}
+    _write(plan, {**values, **(others or {})}, options, plant)
+
+
+def _write(
+    plan: RunPlan, values: dict[str, Value], options: dict[str, Any], plant: Linear | None = None
+) -> None:
+    """Print the gains and their margins and write the file; refuse what the node would refuse."""
+    name = plan.controller_name
+    config = build(NODES[name].config, {**values_of(plan.controller), **values})
+    print_table(
+        name,
+        ("parameter", "value"),
+        [
+            (key, f"{value:.6g}" if isinstance(value, float) else str(value))
+            for key, value in values.items()
+        ],
+    )
+    _say_margins(plan, config, plant)
+    if options["output"] is not None:
+        write(options["output"], {name: values})
+        click.echo(f"{options['output']}: for --params, or ros2 run … --ros-args --params-file")
+
+
+def _say_margins(plan: RunPlan, config: Any, plant: Linear | None) -> None:
+    from ..linear import Loop, linearise, margins
+
+    linear = plant or linearise(plan.simulator.plant)
+    if plan.controller_name == "computed_torque":
+        linear = linear._replace(a=0.0, b=1.0)
+    corners = {"gains": config.gains} if hasattr(config, "gains") else _corners(config)
+    rows = []
+    for label, gains in corners.items():
+        loop = Loop(
+            linear, gains, seconds(plan.controller.period_ns), config.derivative_mode == "rate"
+        )
+        if not loop.stable:
+            rows.append((label, "UNSTABLE", f"spectral radius {loop.radius():.4g}", "", "", ""))
+            continue
+        m = margins(loop)
+        rows.append(
+            (
+                label,
+                f"{m.gain_down:.3g} to {m.gain_up:.3g}",
+                f"{m.phase_deg:.1f}",
+                f"{m.modulus:.3f}",
+                f"{1e3 * m.delay:.4g}",
+                f"{loop.radius():.6f}",
+            )
+        )
+    print_table(
+        f"margins of the sampled loop at {plan.controller.update_rate:g} Hz, linearised trunk",
+        ("at", "gain, factor", "phase °", "modulus", "delay ms", "spectral radius"),
+        rows,
+    )
+
+
+def _corners(config: Any) -> dict[str, Gains]:
+    """Return the corners of a fuzzy gain box, at the middle alpha: constant gains, not a proof."""
+    alpha = sum(config.alpha_centers) / len(config.alpha_centers)
+    return {
+        f"kp {p:.4g}, kd {d:.4g}": Gains(p, p * p / (alpha * d), d)
+        for p in (config.p_min, config.p_max)
+        for d in (config.d_min, config.d_max)
+    }
