@@ -240,3 +240,13 @@ def test_changes_during_a_run_are_replayed_and_rebuilt(whole, tmp_path):
     again = tmp_path / "again.mcap"
     record_offline(plan, again, happenings=happenings)
     assert diff(recording, Recording.open(again)).identical
+
+
+def test_runs_of_different_controllers_are_told_apart(whole, tmp_path):
+    other = tmp_path / "pid.mcap"
+    plan = make_plan("fig8", "pid")
+    plan = replace(plan, simulator=replace(plan.simulator, duration=0.1))
+    record_offline(plan, other)
+    found = diff(Recording.open(whole), Recording.open(other))
+    assert found.first.stamp_ns == 0
+    assert "fuzzy_pid: only in A" in found.parameters

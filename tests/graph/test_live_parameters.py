@@ -171,7 +171,7 @@ def test_change_in_a_recorded_run_is_replayed(children: Children, peer: Peer) ->
     truth = peer.hear("ground_truth/joint_states")
     folder = children.folder / "changed"
     run = children.trunk(
-        "run", "demo", "--lockstep", "--speed", 1, "--duration", 2.5, "--output", folder
+        "run", "demo", "--lockstep", "--speed", 1, "--duration", 5.0, "--output", folder
     )
     services, plant = Services(peer, "fuzzy_pid"), Services(peer, "simulator")
     peer.until(lambda: len(truth) > 100, "the run goes on")
@@ -186,7 +186,7 @@ def test_change_in_a_recorded_run_is_replayed(children: Children, peer: Peer) ->
     assert recording.complete, recording.warnings
     changes = recording.parameter_changes()
     assert sorted(change.node for change in changes) == ["/fuzzy_pid", "/fuzzy_pid", "/simulator"]
-    assert all(0 < change.stamp_ns < 2_500_000_000 for change in changes)
+    assert all(0 < change.stamp_ns < 5_000_000_000 for change in changes)
     verdict = children.trunk("verify", folder / "run.mcap", name="verify")
     assert verdict.wait() == 0, verdict.stdout
-    assert "states of the plant: 501 steps checked, all equal" in verdict.stdout
+    assert "states of the plant: 1001 steps checked, all equal" in verdict.stdout

@@ -95,10 +95,10 @@ def _compare(
             firsts.append(FirstDifference(int(lone[0]), relative, "message", *values))
     _, rows_a, rows_b = np.intersect1d(a.stamp_ns, b.stamp_ns, return_indices=True)
     stamps = a.stamp_ns[rows_a]
-    if a.names != b.names and len(a) and len(b):
-        firsts.append(
-            FirstDifference(int(stamps[0]) if len(stamps) else 0, relative, "name", None, 1.0)
-        )
+    if not len(stamps):
+        return steps, min(firsts, key=lambda f: f.stamp_ns, default=None)
+    if a.names != b.names:
+        firsts.append(FirstDifference(int(stamps[0]), relative, "name", None, 1.0))
         return steps, min(firsts, key=lambda f: f.stamp_ns)
     for quantity in QUANTITIES:
         x, y = getattr(a, quantity)[rows_a], getattr(b, quantity)[rows_b]

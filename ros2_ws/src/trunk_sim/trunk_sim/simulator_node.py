@@ -162,7 +162,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._pacing.begin(time.monotonic_ns())
 
     def _strangers(self) -> bool:
-        """True, for a bounded time, while a publisher of commands is discovered but not its node."""
+        """Return True, for a bounded time, while a publisher of commands is discovered but not its node."""
         unnamed = any(
             p.node_name == "_NODE_NAME_UNKNOWN_"
             for p in self.get_publishers_info_by_topic(self._commands.topic_name)
