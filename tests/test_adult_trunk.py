@@ -1,0 +1,61 @@
+"""The adult trunk that walks: its numbers follow from their sources, its gains from trunk tune."""
+
+from __future__ import annotations
+
+from math import pi
+
+import pytest
+
+from trunk_control.computed_torque import Model
+from trunk_experiments.closed_loop import Batch
+from trunk_experiments.linear import linearise
+from trunk_experiments.offline import steps
+from trunk_experiments.plan import make_plan
+from trunk_experiments.tuning import by_lqr, by_poles
+
+FILES = ["profile_walking", "plant_adult_trunk", "gains_adult_trunk"]
+
+
+def test_the_plant_follows_from_the_fractions():
+    p = make_plan("fig6", "pid", FILES).simulator.plant
+    assert p.trunk_mass == pytest.approx(0.678 * 70.0)
+    assert p.length == pytest.approx(0.626 * (0.818 - 0.530) * 1.75)
+    assert p.hip_mass == pytest.approx(0.322 * 70.0)
+    assert (p.amplitude, p.wavenumber, p.prescribed) == (0.03, 2.0 * pi / 0.7, True)
+
+
+def test_the_gains_are_those_of_tune():
+    plant = linearise(make_plan("fig6", "pid", FILES).simulator.plant)
+    pid = make_plan("fig6", "pid", FILES).controller.gains
+    assert pid == pytest.approx(by_poles(plant, (-12.0, -8.0, -2.0)), rel=1e-5)
+    lqr = make_plan("fig6", "lqr", FILES).controller
+    assert lqr.gains == pytest.approx(by_lqr(plant, 0.1, pi / 30.0, 1.0, 100.0), rel=1e-5)
+    assert lqr.gravity_torque == pytest.approx(plant.a / plant.b, rel=1e-6)
+    ratio = 1.0 / plant.b / 0.5
+    box = make_plan("fig6", "fuzzy_pid", FILES).controller.box
+    assert box == pytest.approx([ratio * v for v in (32.0, 60.0, 9.6, 18.0)], rel=1e-5)
+
+
+def test_the_model_of_computed_torque_is_the_plant():
+    plan = make_plan("fig6", "computed_torque", FILES)
+    assert plan.controller.model == Model(*plan.simulator.plant[:7])
+
+
+@pytest.mark.parametrize("controller", ["pid", "fuzzy_pid", "lqr"])
+def test_every_controller_walks_upright(controller):
+    outcome = Batch().run(make_plan("fig6", controller, FILES)) if controller != "lqr" else None
+    if outcome is None:
+        plan = make_plan("fig6", controller, FILES, everywhere={"duration": 2.0})
+        angle = max(abs(step.truth.position[1]) for step in steps(plan))
+        assert angle < 0.1
+        return
+    found = outcome.metrics()
+    assert found.steady_state_error_rms_deg < 1.0
+    assert found.peak_torque <= 100.0
+    assert max(found.theta_max_deg, -found.theta_min_deg) < 5.5
+
+
+def test_computed_torque_hardly_feels_the_path():
+    plan = make_plan("fig6", "computed_torque", FILES, everywhere={"duration": 2.0})
+    angles = [step.truth.position[1] for step in steps(plan)]
+    assert max(map(abs, angles[-500:])) < 1e-4
