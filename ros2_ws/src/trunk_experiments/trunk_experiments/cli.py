@@ -26,6 +26,7 @@ _VERBS = {
     "sweep": ("sweep", "Run a study: grids and draws over any parameter, compiled."),
     "paper": ("paper", "Reproduce the paper's figures and judge its claims."),
     "tune": ("tune", "Compute gains, their margins, and write them as a parameter file."),
+    "map": ("map", "Draw a study's stability and performance over two parameters."),
     "bench": ("bench", "Measure speed, as ratios in one run."),
 }
 

@@ -28,7 +28,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 def compiled(function: Function, name: str = "", **bindings: Callable[..., Any]) -> Function:
     """Return the compiled twin of a function; it compiles at its first call, or comes from disk.
 
-    ``bindings`` replace functions that it knows by a global name; a twin with bindings needs a
+    ``bindings`` replace functions that its module knows by a global name; a twin with bindings needs a
     ``name`` of its own. The machine code is kept in `cache_folder`.
     """
     if bindings and not name:
@@ -39,9 +39,8 @@ def compiled(function: Function, name: str = "", **bindings: Callable[..., Any])
         for original, copy in copies.items()
         if original is not function
     }
-    for original, copy in copies.items():
-        replaced = bindings if original is function else {}
-        for label, value in {**copy.__globals__, **replaced}.items():
+    for copy in copies.values():
+        for label, value in list(copy.__globals__.items()):
             if isinstance(value, FunctionType) and value in twins:
                 copy.__globals__[label] = twins[value]
     top = copies[cast(FunctionType, function)]
@@ -72,19 +71,20 @@ def _contents(path: Path) -> bytes:
 def _copies(function: Any, bindings: dict[str, Any]) -> dict[FunctionType, FunctionType]:
     """Return copies, with namespaces of their own, of a function and of all of ours that it calls."""
     found: dict[FunctionType, FunctionType] = {}
-    waiting = [(function, bindings)]
+    waiting = [function]
     while waiting:
-        original, replaced = waiting.pop()
+        original = waiting.pop()
         if original in found:
             continue
-        namespace = {**original.__globals__, **replaced}
+        bound = bindings if original.__module__ == function.__module__ else {}
+        namespace = {**original.__globals__, **bound}
         found[original] = FunctionType(
             original.__code__, namespace, original.__name__, original.__defaults__
         )
         for label in _names(original.__code__):
             value = namespace.get(label)
             if isinstance(value, FunctionType) and value.__module__.split(".")[0] in _OURS:
-                waiting.append((value, {}))
+                waiting.append(value)
     return found
 
 

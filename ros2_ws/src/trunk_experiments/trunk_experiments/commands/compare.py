@@ -17,15 +17,28 @@ from .common import print_table
 
 
 @click.command("compare")
-@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path))
+@click.argument("runs", nargs=-1, metavar="RUN...", type=click.Path(path_type=Path))
+@click.option(
+    "--study",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    metavar="OUT.parquet",
+    help="Compare the controllers of a sweep instead, over the same draws.",
+)
 @click.option("--json", "form", flag_value="json", help="Print JSON.")
 @click.option("--csv", "form", flag_value="csv", help="Print the metrics as CSV.")
 @click.option("--markdown", "form", flag_value="markdown", help="Print Markdown tables.")
-def command(runs: tuple[Path, ...], form: str | None) -> None:
+def command(runs: tuple[Path, ...], study: Path | None, form: str | None) -> None:
     """Compare recorded runs: metrics, parameters, and where each parts from the first.
 
     The best of a row, the least in magnitude, is marked; what never happened comes last.
     """
+    if (study is None) == (not runs):
+        raise click.UsageError("give RUN..., or --study OUT.parquet")
+    if study is not None:
+        from .compare_study import show
+
+        show(study, form)
+        return
     views = [RunView.read(Recording.open(run)) for run in runs]
     for view in views:
         for warning in view.warnings:

@@ -1,0 +1,83 @@
+"""Floquet multipliers against the loop itself, and against matrices made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trunk_experiments.closed_loop import Batch
+from trunk_experiments.floquet import floquet
+from trunk_experiments.plan import PlanError, RunPlan, make_plan
+
+WALK = [
+    "simulator.hip.mode=prescribed",
+    "simulator.path.amplitude=0.05",
+    "simulator.path.wavenumber=9.0",
+    "simulator.initial.velocity=[1.2, 0.0]",
+    "simulator.initial.position=[0.0, 1.0e-15]",
+    "simulator.substeps=1",
+]
+
+
+def plan(controller: str, *settings: str, rate: float = 500.0) -> RunPlan:
+    return make_plan(
+        "fig6",
+        controller,
+        ["profile_practical"],
+        [*WALK, *settings],
+        {"update_rate": rate, "duration": 12.0},
+    )
+
+
+CASES = {
+    "pid, delayed, unstable": ("pid", ["simulator.sensor.delay=0.08"]),
+    "pid, delayed, stable": ("pid", ["simulator.sensor.delay=0.04", "pid.gains.i=20.0"]),
+    "pid, filtered, slower": (
+        "pid",
+        ["pid.derivative_filter_time=0.02", "pid.update_rate=100", "pid.derivative_mode=error"],
+    ),
+    "fuzzy_pid, delayed": ("fuzzy_pid", ["simulator.sensor.delay=0.045"]),
+}
+
+
+@pytest.mark.parametrize(("controller", "settings"), CASES.values(), ids=CASES)
+def test_small_errors_grow_as_the_multipliers_say(controller, settings):
+    made = plan(controller, *settings)
+    table = Batch().run(made).table
+    log_size = np.log(np.hypot(table.theta, table.theta_dot / 20.0))
+    window = int(0.4 * made.simulator.update_rate)  # s: longer than half an oscillation
+    peaks = log_size[: len(log_size) // window * window].reshape(-1, window).max(axis=1)
+    small = (peaks > np.log(1e-30)) & (peaks < np.log(1e-3))
+    last = len(peaks) if small.all() else int(np.argmin(small))
+    assert last > 6
+    seen = float(np.polyfit(0.4 * np.arange(2, last), peaks[2:last], 1)[0])
+    assert seen == pytest.approx(np.log(floquet(made).growth), rel=0.05)
+
+
+def test_without_a_loop_the_trunk_falls_at_its_own_rate():
+    gains = [f"pid.gains.{gain}=0.0" for gain in "pid"]
+    made = plan("pid", *gains, "simulator.path.amplitude=0.0", rate=1000.0)
+    assert np.log(floquet(made).growth) == pytest.approx(np.sqrt(9.81), rel=1e-6)
+
+
+def test_a_sampled_pd_loop_by_hand():
+    kp, kd, h, inertia = 60.0, 9.0, 0.002, 0.5
+    settings = ["pid.gains.p=60.0", "pid.gains.i=0.0", "pid.gains.d=9.0"]
+    made = plan("pid", *settings, "simulator.path.amplitude=0.0", "simulator.plant.gravity=0.0")
+    by_hand = np.array(
+        [
+            [1.0 - 0.5 * h * h * kp / inertia, h - 0.5 * h * h * kd / inertia],
+            [-h * kp / inertia, 1.0 - h * kd / inertia],
+        ]
+    )
+    expected = np.max(np.abs(np.linalg.eigvals(by_hand)))
+    # The integral is summed although its gain is 0: a multiplier 1 that moves nothing.
+    others = sorted(np.abs(floquet(made).multipliers))[:-1]
+    assert others[-1] == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_law_without_a_twin_is_told():
+    with pytest.raises(PlanError, match="'lpv': no Floquet multipliers; there are pid"):
+        floquet(replace(plan("pid"), controller_name="lpv"))

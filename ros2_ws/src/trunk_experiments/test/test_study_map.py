@@ -1,0 +1,131 @@
+"""Maps render, with and without Floquet's line; controllers are compared over the same draws."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from trunk_experiments.cli import trunk
+from trunk_experiments.study import StudyError
+from trunk_experiments.study_compare import FELL, compare_study
+from trunk_experiments.study_file import parse_study
+from trunk_experiments.study_map import panels
+from trunk_experiments.study_results import Results
+from trunk_experiments.sweep import Sweep, processes
+
+STUDY = """
+scenario: fig6
+params: profile_practical
+rate: 200
+duration: 4.0
+controllers: [pid, fuzzy_pid]
+runs: 3
+set: {simulator.substeps: 1, simulator.hip.mode: prescribed, simulator.path.amplitude: 0.03}
+vary:
+  delay: {parameter: simulator.sensor.delay, from: 0.0, to: 0.3, steps: 4}
+  gain: {parameter: [pid.gains.p, fuzzy_pid.gains.p_max], as: factor, values: [1.0, 1.5, 2.25, 3.375]}
+  angle: {parameter: "simulator.initial.position[1]", distribution: uniform, low: 0.1, high: 0.4}
+"""
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    sweep = Sweep(parse_study(STUDY, "study.yaml"), tmp_path_factory.mktemp("map") / "out.parquet")
+    sweep.start()
+    sweep.run(processes(1))
+    sweep.finish()
+    return sweep.output
+
+
+def test_panels(path):
+    found = panels(Results.read(path), "iae", ("delay", "gain"), with_floquet=True)
+    assert [panel.controller for panel in found] == ["pid", "fuzzy_pid"]
+    for panel in found:
+        assert panel.values.shape == panel.growth.shape == (4, 4)
+        assert np.all(panel.growth[:, 0] < 1.0)  # no delay: stable, and nobody falls
+        assert np.all(panel.fallen[:, 0] == 0.0)
+        assert np.all(panel.growth[:, 3] > 1.0)
+        assert np.all(panel.fallen[:, 3] == 1.0)
+        assert np.isnan(panel.values[0, 3])
+
+
+@pytest.mark.parametrize(
+    "more", [[], ["--no-floquet", "--metric", "iae", "--x", "gain", "--y", "delay"]]
+)
+def test_a_map_renders(path, tmp_path, more):
+    target = tmp_path / "map.png"
+    done = CliRunner().invoke(trunk, ["map", str(path), "-o", str(target), *more])
+    assert done.exit_code == 0, done.output
+    assert target.read_bytes().startswith(b"\x89PNG")
+    assert "2 controllers over" in done.output
+
+
+def test_what_cannot_be_drawn_is_told(path, tmp_path):
+    results = Results.read(path)
+    with pytest.raises(StudyError, match="'angle' is no grid variable; there are: delay, gain"):
+        panels(results, "iae", ("delay", "angle"), False)
+    with pytest.raises(StudyError, match="no column 'nix': one of run"):
+        panels(results, "nix", ("delay", "gain"), False)
+    with pytest.raises(StudyError, match="'status' holds no numbers"):
+        panels(results, "status", ("delay", "gain"), False)
+    (tmp_path / "text.parquet").write_text("no parquet")
+    with pytest.raises(StudyError, match="no Parquet file"):
+        Results.read(tmp_path / "text.parquet")
+    pq.write_table(pa.table({"a": [1]}), tmp_path / "other.parquet")
+    with pytest.raises(StudyError, match="not written by trunk sweep"):
+        Results.read(tmp_path / "other.parquet")
+
+
+def test_differences_are_over_the_same_draws(path):
+    results = Results.read(path)
+    rows = results.table.to_pylist()
+    (fell, iae) = compare_study(results, ("iae",))
+    assert (fell.metric, fell.pairs) == (FELL, 48)
+    by_pair = {}
+    fallen = dict(zip((row["run"] for row in rows), results.fallen, strict=True))
+    for row in rows:
+        by_pair.setdefault((row["point"], row["draw"]), {})[row["controller"]] = (
+            None if fallen[row["run"]] else row["iae"]
+        )
+    expected = [
+        pair["pid"] - pair["fuzzy_pid"] for pair in by_pair.values() if None not in pair.values()
+    ]
+    assert iae.pairs == len(expected) > 10
+    assert iae.mean == pytest.approx(np.mean(expected), rel=1e-12)
+    assert iae.low < iae.mean < iae.high
+    assert compare_study(results, ("iae",)) == [fell, iae]  # seeded
+
+
+def test_intervals_cover_the_truth():
+    """Of 95 % intervals of known means, about 95 % hold it."""
+    from trunk_experiments.study_compare import _difference
+
+    rng = np.random.default_rng(5)
+    inside = 0
+    for _ in range(100):
+        a = rng.normal(1.0, 2.0, 60)
+        d = _difference("iae", "a", "b", a + rng.normal(0.3, 0.5, 60), a)
+        inside += d.low <= 0.3 <= d.high
+    assert 86 <= inside <= 100
+
+
+@pytest.mark.parametrize("form", ["--json", "--csv", "--markdown", None])
+def test_compare_prints(path, form):
+    command = ["compare", "--study", str(path), *([form] if form else [])]
+    done = CliRunner().invoke(trunk, command)
+    assert done.exit_code == 0, done.output
+    assert "fallen" in done.output
+    if form == "--json":
+        assert json.loads(done.output)[0]["metric"] == "fallen"
+
+
+def test_compare_takes_runs_or_a_study(path):
+    for arguments in ([], ["x.mcap", "--study", str(path)]):
+        done = CliRunner().invoke(trunk, ["compare", *arguments])
+        assert done.exit_code == 2
+        assert "give RUN..., or --study OUT.parquet" in done.output
