@@ -22,6 +22,8 @@ from trunk_msgs_util.samples import JointSample
 
 from .processes import PATIENCE_S
 
+_ASK_AGAIN_S = 3.0
+
 
 class Event(NamedTuple):
     """A message on ``run/events``."""
