@@ -23,6 +23,7 @@ setup(
         (f"share/{name}", ["package.xml"]),
         (f"share/{name}/config", sorted(glob(f"{name}/config/*.yaml"))),
         (f"share/{name}/studies", sorted(glob(f"{name}/studies/*.yaml"))),
+        (f"share/{name}/launch", sorted(glob("launch/*.launch.py"))),
     ],
     zip_safe=False,
     entry_points={

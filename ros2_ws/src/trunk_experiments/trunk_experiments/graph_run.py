@@ -12,7 +12,7 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from .nodes import NODES
-from .plan import RunPlan
+from .plan import PlanError, RunPlan
 from .processes import NodeProcess, stop
 
 if TYPE_CHECKING:
@@ -32,6 +32,18 @@ class RunFiles:
 
     folder: Path
 
+    @classmethod
+    def for_run(cls, plan: RunPlan, folder: Path | None = None) -> RunFiles:
+        """Make the run's folder, by default a new one below ``runs``. Raises PlanError."""
+        if folder is None:
+            stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+            place = plan.namespace.replace("/", "_")
+            folder = Path("runs") / f"{stamp}_{plan.scenario}_{plan.controller_name}{place}"
+        if (folder / "run.mcap").exists():
+            raise PlanError(f"output {folder}: there is a run.mcap in it; give another folder")
+        folder.mkdir(parents=True, exist_ok=True)
+        return cls(folder)
+
     @property
     def recording(self) -> Path:
         """The MCAP file."""
@@ -41,6 +53,14 @@ class RunFiles:
     def parameters(self) -> Path:
         """Every node's full parameters, ready for ``--params-file``."""
         return self.folder / "params.yaml"
+
+    def record(self, plan: RunPlan) -> RunPlan:
+        """Return the plan that records into this folder, and write it as the parameter file."""
+        plan = with_values(
+            plan, recorder=with_values(plan.recorder, output=str(self.recording.absolute()))
+        )
+        plan.write_parameters(self.parameters)
+        return plan
 
     def log(self, node: str) -> Path:
         """Return where a node's console output goes."""
@@ -77,10 +97,7 @@ def run_graph(
     run and why; by then every process has been stopped and the recording finished.
     """
     (files.folder / "logs").mkdir(parents=True, exist_ok=True)
-    plan = with_values(
-        plan, recorder=with_values(plan.recorder, output=str(files.recording.absolute()))
-    )
-    plan.write_parameters(files.parameters)
+    plan = files.record(plan)
     running: dict[str, NodeProcess] = {}
     interrupt = _Interrupt()
     try:

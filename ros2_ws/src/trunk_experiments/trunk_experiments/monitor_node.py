@@ -61,6 +61,6 @@ class Monitor:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name.endswith("/simulator"):
+            if status.name == "/simulator":  # not one in a namespace: the topic is everybody's
                 values = {v.key: v.value for v in status.values}
                 self.time = float(values.get("time", self.time))

@@ -5,6 +5,7 @@ The plan is made once and in one way for an offline run and for the graph, so th
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -57,6 +58,7 @@ class RunPlan:
     disturbance: DisturbanceConfig | None
     recorder: RecorderConfig
     warnings: tuple[str, ...] = ()
+    namespace: str = ""  # of all nodes: empty, or "/name"
 
     @property
     def configs(self) -> dict[str, Any]:
@@ -70,8 +72,11 @@ class RunPlan:
         }
 
     def write_parameters(self, path: Path) -> None:
-        """Write the whole plan as one ROS 2 parameter file."""
-        write(path, {name: values_of(config) for name, config in self.configs.items()})
+        """Write the whole plan as one ROS 2 parameter file, by fully qualified node names."""
+        write(
+            path,
+            {f"{self.namespace}/{name}": values_of(c) for name, c in self.configs.items()},
+        )
 
 
 def shipped_files() -> dict[str, Path]:
@@ -131,10 +136,12 @@ def make_plan(
     params: Sequence[str] = (),
     settings: Sequence[str] = (),
     everywhere: Mapping[str, object] | None = None,
+    namespace: str = "",
 ) -> RunPlan:
     """Return the plan of a run; later layers win: profile, scenario, params, ``everywhere``, settings.
 
     ``everywhere``: values for all nodes that declare them (``duration``, ``update_rate``).
+    ``namespace``: of all nodes, empty or "/name"; relative node names in the files stand within it.
     Raises PlanError, ParameterFileError or ParameterError, each a line that says what to do.
     """
     if controller not in CONTROLLERS:
@@ -145,9 +152,10 @@ def make_plan(
         layers.append(Layer("the command line", (Section("/**", dict(everywhere)),)))
     layers += [parse_setting(text) for text in settings]
     check_names(layers, declared_names())
+    layers = [layer.within(namespace) for layer in layers]
     name = Path(scenario).stem
-    simulator = _build("simulator", layers)
-    disturbance = _build("disturbance", layers)
+    simulator = _build("simulator", layers, namespace)
+    disturbance = _build("disturbance", layers, namespace)
     participants = ("effort_command", "disturbance") if disturbance.active else ("effort_command",)
     lockstep = simulator.lockstep
     return _checked(
@@ -157,32 +165,50 @@ def make_plan(
             simulator=with_values(
                 simulator, wait_for=(*participants, "recorder") if lockstep else participants
             ),
-            controller=with_values(_build(controller, layers), lockstep=lockstep),
+            controller=with_values(_build(controller, layers, namespace), lockstep=lockstep),
             disturbance=disturbance if disturbance.active else None,
             recorder=with_values(
-                _build("recorder", layers),
+                _build("recorder", layers, namespace),
                 controllers=(controller,),
                 scenario=name,
                 mode="lockstep" if lockstep else "real_time",
                 lockstep_topics=("ground_truth/joint_states", "joint_states", *participants),
             ),
+            namespace=namespace,
         )
     )
 
 
-def _build(node: str, layers: Sequence[Layer]) -> Any:
+def checked_namespace(text: str) -> str:
+    """Return a namespace as a plan takes it, from a user's ``robot1`` or ``/robot1``; empty: none.
+
+    Raises PlanError.
+    """
+    if text in ("", "/"):
+        return ""
+    namespace = "/" + text.strip("/")
+    if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", namespace):
+        raise PlanError(
+            f"namespace {text!r} is not allowed: letters, digits and _, no digit first, "
+            "such as robot1 or left/robot1"
+        )
+    return namespace
+
+
+def _build(node: str, layers: Sequence[Layer], namespace: str) -> Any:
     config = NODES[node].config
+    full_name = f"{namespace}/{node}"
     try:
-        return build(config, resolve("/" + node, layers, declarations(config)))
+        return build(config, resolve(full_name, layers, declarations(config)))
     except ParameterError as error:
-        source = _source(node, error.name, layers)
+        source = _source(full_name, error.name, layers)
         raise ParameterFileError(f"{source}: {node}: {error}") from None
 
 
 def _source(node: str, name: str, layers: Sequence[Layer]) -> str:
     """Return the layer that gave a node its value of a parameter."""
     for layer in reversed(layers):
-        if any(s.matches("/" + node) and name in s.values for s in layer.sections):
+        if any(s.matches(node) and name in s.values for s in layer.sections):
             return layer.source
     return "defaults"
 

@@ -71,6 +71,21 @@ class Layer:
     source: str
     sections: Sequence[Section]
 
+    def within(self, namespace: str) -> Layer:
+        """Return the layer with its relative node names (``pid``, not ``/pid``) in the namespace.
+
+        rcl takes ``pid`` for ``/pid``: this is for a file that is resolved here and not handed to nodes.
+        """
+        return Layer(
+            self.source,
+            tuple(
+                s
+                if s.pattern.startswith(("/", "*"))
+                else Section(f"{namespace}/{s.pattern}", s.values)
+                for s in self.sections
+            ),
+        )
+
 
 def _flatten(values: Mapping[Any, Any], prefix: str = "") -> dict[str, object]:
     flat: dict[str, object] = {}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +12,9 @@ from rich.progress import BarColumn, Progress, TextColumn
 from trunk_msgs_util.recording import Recording
 
 from ..graph_run import RunFiles, run_graph
-from ..plan import PlanError, RunPlan
+from ..plan import PlanError
 from .common import plan_of, plan_options
 from .metrics import show_metrics
-
-
-def _new_folder(plan: RunPlan, output: Path | None) -> Path:
-    if output is None:
-        stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
-        output = Path("runs") / f"{stamp}_{plan.scenario}_{plan.controller_name}"
-    if (output / "run.mcap").exists():
-        raise PlanError(f"--output {output}: there is a run.mcap in it; give another folder")
-    output.mkdir(parents=True, exist_ok=True)
-    return output
 
 
 @click.command("run")
@@ -63,7 +52,7 @@ def command(
     plan = plan_of(**options, extra=everywhere)
     if not plan.simulator.duration:
         raise PlanError("simulator: duration is 0: a recorded run needs an end; give --duration S")
-    files = RunFiles(_new_folder(plan, output))
+    files = RunFiles.for_run(plan, output)
     console = Console(stderr=True)
     console.print(
         f"{plan.scenario}, {plan.controller_name}: {plan.simulator.duration:g} s "

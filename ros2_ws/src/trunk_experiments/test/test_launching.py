@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from trunk_experiments import launching
+from trunk_experiments.graph_run import RunFiles
+from trunk_experiments.launching import ARGUMENTS, launch_nodes, launch_plan, launch_viewers
+from trunk_experiments.nodes import CONTROLLERS, NODES
+from trunk_experiments.plan import PlanError, make_plan, shipped_files
+from trunk_msgs_util.declarations import declarations, values_of
+from trunk_msgs_util.parameter_files import parse, read, resolve
+
+PACKAGE = Path(__file__).parents[1]
+LAUNCH_FILES = sorted((PACKAGE / "launch").glob("*.py"))
+
+
+def given(**values):
+    return {a.name: a.default for a in ARGUMENTS} | values
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("scenario", ["fig6", "fig8"])
+def test_the_nodes_are_those_of_trunk_run(scenario, controller, tmp_path):
+    plan = launch_plan(given(scenario=scenario, controller=controller, lockstep="true"))
+    nodes = launch_nodes(plan, tmp_path / "params.yaml")
+    assert [node.executable for node in nodes] == list(plan.configs)
+    assert (nodes[0].executable, nodes[-1].executable) == ("recorder", "simulator")
+    assert [node.package for node in nodes] == [NODES[n.executable].package for n in nodes]
+    assert plan == make_plan(scenario, controller, everywhere={"lockstep.enabled": True})
+
+
+def test_arguments_make_the_same_plan_as_options():
+    plan = launch_plan(
+        given(
+            scenario="fig8",
+            controller="pid",
+            params="pid_as_printed, profile_practical",
+            rate="500",
+            duration="3",
+            lockstep="True",
+            speed="2",
+        )
+    )
+    everywhere = {
+        "lockstep.enabled": True,
+        "lockstep.speed": 2.0,
+        "update_rate": 500.0,
+        "duration": 3.0,
+    }
+    assert plan == make_plan(
+        "fig8", "pid", ["pid_as_printed", "profile_practical"], everywhere=everywhere
+    )
+
+
+@pytest.mark.parametrize("namespace", ["", "robot1", "/left/robot1/"])
+def test_each_node_finds_its_own_section_and_no_other_does(namespace, tmp_path):
+    plan = launch_plan(given(scenario="fig8", namespace=namespace))
+    plan = RunFiles.for_run(plan, tmp_path / "run").record(plan)
+    layer = read(tmp_path / "run" / "params.yaml")
+    for name, config in plan.configs.items():
+        found = resolve(f"{plan.namespace}/{name}", [layer], declarations(type(config)))
+        assert found == {
+            k: list(v) if isinstance(v, tuple) else v for k, v in values_of(config).items()
+        }
+        assert resolve(f"/elsewhere/{name}", [layer], declarations(type(config))) == {}
+    spaces = {f"__ns:={plan.namespace}" in n.ros_arguments for n in launch_nodes(plan, tmp_path)}
+    assert spaces == {bool(namespace)}
+
+
+def test_shipped_files_fit_nodes_in_any_namespace():
+    for path in shipped_files().values():
+        for section in read(path).sections:
+            assert section.pattern.startswith("/**"), path
+
+
+def test_relative_names_stand_within_the_namespace_and_absolute_ones_alone(tmp_path):
+    text = "{}:\n  ros__parameters: {{gains: {{p: 7.0}}}}\n"
+    for name, found in {"pid": 7.0, "/a/pid": 7.0, "/**/pid": 7.0, "/pid": 60.0}.items():
+        path = tmp_path / "mine.yaml"
+        path.write_text(text.format(name))
+        plan = launch_plan(given(controller="pid", namespace="a", params=str(path)))
+        assert plan.controller.p == found, name
+    layer = parse(text.format("pid"), "mine")
+    assert [s.pattern for s in layer.within("").sections] == ["/pid"]
+
+
+def test_viewers_are_no_part_of_the_plan(tmp_path):
+    plan = launch_plan(given(namespace="a"))
+    assert launch_viewers(plan, given(), tmp_path) == []
+    only = launch_viewers(plan, given(markers="true"), tmp_path)
+    assert [(v.package, v.executable) for v in only] == [("trunk_experiments", "markers")]
+    both = launch_viewers(plan, given(rviz="true"), tmp_path)
+    assert [v.executable for v in both] == ["markers", "rviz2"]
+    assert both[1].options == ("-d", str(tmp_path / "rviz" / "trunk.rviz"))
+    assert "/markers:=markers" in both[1].ros_arguments
+    assert [v.executable for v in launch_viewers(plan, given(rviz="1", markers="0"), tmp_path)] == [
+        "rviz2"
+    ]
+
+
+def test_the_simulator_stops_first_and_the_recorder_last():
+    running = ["recorder", "pid", "disturbance", "simulator"]
+    assert launching.next_to_stop(running) == ["simulator"]
+    assert launching.next_to_stop(running[:3]) == ["pid", "disturbance"]
+    assert launching.next_to_stop(running[:1]) == []
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"lockstep": "ja"},
+        {"rate": "fast"},
+        {"namespace": "1a"},
+        {"namespace": "a b"},
+        {"namespace": "~"},
+        {"speed": "2"},
+        {"scenario": "fig5"},
+        {"controller": "none"},
+    ],
+    ids=str,
+)
+def test_what_cannot_be_is_refused_in_one_line(bad):
+    with pytest.raises(PlanError) as caught:
+        launch_plan(given(**bad))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda p: p.name)
+def test_launch_files_compile_and_use_what_there_is(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"), str(path))
+    compile(tree, str(path), "exec")
+    used = {
+        node.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute)
+        and isinstance(node.value, ast.Name)
+        and node.value.id == "launching"
+    }
+    assert {name for name in used if not hasattr(launching, name)} == set()
+    functions = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    assert "generate_launch_description" in functions
+
+
+@pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda p: p.name)
+def test_launch_itself_loads_the_files(path):
+    pytest.importorskip("launch_ros.actions", reason="ROS 2's launch is not installed")
+    from launch.launch_description_sources import get_launch_description_from_python_launch_file
+
+    description = get_launch_description_from_python_launch_file(str(path))
+    assert description.get_launch_arguments()
