@@ -45,7 +45,7 @@ find_python() {
 # The build links to modules and data instead of copying them: only these make it anew.
 workspace_key() {
     local src=ros2_ws/src
-    { printf '%s\n' "$made" "$pins" $src/*/*/config/*; cat $src/*/{package.xml,setup.py,setup.cfg}; } | sha256sum
+    { printf '%s\n' "$made" "$pins" $src/*/*/config/* $src/*/{launch,layouts,rviz}/*; cat $src/*/{package.xml,setup.py,setup.cfg}; } | sha256sum
 }
 
 up_to_date() {

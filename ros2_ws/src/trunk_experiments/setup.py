@@ -24,12 +24,15 @@ setup(
         (f"share/{name}/config", sorted(glob(f"{name}/config/*.yaml"))),
         (f"share/{name}/studies", sorted(glob(f"{name}/studies/*.yaml"))),
         (f"share/{name}/launch", sorted(glob("launch/*.launch.py"))),
+        (f"share/{name}/layouts", sorted(glob("layouts/*"))),
+        (f"share/{name}/rviz", sorted(glob("rviz/*.rviz"))),
     ],
     zip_safe=False,
     entry_points={
         "console_scripts": [
             "bare_pair = trunk_experiments.bare_pair_node:main",
             "composed = trunk_experiments.composed_node:main",
+            "markers = trunk_experiments.markers_node:main",
             "trunk = trunk_experiments.cli:main",
         ],
     },

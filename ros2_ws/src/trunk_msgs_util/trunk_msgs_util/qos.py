@@ -38,6 +38,15 @@ def run_information() -> QoSProfile:
     )
 
 
+def view() -> QoSProfile:
+    """Return the profile of subscriptions that only look: the newest, and the loop never waits for it."""
+    return QoSProfile(
+        depth=1,
+        reliability=ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.VOLATILE,
+    )
+
+
 def clock() -> QoSProfile:
     """Return the profile of /clock, as ROS 2 subscribes it: best effort, the newest tick."""
     return QoSProfile(
