@@ -3,7 +3,8 @@
 # interrupted, run again, and run twice at once.
 #
 # Without ROS 2, Jazzy comes from pinned wheels. Where ROS 2 Jazzy is sourced, that one is used and .venv
-# only adds to it. $PYTHON chooses the interpreter, CPython 3.10 to 3.13.
+# only adds to it. $PYTHON chooses the interpreter, CPython 3.10 to 3.13. --no-dev leaves out what only the
+# tests need, for an image.
 set -euo pipefail
 cd -P "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
@@ -45,7 +46,7 @@ find_python() {
 # The build links to modules and data instead of copying them: only these make it anew.
 workspace_key() {
     local src=ros2_ws/src
-    { printf '%s\n' "$made" "$pins" $src/*/*/config/* $src/*/{launch,layouts,rviz}/*; cat $src/*/{package.xml,setup.py,setup.cfg}; } | sha256sum
+    { printf '%s\n' "$made" "$pins" $src/*/*/config/* $src/*/{launch,layouts,ros2_control,rviz}/*; cat $src/*/{package.xml,setup.py,setup.cfg}; } | sha256sum
 }
 
 up_to_date() {
@@ -82,9 +83,9 @@ install_set() {
 }
 
 install_pins() {
-    local set sets=(runtime ros build dev)
+    local set sets=(runtime ros build "${dev[@]}")
     if [[ $ros == jazzy ]]; then
-        sets=(runtime dev)
+        sets=(runtime "${dev[@]}")
         .venv/bin/python -c 'import colcon, colcon_ros' 2>/dev/null || sets+=(build)
     fi
     rm -f .venv/.installed
@@ -121,7 +122,12 @@ case ${ROS_DISTRO:-} in
     '') ros=${made%% *} ros=${ros:-wheels} ;;
     *) die "ROS 2 ${ROS_DISTRO@Q} is sourced in this shell, but this project is for Jazzy: use a shell without it" ;;
 esac
-pins=$(cat requirements/{runtime,ros,build,dev}.txt | sha256sum)
+case $* in
+    '') dev=(dev) ;;
+    --no-dev) dev=() ;;
+    *) die "what is '$*'? --no-dev is the one option" ;;
+esac
+pins=$(cat requirements/{runtime,ros,build}.txt "${dev[@]/#dev/requirements/dev.txt}" | sha256sum)
 
 python=$(identify .venv/bin/python) || python=''
 if [[ -z $python || -n ${PYTHON:-} || $made != "$ros"\ * ]]; then python=$(find_python); fi

@@ -11,6 +11,7 @@ import click
 _VERBS = {
     "run": ("run", "Run a scenario in the ROS 2 graph and record it."),
     "simulate": ("simulate", "Run a scenario without ROS, by the same functions."),
+    "plan": ("plan", "Write a run's parameter file, to start its nodes elsewhere."),
     "metrics": ("metrics", "Print a recorded run's metrics."),
     "report": ("report", "Write recorded runs as one HTML page to look at."),
     "compare": ("compare", "Compare recorded runs side by side."),

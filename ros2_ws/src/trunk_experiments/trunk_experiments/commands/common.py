@@ -89,6 +89,7 @@ def plan_of(
     duration: float | None,
     rate: float | None,
     extra: Mapping[str, object] | None = None,
+    namespace: str = "",
 ) -> RunPlan:
     """Return the plan that the options of `plan_options` ask for, and ``extra`` for all nodes."""
     everywhere: dict[str, object] = dict(extra or {})
@@ -96,7 +97,7 @@ def plan_of(
         everywhere["duration"] = duration
     if rate is not None:
         everywhere["update_rate"] = rate
-    plan = make_plan(scenario, controller, params, settings, everywhere)
+    plan = make_plan(scenario, controller, params, settings, everywhere, namespace)
     for warning in plan.warnings:
         click.echo(f"trunk: warning: {warning}", err=True)
     return plan
