@@ -14,7 +14,8 @@ from trunk_msgs_util.conversions import WireReader, sample_to_wire
 from trunk_msgs_util.samples import JointSample
 
 from .config import ControllerConfig
-from .controller import Answer, Controller, hip_index, hip_seen
+from .controller import Answer, Controller, hip_seen
+from .joint_places import JointPlaces
 
 
 class ControllerNode(TrunkNode[ControllerConfig]):
@@ -26,9 +27,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         super().__init__(name, config_class)
         self._controller = controller(self.config)
         self._reference: float | None = None  # from the topic
-        self._names: tuple[str, ...] = ()
-        self._index = 0
-        self._hip: int | None = None
+        self._places = JointPlaces(self.config.joint, self.config.hip)
         self._read_state = WireReader()
         self._read_reference = WireReader()
         self._commensurate_known = False
@@ -55,32 +54,21 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             self._ready_timer.cancel()
             self.event("ready", answers=topics.EFFORT_COMMAND)
 
-    def _joint_index(self, names: tuple[str, ...]) -> int | None:
-        if names != self._names:
-            try:
-                self._index = names.index(self.config.joint)
-                self._hip = hip_index(self.config, names)
-            except ValueError:
-                return None
-            self._names = names
-        return self._index
-
     def _on_state(self, data: bytes) -> None:
         message = self._read_state(data)
-        index = self._joint_index(message.name)
-        last = -1 if index is None else max(index, self._hip or 0)
-        if index is None or last >= len(message.position):
+        places = self._places(message.name)
+        if places is None or places.last >= len(message.position):
             self.counters["states without the joint"] += 1
             return
-        if last < len(message.velocity):
-            velocity = message.velocity[index]
-        elif self.config.derivative_mode != "rate" and self._hip is None:
+        if places.last < len(message.velocity):
+            velocity = message.velocity[places.joint]
+        elif self.config.derivative_mode != "rate" and places.hip is None:
             velocity = 0.0  # not used
         else:
             self.counters["states without the velocity that the law needs"] += 1
             return
-        position = message.position[index]
-        hip = hip_seen(self._hip, message.position, message.velocity)
+        position = message.position[places.joint]
+        hip = hip_seen(places.hip, message.position, message.velocity)
         if not (isfinite(position) and isfinite(velocity) and all(map(isfinite, hip))):
             self.counters["states not finite"] += 1
             return

@@ -1,0 +1,41 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trunk_control.joint_places import JointPlaces, Places
+
+NAMES = st.lists(st.text(max_size=6), unique=True, max_size=8).map(tuple)
+
+
+@given(st.lists(NAMES, max_size=6), st.text(max_size=6))
+def test_whatever_came_before_the_place_is_that_of_the_name(messages, joint):
+    places = JointPlaces(joint)
+    for names in messages:
+        found = places(names)
+        assert found == (Places(names.index(joint), None) if joint in names else None)
+
+
+@given(st.lists(NAMES, max_size=6), st.text(max_size=6), st.text(max_size=6))
+def test_a_law_that_needs_two_joints_finds_both_or_none(messages, joint, hip):
+    places = JointPlaces(joint, hip)
+    for names in messages:
+        found = places(names)
+        if joint in names and hip in names:
+            assert found == Places(names.index(joint), names.index(hip))
+            assert found.last < len(names)
+        else:
+            assert found is None
+
+
+def test_publishers_may_take_turns_on_the_topic():
+    places = JointPlaces("torso", "base")
+    whole, arm, half = ("base", "torso"), ("elbow", "wrist"), ("elbow", "torso")
+    for names, expected in [(whole, (1, 0)), (arm, None), (half, None), (whole, (1, 0))]:
+        assert places(names) == expected
+
+
+@pytest.mark.parametrize("name", ["trunk", "left/knee joint", "θ", "0"])
+def test_any_name_is_a_joints_name(name):
+    assert JointPlaces(name)(("x", name)) == Places(1, None)
