@@ -26,6 +26,7 @@ setup(
         (f"share/{name}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{name}/layouts", sorted(glob("layouts/*"))),
         (f"share/{name}/rviz", sorted(glob("rviz/*.rviz"))),
+        (f"share/{name}/ros2_control", sorted(glob("ros2_control/*"))),
     ],
     zip_safe=False,
     entry_points={

@@ -1,0 +1,53 @@
+"""The plant under ros2_controllers' pid_controller: see docs/ros2_control.md."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from launch import LaunchDescription
+
+
+def generate_launch_description() -> LaunchDescription:
+    files = Path(get_package_share_directory("trunk_experiments")) / "ros2_control"
+    description = {"robot_description": (files / "trunk.urdf").read_text(encoding="utf-8")}
+    # Everything goes by the plant's clock: a command's stamp is then that of the newest state.
+    plant_time = {"use_sim_time": True}
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                "params",
+                default_value=str(files / "simulator.yaml"),
+                description="The simulator's parameter file",
+            ),
+            Node(
+                package="trunk_sim",
+                executable="simulator",
+                parameters=[LaunchConfiguration("params")],
+                output="screen",
+            ),
+            Node(
+                package="robot_state_publisher",
+                executable="robot_state_publisher",
+                parameters=[description, plant_time],
+                output="screen",
+            ),
+            Node(
+                package="controller_manager",
+                executable="ros2_control_node",
+                parameters=[str(files / "controllers.yaml"), plant_time],
+                remappings=[("~/robot_description", "/robot_description")],
+                output="screen",
+            ),
+            Node(
+                package="controller_manager",
+                executable="spawner",
+                arguments=["pid_controller", "--param-file", str(files / "controllers.yaml")],
+                output="screen",
+            ),
+        ]
+    )
