@@ -34,8 +34,8 @@ def compiled(function: Function, name: str = "", **bindings: Callable[..., Any])
     if bindings and not name:
         raise ValueError("a twin with bindings needs a name")
     copies = _copies(function, bindings)
-    twins: dict[Any, Any] = {
-        original: numba.njit(copy, **_OPTIONS)
+    twins: dict[Any, Any] = {  # inline: passing rule tables by value costs as much as using them
+        original: numba.njit(copy, forceinline=True, **_OPTIONS)
         for original, copy in copies.items()
         if original is not function
     }
@@ -50,7 +50,8 @@ def compiled(function: Function, name: str = "", **bindings: Callable[..., Any])
 
 def fingerprint(function: Callable[..., Any], **bindings: Callable[..., Any]) -> str:
     """Return a hash of the source files that a twin is made of and of numba's version."""
-    names = {Path(original.__code__.co_filename) for original in _copies(function, bindings)}
+    names = {Path(__file__)}  # the options are a part of it
+    names |= {Path(original.__code__.co_filename) for original in _copies(function, bindings)}
     digest = hashlib.sha256(version("numba").encode())
     for path in sorted(names, key=lambda path: (path.name, str(path))):
         digest.update(_contents(path))

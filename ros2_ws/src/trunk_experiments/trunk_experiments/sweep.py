@@ -228,6 +228,7 @@ def processes(count: int) -> Runner:
 
 def worker_pool(count: int) -> ProcessPoolExecutor:
     """Return a pool whose processes end with this one, even when it is killed."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # theirs: a process per core is enough
     return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
 
 

@@ -15,7 +15,7 @@ from ..study_compare import Difference, compare_study
 from ..study_results import Results
 from .common import print_table
 
-HEADER = ("metric", "first", "second", "pairs", "mean difference", "95 % interval", "smaller", "")
+HEADER = ("metric", "first - second", "pairs", "mean", "95 % interval", "smaller", "")
 
 
 def show(path: Path, form: str | None) -> None:
@@ -52,8 +52,7 @@ def _cells(d: Difference) -> tuple[str, ...]:
     told = d.low <= d.high
     return (
         d.metric,
-        d.first,
-        d.second,
+        f"{d.first} - {d.second}",
         str(d.pairs),
         f"{d.mean:.3g}" if told else "",
         f"{d.low:.3g} … {d.high:.3g}" if told else "",
