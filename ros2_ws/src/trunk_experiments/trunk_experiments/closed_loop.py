@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trunk_control.fuzzy_pid import fuzzy_pid_update
+from trunk_control.lqr import lqr_update
 from trunk_control.pid import PidState, Terms, pid_update, usable
 from trunk_control.reference import ReferenceProfile, reference_at
 from trunk_msgs_util.joint_arrays import Floats
@@ -42,6 +43,7 @@ LAWS: dict[str, tuple[Update, Callable[[Any], tuple[Any, ...]]]] = {
         fuzzy_pid_update,
         lambda config: (_with_arrays(config.rules), config.box, config.law),
     ),
+    "lqr": (lqr_update, lambda config: (config.gains, config.gravity_torque, config.law)),
 }
 _START = PidState()  # constants: numba's named tuples know no default values
 _QUIET = Disturbance()

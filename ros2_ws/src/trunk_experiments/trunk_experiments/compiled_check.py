@@ -90,7 +90,7 @@ def random_plan(index: int) -> RunPlan:
         "tracking_time_constant": sometimes(uniform(0.0, 0.5), 0.0),
     }
     name = pick(*LAWS)
-    if name == "pid":
+    if name != "fuzzy_pid":
         controller.update({f"gains.{gain}": float(uniform(0.0, 400.0)) for gain in "pid"})
     else:
         controller["fuzzy.consequents"] = pick("linear", "log")
