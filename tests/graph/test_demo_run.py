@@ -47,8 +47,8 @@ def test_demo(children: Children, tmp_path: Path) -> None:
     assert np.isin(answered, joints(recording, topics.JOINT_STATES).stamp_ns).all()
 
     nodes = yaml.safe_load((folder / "params.yaml").read_text())
-    assert set(nodes) == {"recorder", "fuzzy_pid", "disturbance", "simulator"}
-    simulator = nodes["simulator"]["ros__parameters"]
+    assert set(nodes) == {"/recorder", "/fuzzy_pid", "/disturbance", "/simulator"}
+    simulator = nodes["/simulator"]["ros__parameters"]
     assert (simulator["update_rate"], simulator["duration"]) == (200.0, 3.0)
 
     simulate_like(children, recording)
