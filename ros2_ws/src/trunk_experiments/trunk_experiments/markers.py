@@ -18,6 +18,7 @@ TYPE = "visualization_msgs/msg/MarkerArray"
 Point = tuple[float, float, float]
 Color = tuple[float, float, float, float]  # red, green, blue, alpha, each from 0 to 1
 
+FAR = 1e6  # m: nothing is drawn beyond
 _PATH_REACH = 4.0  # m, on either side of the hip
 _PATH_STEP = 0.05  # m
 _ARROW_REACH = 0.8  # m: what the longest arrow comes near
@@ -106,8 +107,8 @@ class Scene:
 
 
 def shapes(geometry: Geometry, scene: Scene) -> list[Shape]:
-    """Return the picture, always the same shapes in the same order; nothing where a value is not finite."""
-    if not (isfinite(scene.x) and isfinite(scene.theta)):  # the outlines of nothing
+    """Return the picture, always the same shapes in the same order; nothing where there is no place for it."""
+    if not (abs(scene.x) <= FAR and isfinite(scene.theta)):  # the outlines of nothing
         return [replace(shape, points=()) for shape in shapes(geometry, Scene(0.0, 0.0))]
     hip = geometry.hip(scene.x)
     mass = geometry.mass(scene.x, scene.theta)
