@@ -107,7 +107,7 @@ class Scene:
 
 
 def shapes(geometry: Geometry, scene: Scene) -> list[Shape]:
-    """Return the picture, always the same shapes in the same order; nothing where there is no place for it."""
+    """Return the picture, always the same shapes in the same order; empty where there is no place."""
     if not (abs(scene.x) <= FAR and isfinite(scene.theta)):  # the outlines of nothing
         return [replace(shape, points=()) for shape in shapes(geometry, Scene(0.0, 0.0))]
     hip = geometry.hip(scene.x)
