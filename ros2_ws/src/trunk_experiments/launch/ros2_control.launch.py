@@ -25,12 +25,6 @@ def generate_launch_description() -> LaunchDescription:
                 description="The simulator's parameter file",
             ),
             Node(
-                package="trunk_sim",
-                executable="simulator",
-                parameters=[LaunchConfiguration("params")],
-                output="screen",
-            ),
-            Node(
                 package="robot_state_publisher",
                 executable="robot_state_publisher",
                 parameters=[description, plant_time],
@@ -47,6 +41,13 @@ def generate_launch_description() -> LaunchDescription:
                 package="controller_manager",
                 executable="spawner",
                 arguments=["pid_controller", "--param-file", str(files / "controllers.yaml")],
+                output="screen",
+            ),
+            # Last: where one of the others is not installed, nothing has been started yet.
+            Node(
+                package="trunk_sim",
+                executable="simulator",
+                parameters=[LaunchConfiguration("params")],
                 output="screen",
             ),
         ]

@@ -75,7 +75,8 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     ]
     said = [LogInfo(msg=f"warning: {text}") for text in plan.warnings]
     said.append(LogInfo(msg=f"recording: {files.recording}"))
-    return [*said, *end.actions.values(), *shown]
+    # Viewers first: where RViz is not installed, nothing has been started yet.
+    return [*said, *shown, *end.actions.values()]
 
 
 def generate_launch_description() -> LaunchDescription:

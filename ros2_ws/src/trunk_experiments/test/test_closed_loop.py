@@ -82,7 +82,9 @@ def test_an_end_and_a_compiled_law_are_needed(batch):
     plan = make_plan("fig6", "pid")
     with pytest.raises(PlanError, match="duration is 0"):
         batch.run(replace(plan, simulator=replace(plan.simulator, duration=0.0)))
-    with pytest.raises(PlanError, match="'lpv' has no compiled loop; there are pid, fuzzy_pid, lqr"):
+    with pytest.raises(
+        PlanError, match="'lpv' has no compiled loop; there are pid, fuzzy_pid, lqr"
+    ):
         batch.run(replace(plan, controller_name="lpv"))
 
 

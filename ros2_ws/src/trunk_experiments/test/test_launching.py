@@ -93,9 +93,9 @@ def test_viewers_are_no_part_of_the_plan(tmp_path):
     only = launch_viewers(plan, given(markers="true"), tmp_path)
     assert [(v.package, v.executable) for v in only] == [("trunk_experiments", "markers")]
     both = launch_viewers(plan, given(rviz="true"), tmp_path)
-    assert [v.executable for v in both] == ["markers", "rviz2"]
-    assert both[1].options == ("-d", str(tmp_path / "rviz" / "trunk.rviz"))
-    assert "/markers:=markers" in both[1].ros_arguments
+    assert [v.executable for v in both] == ["rviz2", "markers"]
+    assert both[0].options == ("-d", str(tmp_path / "rviz" / "trunk.rviz"))
+    assert "/markers:=markers" in both[0].ros_arguments
     assert [v.executable for v in launch_viewers(plan, given(rviz="1", markers="0"), tmp_path)] == [
         "rviz2"
     ]

@@ -109,13 +109,13 @@ def launch_viewers(plan: RunPlan, given: Mapping[str, str], share: Path) -> list
     rviz = flag(given, "rviz")
     place = _in_namespace(plan.namespace)
     viewers = []
-    if flag(given, "markers", default=rviz):
-        viewers.append(LaunchNode("trunk_experiments", "markers", place))
-    if rviz:
+    if rviz:  # first: where it is not installed, nothing has been started yet
         # The view names its topics absolutely, as RViz does.
         view = share / "rviz" / "trunk.rviz"
         remap = ("-r", "/markers:=markers") if plan.namespace else ()
         viewers.append(LaunchNode("rviz2", "rviz2", (*remap, *place), ("-d", str(view))))
+    if flag(given, "markers", default=rviz):
+        viewers.append(LaunchNode("trunk_experiments", "markers", place))
     return viewers
 
 
