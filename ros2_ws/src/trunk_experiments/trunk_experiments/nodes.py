@@ -11,7 +11,8 @@ from trunk_control.model_config import ComputedTorqueConfig, LqrConfig
 from trunk_control.model_controller import ComputedTorqueController, LqrController
 from trunk_msgs_util.config import RecorderConfig
 from trunk_msgs_util.declarations import declarations
-from trunk_sim.config import DisturbanceConfig, SimulatorConfig
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.disturbance_config import DisturbanceConfig
 
 
 @dataclass(frozen=True)

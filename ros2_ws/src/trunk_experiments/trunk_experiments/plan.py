@@ -29,7 +29,8 @@ from trunk_msgs_util.parameter_files import (
     write,
 )
 from trunk_msgs_util.units import seconds
-from trunk_sim.config import DisturbanceConfig, SimulatorConfig
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.disturbance_config import DisturbanceConfig
 
 from .nodes import CONTROLLERS, NODES, declared_names
 

@@ -17,7 +17,8 @@ from trunk_msgs_util.declarations import ParameterError
 from trunk_msgs_util.recording import Recording
 from trunk_msgs_util.run_table import RunTable
 from trunk_msgs_util.units import seconds
-from trunk_sim.config import DisturbanceConfig, SimulatorConfig
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import CHANNELS, pulse
 
 from .nodes import CONTROLLERS

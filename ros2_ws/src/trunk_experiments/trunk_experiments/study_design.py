@@ -24,7 +24,7 @@ from trunk_msgs_util.declarations import (
     unknown_name,
 )
 from trunk_msgs_util.parameter_files import ParameterFileError
-from trunk_sim.config import DisturbanceConfig
+from trunk_sim.disturbance_config import DisturbanceConfig
 
 from .plan import PlanError, RunPlan, make_plan
 from .study import Contender, Scalar, Study, StudyError, Target, Variable

@@ -7,7 +7,8 @@ from math import inf, nan, pi
 import pytest
 
 from trunk_msgs_util.declarations import ParameterError, build, values_of
-from trunk_sim.config import DisturbanceConfig, SimulatorConfig
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import Disturbance, disturbance_at
 from trunk_sim.plant import PlantParameters, PlantState
 

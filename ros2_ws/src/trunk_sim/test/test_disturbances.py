@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trunk_msgs_util.units import nanoseconds, period_ns
-from trunk_sim.config import DisturbanceConfig
+from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import Disturbance, disturbance_at, multisine, noise_components, pulse
 
 RATES = [1000.0, 200.0]

@@ -8,7 +8,7 @@ from trunk_msgs_util import qos, topics
 from trunk_msgs_util.base_node import TrunkNode, main_for
 from trunk_msgs_util.conversions import WireReader, sample_to_wire
 
-from .config import DisturbanceConfig
+from .disturbance_config import DisturbanceConfig
 from .disturbances import disturbance_at, disturbance_sample
 
 

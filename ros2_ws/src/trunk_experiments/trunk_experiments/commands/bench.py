@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -17,6 +19,26 @@ def command() -> None:
     """Measure speed, as ratios in one run."""
 
 
+def _show(
+    rows: Sequence[Any],
+    as_json: bool,
+    title: str,
+    header: tuple[str, ...],
+    cells: Callable[[Any], tuple[str, ...]],
+) -> None:
+    """Print rows of a benchmark, each with its goal; end with exit code 1 where one was missed."""
+    if as_json:
+        click.echo(json.dumps([asdict(row) for row in rows], indent=2))
+    else:
+        words = {None: "", True: "met", False: "MISSED"}
+        print_table(
+            title,
+            (*header, "goal", ""),
+            [(*cells(row), row.goal, words[row.met]) for row in rows],
+        )
+    sys.exit(0 if all(row.met is not False for row in rows) else 1)
+
+
 @command.command("lockstep")
 @click.option("--rounds", default=5, show_default=True, help="Rounds, of which the median counts.")
 @click.option("--steps", default=5000, show_default=True, help="Steps in each run.")
@@ -26,29 +48,18 @@ def lockstep(rounds: int, steps: int, as_json: bool) -> None:
     from ..bench_lockstep import bench_lockstep
 
     rows = bench_lockstep(rounds, steps)
-    if as_json:
-        click.echo(json.dumps([asdict(row) for row in rows], indent=2))
-    else:
-        print_table(
-            f"median of {rounds} rounds of {steps} steps",
-            ("loop", "steps/s", "ratio", "to", "goal", ""),
-            [
-                (
-                    row.name,
-                    f"{row.rate_hz:.0f}",
-                    f"{row.ratio:.2f}",
-                    row.against,
-                    row.goal,
-                    _met(row.met),
-                )
-                for row in rows
-            ],
-        )
-    sys.exit(0 if all(row.met is not False for row in rows) else 1)
-
-
-def _met(met: bool | None) -> str:
-    return "" if met is None else "met" if met else "MISSED"
+    _show(
+        rows,
+        as_json,
+        f"median of {rounds} rounds of {steps} steps",
+        ("loop", "steps/s", "ratio", "to"),
+        lambda row: (
+            row.name,
+            f"{row.rate_hz:.0f}",
+            f"{row.ratio:.2f}",
+            row.against,
+        ),
+    )
 
 
 @command.command("core")
@@ -59,25 +70,18 @@ def core(rounds: int, as_json: bool) -> None:
     from ..bench_core import bench_core
 
     rows = bench_core(rounds)
-    if as_json:
-        click.echo(json.dumps([asdict(row) for row in rows], indent=2))
-    else:
-        print_table(
-            f"median of {rounds} rounds, side by side",
-            ("what", "ours, us", "theirs, us", "ratio", "goal", ""),
-            [
-                (
-                    row.name,
-                    f"{row.ours_s * 1e6:.3g}",
-                    f"{row.theirs_s * 1e6:.3g}",
-                    f"{row.ratio:.3g}",
-                    row.goal,
-                    _met(row.met),
-                )
-                for row in rows
-            ],
-        )
-    sys.exit(0 if all(row.met is not False for row in rows) else 1)
+    _show(
+        rows,
+        as_json,
+        f"median of {rounds} rounds, side by side",
+        ("what", "ours, us", "theirs, us", "ratio"),
+        lambda row: (
+            row.name,
+            f"{row.ours_s * 1e6:.3g}",
+            f"{row.theirs_s * 1e6:.3g}",
+            f"{row.ratio:.3g}",
+        ),
+    )
 
 
 @command.command("read")
@@ -92,25 +96,18 @@ def read(run: Path | None, rounds: int, duration: float, as_json: bool) -> None:
     from ..bench_read import bench_read
 
     rows = bench_read(rounds, duration, run)
-    if as_json:
-        click.echo(json.dumps([asdict(row) for row in rows], indent=2))
-    else:
-        print_table(
-            f"median of {rounds} rounds, side by side",
-            ("what", "ours, 1/s", "rosbags, 1/s", "ratio", "goal", ""),
-            [
-                (
-                    row.name,
-                    f"{row.ours_hz:.3g}",
-                    f"{row.theirs_hz:.3g}",
-                    f"{row.ratio:.3g}",
-                    row.goal,
-                    _met(row.met),
-                )
-                for row in rows
-            ],
-        )
-    sys.exit(0 if all(row.met for row in rows) else 1)
+    _show(
+        rows,
+        as_json,
+        f"median of {rounds} rounds, side by side",
+        ("what", "ours, 1/s", "rosbags, 1/s", "ratio"),
+        lambda row: (
+            row.name,
+            f"{row.ours_hz:.3g}",
+            f"{row.theirs_hz:.3g}",
+            f"{row.ratio:.3g}",
+        ),
+    )
 
 
 @command.command("sweep")
@@ -121,22 +118,15 @@ def sweep(rounds: int, as_json: bool) -> None:
     from ..bench_sweep import bench_sweep
 
     rows = bench_sweep(rounds)
-    if as_json:
-        click.echo(json.dumps([asdict(row) for row in rows], indent=2))
-    else:
-        print_table(
-            f"median of {rounds} rounds, side by side",
-            ("what", "ours, ms", "theirs, ms", "ratio", "goal", ""),
-            [
-                (
-                    row.name,
-                    f"{row.ours_s * 1e3:.3g}",
-                    f"{row.theirs_s * 1e3:.3g}",
-                    f"{row.ratio:.3g}",
-                    row.goal,
-                    _met(row.met),
-                )
-                for row in rows
-            ],
-        )
-    sys.exit(0 if all(row.met is not False for row in rows) else 1)
+    _show(
+        rows,
+        as_json,
+        f"median of {rounds} rounds, side by side",
+        ("what", "ours, ms", "theirs, ms", "ratio"),
+        lambda row: (
+            row.name,
+            f"{row.ours_s * 1e3:.3g}",
+            f"{row.theirs_s * 1e3:.3g}",
+            f"{row.ratio:.3g}",
+        ),
+    )

@@ -1,0 +1,119 @@
+"""Every parameter of the disturbance node, declared once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+from trunk_msgs_util.declarations import ParameterError, parameter
+from trunk_msgs_util.units import nanoseconds, period_ns
+
+from .config import joints_parameter, update_rate_parameter
+from .disturbances import CHANNELS, Signals, noise_components
+
+
+@dataclass(frozen=True)
+class DisturbanceConfig:
+    """Parameters of the ``disturbance`` node. Each signal acts on the channel that it names."""
+
+    update_rate: float = update_rate_parameter()
+    joints: tuple[str, ...] = joints_parameter()
+    pulse_channel: str = parameter(
+        "pulse.channel",
+        "trunk_position",
+        "What the pulses act on: a force, a torque, or an offset on a measurement",
+        choices=CHANNELS,
+    )
+    pulse_start_times: tuple[float, ...] = parameter(
+        "pulse.start_times",
+        (),
+        "When the pulses start",
+        unit="s",
+        element=float,
+        minimum=0.0,
+        maximum=1e6,
+    )
+    pulse_duration: float = parameter(
+        "pulse.duration", 0.1, "How long each lasts", unit="s", minimum=0.0, maximum=1e6
+    )
+    pulse_magnitude: float = parameter(
+        "pulse.magnitude",
+        100.0 * pi / 180.0,
+        "Their magnitude, in the channel's unit",
+        unit="N, N m, m or rad",
+        minimum=-1e9,
+        maximum=1e9,
+    )
+    sine_channel: str = parameter(
+        "sine.channel", "hip_effort", "What the sine acts on", choices=CHANNELS
+    )
+    sine_amplitude: float = parameter(
+        "sine.amplitude", 0.0, "Its amplitude", unit="N, N m, m or rad", minimum=-1e9, maximum=1e9
+    )
+    sine_frequency: float = parameter(
+        "sine.frequency", 1.0, "Its frequency", unit="Hz", minimum=0.0, maximum=1e5
+    )
+    sine_phase: float = parameter(
+        "sine.phase", 0.0, "Its phase at t = 0", unit="rad", minimum=-1e3, maximum=1e3
+    )
+    noise_channel: str = parameter(
+        "noise.channel", "trunk_effort", "What the noise acts on", choices=CHANNELS
+    )
+    noise_rms: float = parameter(
+        "noise.rms", 0.0, "Its root mean square", unit="N, N m, m or rad", minimum=0.0, maximum=1e9
+    )
+    noise_low: float = parameter(
+        "noise.low_frequency", 0.5, "Lower end of its band", unit="Hz", minimum=0.0, maximum=1e5
+    )
+    noise_high: float = parameter(
+        "noise.high_frequency", 5.0, "Upper end of its band", unit="Hz", above=0.0, maximum=1e5
+    )
+    noise_components: int = parameter(
+        "noise.components", 32, "Number of sines that make it up", minimum=1, maximum=4096
+    )
+    noise_seed: int = parameter(
+        "noise.seed", 1, "Seed of their frequencies and phases", minimum=0, maximum=2**31 - 1
+    )
+
+    def __post_init__(self) -> None:
+        if self.noise_high <= self.noise_low:
+            raise ParameterError(
+                "noise.high_frequency",
+                self.noise_high,
+                f"greater than noise.low_frequency ({self.noise_low:g})",
+            )
+
+    @property
+    def period_ns(self) -> int:
+        """The plant's period h in ns."""
+        return period_ns(self.update_rate)
+
+    @property
+    def active(self) -> bool:
+        """False where every signal is zero: the node need not run."""
+        return bool(
+            (self.pulse_start_times and self.pulse_magnitude and self.pulse_duration)
+            or self.sine_amplitude
+            or self.noise_rms
+        )
+
+    @property
+    def signals(self) -> Signals:
+        """The signals that `disturbance_at` evaluates."""
+        amplitude, frequencies, phases = noise_components(
+            self.noise_rms, self.noise_low, self.noise_high, self.noise_components, self.noise_seed
+        )
+        return Signals(
+            CHANNELS.index(self.pulse_channel),
+            tuple(nanoseconds(t) for t in self.pulse_start_times),
+            nanoseconds(self.pulse_duration),
+            self.pulse_magnitude,
+            CHANNELS.index(self.sine_channel),
+            self.sine_amplitude,
+            self.sine_frequency,
+            self.sine_phase,
+            CHANNELS.index(self.noise_channel),
+            amplitude,
+            frequencies,
+            phases,
+        )
