@@ -27,6 +27,19 @@ _CRC = struct.Struct("<I")
 _RUN = 1 << 20  # bytes of messages outside chunks that are read at a time
 # These may be longer than `MAX_CHUNK`; nothing here reads what is in them.
 _SKIPPED = (Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX)
+# What stands before the end of the data; of other kinds only a damaged record can be.
+_DATA = (
+    Opcode.HEADER,
+    Opcode.SCHEMA,
+    Opcode.CHANNEL,
+    Opcode.MESSAGE,
+    Opcode.CHUNK,
+    Opcode.MESSAGE_INDEX,
+    Opcode.ATTACHMENT,
+    Opcode.METADATA,
+    Opcode.DATA_END,
+)
+_INDEX_HEAD = struct.Struct("<HI")  # channel, bytes of the entries
 
 
 class DamageError(ValueError):
@@ -66,6 +79,7 @@ def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Reco
     """
     crc = zlib.crc32(MAGIC)
     offset = start
+    in_data = True
     while offset < size:
         head = file.read(HEAD.size)
         if len(head) < HEAD.size:
@@ -76,9 +90,15 @@ def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Reco
             raise DamageError(
                 f"ends at byte {size}, inside the {name_of(opcode)} record at byte {offset}"
             )
+        if in_data and opcode not in _DATA:
+            raise DamageError(f"a {name_of(opcode)} record among the data, at byte {offset}")
+        in_data = in_data and opcode != Opcode.DATA_END
         if opcode in _SKIPPED:
+            first = file.read(min(length, _INDEX_HEAD.size))
+            if opcode == Opcode.MESSAGE_INDEX and not _is_index(first, length):
+                raise DamageError(f"no message index, as it claims, at byte {offset}")
             yield Record(offset, opcode, b"", end)
-            crc = _skip(file, length, zlib.crc32(head, crc))
+            crc = _skip(file, length - len(first), zlib.crc32(first, zlib.crc32(head, crc)))
         else:
             if length > MAX_CHUNK:
                 raise DamageError(
@@ -102,6 +122,13 @@ def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Reco
             return
         offset = end
     raise DamageError(f"ends at byte {size}, without a footer")
+
+
+def _is_index(first: bytes, length: int) -> bool:
+    """Return True where a message index is as long as it says: a chunk misnamed so is not."""
+    return (
+        len(first) == _INDEX_HEAD.size and _INDEX_HEAD.unpack(first)[1] == length - _INDEX_HEAD.size
+    )
 
 
 def _skip(file: BinaryIO, length: int, crc: int) -> int:
