@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import inf, pi
 
+from trunk_msgs_util.config import ManagedConfig
 from trunk_msgs_util.declarations import ParameterError, parameter
 from trunk_msgs_util.units import nanoseconds, period_ns
 
@@ -21,7 +22,7 @@ _EVEN_PEAKS = tuple(i / 3.0 for i in range(-3, 4))
 
 
 @dataclass(frozen=True)
-class ControllerConfig:
+class ControllerConfig(ManagedConfig):
     """What every controller declares: its rate, joint, reference, derivative and limits."""
 
     update_rate: float = parameter(
@@ -139,6 +140,24 @@ class ControllerConfig:
         minimum=0.0,
         maximum=1e6,
     )
+    active_times: tuple[float, ...] = parameter(
+        "active.times",
+        (),
+        "When the controller turns active, inactive, active ... in the states' time; empty: always active",
+        unit="s",
+        element=float,
+        minimum=0.0,
+        maximum=1e6,
+        fixed=True,
+    )
+    handover_step: float = parameter(
+        "handover.max_step",
+        1.0,
+        "Having taken over, the command moves by at most this per update until it meets the law's",
+        unit="N m",
+        above=0.0,
+        unbounded=True,
+    )
 
     def __post_init__(self) -> None:
         if not self.u_clamp_max > self.u_clamp_min:
@@ -153,11 +172,18 @@ class ControllerConfig:
             )
         if list(self.reference_times) != sorted(self.reference_times):
             raise ParameterError("reference.times", self.reference_times, "ascending times")
+        if any(b <= a for a, b in pairwise(self.active_times)):
+            raise ParameterError("active.times", self.active_times, "strictly ascending times")
 
     @property
     def period_ns(self) -> int:
         """The control period in ns."""
         return period_ns(self.update_rate)
+
+    @property
+    def active_times_ns(self) -> tuple[int, ...]:
+        """`active_times` in ns."""
+        return tuple(nanoseconds(t) for t in self.active_times)
 
     @property
     def hip(self) -> str | None:

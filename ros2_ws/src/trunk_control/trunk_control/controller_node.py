@@ -14,8 +14,9 @@ from trunk_msgs_util.conversions import WireReader, sample_to_wire
 from trunk_msgs_util.samples import JointSample
 
 from .config import ControllerConfig
-from .controller import Answer, Controller, hip_seen
+from .controller import Answer, Controller, Seen, hip_seen
 from .joint_places import JointPlaces
+from .schedule import turn
 
 
 class ControllerNode(TrunkNode[ControllerConfig]):
@@ -26,10 +27,17 @@ class ControllerNode(TrunkNode[ControllerConfig]):
     ) -> None:
         super().__init__(name, config_class)
         self._controller = controller(self.config)
-        self._reference: float | None = None  # from the topic
+        self._controller.deactivate()
         self._places = JointPlaces(self.config.joint, self.config.hip)
+        self._turns_ns = self.config.active_times_ns
         self._read_state = WireReader()
         self._read_reference = WireReader()
+
+    def set_up(self) -> None:
+        """Open the topics: states are followed from now on, and answered once active."""
+        self.run_stamp_ns = -1
+        self._seen: Seen | None = None  # the last state
+        self._reference: float | None = None  # from the topic
         self._commensurate_known = False
         self._updates = 0
         self._diagnosed = (time.monotonic(), 0)
@@ -44,12 +52,26 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         self.create_service(Trigger, "~/reset", self._on_reset)
         self._ready_timer = self.every(0.02, self._announce)
 
-    def configure(self, config: ControllerConfig) -> None:
+    def starts_active(self) -> bool:
+        """Return True where no schedule says when this controller's turns are."""
+        return not self._turns_ns
+
+    def activate(self) -> None:
+        """Answer states, beginning with the torque that acts where the plant moves already."""
+        self._controller.activate(self._seen)
+
+    def deactivate(self) -> None:
+        """Leave the plant to another controller; states are followed on."""
+        self._controller.deactivate()
+
+    def retune(self, config: ControllerConfig) -> None:
         """Take changed parameters between two samples, without a jump in the command."""
         self._controller.retune(config)
 
     def _announce(self) -> None:
-        """Say ready once the simulator is matched in both directions."""
+        """Say ready once there is a turn to come and the simulator is matched in both directions."""
+        if not (self.active or self._turns_ns):
+            return
         if self._command.get_subscription_count() and self._states.get_publisher_count():
             self._ready_timer.cancel()
             self.event("ready", answers=topics.EFFORT_COMMAND)
@@ -77,10 +99,27 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             self.counters["states out of order"] += 1
         if self.config.lockstep and not self._commensurate(stamp_ns - self.run_stamp_ns):
             return
+        if self._turns_ns:
+            self._take_turns(stamp_ns)
         self.run_stamp_ns = stamp_ns
-        answer = self._controller.update(stamp_ns, position, velocity, self._reference, hip)
+        self._seen = Seen(stamp_ns, position)
+        if not self.active:
+            return
+        effort = message.effort[places.joint] if places.joint < len(message.effort) else 0.0
+        answer = self._controller.update(
+            stamp_ns, position, velocity, self._reference, hip, effort if isfinite(effort) else 0.0
+        )
         if answer.fresh or self.config.lockstep:
             self._publish(stamp_ns, position, answer)
+
+    def _take_turns(self, stamp_ns: int) -> None:
+        """Become active or inactive where the schedule says so between the last state and this one."""
+        wanted = turn(self._turns_ns, self.run_stamp_ns, stamp_ns)
+        if wanted is not None and wanted != self.active:
+            if wanted:
+                self.trigger_activate()
+            else:
+                self.trigger_deactivate()
 
     def _commensurate(self, step_ns: int) -> bool:
         """Refuse, at the second state, a plant whose rate is no multiple of this controller's."""

@@ -74,7 +74,7 @@ def diff(a: Recording, b: Recording) -> RunDiff:
 
 
 def _state_topics(a: Recording, b: Recording) -> list[str]:
-    names = dict.fromkeys(c for c in (a.controller, b.controller) if c is not None)
+    names = dict.fromkeys([*a.controllers, *b.controllers])
     return [topics.controller_state(name) for name in names]
 
 

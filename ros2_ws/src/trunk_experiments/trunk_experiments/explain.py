@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from trunk_control.config import ControllerConfig, FuzzyPidConfig
-from trunk_control.controller import hip_index, hip_seen
 from trunk_control.fuzzy import fired_rules
 from trunk_control.pid import PidState, Terms
 from trunk_control.rule_tables import INPUT_LABELS
@@ -17,8 +16,8 @@ from trunk_msgs_util.units import nanoseconds, seconds
 from trunk_sim.disturbances import Disturbance
 
 from .bits import same
-from .nodes import CONTROLLERS, make_controller
-from .replay import Messages, timeline_of
+from .nodes import CONTROLLERS
+from .replay import DrivenController, Messages
 
 
 class Rule(NamedTuple):
@@ -97,6 +96,7 @@ class _Update(NamedTuple):
     rate: float
     dt: float
     config: ControllerConfig
+    took_over: bool  # from another controller, whose torque the integral was set to
 
 
 def explain(recording: Recording, at: float) -> Explanation:
@@ -104,14 +104,17 @@ def explain(recording: Recording, at: float) -> Explanation:
 
     Raises RecordingError where the run has no such command or its controller is not known.
     """
-    name = recording.controller
-    if name not in CONTROLLERS:
+    names = [name for name in recording.controllers if name in CONTROLLERS]
+    if not names:
         raise RecordingError(
             f"{recording.path}: no controller of {', '.join(CONTROLLERS)} was recorded: "
             "there is no torque to explain"
         )
-    if recording.topic(name) not in recording.parameters():
-        raise RecordingError(f"{recording.path}: no parameters of {name} recorded: record them too")
+    for name in names:
+        if recording.topic(name) not in recording.parameters():
+            raise RecordingError(
+                f"{recording.path}: no parameters of {name} recorded: record them too"
+            )
     table = RunTable.from_recording(recording)
     if not table.t[0] <= at <= table.t[-1]:
         raise RecordingError(
@@ -119,7 +122,18 @@ def explain(recording: Recording, at: float) -> Explanation:
             f"give --at a time in it, not {at:g}"
         )
     commands = Messages(recording, topics.EFFORT_COMMAND)
-    update = _last_update(recording, name, nanoseconds(at), commands)
+    # Of several that took turns, whoever updated last.
+    updates = {
+        name: found
+        for name in names
+        if (found := _last_update(recording, name, nanoseconds(at), commands)) is not None
+    }
+    if not updates:
+        raise RecordingError(
+            f"{recording.path}: {' or '.join(names)} had not answered any state by t = {at:g} s: "
+            "give --at a later time"
+        )
+    name, update = max(updates.items(), key=lambda item: item[1].stamp_ns)
     row = max(0, int((table.t <= at).sum()) - 1)
     at_update = max(0, int((table.t <= seconds(update.stamp_ns)).sum()) - 1)
     terms, config = update.terms, update.config
@@ -142,49 +156,35 @@ def explain(recording: Recording, at: float) -> Explanation:
     )
 
 
-def _last_update(recording: Recording, name: str, at_ns: int, commands: Messages) -> _Update:
-    """Return the last update at or before a stamp; the controller is driven as `replay` drives it."""
-    timeline = timeline_of(recording, name)
-    controller = make_controller(name, timeline.config)
-    states = Messages(recording, topics.JOINT_STATES)
-    terms = Messages(recording, topics.controller_state(name))
-    index = states.names.index(timeline.config.joint)
-    hip = hip_index(timeline.config, states.names)
+def _last_update(recording: Recording, name: str, at_ns: int, commands: Messages) -> _Update | None:
+    """Return a controller's last update at or before a stamp; None where there is none."""
+    driven = DrivenController(recording, name)
     found: _Update | None = None
     last_ns = 0
     for stamp_ns in commands.stamps:
         if stamp_ns > at_ns:
             break
-        if stamp_ns not in states:
+        state = driven.state(stamp_ns)
+        if state is None or not driven.turn(stamp_ns):
             continue
-        timeline.advance(stamp_ns, controller)
-        positions, velocities = states.get(stamp_ns, "position"), states.get(stamp_ns, "velocity")
-        seen = hip_seen(hip, positions, velocities)
-        told = None
-        if timeline.config.reference_profile == "topic" and stamp_ns in terms:
-            told = terms.get(stamp_ns, "position")[0]
-        before = controller.state
-        answer = controller.update(stamp_ns, positions[index], velocities[index], told, seen)
+        before, takes_over = driven.controller.state, driven.controller.takes_over
+        answer = driven.answer(stamp_ns)
+        config = driven.timeline.config
         if answer.terms is not None:
             # Not started: the first update of all, or the first after a reset.
-            period_ns = stamp_ns - last_ns if before.started else timeline.config.period_ns
+            period_ns = stamp_ns - last_ns if before.started else config.period_ns
             last_ns = stamp_ns
             found = _Update(
                 stamp_ns,
                 before,
-                controller.state,
+                driven.controller.state,
                 answer.reference,
                 answer.terms,
-                positions[index],
-                velocities[index],
+                *state,
                 seconds(period_ns),
-                timeline.config,
+                config,
+                takes_over,
             )
-    if found is None:
-        raise RecordingError(
-            f"{recording.path}: {name} had not answered any state by t = {seconds(at_ns):g} s: "
-            "give --at a later time"
-        )
     return found
 
 
@@ -205,6 +205,8 @@ def _rules(terms: Terms, config: FuzzyPidConfig) -> tuple[Rule, ...]:
 def _windup(update: _Update) -> Windup:
     terms = update.terms
     before, increment = update.before.integral, update.dt * terms.error
+    if update.took_over and terms.ki:
+        before = terms.i_term / terms.ki - increment
     used = before + increment
     law = update.config.law
     if terms.ki and terms.i_term in (law.i_min, law.i_max):

@@ -21,15 +21,15 @@ def plan_like(recording: Recording) -> tuple[RunPlan, Happenings]:
 
     Raises RecordingError where the recording does not hold what it takes.
     """
-    controller = recording.controller
-    if controller not in CONTROLLERS:
+    controllers = recording.controllers
+    if not controllers or not set(controllers) <= set(CONTROLLERS):
         raise RecordingError(
             f"{recording.path}: no controller of {', '.join(CONTROLLERS)} was recorded: "
             "it cannot be run again"
         )
     states = recording.topics[recording.topic(topics.GROUND_TRUTH)].count
     recorded = {name.rsplit("/", 1)[-1] for name in recording.parameters()}
-    missing = {controller, "simulator"} - recorded
+    missing = {*controllers, "simulator"} - recorded
     if missing or not states:
         what = f"parameters of {', '.join(sorted(missing))}" if missing else "true states"
         raise RecordingError(f"{recording.path}: no {what} recorded: it cannot be run again")
@@ -37,11 +37,12 @@ def plan_like(recording: Recording) -> tuple[RunPlan, Happenings]:
     simulator = config_of(recording, "simulator")
     plan = RunPlan(
         scenario=recording.provenance.get("scenario", ""),
-        controller_name=controller,
+        controller_name=controllers[0],
         simulator=replace(simulator, duration=seconds((states - 1) * simulator.period_ns)),
-        controller=config_of(recording, controller),
+        controller=config_of(recording, controllers[0]),
+        successors={name: config_of(recording, name) for name in controllers[1:]},
         disturbance=disturbance,
-        recorder=RecorderConfig(controllers=(controller,)),
+        recorder=RecorderConfig(controllers=tuple(controllers)),
     )
     changes = {name: changes_of(recording, name) for name in plan.configs}
     return plan, Happenings(
@@ -51,7 +52,9 @@ def plan_like(recording: Recording) -> tuple[RunPlan, Happenings]:
 
 def _references(recording: Recording, plan: RunPlan) -> dict[int, float]:
     """Return the references that came by topic: no parameter holds them."""
-    if plan.controller.reference_profile != "topic":
-        return {}
-    terms = Messages(recording, topics.controller_state(plan.controller_name))
-    return {stamp: terms.get(stamp, "position")[0] for stamp in terms.stamps}
+    found: dict[int, float] = {}
+    for name, config in plan.controllers.items():
+        if config.reference_profile == "topic":
+            terms = Messages(recording, topics.controller_state(name))
+            found |= {stamp: terms.get(stamp, "position")[0] for stamp in terms.stamps}
+    return found

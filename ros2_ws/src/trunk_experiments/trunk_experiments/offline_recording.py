@@ -17,7 +17,7 @@ from trunk_sim.simulation import DivergedError
 from .nodes import NODES
 from .offline import Happenings, Step, disturbance_source, steps
 from .plan import RunPlan
-from .timeline import Change
+from .timeline import ACTIVATED, DEACTIVATED, Change
 
 
 def record_offline(
@@ -38,8 +38,9 @@ def record_offline(
             run.failed(str(error))
             writer.finish(complete=False, reason=str(error))
             raise
-        run.finished()
-        writer.finish(complete=True, reason="finished")
+        reason = "the trunk has fallen" if step.falls and plan.simulator.fall_stop else "finished"
+        run.finished(reason)
+        writer.finish(complete=True, reason=reason)
         return run.states
 
 
@@ -51,12 +52,11 @@ class _OfflineRecorder:
         self._writer = writer
         self._channels = {
             topic: writer.channel("/" + topic, type_name)
-            for topic, type_name in topics.evidence_types((plan.controller_name,)).items()
+            for topic, type_name in topics.evidence_types(tuple(plan.controllers)).items()
         }
-        self._state_topic = topics.controller_state(plan.controller_name)
         self._acting = disturbance_source(plan, happenings)
         self._happenings = happenings
-        self._last_ns = 0
+        self._last_ns = -1
         self.states = 0
 
     def _put(self, topic: str, stamp_ns: int, data: bytes) -> None:
@@ -66,8 +66,10 @@ class _OfflineRecorder:
     def _sample(self, topic: str, sample: JointSample) -> None:
         self._put(topic, sample.stamp_ns, layout_of(sample).pack(sample))
 
-    def _event(self, message: str, values: dict[str, str], ok: bool = True) -> None:
-        data = event(self._last_ns, "/simulator", message, values, level=0 if ok else 2)
+    def _event(
+        self, message: str, values: Mapping[str, str], node: str = "simulator", level: int = 0
+    ) -> None:
+        data = event(self._last_ns, f"/{node}", message, values, level=level)
         self._put(topics.RUN_EVENTS, self._last_ns, data)
 
     def open(self) -> None:
@@ -76,7 +78,10 @@ class _OfflineRecorder:
         self._writer.add_metadata(
             PROVENANCE,
             provenance.gather(
-                scenario=plan.scenario, controller=plan.controller_name, mode="offline", rmw="none"
+                scenario=plan.scenario,
+                controller=" ".join(plan.controllers),
+                mode="offline",
+                rmw="none",
             ),
         )
         for name, config in plan.configs.items():
@@ -99,27 +104,32 @@ class _OfflineRecorder:
         if change.values is not None:
             self._parameters(change.stamp_ns, node, {}, change.values)
         else:
-            data = event(change.stamp_ns, f"/{node}", "reset")
+            data = event(change.stamp_ns, f"/{node}", change.event)
             self._put(topics.RUN_EVENTS, change.stamp_ns, data)
 
     def write(self, step: Step) -> None:
         """Write one step, in the order in which the graph says it."""
         plan, stamp_ns, answer = self._plan, step.stamp_ns, step.answer
+        controller = plan.controllers[step.controller]
         joints = plan.simulator.joints
+        for name, active in step.turned:
+            self._event(ACTIVATED if active else DEACTIVATED, {}, name)
         self._sample(topics.GROUND_TRUTH, step.truth)
         if self.states == 0:
             self._disturbance(stamp_ns)
         self._disturbance(stamp_ns + plan.simulator.period_ns)
         self._sample(topics.JOINT_STATES, step.measured)
-        command = JointSample(stamp_ns, (plan.controller.joint,), effort=(answer.effort,))
+        command = JointSample(stamp_ns, (controller.joint,), effort=(answer.effort,))
         self._sample(topics.EFFORT_COMMAND, command)
         if answer.terms is not None:
-            index = joints.index(plan.controller.joint)
+            index = joints.index(controller.joint)
             values = (answer.reference, step.measured.position[index], *answer.terms)
             self._sample(
-                self._state_topic, JointSample(stamp_ns, topics.STATE_NAMES, position=values)
+                topics.controller_state(step.controller),
+                JointSample(stamp_ns, topics.STATE_NAMES, position=values),
             )
         self._last_ns = stamp_ns
+        self._mark_fall(step)
         self.states += 1
 
     def _disturbance(self, stamp_ns: int) -> None:
@@ -129,10 +139,18 @@ class _OfflineRecorder:
             sample = disturbance_sample(stamp_ns, joints, self._acting(stamp_ns))
             self._sample(topics.DISTURBANCE, sample)
 
-    def finished(self) -> None:
+    def _mark_fall(self, step: Step) -> None:
+        if step.falls:
+            values = {
+                "angle": str(step.truth.position[1]),
+                "limit": str(self._plan.simulator.fall_angle),
+            }
+            self._event("fell", values, level=1)
+
+    def finished(self, reason: str) -> None:
         """Write the event that ends a whole run."""
-        self._event("finished", {"reason": "finished", "states": str(self.states)})
+        self._event("finished", {"reason": reason, "states": str(self.states)})
 
     def failed(self, reason: str) -> None:
         """Write the event that ends a run that failed."""
-        self._event("failed", {"reason": reason, "states": str(self.states)}, ok=False)
+        self._event("failed", {"reason": reason, "states": str(self.states)}, level=2)

@@ -8,15 +8,17 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from dataclasses import replace as with_values
 from importlib.resources import files
+from math import inf, isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
 from trunk_control.config import ControllerConfig
+from trunk_control.schedule import active_at
 from trunk_msgs_util.config import RecorderConfig
 from trunk_msgs_util.declarations import ParameterError, build, declarations, values_of
 from trunk_msgs_util.parameter_files import (
@@ -48,9 +50,19 @@ class PlanError(ValueError):
     """A run that cannot be: what is wrong, its value, what is allowed."""
 
 
+class Swap(NamedTuple):
+    """A controller that takes over at a time in s."""
+
+    time: float
+    controller: str
+
+
 @dataclass(frozen=True)
 class RunPlan:
-    """Everything that decides a run; ``disturbance`` is None where nothing disturbs."""
+    """Everything that decides a run; ``disturbance`` is None where nothing disturbs.
+
+    ``successors`` are the controllers that take turns with the first, by their ``active.times``.
+    """
 
     scenario: str
     controller_name: str
@@ -60,6 +72,17 @@ class RunPlan:
     recorder: RecorderConfig
     warnings: tuple[str, ...] = ()
     namespace: str = ""  # of all nodes: empty, or "/name"
+    successors: Mapping[str, ControllerConfig] = field(default_factory=dict)
+
+    @property
+    def controllers(self) -> dict[str, ControllerConfig]:
+        """The configurations of all controllers, the first to act first."""
+        return {self.controller_name: self.controller, **self.successors}
+
+    @property
+    def turns(self) -> str:
+        """The controllers for people, in the order of their first turns: ``pid``, ``pid, fuzzy_pid``."""
+        return ", ".join(self.controllers)
 
     @property
     def configs(self) -> dict[str, Any]:
@@ -67,7 +90,7 @@ class RunPlan:
         optional = {} if self.disturbance is None else {"disturbance": self.disturbance}
         return {
             "recorder": self.recorder,
-            self.controller_name: self.controller,
+            **self.controllers,
             **optional,
             "simulator": self.simulator,
         }
@@ -138,11 +161,13 @@ def make_plan(
     settings: Sequence[str] = (),
     everywhere: Mapping[str, object] | None = None,
     namespace: str = "",
+    swaps: Sequence[Swap] = (),
 ) -> RunPlan:
     """Return the plan of a run; later layers win: profile, scenario, params, ``everywhere``, settings.
 
     ``everywhere``: values for all nodes that declare them (``duration``, ``update_rate``).
     ``namespace``: of all nodes, empty or "/name"; relative node names in the files stand within it.
+    ``swaps``: who takes over when; they decide every controller's ``active.times``.
     Raises PlanError, ParameterFileError or ParameterError, each a line that says what to do.
     """
     if controller not in CONTROLLERS:
@@ -159,24 +184,68 @@ def make_plan(
     disturbance = _build("disturbance", layers, namespace)
     participants = ("effort_command", "disturbance") if disturbance.active else ("effort_command",)
     lockstep = simulator.lockstep
+    turns = turns_of(controller, swaps)
+    controllers = {
+        node: with_values(
+            _build(node, layers, namespace),
+            lockstep=lockstep,
+            **({"active_times": times} if swaps else {}),
+        )
+        for node, times in turns.items()
+    }
     return _checked(
         RunPlan(
             scenario=name,
             controller_name=controller,
             simulator=with_values(
-                simulator, wait_for=(*participants, "recorder") if lockstep else participants
+                simulator,
+                wait_for=(*participants, "recorder") if lockstep else participants,
+                controllers=tuple(turns) if swaps else (),
             ),
-            controller=with_values(_build(controller, layers, namespace), lockstep=lockstep),
+            controller=controllers.pop(controller),
+            successors=controllers,
             disturbance=disturbance if disturbance.active else None,
             recorder=with_values(
                 _build("recorder", layers, namespace),
-                controllers=(controller,),
+                controllers=tuple(turns),
                 scenario=name,
                 mode="lockstep" if lockstep else "real_time",
                 lockstep_topics=("ground_truth/joint_states", "joint_states", *participants),
             ),
             namespace=namespace,
         )
+    )
+
+
+def turns_of(first: str, swaps: Sequence[Swap]) -> dict[str, tuple[float, ...]]:
+    """Return each controller's ``active.times``, by name in the order of their first turns.
+
+    Raises PlanError for swaps that do not ascend in time, or that change nothing.
+    """
+    turns: dict[str, list[float]] = {first: [0.0]}
+    now, acting = 0.0, first
+    for time, name in swaps:
+        if time <= now:
+            raise PlanError(
+                f"--swap-at {time:g}:{name}: times must be above 0 and ascend; before it {now:g}"
+            )
+        if name == acting:
+            raise PlanError(f"--swap-at {time:g}:{name}: {name} acts at that time already")
+        turns[acting].append(time)
+        turns.setdefault(name, []).append(time)
+        now, acting = time, name
+    return {name: tuple(times) for name, times in turns.items()}
+
+
+def parse_swap(text: str) -> Swap:
+    """Return the swap that ``T:CONTROLLER`` stands for, T in s. Raises PlanError."""
+    time_text, colon, name = text.partition(":")
+    with suppress(ValueError):
+        time = float(time_text)
+        if colon and name in CONTROLLERS and isfinite(time):
+            return Swap(time, name)
+    raise PlanError(
+        f"--swap-at {text!r}: T:CONTROLLER is needed, T in s, CONTROLLER one of {', '.join(CONTROLLERS)}"
     )
 
 
@@ -215,25 +284,41 @@ def _source(node: str, name: str, layers: Sequence[Layer]) -> str:
 
 
 def _checked(plan: RunPlan) -> RunPlan:
-    plant, control = plan.simulator.update_rate, plan.controller.update_rate
-    if control > plant * (1.0 + 1e-9):
-        raise PlanError(
-            f"{plan.controller_name}: update_rate {control:g} Hz is above the simulator's {plant:g} Hz: "
-            "a controller answers states, and there are no more of them"
-        )
-    ratio = plant / control
-    if abs(ratio - round(ratio)) > 1e-6 * ratio:
-        raise PlanError(
-            f"{plan.controller_name}: update_rate {control:g} Hz is no integer divisor of the "
-            f"simulator's {plant:g} Hz: its period would not be a whole number of steps"
-        )
-    for joint in (plan.controller.joint, plan.controller.hip):
-        if joint is not None and joint not in plan.simulator.joints:
+    plant = plan.simulator.update_rate
+    for name, controller in plan.controllers.items():
+        control = controller.update_rate
+        if control > plant * (1.0 + 1e-9):
             raise PlanError(
-                f"{plan.controller_name}: joint {joint!r} is none of the simulator's "
-                f"joints: {', '.join(plan.simulator.joints)}"
+                f"{name}: update_rate {control:g} Hz is above the simulator's {plant:g} Hz: "
+                "a controller answers states, and there are no more of them"
             )
+        ratio = plant / control
+        if abs(ratio - round(ratio)) > 1e-6 * ratio:
+            raise PlanError(
+                f"{name}: update_rate {control:g} Hz is no integer divisor of the "
+                f"simulator's {plant:g} Hz: its period would not be a whole number of steps"
+            )
+        for joint in (controller.joint, controller.hip):
+            if joint is not None and joint not in plan.simulator.joints:
+                raise PlanError(
+                    f"{name}: joint {joint!r} is none of the simulator's "
+                    f"joints: {', '.join(plan.simulator.joints)}"
+                )
+    _check_turns(plan)
     return with_values(plan, warnings=tuple(_advice(plan)))
+
+
+def _check_turns(plan: RunPlan) -> None:
+    """Raise PlanError where not exactly one controller acts at each time of the run."""
+    end = plan.simulator.duration or inf
+    turns = {name: c.active_times_ns for name, c in plan.controllers.items()}
+    for time_ns in sorted({0, *(t for times in turns.values() for t in times)}):
+        acting = [name for name, times in turns.items() if active_at(times, time_ns)]
+        if len(acting) != 1 and seconds(time_ns) <= end:
+            raise PlanError(
+                f"active.times: {' and '.join(acting) or 'no controller'} would act at "
+                f"t = {seconds(time_ns):g} s: one at a time is needed, at each time"
+            )
 
 
 def _advice(plan: RunPlan) -> Iterable[str]:
@@ -242,17 +327,17 @@ def _advice(plan: RunPlan) -> Iterable[str]:
     ``Kd h < 2 m l^2 M / (M + m)``: the torque of one sample must not overturn the rate that it damps.
     """
     plant = plan.simulator.plant
-    controller = plan.controller
-    kd = controller.damping_gain
-    period = seconds(controller.period_ns)
     inertia = plant.trunk_mass * plant.length**2
     if not plant.prescribed:
         inertia *= plant.hip_mass / (plant.hip_mass + plant.trunk_mass)
-    bound = 2.0 * inertia / period
-    if kd > 0.5 * bound * (1.0 - 1e-9):
-        state = "beyond" if kd >= bound else "near"
-        yield (
-            f"kd = {kd:g} N m s/rad is {state} the bound {bound:g} of the sampled loop at "
-            f"{1.0 / period:g} Hz: results depend on the rate"
-            + ("; the loop is unstable" if kd >= bound else "")
-        )
+    for controller in plan.controllers.values():
+        kd = controller.damping_gain
+        period = seconds(controller.period_ns)
+        bound = 2.0 * inertia / period
+        if kd > 0.5 * bound * (1.0 - 1e-9):
+            state = "beyond" if kd >= bound else "near"
+            yield (
+                f"kd = {kd:g} N m s/rad is {state} the bound {bound:g} of the sampled loop at "
+                f"{1.0 / period:g} Hz: results depend on the rate"
+                + ("; the loop is unstable" if kd >= bound else "")
+            )

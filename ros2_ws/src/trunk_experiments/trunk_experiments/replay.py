@@ -7,10 +7,10 @@ taken on, so that one altered value shows as one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
-from trunk_control.controller import hip_index, hip_seen
+from trunk_control.controller import Answer, Seen, hip_index, hip_seen
 from trunk_msgs_util import topics
 from trunk_msgs_util.declarations import build
 from trunk_msgs_util.recording import Recording
@@ -21,6 +21,8 @@ from trunk_sim.simulation import DivergedError, Simulation
 from .bits import same
 from .nodes import NODES, make_controller
 from .timeline import Timeline, changes_of
+
+ACTIVE_CONTROLLERS = "active controllers"
 
 
 class Difference(NamedTuple):
@@ -76,34 +78,86 @@ def timeline_of(recording: Recording, node: str) -> Timeline:
     return Timeline(config_of(recording, node), changes_of(recording, node))
 
 
-def replay_controller(recording: Recording, node: str) -> Iterator[tuple[int, list[Difference]]]:
-    """Yield, for each recorded command, its stamp and what differs in it and in its terms.
+class DrivenController:
+    """A recorded controller, driven by its record: by the states, changes and turns that it had."""
 
-    In real time the states that the controller acted on are those that its commands answer.
+    def __init__(self, recording: Recording, node: str) -> None:
+        """Raise KeyError where its parameters were not recorded."""
+        self._states = Messages(recording, topics.JOINT_STATES)
+        self.terms = Messages(recording, topics.controller_state(node))
+        self.timeline = Timeline(
+            config_of(recording, node), changes_of(recording, node), self._seen
+        )
+        config = self.timeline.config
+        self.controller = make_controller(node, config)
+        if config.active_times or not config.autostart:
+            self.controller.deactivate()
+        self._index = self._states.names.index(config.joint)
+        self._hip = hip_index(config, self._states.names)
+
+    def _seen(self, stamp_ns: int) -> Seen | None:
+        if stamp_ns not in self._states:
+            return None
+        return Seen(stamp_ns, self._states.get(stamp_ns, "position")[self._index])
+
+    def state(self, stamp_ns: int) -> tuple[float, float] | None:
+        """Return the measured angle and rate at a stamp; None where that state was not recorded."""
+        if stamp_ns not in self._states:
+            return None
+        position, velocity = (self._states.get(stamp_ns, q) for q in ("position", "velocity"))
+        return position[self._index], velocity[self._index]
+
+    def turn(self, stamp_ns: int) -> bool:
+        """Come to a stamp; return True where the controller is active there."""
+        self.timeline.advance(stamp_ns, self.controller)
+        return self.controller.active
+
+    def answer(self, stamp_ns: int) -> Answer:
+        """Return the active controller's answer to a recorded state."""
+        positions, velocities, efforts = (
+            self._states.get(stamp_ns, q) for q in ("position", "velocity", "effort")
+        )
+        told = None
+        if self.timeline.config.reference_profile == "topic" and stamp_ns in self.terms:
+            told = self.terms.get(stamp_ns, "position")[0]
+        return self.controller.update(
+            stamp_ns,
+            positions[self._index],
+            velocities[self._index],
+            told,
+            hip_seen(self._hip, positions, velocities),
+            efforts[self._index],
+        )
+
+
+def replay_controllers(
+    recording: Recording, nodes: Sequence[str]
+) -> Iterator[tuple[str, int, list[Difference]]]:
+    """Yield, for each recorded command, who was to give it, its stamp, and what differs.
+
+    In real time the states that a controller acted on are those that its commands answer.
     """
-    timeline = timeline_of(recording, node)
-    config = timeline.config
-    controller = make_controller(node, config)
-    states = Messages(recording, topics.JOINT_STATES)
+    driven = {node: DrivenController(recording, node) for node in nodes}
     commands = Messages(recording, topics.EFFORT_COMMAND)
-    terms = Messages(recording, topics.controller_state(node))
-    index, hip = states.names.index(config.joint), hip_index(config, states.names)
-    from_topic = config.reference_profile == "topic"
     for stamp_ns in commands.stamps:
-        if stamp_ns not in states:
-            yield stamp_ns, [Difference(stamp_ns, topics.JOINT_STATES, "missing", 0.0, 0.0)]
+        active = [node for node, one in driven.items() if one.turn(stamp_ns)]
+        if len(active) != 1:
+            count = float(len(active))
+            yield "", stamp_ns, [Difference(stamp_ns, "", ACTIVE_CONTROLLERS, count, 1.0)]
             continue
-        timeline.advance(stamp_ns, controller)
-        positions, velocities = states.get(stamp_ns, "position"), states.get(stamp_ns, "velocity")
-        position = positions[index]
-        reference = terms.get(stamp_ns, "position")[0] if from_topic and stamp_ns in terms else None
-        seen = hip_seen(hip, positions, velocities)
-        answer = controller.update(stamp_ns, position, velocities[index], reference, seen)
-        found = list(commands.compare(stamp_ns, "effort", (answer.effort,)))
-        if answer.terms is not None and stamp_ns in terms:
-            values = (answer.reference, position, *answer.terms)
-            found += terms.compare(stamp_ns, "position", values)
-        yield stamp_ns, found
+        yield active[0], stamp_ns, _compared(commands, driven[active[0]], stamp_ns)
+
+
+def _compared(commands: Messages, driven: DrivenController, stamp_ns: int) -> list[Difference]:
+    state = driven.state(stamp_ns)
+    if state is None:
+        return [Difference(stamp_ns, topics.JOINT_STATES, "missing", 0.0, 0.0)]
+    answer = driven.answer(stamp_ns)
+    found = list(commands.compare(stamp_ns, "effort", (answer.effort,)))
+    if answer.terms is not None and stamp_ns in driven.terms:
+        values = (answer.reference, state[0], *answer.terms)
+        found += driven.terms.compare(stamp_ns, "position", values)
+    return found
 
 
 def replay_disturbance(recording: Recording) -> Iterator[tuple[int, list[Difference]]]:
@@ -132,6 +186,8 @@ def replay_plant(recording: Recording) -> Iterator[tuple[int, list[Difference]]]
     """
     timeline = timeline_of(recording, "simulator")
     simulation = Simulation(timeline.config)
+    fell = {event.stamp_ns for event in recording.events() if event.message == "fell"}
+    marked = "fall.angle" in recording.parameters()[recording.topic("simulator")]
     truth = Messages(recording, topics.GROUND_TRUTH)
     measured = Messages(recording, topics.JOINT_STATES)
     commands = Messages(recording, topics.EFFORT_COMMAND)
@@ -142,6 +198,9 @@ def replay_plant(recording: Recording) -> Iterator[tuple[int, list[Difference]]]
         sample = simulation.truth()
         for quantity in ("position", "velocity", "effort"):
             found += truth.compare(stamp_ns, quantity, getattr(sample, quantity))
+        if marked and simulation.falls_now != (stamp_ns in fell):
+            mark = float(stamp_ns in fell)
+            found.append(Difference(stamp_ns, topics.RUN_EVENTS, "fell", mark, 1.0 - mark))
         if found:
             _take_on(simulation, truth, stamp_ns)
         if stamp_ns in measured:

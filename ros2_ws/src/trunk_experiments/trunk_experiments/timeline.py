@@ -1,13 +1,18 @@
-"""What happened to a node during a run, as its record tells it: changes of parameters and resets."""
+"""What happened to a node during a run, as its record tells it: parameters, resets, turns."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from trunk_control.controller import Controller, Seen
 from trunk_msgs_util.declarations import Value, build, values_of
 from trunk_msgs_util.recording import Recording
+
+from .nodes import CONTROLLERS
+
+RESET, ACTIVATED, DEACTIVATED = "reset", "activated", "deactivated"
 
 
 @dataclass(frozen=True)
@@ -15,7 +20,8 @@ class Change:
     """What happened between two states: it takes effect on the first state after the stamp."""
 
     stamp_ns: int
-    values: Mapping[str, Value] | None  # None: a reset
+    values: Mapping[str, Value] | None  # of parameters; None: an event
+    event: str = RESET
 
 
 class Tunable(Protocol):
@@ -31,8 +37,15 @@ class Tunable(Protocol):
 class Timeline:
     """A node's configuration as the stamps go by."""
 
-    def __init__(self, config: Any, changes: Iterable[Change] = ()) -> None:
+    def __init__(
+        self,
+        config: Any,
+        changes: Iterable[Change] = (),
+        seen: Callable[[int], Seen | None] = lambda _stamp_ns: None,
+    ) -> None:
+        """``seen`` returns what a controller saw at a stamp, where it becomes active after it."""
         self.config = config
+        self._seen = seen
         self._changes = sorted(changes, key=lambda change: change.stamp_ns, reverse=True)
 
     def advance(self, stamp_ns: int, target: Tunable | None = None) -> bool:
@@ -40,27 +53,35 @@ class Timeline:
         applied = False
         while self._changes and self._changes[-1].stamp_ns < stamp_ns:
             applied = True
-            values = self._changes.pop().values
-            if values is not None:
-                self.config = build(type(self.config), {**values_of(self.config), **values})
+            change = self._changes.pop()
+            if change.values is not None:
+                self.config = build(type(self.config), {**values_of(self.config), **change.values})
                 if target is not None:
                     target.retune(self.config)
-            elif target is not None:
-                target.reset()
+            elif change.event == RESET:
+                if target is not None:
+                    target.reset()
+            elif isinstance(target, Controller):
+                if change.event == ACTIVATED:
+                    target.activate(self._seen(change.stamp_ns))
+                else:
+                    target.deactivate()
         return applied
 
 
 def changes_of(recording: Recording, node: str) -> list[Change]:
-    """Return a node's changes of parameters and resets."""
+    """Return a node's changes of parameters and resets, and a controller's turns."""
     name = recording.topic(node)
     changes = [
         Change(change.stamp_ns, change.changed)
         for change in recording.parameter_changes()
         if change.node == name
     ]
-    resets = [
-        Change(event.stamp_ns, None)
+    # The plant's own turns are pauses: simulated time stands still in them.
+    wanted = (RESET, ACTIVATED, DEACTIVATED) if node in CONTROLLERS else (RESET,)
+    events = [
+        Change(event.stamp_ns, None, event.message)
         for event in recording.events()
-        if event.node == name and event.message == "reset"
+        if event.node == name and event.message in wanted
     ]
-    return changes + resets
+    return changes + events

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -14,10 +14,11 @@ from trunk_msgs_util.units import seconds
 from .bits import ulps
 from .nodes import CONTROLLERS
 from .replay import (
+    ACTIVE_CONTROLLERS,
     Difference,
     Messages,
     config_of,
-    replay_controller,
+    replay_controllers,
     replay_disturbance,
     replay_plant,
 )
@@ -36,13 +37,17 @@ class Part:
     wrong_steps: int = 0
     first: list[Difference] = field(default_factory=list)
 
-    def check(self, replay: Iterator[tuple[int, list[Difference]]]) -> None:
+    def check(self, replay: Iterable[tuple[int, list[Difference]]]) -> None:
         """Take in all steps of a replay."""
         for _, found in replay:
-            self.steps += 1
-            if found:
-                self.wrong_steps += 1
-                self.first = self.first or found
+            self.take(found)
+
+    def take(self, found: list[Difference]) -> None:
+        """Take in one step."""
+        self.steps += 1
+        if found:
+            self.wrong_steps += 1
+            self.first = self.first or found
 
 
 @dataclass
@@ -74,6 +79,9 @@ def describe(difference: Difference) -> str:
     """Return a difference as one line: where, both values, how far apart."""
     if difference.field == "missing":
         return f"t = {seconds(difference.stamp_ns):g} s: {difference.topic}: no message with this stamp"
+    if difference.field == ACTIVE_CONTROLLERS:
+        count = f"{difference.recorded:.0f} controllers are active by the run's events"
+        return f"t = {seconds(difference.stamp_ns):g} s: {count}, 1 gave a command"
     distance = ulps(difference.recorded, difference.computed)
     return (
         f"t = {seconds(difference.stamp_ns):g} s: {difference.topic}: {difference.field}: "
@@ -94,11 +102,12 @@ def verify(recording: Recording) -> Verdict:
     mode = recording.provenance.get("mode", "")
     if not mode:
         verdict.obstacles.append("no provenance: the mode of the run is not known")
-    controller = recording.controller
-    if controller is None or controller not in CONTROLLERS:
-        verdict.obstacles.append(f"no known controller's state is recorded (found: {controller})")
+    controllers = recording.controllers
+    if not controllers or not set(controllers) <= set(CONTROLLERS):
+        found = ", ".join(controllers) or "none"
+        verdict.obstacles.append(f"no known controller's state is recorded (found: {found})")
         return verdict
-    nodes = {controller, "simulator"} | (
+    nodes = {*controllers, "simulator"} | (
         {"disturbance"} if _count(recording, topics.DISTURBANCE) else set()
     )
     missing = nodes - {name.rsplit("/", 1)[-1] for name in recording.parameters()}
@@ -109,7 +118,7 @@ def verify(recording: Recording) -> Verdict:
     try:
         period_ns = config_of(recording, "simulator").period_ns
         verdict.obstacles += _gaps(recording, period_ns, exact_time)
-        _recompute(recording, controller, exact_time, verdict)
+        _recompute(recording, controllers, exact_time, verdict)
     except ParameterError as error:
         verdict.obstacles.append(f"recorded parameters cannot be used: {error}")
     if not exact_time:
@@ -120,8 +129,13 @@ def verify(recording: Recording) -> Verdict:
     return verdict
 
 
-def _recompute(recording: Recording, controller: str, exact: bool, verdict: Verdict) -> None:
-    replays = {f"commands of {controller}": replay_controller(recording, controller)}
+def _recompute(recording: Recording, controllers: list[str], exact: bool, verdict: Verdict) -> None:
+    parts = {name: Part(f"commands of {name}") for name in controllers}
+    nobodys = Part("commands without one active controller")
+    for name, _, found in replay_controllers(recording, controllers):
+        parts.get(name, nobodys).take(found)
+    verdict.parts += [*parts.values(), *([nobodys] if nobodys.steps else [])]
+    replays = {}
     if _count(recording, topics.DISTURBANCE):
         replays["disturbances"] = replay_disturbance(recording)
     if exact:

@@ -1,10 +1,11 @@
-"""What every node of the project shares: parameters, run events, diagnostics, an orderly life and end."""
+"""What every node of the project shares: parameters, run events, diagnostics, a managed life, an end."""
 
 from __future__ import annotations
 
 import signal
 import sys
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable, Mapping
 from types import FrameType
@@ -16,18 +17,21 @@ from rcl_interfaces.msg import ParameterEvent
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.logging import LoggingSeverity, set_logger_level
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 
 from . import middleware, qos, topics
+from .config import ManagedConfig
 from .conversions import status_to_ros
 from .declarations import ParameterError, values_of
 from .executor import LoopExecutor
 from .parameters import NodeParameters
 
-Config = TypeVar("Config")
+RCLError = rclpy_implementation.RCLError
+Config = TypeVar("Config", bound=ManagedConfig)
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -35,8 +39,11 @@ _ACKNOWLEDGE_S = 1.0
 _DRAIN_S = 0.7
 
 
-class TrunkNode(Node, Generic[Config]):
-    """A node with a checked configuration, which tells the run's record what happens to it.
+class TrunkNode(LifecycleNode, Generic[Config]):
+    """A managed node with a checked configuration, which tells the run's record what happens to it.
+
+    Parameters, run events and diagnostics are there from the beginning; a subclass fills in `set_up`,
+    `activate`, `deactivate` and `tear_down`, which ROS 2's transitions call.
 
     ``run_stamp_ns`` is the stamp of the last state that the node dealt with; events and changes of
     parameters carry it. A change applies from the first state with a greater stamp on.
@@ -45,6 +52,11 @@ class TrunkNode(Node, Generic[Config]):
     def __init__(self, name: str, config_class: type[Config]) -> None:
         """Declare and check the parameters. Raises ParameterError."""
         super().__init__(name)
+        self.configured = False
+        self.active = False
+        self._refusal: ParameterError | None = None
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
         self.run_stamp_ns = -1  # before the first state
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.counters: Counter[str] = Counter()
@@ -60,6 +72,109 @@ class TrunkNode(Node, Generic[Config]):
         self._diagnostics_topic = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._parameters_topic.publish(self._parameters_set.event(0))
         self._diagnostics_timer = self.every(1.0, self._publish_diagnostics)
+        self._permanent = {id(entity) for entity in self._entities()}
+
+    # A managed node's life. What a subclass has to do at each transition:
+
+    def set_up(self) -> None:
+        """Make topics, services, files: from unconfigured to inactive. Raises ParameterError."""
+
+    def activate(self) -> None:
+        """Begin, or go on."""
+
+    def deactivate(self) -> None:
+        """Hold; what is there is kept."""
+
+    def tear_down(self) -> None:
+        """Give up what `set_up` made; topics, services and timers go by themselves."""
+
+    def starts_active(self) -> bool:
+        """Return True where a node that starts by itself is active at once."""
+        return True
+
+    def autostart(self) -> None:
+        """Configure and activate, where the parameter ``autostart`` says so. Raises ParameterError."""
+        if not self.config.autostart:
+            self.get_logger().info("unconfigured: autostart is false")
+            return
+        if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
+            if self._refusal is not None:
+                raise self._refusal
+        elif self.starts_active():
+            self.trigger_activate()
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Set up; a parameter that does not allow it leaves the node unconfigured."""
+        done = self._transition(self.set_up)
+        if done == TransitionCallbackReturn.SUCCESS:
+            self.configured = True
+            self.event("configured")
+        return done
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin, and put it on the run's record."""
+        self.active = True
+        self.event("activated")
+        return self._transition(self.activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Hold, and put it on the run's record."""
+        self.active = False
+        self.event("deactivated")
+        return self._transition(self.deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Give up everything but the parameters."""
+        self.configured = False
+        return self._transition(self._clean_up)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """End the node's process in order, as SIGINT does."""
+        if self.exit_code is None:
+            self.stopping()
+            self.exit_code = 0
+        return TransitionCallbackReturn.SUCCESS
+
+    def _on_change_state(self, request: Any, response: Any) -> Any:
+        """Refuse a transition that the present state does not have; rclpy would raise and end the node."""
+        self._refusal = None
+        try:
+            response = self._change_state(request, response)
+        except RCLError as error:
+            self.get_logger().warning(f"transition refused: {' '.join(str(error).split())}")
+            response.success = False
+        if self._refusal is not None:
+            self.get_logger().error(str(self._refusal))
+        return response
+
+    def _transition(self, action: Callable[[], None]) -> TransitionCallbackReturn:
+        try:
+            action()
+        except ParameterError as error:
+            self._refusal = error
+            return TransitionCallbackReturn.FAILURE
+        except Exception:  # rclpy would swallow it
+            self.get_logger().fatal(traceback.format_exc())
+            self.exit_code = EXIT_FAILED
+            return TransitionCallbackReturn.ERROR
+        return TransitionCallbackReturn.SUCCESS
+
+    def _entities(self) -> list[Any]:
+        return [*self.publishers, *self.subscriptions, *self.services, *self.timers]
+
+    def _clean_up(self) -> None:
+        self.tear_down()
+        self.counters.clear()
+        made: list[tuple[list[Any], Callable[[Any], bool]]] = [
+            (list(self.timers), self.destroy_timer),
+            (list(self.services), self.destroy_service),
+            (list(self.subscriptions), self.destroy_subscription),
+            (list(self.publishers), self.destroy_publisher),
+        ]
+        for entities, destroy in made:
+            for entity in entities:
+                if id(entity) not in self._permanent:
+                    destroy(entity)
 
     def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
         """Call back periodically by the steady clock: simulated time must not drive what makes it."""
@@ -73,11 +188,11 @@ class TrunkNode(Node, Generic[Config]):
     def _on_parameters(self, old: Config, new: Config) -> None:
         before, after = values_of(old), values_of(new)
         changed = {name: value for name, value in after.items() if value != before[name]}
-        self.configure(new)
+        self.retune(new)
         if changed:
             self._parameters_topic.publish(self._parameters_set.event(self.run_stamp_ns, changed))
 
-    def configure(self, config: Config) -> None:
+    def retune(self, config: Config) -> None:
         """Take a changed configuration; called between two callbacks."""
 
     def diagnostics(self) -> Mapping[str, object]:
@@ -106,7 +221,8 @@ class TrunkNode(Node, Generic[Config]):
         return False
 
     def _publish_diagnostics(self) -> None:
-        values = {**self.diagnostics(), **self.counters}
+        state = "active" if self.active else "inactive" if self.configured else "unconfigured"
+        values = {"lifecycle": state, **self.diagnostics(), **self.counters}
         level = DiagnosticStatus.WARN if self.counters else DiagnosticStatus.OK
         message = ", ".join(f"{name} {count}" for name, count in self.counters.items()) or "ok"
         self._diagnostics_topic.publish(
@@ -163,7 +279,10 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
         for name, create in creators.items():
             program = name
             nodes.append(create())
+            nodes[-1].autostart()
     except ParameterError as error:
+        for node in reversed(nodes):
+            node.close()
         rclpy.try_shutdown()
         return _usage_error(program, str(error))
     executor = LoopExecutor(linger_s=min(node.linger_s for node in nodes))

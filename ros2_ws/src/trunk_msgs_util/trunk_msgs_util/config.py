@@ -1,4 +1,4 @@
-"""Every parameter of the recorder, declared once."""
+"""What every node declares, and every parameter of the recorder, declared once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,19 @@ from .declarations import parameter
 
 
 @dataclass(frozen=True)
-class RecorderConfig:
+class ManagedConfig:
+    """What every node declares: all are managed (lifecycle) nodes."""
+
+    autostart: bool = parameter(
+        "autostart",
+        True,
+        "Configure and activate at start; false: wait for someone to do it, as with `ros2 lifecycle set`",
+        fixed=True,
+    )
+
+
+@dataclass(frozen=True)
+class RecorderConfig(ManagedConfig):
     """Parameters of the ``recorder`` node."""
 
     output: str = parameter(

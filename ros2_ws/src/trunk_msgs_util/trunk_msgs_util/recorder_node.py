@@ -44,7 +44,21 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def __init__(self) -> None:
         super().__init__("recorder", RecorderConfig)
+        self._writer: RecordingWriter | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        self._last_message = time.monotonic()
+        self._end: RunEvent | None = None
+        self._counts: Counter[str] = Counter()
+        self._written_ns = dict.fromkeys(self.config.lockstep_topics, -1)
+        self._told_ns = -1
+        self._subscribed = False
+
+    def set_up(self) -> None:
+        """Open the file. Raises ParameterError where it cannot be written, or is there already."""
         config = self.config
+        self._forget()
         self._path = Path(
             config.output or time.strftime("trunk_%Y%m%dT%H%M%SZ.mcap", time.gmtime())
         )
@@ -52,9 +66,19 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             self._writer = RecordingWriter(
                 self._path, compression=config.compression, overwrite=config.overwrite
             )
+            self._begin_file(self._writer)
         except OSError as error:
             raise ParameterError("output", str(self._path), f"a file to write ({error})") from None
-        self._writer.add_metadata(
+        self._progress = self.create_publisher(JointState, topics.RECORDER_PROGRESS, qos.evidence())
+        self._flush_timer = self.every(config.flush_interval, self._flush)
+        if config.lockstep:
+            self.linger_s = _LINGER_S
+            self._progress_timer = self.every(0.02, self._tell_progress)
+        self.get_logger().info(f"recording to {self._path}")
+
+    def _begin_file(self, writer: RecordingWriter) -> None:
+        config = self.config
+        writer.add_metadata(
             PROVENANCE,
             provenance.gather(
                 scenario=config.scenario,
@@ -63,34 +87,37 @@ class RecorderNode(TrunkNode[RecorderConfig]):
                 rmw=get_rmw_implementation_identifier(),
             ),
         )
-        self._last_message = time.monotonic()
-        self._end: RunEvent | None = None
-        self._counts: Counter[str] = Counter()
-        self._written_ns = dict.fromkeys(config.lockstep_topics, -1)
-        self._told_ns = -1
-        self._progress = self.create_publisher(JointState, topics.RECORDER_PROGRESS, qos.evidence())
-        for topic, type_name in topics.evidence_types(config.controllers).items():
-            self._subscribe(topic, type_name)
-        self._writer.flush()
-        self._flush_timer = self.every(config.flush_interval, self._flush)
-        if config.lockstep:
-            self.linger_s = _LINGER_S
-            self._progress_timer = self.every(0.02, self._tell_progress)
-        self.event("ready", answers="recorder")
-        self.get_logger().info(f"recording to {self._path}")
+        self._channels = {
+            topic: writer.channel(self.resolve_topic_name(topic), type_name)
+            for topic, type_name in topics.evidence_types(config.controllers).items()
+        }
+        writer.flush()
+
+    def activate(self) -> None:
+        """Subscribe, at the first time: what was said before comes too, from the publishers' history."""
+        if not self._subscribed:
+            self._subscribed = True
+            for topic, type_name in topics.evidence_types(self.config.controllers).items():
+                self._subscribe(topic, type_name)
+            self.event("ready", answers="recorder")
+
+    def tear_down(self) -> None:
+        """Finish the file."""
+        self._finish()
 
     def _subscribe(self, topic: str, type_name: str) -> None:
-        channel = self._writer.channel(self.resolve_topic_name(topic), type_name)
         profile = (
             qos.run_information()
             if topic in (topics.RUN_PARAMETERS, topics.RUN_EVENTS)
             else qos.evidence()
         )
         self.create_subscription(
-            _MESSAGES[type_name], topic, self._callback(topic, channel), profile, raw=True
+            _MESSAGES[type_name], topic, self._callback(topic), profile, raw=True
         )
 
-    def _callback(self, topic: str, channel: int) -> Callable[[bytes], None]:
+    def _callback(self, topic: str) -> Callable[[bytes], None]:
+        writer, channel = self._writer, self._channels[topic]
+        assert writer is not None  # for the type: `set_up` made it
         on_message = {
             topics.RUN_EVENTS: self._on_event,
             topics.GROUND_TRUTH: self._on_truth,
@@ -101,8 +128,11 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             sec, nanosec = _STAMP.unpack_from(data, 4)
             stamp_ns = sec * NANOSECONDS + nanosec
             log_time = max(stamp_ns, 0) if lockstep else time.time_ns()
+            if not self.active:
+                self.counters["messages not recorded while inactive"] += 1
+                return
             try:
-                self._writer.write(channel, log_time, log_time, data)
+                writer.write(channel, log_time, log_time, data)
             except OSError as error:
                 self._disk_failed(error)
                 return
@@ -133,7 +163,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def _flush(self) -> None:
         try:
-            self._writer.flush()
+            if self._writer is not None:
+                self._writer.flush()
         except OSError as error:
             self._disk_failed(error)
 
@@ -143,6 +174,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def diagnostics(self) -> dict[str, object]:
         """Return what is written, and where."""
+        if self._writer is None:
+            return {"messages": 0}
         return {"file": self._path, "messages": self._counts.total()}
 
     def draining(self) -> bool:
@@ -167,13 +200,19 @@ class RecorderNode(TrunkNode[RecorderConfig]):
                 return False, f"{topic}: {self._counts[topic]} of {states} messages were recorded"
         return True, reason
 
-    def close(self) -> None:
-        """Take in what is under way, finish the file, then end."""
+    def _finish(self) -> None:
+        if self._writer is None:
+            return
         complete, reason = self.verdict()
         try:
             self._writer.finish(complete=complete, reason=reason)
         except OSError as error:
             self._disk_failed(error)
+        self._writer = None
+
+    def close(self) -> None:
+        """Take in what is under way, finish the file, then end."""
+        self._finish()
         super().close()
 
 

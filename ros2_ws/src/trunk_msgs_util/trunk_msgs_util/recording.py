@@ -170,13 +170,30 @@ class Recording:
     @property
     def controller(self) -> str | None:
         """The node whose ``~/state`` was recorded; of several the one with most messages."""
+        counts = self._controllers()
+        return max(counts, key=lambda name: counts[name], default=None)
+
+    @property
+    def controllers(self) -> list[str]:
+        """All nodes whose ``~/state`` was recorded, in the order in which the run was planned."""
+        counts = self._controllers()
+        planned = self.provenance.get("controller", "").split()
+        return sorted(
+            counts, key=lambda name: planned.index(name) if name in planned else len(planned)
+        )
+
+    def _controllers(self) -> dict[str, int]:
         prefix, suffix = self.topic(""), "/state"
-        counts = {
+        return {
             name.removeprefix(prefix).removesuffix(suffix): topic.count
             for name, topic in self.topics.items()
             if topic.count and name.startswith(prefix) and name.endswith(suffix)
         }
-        return max(counts, key=lambda name: counts[name], default=None)
+
+    @property
+    def fell_at_ns(self) -> int | None:
+        """When the trunk fell, by the run's events; None where they do not say so."""
+        return next((e.stamp_ns for e in self.events() if e.message == "fell"), None)
 
     def blocks(self, topics: Iterable[str]) -> Iterator[dict[str, Messages]]:
         """Yield the messages of some topics, block by block in the file's order.

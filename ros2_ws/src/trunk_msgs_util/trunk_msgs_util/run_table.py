@@ -11,7 +11,7 @@ import numpy as np
 from . import topics
 from .joint_arrays import Floats, Integers
 from .recording import Recording, RecordingError
-from .series import joint_names, read_series
+from .series import in_turn, joint_names, read_series
 from .units import NANOSECONDS
 
 CSV_COLUMNS = (
@@ -64,7 +64,9 @@ class RunTable:
         hip, trunk = _joints(recording, truth_topic)
         measured_topic = recording.topic(topics.JOINT_STATES)
         command_topic = recording.topic(topics.EFFORT_COMMAND)
-        state_topic = recording.topic(topics.controller_state(recording.controller or ""))
+        state_topics = [
+            recording.topic(topics.controller_state(name)) for name in recording.controllers
+        ]
         held = [name for name in _HELD if name in only]
         found = read_series(
             recording,
@@ -78,16 +80,17 @@ class RunTable:
                 ],
                 command_topic: [("effort", trunk)],
                 **({measured_topic: [("position", trunk)]} if "theta_measured" in only else {}),
-                **({state_topic: [("position", name) for name in held]} if held else {}),
+                **{topic: [("position", name) for name in held] for topic in state_topics if held},
             },
         )
         truth = found[truth_topic]
         at = truth.stamp_ns
         nothing = np.broadcast_to(np.nan, at.shape)
         columns = dict.fromkeys(("theta_measured", *_HELD), nothing)
-        for name in held:
-            state = found[state_topic]
-            columns[name] = _held(at, state.stamp_ns, state.column("position", name))
+        if held and state_topics:
+            state = in_turn([found.pop(topic) for topic in state_topics])
+            for name in held:
+                columns[name] = _held(at, state.stamp_ns, state.column("position", name))
         if measured_topic in found:
             measured = found[measured_topic]
             values = measured.column("position", trunk)

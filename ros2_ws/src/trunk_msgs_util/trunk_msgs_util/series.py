@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -53,6 +53,20 @@ def read_series(
                     f"{recording.path}: {topic} cannot be read as JointState: {error}"
                 ) from None
     return {topic: series.pop(topic).ordered() for topic in list(series)}
+
+
+def in_turn(series: Sequence[Series]) -> Series:
+    """Return what several topics with the same columns say, as one by rising stamps."""
+    if len(series) == 1:
+        return series[0]
+    stamp_ns, rows = np.unique(np.concatenate([s.stamp_ns for s in series]), return_index=True)
+    return Series(
+        stamp_ns,
+        {
+            column: np.concatenate([s.columns[column] for s in series])[rows]
+            for column in series[0].columns
+        },
+    )
 
 
 def joint_names(recording: Recording, topic: str) -> tuple[str, ...]:

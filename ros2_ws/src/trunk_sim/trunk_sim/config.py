@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf, pi
 
+from trunk_msgs_util.config import ManagedConfig
 from trunk_msgs_util.declarations import ParameterError, parameter
 from trunk_msgs_util.units import nanoseconds, period_ns
 
@@ -38,7 +39,7 @@ def update_rate_parameter() -> float:
 
 
 @dataclass(frozen=True)
-class SimulatorConfig:
+class SimulatorConfig(ManagedConfig):
     """Parameters of the ``simulator`` node."""
 
     update_rate: float = update_rate_parameter()
@@ -180,6 +181,24 @@ class SimulatorConfig:
         element=str,
         choices=("effort_command", "disturbance", "recorder"),
         fixed=True,
+    )
+    controllers: tuple[str, ...] = parameter(
+        "controllers",
+        (),
+        "Controllers that take turns: all must be ready at the first state; empty: one, of any name",
+        element=str,
+        fixed=True,
+    )
+    fall_angle: float = parameter(
+        "fall.angle",
+        pi / 2.0,
+        "Beyond this angle, either way, the trunk has fallen: the run is marked",
+        unit="rad",
+        above=0.0,
+        unbounded=True,
+    )
+    fall_stop: bool = parameter(
+        "fall.stop", False, "Finish the run when the trunk has fallen", fixed=True
     )
     lockstep: bool = parameter(
         "lockstep.enabled",

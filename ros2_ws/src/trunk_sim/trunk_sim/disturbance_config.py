@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import pi
 
+from trunk_msgs_util.config import ManagedConfig
 from trunk_msgs_util.declarations import ParameterError, parameter
 from trunk_msgs_util.units import nanoseconds, period_ns
 
@@ -13,7 +14,7 @@ from .disturbances import CHANNELS, Signals, noise_components
 
 
 @dataclass(frozen=True)
-class DisturbanceConfig:
+class DisturbanceConfig(ManagedConfig):
     """Parameters of the ``disturbance`` node. Each signal acts on the channel that it names."""
 
     update_rate: float = update_rate_parameter()

@@ -22,26 +22,33 @@ class DisturbanceNode(TrunkNode[DisturbanceConfig]):
     def __init__(self) -> None:
         super().__init__("disturbance", DisturbanceConfig)
         self._read = WireReader()
+        self.retune(self.config)
+
+    def set_up(self) -> None:
+        """Listen for states."""
         self._sent_ns = -1
-        self.configure(self.config)
         self._publisher = self.create_publisher(JointState, topics.DISTURBANCE, qos.evidence())
         self._subscription = self.create_subscription(
             JointState, topics.GROUND_TRUTH, self._on_state, qos.control(), raw=True
         )
         self._ready_timer = self.every(0.02, self._announce)
 
-    def configure(self, config: DisturbanceConfig) -> None:
+    def retune(self, config: DisturbanceConfig) -> None:
         """Take changed signals; they act from the next stamp on."""
         self._signals = config.signals
         self._period_ns = config.period_ns
 
     def _announce(self) -> None:
-        """Say ready once the simulator is matched in both directions."""
+        """Say ready once it is active and the simulator is matched in both directions."""
+        if not self.active:
+            return
         if self._publisher.get_subscription_count() and self._subscription.get_publisher_count():
             self._ready_timer.cancel()
             self.event("ready", answers=topics.DISTURBANCE)
 
     def _on_state(self, data: bytes) -> None:
+        if not self.active:
+            return
         stamp_ns = self._read(data).stamp_ns
         if stamp_ns < 0:
             self.counters["states malformed"] += 1

@@ -35,9 +35,11 @@ class Simulation:
         self.step_index = 0
         self.applied_effort = 0.0  # N m, over the step before
         self.state: PlantState = config.initial_state
+        self.fell_ns: int | None = None  # stamp of the first state beyond the fall's angle
         self._noise = NoiseStream(config.seed)
         self._delay = DelayLine(config.delay_steps)
         self.retune(config)
+        self._note_fall()
 
     def retune(self, config: SimulatorConfig) -> None:
         """Take new plant, sensor or limit parameters; the state stays."""
@@ -106,9 +108,26 @@ class Simulation:
         self.state = state
         self.applied_effort = torque
         self.step_index += 1
+        self._note_fall()
+
+    def _note_fall(self) -> None:
+        if self.fell_ns is None and abs(self.state.theta) > self.config.fall_angle:
+            self.fell_ns = self.stamp_ns
+
+    @property
+    def falls_now(self) -> bool:
+        """True at the state with which the trunk has fallen."""
+        return self.fell_ns == self.stamp_ns
+
+    @property
+    def ended_by_fall(self) -> bool:
+        """True where the run is to be finished because the trunk has fallen."""
+        return self.config.fall_stop and self.fell_ns is not None
 
     def reset(self) -> None:
         """Put the plant back to its initial state. Time goes on: stamps never run back."""
         self.state = self.config.initial_state
         self.applied_effort = 0.0
+        self.fell_ns = None
         self._delay.clear()
+        self._note_fall()

@@ -6,7 +6,7 @@ import time
 from collections import deque
 from math import isfinite
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
@@ -19,13 +19,10 @@ from trunk_msgs_util.units import seconds, step_count
 from .config import SimulatorConfig
 from .disturbances import Disturbance
 from .pacing import LockstepPacing, Pacing, RealTimePacing
+from .participants import Participants
 from .simulation import DivergedError, Simulation
 
-# A participant that says nothing of itself (another project's controller) is taken as ready when it has
-# been matched for this long.
-_MATCHED_S = 1.0
 _LOCKSTEP_TICK_S = 0.05
-_STRANGER_S = 3.0
 _DOUBLED = ("late answers ignored", "doubled answers ignored", "commands out of order")
 
 
@@ -34,26 +31,45 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
 
     def __init__(self) -> None:
         super().__init__("simulator", SimulatorConfig)
+        self._read_command = WireReader()
+        self._read_disturbance = WireReader()
+        self._read_progress = WireReader()
+        self._forget()
+
+    def _forget(self) -> None:
         config = self.config
         self._simulation = Simulation(config)
         self._steps = step_count(config.duration, config.update_rate) if config.duration else None
-        self._ready: dict[str, str] = {}  # topic -> node that answers on it
-        self._matched_since: dict[str, float] = {}
         self._waiting_logged = time.monotonic()
-        self._strange_since: float | None = None
         self._running = False
         self._truth_published = False
         self._disturbances: deque[tuple[int, Disturbance]] = deque()
         self._disturbance = Disturbance()
-        self._read_command = WireReader()
-        self._read_disturbance = WireReader()
-        self._read_progress = WireReader()
         self._diagnosed = (time.monotonic(), 0)
         self._pacing = self._make_pacing(config)
-        self._create_topics(config)
+
+    def set_up(self) -> None:
+        """Put the plant into its initial state and open the topics."""
+        self._forget()
+        self.run_stamp_ns = -1
+        self._create_topics(self.config)
         self._start_timer = self.every(0.02, self._try_start)
-        self._step_timer = self.every(self._tick_period(config), self._tick)
+        self._start_timer.cancel()
+        self._step_timer = self.every(self._tick_period(self.config), self._tick)
         self._step_timer.cancel()
+
+    def activate(self) -> None:
+        """Wait for the participants and begin; or go on where the run was held."""
+        if self._running:
+            self._hold(False)
+        else:
+            self._start_timer.reset()
+
+    def deactivate(self) -> None:
+        """Hold the run, or the wait for it: the plant stands still."""
+        self._start_timer.cancel()
+        if self._running:
+            self._hold(True)
 
     def _make_pacing(self, config: SimulatorConfig) -> Pacing:
         if not config.lockstep:
@@ -90,8 +106,16 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._disturbance_topic = self.create_subscription(
             JointState, topics.DISTURBANCE, self._on_disturbance, qos.control(), raw=True
         )
+        self._participants = Participants(
+            self,
+            config,
+            {
+                topics.EFFORT_COMMAND: self._commands,
+                topics.DISTURBANCE: self._disturbance_topic,
+            },
+        )
         self.create_subscription(
-            DiagnosticArray, topics.RUN_EVENTS, self._on_event, qos.run_information()
+            DiagnosticArray, topics.RUN_EVENTS, self._participants.hear, qos.run_information()
         )
         if config.lockstep and "recorder" in config.wait_for:
             self.create_subscription(
@@ -104,7 +128,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
 
-    def configure(self, config: SimulatorConfig) -> None:
+    def retune(self, config: SimulatorConfig) -> None:
         """Take changed constants; they act from the next step on."""
         self._simulation.retune(config)
         if isinstance(self._pacing, RealTimePacing):
@@ -112,33 +136,8 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
 
     # Start: hold state 0 until every participant is matched in both directions.
 
-    def _on_event(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            if status.message == "ready":
-                self._ready.update(
-                    {v.value: status.name for v in status.values if v.key == "answers"}
-                )
-
-    def _missing(self) -> list[str]:
-        now = time.monotonic()
-        subscriptions = {
-            topics.EFFORT_COMMAND: self._commands,
-            topics.DISTURBANCE: self._disturbance_topic,
-        }
-        missing = []
-        for name in self.config.wait_for:
-            subscription = subscriptions.get(name)
-            if subscription is None or subscription.get_publisher_count() == 0:
-                self._matched_since.pop(name, None)
-                waited = 0.0
-            else:
-                waited = now - self._matched_since.setdefault(name, now)
-            if name not in self._ready and waited < _MATCHED_S:
-                missing.append(name)
-        return missing
-
     def _try_start(self) -> None:
-        missing = self._missing()
+        missing = self._participants.missing()
         if missing:
             if time.monotonic() - self._waiting_logged > 5.0:
                 self._waiting_logged = time.monotonic()
@@ -149,7 +148,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
             self._truth_published = True
         if topics.DISTURBANCE in self.config.wait_for and not self._disturbances:
             return  # the first measurement carries its disturbance too
-        if self._strangers():
+        if self._participants.unsettled():
             return
         self._start_timer.cancel()
         if not self._only_one_controller():
@@ -158,30 +157,16 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._started = time.monotonic()
         self.event("started", rate=self.config.update_rate)
         self._publish_measured()
+        self._say_fall()
         self._step_timer.reset()
         self._pacing.begin(time.monotonic_ns())
 
-    def _strangers(self) -> bool:
-        """Return True, for a bounded time, while a publisher of commands is discovered but not its node."""
-        unnamed = any(
-            p.node_name == "_NODE_NAME_UNKNOWN_"
-            for p in self.get_publishers_info_by_topic(self._commands.topic_name)
-        )
-        now = time.monotonic()
-        if not unnamed:
-            self._strange_since = None
-            return False
-        if self._strange_since is None:
-            self._strange_since = now
-        return now - self._strange_since < _STRANGER_S
-
     def _only_one_controller(self) -> bool:
-        publishers = self.get_publishers_info_by_topic(self._commands.topic_name)
-        if len(publishers) <= 1 or self._strangers():
+        acting = self._participants.acting()
+        if len(acting) <= 1 or self._participants.unnamed():
             return True
-        names = sorted(f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers)
         self.fail(
-            f"{len(publishers)} nodes publish {self._commands.topic_name}: {', '.join(names)}; "
+            f"{len(acting)} nodes publish {self._commands.topic_name}: {', '.join(acting)}; "
             "one controller at a time: stop the others"
         )
         return False
@@ -201,7 +186,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
     @property
     def at_end(self) -> bool:
         """True where the published state is the run's last."""
-        return self._simulation.step_index == self._steps
+        return self._simulation.step_index == self._steps or self._simulation.ended_by_fall
 
     def advance(self, effort: float) -> None:
         """Step with this effort and publish the new state; a plant that diverges ends the run."""
@@ -212,11 +197,13 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
             return
         self._publish_measured()
         self._publish_truth()
+        self._say_fall()
 
     def finish(self) -> None:
         """End the run: the last state is answered."""
         self._step_timer.cancel()
-        self._say_finished("finished", "finished")
+        fell = self._simulation.ended_by_fall
+        self._say_finished("finished", "the trunk has fallen" if fell else "finished")
         wall = time.monotonic() - self._started
         steps = self._simulation.step_index
         self.get_logger().info(f"finished: {steps} steps in {wall:.6f} s of wall time")
@@ -235,7 +222,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
 
     def participant(self, topic: str) -> str:
         """Return who answers on a topic, for people."""
-        return f"{self._ready.get(topic, 'anyone')} ({topic})"
+        return self._participants.describe(topic)
 
     def _tick(self) -> None:
         if self.exit_code is None:
@@ -252,6 +239,14 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
 
     def _publish_truth(self) -> None:
         self._truth.publish(sample_to_wire(self._simulation.truth()))
+
+    def _say_fall(self) -> None:
+        if self._simulation.falls_now:
+            angle = self._simulation.state.theta
+            self.event("fell", DiagnosticStatus.WARN, angle=angle, limit=self.config.fall_angle)
+            self.get_logger().warning(
+                f"the trunk fell at t = {seconds(self.stamp_ns):g} s: angle {angle:.3g} rad"
+            )
 
     def _say_finished(self, message: str, reason: str) -> None:
         self.event(message, reason=reason, states=self._simulation.step_index + 1)
@@ -308,16 +303,19 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        pacing = self._pacing
-        if self._running and request.data != pacing.paused:
-            self.event("paused" if request.data else "resumed")
-            if request.data:
-                pacing.paused = True
-            else:
-                pacing.begin(time.monotonic_ns())
+        if self._running and self.active:
+            self._hold(request.data)
         response.success = self._running
         response.message = self._state()
         return response
+
+    def _hold(self, hold: bool) -> None:
+        if hold != self._pacing.paused:
+            self.event("paused" if hold else "resumed")
+            if hold:
+                self._pacing.paused = True
+            else:
+                self._pacing.begin(time.monotonic_ns())
 
     def _state(self) -> str:
         if not self._running:

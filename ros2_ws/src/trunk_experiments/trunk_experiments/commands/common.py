@@ -14,7 +14,7 @@ from trunk_msgs_util.declarations import ParameterError
 from trunk_msgs_util.parameter_files import ParameterFileError
 
 from ..nodes import CONTROLLERS
-from ..plan import PlanError, RunPlan, make_plan
+from ..plan import PlanError, RunPlan, make_plan, parse_swap
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -71,6 +71,13 @@ def plan_options(function: Function, required: bool = True) -> Function:
             metavar="NODE.PARAM=VALUE",
             help="One value over all files; repeatable.",
         ),
+        click.option(
+            "--swap-at",
+            "swaps",
+            multiple=True,
+            metavar="T:CONTROLLER",
+            help="Another controller takes over at T s, without a jump in torque; repeatable.",
+        ),
         click.option("--duration", type=float, metavar="S", help="Simulated time, s."),
         click.option(
             "--rate", type=float, metavar="HZ", help="update_rate of simulator and controller, Hz."
@@ -90,6 +97,7 @@ def plan_of(
     rate: float | None,
     extra: Mapping[str, object] | None = None,
     namespace: str = "",
+    swaps: Sequence[str] = (),
 ) -> RunPlan:
     """Return the plan that the options of `plan_options` ask for, and ``extra`` for all nodes."""
     everywhere: dict[str, object] = dict(extra or {})
@@ -97,7 +105,15 @@ def plan_of(
         everywhere["duration"] = duration
     if rate is not None:
         everywhere["update_rate"] = rate
-    plan = make_plan(scenario, controller, params, settings, everywhere, namespace)
+    plan = make_plan(
+        scenario,
+        controller,
+        params,
+        settings,
+        everywhere,
+        namespace,
+        [parse_swap(text) for text in swaps],
+    )
     for warning in plan.warnings:
         click.echo(f"trunk: warning: {warning}", err=True)
     return plan

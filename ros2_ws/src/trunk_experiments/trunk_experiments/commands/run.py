@@ -55,7 +55,7 @@ def command(
     files = RunFiles.for_run(plan, output)
     console = Console(stderr=True)
     console.print(
-        f"{plan.scenario}, {plan.controller_name}: {plan.simulator.duration:g} s "
+        f"{plan.scenario}, {plan.turns}: {plan.simulator.duration:g} s "
         f"at {plan.simulator.update_rate:g} Hz, {'lock-step' if lockstep else 'real time'}",
         highlight=False,
     )

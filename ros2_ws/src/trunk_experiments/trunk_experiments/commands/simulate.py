@@ -46,4 +46,4 @@ def command(output: Path, force: bool, like: Path | None, **options: Any) -> Non
     else:
         plan = plan_of(**options)
     states = record_offline(plan, output, overwrite=force, happenings=happenings)
-    click.echo(f"{output}: {states} states, {plan.scenario}, {plan.controller_name}")
+    click.echo(f"{output}: {states} states, {plan.scenario}, {plan.turns}")
