@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from mcap.reader import make_reader
-from mcap.writer import Writer
 
 from trunk_experiments.diff import diff
 from trunk_experiments.like import plan_like
@@ -16,8 +14,9 @@ from trunk_experiments.plan import make_plan
 from trunk_experiments.timeline import Change
 from trunk_experiments.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_msgs_util.recording import Recording
-from trunk_msgs_util.recording_writer import DIGESTS, END
 from trunk_msgs_util.schemas import parameter_event, parse_parameter_event
+
+from .edited import copied
 
 COMMAND, STATE, TRUTH = "/effort_command", "/joint_states", "/ground_truth/joint_states"
 PARAMETERS = "/run/parameters"
@@ -30,37 +29,6 @@ def whole(tmp_path_factory):
     plan = replace(plan, simulator=replace(plan.simulator, duration=1.2, position_noise=1e-3))
     record_offline(plan, path)
     return path
-
-
-def copied(source, path, edit=lambda messages: None, digests=True, end=True):
-    """Write ``source`` again with ``edit`` applied to its [topic, log time, bytes] list."""
-    with source.open("rb") as file:
-        reader = make_reader(file)
-        summary = reader.get_summary()
-        messages = [
-            [channel.topic, message.log_time, message.data]
-            for _, channel, message in reader.iter_messages(log_time_order=False)
-        ]
-        metadata = [(m.name, m.metadata) for m in reader.iter_metadata()]
-    edit(messages)
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start("ros2")
-        channels = {}
-        for channel in summary.channels.values():
-            schema = summary.schemas[channel.schema_id]
-            number = writer.register_schema(schema.name, schema.encoding, schema.data)
-            channels[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
-        for name, values in metadata:
-            if name not in (DIGESTS, END):
-                writer.add_metadata(name, values)
-        for topic, log_time, data in messages:
-            writer.add_message(channels[topic], log_time, data, log_time)
-        for name, values in metadata:
-            if (name == DIGESTS and digests) or (name == END and end):
-                writer.add_metadata(name, values)
-        writer.finish()
-    return Recording.open(path)
 
 
 def of(messages, topic):

@@ -152,6 +152,8 @@ class Controller(ABC):
         The last state before gives the derivative its past; a jump of the reference is not in it. What
         the integral cannot take up (ki = 0, its limits) the command makes up for in bounded steps.
         """
+        law = self.config.law
+        effort = max(law.u_min, min(law.u_max, effort))
         error = reference - seen.position
         self.state = PidState(0.0, error, seen.position, 0.0, effort, True)
         _, terms = self._update(reference, position, rate, hip, dt)

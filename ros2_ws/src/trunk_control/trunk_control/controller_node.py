@@ -32,15 +32,19 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         self._turns_ns = self.config.active_times_ns
         self._read_state = WireReader()
         self._read_reference = WireReader()
+        self._forget()
 
-    def set_up(self) -> None:
-        """Open the topics: states are followed from now on, and answered once active."""
+    def _forget(self) -> None:
         self.run_stamp_ns = -1
         self._seen: Seen | None = None  # the last state
         self._reference: float | None = None  # from the topic
         self._commensurate_known = False
         self._updates = 0
         self._diagnosed = (time.monotonic(), 0)
+
+    def set_up(self) -> None:
+        """Open the topics: states are followed from now on, and answered once active."""
+        self._forget()
         self._command = self.create_publisher(JointState, topics.EFFORT_COMMAND, qos.evidence())
         self._terms = self.create_publisher(JointState, "~/state", qos.evidence())
         self._states = self.create_subscription(

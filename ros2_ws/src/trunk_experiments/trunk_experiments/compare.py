@@ -98,31 +98,17 @@ def differing_parameters(views: Sequence[RunView]) -> dict[str, tuple[Value | No
             role = "controller" if node in CONTROLLERS else node
             if role != "recorder":
                 values |= {f"{role}.{name}": value for name, value in parameters.items()}
-        if view.controller_name:
-            values["controller"] = view.controller_name
+        if view.controllers:
+            values["controller"] = ", ".join(view.controllers)
         runs.append(values)
     names = sorted({name for values in runs for name in values})
     table = {name: tuple(values.get(name) for values in runs) for name in names}
     return {name: row for name, row in table.items() if any(value != row[0] for value in row)}
 
 
-class _WithoutTerms(Recording):
-    """A recording as one without a controller's ``~/state``: what the loop did, not what was said of it."""
-
-    def __init__(self, recording: Recording) -> None:
-        self.__dict__.update(recording.__dict__)
-
-    @property
-    def controller(self) -> None:
-        """No controller."""
-        return
-
-
 def divergence(first: Recording, other: Recording) -> RunDiff:
     """Return where a run parts from the first; two laws have no ``~/state`` in common to be compared."""
-    if first.controller == other.controller:
-        return diff(first, other)
-    return diff(_WithoutTerms(first), _WithoutTerms(other))
+    return diff(first, other, terms=first.controllers == other.controllers)
 
 
 def compare(views: Sequence[RunView]) -> Comparison:

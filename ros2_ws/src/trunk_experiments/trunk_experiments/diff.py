@@ -53,12 +53,12 @@ class RunDiff:
         return self.first is None
 
 
-def diff(a: Recording, b: Recording) -> RunDiff:
-    """Compare two runs. Namespaces do not count; what each controller says of itself does."""
+def diff(a: Recording, b: Recording, terms: bool = True) -> RunDiff:
+    """Compare two runs. Namespaces do not count; what each controller says of itself does, by ``terms``."""
     result = RunDiff()
     steps: set[int] = set()
     firsts = []
-    for relative in (*_TOPICS, *_state_topics(a, b)):
+    for relative in (*_TOPICS, *(_state_topics(a, b) if terms else ())):
         here, there = a.joints(a.topic(relative)), b.joints(b.topic(relative))
         result.compared += max(len(here), len(there))
         stamps, first = _compare(relative, here, there)

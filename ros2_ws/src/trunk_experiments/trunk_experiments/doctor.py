@@ -70,20 +70,22 @@ def _provenance(recording: Recording) -> Iterator[Finding]:
     except RecordingError as error:
         yield Finding(ERROR, str(error).removeprefix(f"{recording.path}: "))
         return
-    wanted = {recording.controller, "simulator"} - {None}
-    for missing in sorted(str(name) for name in wanted - nodes):
+    for missing in sorted({*recording.controllers, "simulator"} - nodes):
         yield Finding(WARNING, f"no parameters of {missing}: the run cannot be rebuilt")
     truth = recording.topics.get(recording.topic(names.GROUND_TRUTH))
     if truth is None or not truth.count:
         yield Finding(WARNING, "no true states", recording.topic(names.GROUND_TRUTH))
-    if recording.controller is None:
+    if not recording.controllers:
         yield Finding(WARNING, "no controller's ~/state: reference and gains are not known")
 
 
 def _joints(recording: Recording, topic: str) -> Iterator[Finding]:
     joints = recording.joints(topic)
     yield from _numbers(joints, topic)
-    is_state = topic == recording.topic(names.controller_state(recording.controller or ""))
+    owner = {
+        recording.topic(names.controller_state(name)): name for name in recording.controllers
+    }.get(topic)
+    is_state = owner is not None
     answers = is_state or topic == recording.topic(names.EFFORT_COMMAND)
     exact = recording.provenance.get("mode") in _EXACT
     # In real time the newest state is answered: some of them twice, some never.
@@ -99,7 +101,7 @@ def _joints(recording: Recording, topic: str) -> Iterator[Finding]:
         )
     }
     if answers or topic in by_simulator:
-        node = "simulator" if topic in by_simulator else recording.controller or ""
+        node = "simulator" if topic in by_simulator else owner or recording.controller or ""
         rate = recording.parameters().get(recording.topic(node), {}).get("update_rate")
         known = isinstance(rate, float) and rate > 0.0
         period_ns = period_of(rate) if isinstance(rate, float) and known else None

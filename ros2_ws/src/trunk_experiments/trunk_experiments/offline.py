@@ -52,7 +52,7 @@ class _Participant:
         config, joints = plan.controllers[name], plan.simulator.joints
         self.name = name
         self.controller = make_controller(name, config)
-        if config.active_times:
+        if config.active_times or not config.autostart:
             self.controller.deactivate()
         self._turns_ns = config.active_times_ns
         self._timeline = Timeline(config, outside.changes.get(name, ()), lambda _: self._seen)

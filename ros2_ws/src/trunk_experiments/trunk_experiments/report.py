@@ -9,6 +9,7 @@ from typing import Any
 from trunk_control.config import FuzzyPidConfig
 from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util.recording import RecordingError
+from trunk_msgs_util.units import seconds
 
 from .compare import QUANTITIES, Row, differing_parameters, metric_rows
 from .doctor import INFO, examine
@@ -99,12 +100,14 @@ def said_of(view: RunView) -> list[str]:
 def _section(view: RunView, label: str) -> RunSection:
     table, recording = view.table, view.recording
     state = "complete" if recording.complete else "incomplete"
+    fell = recording.fell_at_ns
     facts = (
         ("controller", view.title),
         ("scenario", recording.provenance.get("scenario", "not recorded")),
         ("mode", recording.provenance.get("mode", "not recorded")),
         ("states", f"{len(table.t)} from {table.t[0]:g} s to {table.t[-1]:g} s"),
         ("file", f"{view.path.name}, {state}"),
+        *((("fell", f"at t = {seconds(fell):g} s"),) if fell is not None else ()),
     )
     return RunSection(
         label=label,

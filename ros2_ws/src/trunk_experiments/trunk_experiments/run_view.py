@@ -42,7 +42,11 @@ class Pulse(NamedTuple):
 
 @dataclass(frozen=True)
 class RunView:
-    """A recorded run. A configuration is None where it was not recorded or cannot be used."""
+    """A recorded run. A configuration is None where it was not recorded or cannot be used.
+
+    Of several controllers that took turns, ``controller`` is the one whose inference can be shown, else
+    the one with most updates; ``controllers`` has all whose parameters are known.
+    """
 
     recording: Recording
     table: RunTable
@@ -50,6 +54,7 @@ class RunView:
     disturbances: JointArrays  # by stamp
     controller_name: str | None
     controller: ControllerConfig | None
+    controllers: Mapping[str, ControllerConfig | None]
     simulator: SimulatorConfig | None
     disturbance: DisturbanceConfig | None
     pulses: tuple[Pulse, ...]
@@ -62,7 +67,6 @@ class RunView:
         Raises RecordingError where there are no true states.
         """
         warnings = list(recording.warnings)
-        name = recording.controller
 
         def config(node: str) -> object:
             try:
@@ -73,8 +77,12 @@ class RunView:
                 warnings.append(f"{node}: recorded parameters cannot be used: {error}")
                 return None
 
-        known = name if name in CONTROLLERS else None
-        controller = config(known) if known else None
+        controllers = {
+            one: cast("ControllerConfig | None", config(one) if one in CONTROLLERS else None)
+            for one in recording.controllers
+        }
+        fuzzy = [one for one, c in controllers.items() if isinstance(c, FuzzyPidConfig)]
+        name = fuzzy[0] if fuzzy else recording.controller
         state = topics.controller_state(name) if name else ""
         disturbance = cast("DisturbanceConfig | None", config("disturbance"))
         acting = recording.joints(recording.topic(topics.DISTURBANCE)).by_stamp()
@@ -84,7 +92,8 @@ class RunView:
             terms=recording.joints(recording.topic(state)).by_stamp(),
             disturbances=acting,
             controller_name=name,
-            controller=cast("ControllerConfig | None", controller),
+            controller=controllers.get(name or ""),
+            controllers=controllers,
             simulator=cast("SimulatorConfig | None", config("simulator")),
             disturbance=disturbance,
             pulses=tuple(_pulses(recording, acting.stamp_ns)) if disturbance else (),
@@ -98,10 +107,12 @@ class RunView:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Bounds of the applied torque in N m: the controller's and the actuator's."""
+        """Bounds of the applied torque in N m: the controllers' and the actuator's."""
         low, high = -inf, inf
-        if self.controller is not None:
-            low, high = self.controller.u_clamp_min, self.controller.u_clamp_max
+        known = [c for c in self.controllers.values() if c is not None]
+        if known:
+            low = min(c.u_clamp_min for c in known)
+            high = max(c.u_clamp_max for c in known)
         if self.simulator is not None:
             low, high = max(low, -self.simulator.max_effort), min(high, self.simulator.max_effort)
         return low, high
@@ -122,23 +133,27 @@ class RunView:
 
     @property
     def title(self) -> str:
-        """The controller in words: ``PID (Ziegler–Nichols)``, ``Fuzzy-PID``."""
-        if isinstance(self.controller, PidConfig):
-            gains = tuple(self.controller.gains)
-            if gains == AS_PRINTED:
-                return "PID (gains as printed)"
-            if gains == ZIEGLER_NICHOLS:
-                return "PID (Ziegler–Nichols)"
-            return "PID ({:g}, {:g}, {:g})".format(*gains)
-        if isinstance(self.controller, FuzzyPidConfig):
-            other = self.controller.rules != FuzzyPidConfig().rules
-            return "Fuzzy-PID (own rules)" if other else "Fuzzy-PID"
-        if isinstance(self.controller, LqrConfig):
-            return "LQR"
-        if isinstance(self.controller, ComputedTorqueConfig):
-            return "Computed torque"
-        names = {"lqr": "LQR", "computed_torque": "Computed torque"}
-        return names.get(self.controller_name or "", self.controller_name or "no controller")
+        """The controllers in words: ``Fuzzy-PID``, ``PID (Ziegler–Nichols), then Fuzzy-PID``."""
+        words = [_in_words(name, config) for name, config in self.controllers.items()]
+        return ", then ".join(words) or "no controller"
+
+
+def _in_words(name: str, config: ControllerConfig | None) -> str:
+    if isinstance(config, PidConfig):
+        gains = tuple(config.gains)
+        if gains == AS_PRINTED:
+            return "PID (gains as printed)"
+        if gains == ZIEGLER_NICHOLS:
+            return "PID (Ziegler–Nichols)"
+        return "PID ({:g}, {:g}, {:g})".format(*gains)
+    if isinstance(config, FuzzyPidConfig):
+        other = config.rules != FuzzyPidConfig().rules
+        return "Fuzzy-PID (own rules)" if other else "Fuzzy-PID"
+    if isinstance(config, LqrConfig):
+        return "LQR"
+    if isinstance(config, ComputedTorqueConfig):
+        return "Computed torque"
+    return {"lqr": "LQR", "computed_torque": "Computed torque"}.get(name, name)
 
 
 def _pulses(recording: Recording, stamps: Integers) -> list[Pulse]:

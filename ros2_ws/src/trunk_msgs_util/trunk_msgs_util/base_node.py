@@ -137,7 +137,6 @@ class TrunkNode(LifecycleNode, Generic[Config]):
 
     def _on_change_state(self, request: Any, response: Any) -> Any:
         """Refuse a transition that the present state does not have; rclpy would raise and end the node."""
-        self._refusal = None
         try:
             response = self._change_state(request, response)
         except RCLError as error:
@@ -145,6 +144,7 @@ class TrunkNode(LifecycleNode, Generic[Config]):
             response.success = False
         if self._refusal is not None:
             self.get_logger().error(str(self._refusal))
+            self._refusal = None
         return response
 
     def _transition(self, action: Callable[[], None]) -> TransitionCallbackReturn:

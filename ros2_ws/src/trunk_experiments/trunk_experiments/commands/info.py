@@ -26,6 +26,7 @@ def summary(recording: Recording) -> dict[str, Any]:
     Gaps are between log times. ``checked`` is False where a long file was judged by its indexes
     alone; a size is then None where messages differ in theirs.
     """
+    fell = recording.fell_at_ns
     return {
         "file": str(recording.path),
         "files": [str(path) for path in recording.files],
@@ -37,7 +38,8 @@ def summary(recording: Recording) -> dict[str, Any]:
         "recorded_by": recording.library,
         "duration_s": _duration(recording),
         "scenario": recording.provenance.get("scenario"),
-        "controller": recording.controller,
+        "controller": ", ".join(recording.controllers) or None,
+        "fell_at_s": None if fell is None else seconds(fell),
         "provenance": recording.provenance,
         "nodes": sorted(recording.parameters()),
         "topics": {
@@ -137,6 +139,7 @@ def command(run: Path, as_json: bool) -> None:
         "duration": "?" if found["duration_s"] is None else f"{found['duration_s']:.10g} s",
         "scenario": found["scenario"] or "?",
         "controller": found["controller"] or "none",
+        **({"the trunk fell": f"at t = {found['fell_at_s']:g} s"} if found["fell_at_s"] else {}),
         "parameters of": ", ".join(found["nodes"]) or "no node",
         "recorded by": found["recorded_by"] or "?",
     }

@@ -10,6 +10,7 @@ import click
 from trunk_msgs_util.metrics import metrics
 from trunk_msgs_util.recording import Recording, RecordingError
 from trunk_msgs_util.run_table import RunTable
+from trunk_msgs_util.units import seconds
 
 from .common import print_table
 from .reading import open_run, show_warnings
@@ -41,6 +42,9 @@ def show_metrics(recording: Recording, title: str) -> None:
             for key, (label, unit) in _ROWS.items()
         ],
     )
+    fell = recording.fell_at_ns
+    if fell is not None:
+        click.echo(f"the trunk fell at t = {seconds(fell):g} s")
 
 
 def _values(recording: Recording) -> dict[str, float | None]:

@@ -1,0 +1,148 @@
+"""Controllers that take over from one another: turns in the states' time, no bump in the torque."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from math import inf
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trunk_control.computed_torque import Hip
+from trunk_control.config import FuzzyPidConfig, PidConfig
+from trunk_control.controller import FuzzyPidController, PidController, Seen, handover_law
+from trunk_control.model_config import ComputedTorqueConfig, LqrConfig
+from trunk_control.model_controller import ComputedTorqueController, LqrController
+from trunk_control.pid import PidLaw
+from trunk_control.schedule import active_at, turn
+from trunk_msgs_util.declarations import ParameterError
+
+MS = 1_000_000
+every = pytest.mark.parametrize(
+    ("make", "config"),
+    [
+        (PidController, PidConfig()),
+        (FuzzyPidController, FuzzyPidConfig()),
+        (LqrController, LqrConfig()),
+        (ComputedTorqueController, ComputedTorqueConfig(i=1.0)),
+    ],
+    ids=["pid", "fuzzy_pid", "lqr", "computed_torque"],
+)
+MODES = ["error", "measurement", "rate"]
+angles = st.floats(-1.0, 1.0)
+
+
+def taking_over(make, config, position=0.125):
+    """Return a controller that saw a state and becomes active before the next."""
+    controller = make(config)
+    controller.deactivate()
+    controller.activate(Seen(0, position))
+    return controller
+
+
+@every
+@pytest.mark.parametrize("mode", MODES)
+@given(position=angles, rate=st.floats(-3.0, 3.0), effort=st.floats(-80.0, 80.0))
+def test_the_first_command_is_the_torque_that_acts(make, config, mode, position, rate, effort):
+    controller = taking_over(make, replace(config, derivative_mode=mode), position - 0.005 * rate)
+    answer = controller.update(5 * MS, position, rate, 0.0, Hip(0.3, 1.0), effort)
+    assert answer.effort == pytest.approx(effort, abs=1e-9)
+    assert answer.terms.i_term != 0.0 or effort == pytest.approx(answer.terms.p_term, abs=1.0)
+
+
+@every
+@pytest.mark.parametrize("mode", MODES)
+def test_the_commands_after_it_stay_near(make, config, mode):
+    """Without the past that the last state gives, a derivative of the error would kick here."""
+    controller = taking_over(make, replace(config, derivative_mode=mode), 0.1)
+    commands = [-9.0]
+    for k in range(1, 6):
+        angle = 0.1 + 0.004 * k  # 0.8 rad/s
+        answer = controller.update(5 * k * MS, angle, 0.8, 0.0, Hip(), commands[-1])
+        commands.append(answer.effort)
+    jumps = [abs(b - a) for a, b in pairwise(commands)]
+    assert max(jumps) < 1.0
+
+
+def test_what_no_integral_takes_up_comes_in_bounded_steps():
+    config = PidConfig(i=0.0, d=0.0, handover_step=2.0)
+    controller = taking_over(PidController, config)
+    commands = [20.0]
+    for k in range(1, 12):
+        commands.append(controller.update(5 * k * MS, 0.0, 0.0, 0.1, effort=20.0).effort)
+    # From the 20 N m that act to the law's own 60 * 0.1, and free from there on.
+    assert commands == [20.0, 18.0, 16.0, 14.0, 12.0, 10.0, 8.0, 6.0, 6.0, 6.0, 6.0, 6.0]
+    assert controller.update(100 * MS, 0.0, 0.0, 1.0, effort=6.0).effort == 60.0
+
+
+def test_the_limits_of_the_command_stand_above_the_handover():
+    config = PidConfig(u_clamp_max=10.0, u_clamp_min=-10.0)
+    controller = taking_over(PidController, config)
+    assert controller.update(5 * MS, 0.0, 0.0, 0.5, effort=90.0).effort == 10.0
+    # At the law's own limit it has met the law: nothing holds the way down.
+    assert controller.update(10 * MS, 0.0, 0.0, -0.5, effort=10.0).effort == -10.0
+
+
+@given(
+    effort=st.floats(-1e3, 1e3),
+    step=st.floats(1e-3, 1e3),
+    low=st.floats(-50, 0),
+    high=st.floats(0, 50),
+)
+def test_drawn_in_limits_never_leave_the_law_s(effort, step, low, high):
+    law = handover_law(PidLaw(u_min=low, u_max=high), effort, step)
+    assert low <= law.u_min <= law.u_max <= high
+    assert handover_law(PidLaw(), effort, inf) == PidLaw()
+
+
+@every
+def test_afresh_where_no_state_was_seen(make, config):
+    fresh, woken = make(config), make(config)
+    woken.deactivate()
+    woken.activate()
+    for k in range(5):
+        arguments = (5 * k * MS, 0.2 - 0.01 * k, -2.0)
+        assert woken.update(*arguments, effort=33.0) == fresh.update(*arguments)
+
+
+def test_activating_an_active_controller_changes_nothing():
+    controller = PidController(PidConfig())
+    first = controller.update(0, 0.1, 0.0)
+    controller.activate(Seen(0, 0.1))
+    state = controller.state
+    assert not controller.takes_over
+    assert state.effort == first.effort
+
+
+def test_a_reset_ends_the_handover():
+    controller = taking_over(PidController, PidConfig(i=0.0))
+    controller.update(5 * MS, 0.0, 0.0, 0.1, effort=20.0)
+    controller.reset()
+    assert controller.update(10 * MS, 0.0, 0.0, 0.1, effort=20.0).effort == pytest.approx(6.0)
+
+
+def test_turns():
+    times = (0, 40, 70)
+    assert [active_at(times, t) for t in (0, 39, 40, 69, 70, 10**12)] == [
+        True,
+        True,
+        False,
+        False,
+        True,
+        True,
+    ]
+    assert active_at((), 5)
+    assert not active_at((10,), 9)
+    assert turn(times, -1, 0) is True
+    assert turn(times, 0, 39) is None
+    assert turn(times, 39, 41) is False
+    assert turn(times, 41, 100) is True
+    assert turn((), -1, 0) is None
+
+
+@pytest.mark.parametrize("times", [(1.0, 1.0), (2.0, 1.0)])
+def test_times_of_turns_ascend(times):
+    with pytest.raises(ParameterError, match=r"active\.times.*ascending"):
+        PidConfig(active_times=times)

@@ -1,0 +1,198 @@
+"""Managed nodes: ROS 2's ordinary transitions, in any order, by anybody; and swaps of controllers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
+
+from trunk_experiments.verify import VERIFIED, verify
+from trunk_msgs_util import topics
+from trunk_msgs_util.conversions import stamp_from_ros
+from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.run_table import RunTable
+
+from .peer import Peer
+from .processes import Child, Children
+
+pytestmark = pytest.mark.graph
+
+UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = "unconfigured", "inactive", "active", "finalized"
+
+
+class Life:
+    """The lifecycle services of one node."""
+
+    def __init__(self, peer: Peer, node: str) -> None:
+        self._peer = peer
+        self._node = node
+
+    def state(self) -> str:
+        label: str = self._peer.call(GetState, f"/{self._node}/get_state").current_state.label
+        return label
+
+    def change(self, label: str) -> bool:
+        """Ask for a transition by its number, as ``ros2 lifecycle set`` does."""
+        request = Transition(id=getattr(Transition, f"TRANSITION_{label.upper()}"))
+        success: bool = self._peer.call(
+            ChangeState, f"/{self._node}/change_state", transition=request
+        ).success
+        return success
+
+    def available(self) -> set[str]:
+        found = self._peer.call(
+            GetAvailableTransitions, f"/{self._node}/get_available_transitions"
+        ).available_transitions
+        return {f.transition.label for f in found}
+
+
+@pytest.mark.parametrize("node", ["simulator", "disturbance", "pid", "fuzzy_pid", "recorder"])
+def test_every_transition(children: Children, peer: Peer, tmp_path: Path, node: str) -> None:
+    child = children.node(node, "autostart:=false", "output:=run.mcap", "overwrite:=true")
+    peer.until_up(node)
+    life = Life(peer, node)
+    assert life.state() == UNCONFIGURED
+    assert not (tmp_path / "run.mcap").exists()
+    assert not life.change("activate")  # not from here: refused, and the node lives on
+    assert "transition refused" in child.stderr + child.stdout
+    for label, state in (
+        ("configure", INACTIVE),
+        ("activate", ACTIVE),
+        ("deactivate", INACTIVE),
+        ("cleanup", UNCONFIGURED),
+        ("configure", INACTIVE),
+        ("activate", ACTIVE),
+    ):
+        assert label in life.available()
+        assert life.change(label), label
+        assert life.state() == state
+    assert peer.fresh_diagnostics(node)["lifecycle"] == ACTIVE
+    assert life.change("active_shutdown")
+    assert child.wait() == 0, child.stderr
+    assert "Traceback" not in child.stderr
+    if node == "recorder":
+        assert Recording.open(tmp_path / "run.mcap").end is not None
+
+
+def test_a_recorder_that_cannot_be_configured(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
+    (tmp_path / "run.mcap").touch()
+    child = children.node("recorder", "autostart:=false", "output:=run.mcap")
+    peer.until_up("recorder")
+    life = Life(peer, "recorder")
+    assert not life.change("configure")
+    assert life.state() == UNCONFIGURED
+    (tmp_path / "run.mcap").unlink()
+    assert life.change("configure")
+    assert child.stop() == 0
+    assert "run.mcap exists" in child.stderr + child.stdout
+
+
+def test_the_plant_waits_for_who_is_inactive(children: Children, peer: Peer) -> None:
+    truth = peer.hear(topics.GROUND_TRUTH)
+    pid = children.node("pid", "autostart:=false")
+    simulator = children.node("simulator", "duration:=0.5", "lockstep.enabled:=true")
+    peer.until_up("pid")
+    life = Life(peer, "pid")
+    assert life.change("configure")
+    before = len(peer.events)
+    peer.until(lambda: "simulator" in {n.strip("/") for n, _ in peer.diagnostics}, "it diagnoses")
+    assert not [e for e in peer.events[before:] if e.message in ("ready", "started")]
+    assert truth == []
+    assert life.change("activate")
+    assert simulator.wait() == 0, simulator.stderr
+    assert pid.stop() == 0
+
+
+def test_held_by_deactivation(children: Children, peer: Peer) -> None:
+    """The simulator's turns are pauses of the run: stamps stand still, and go on."""
+    truth = peer.hear(topics.GROUND_TRUTH)
+    pid = children.node("pid")
+    simulator = children.node("simulator")
+    peer.until(lambda: len(truth) > 50, "the run goes on")
+    life = Life(peer, "simulator")
+    assert life.change("deactivate")
+    held_ns = peer.until_event("simulator", "paused").stamp_ns
+    assert peer.fresh_diagnostics("simulator")["state"] == "paused"
+    assert stamp_from_ros(truth[-1].header.stamp) == held_ns
+    assert life.change("activate")
+    peer.until(lambda: stamp_from_ros(truth[-1].header.stamp) > held_ns + 10**8, "it goes on")
+    assert [simulator.stop(), pid.stop()] == [0, 0]
+
+
+def test_a_swap_by_hand(children: Children, peer: Peer, tmp_path: Path) -> None:
+    """One controller is deactivated, then another activated, while the plant moves in real time."""
+    recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid,fuzzy_pid]")
+    nodes = [children.node("pid"), children.node("fuzzy_pid", "autostart:=false")]
+    peer.until_up("fuzzy_pid")
+    pid, fuzzy_pid = Life(peer, "pid"), Life(peer, "fuzzy_pid")
+    assert fuzzy_pid.change("configure")
+    truth = peer.hear(topics.GROUND_TRUTH)
+    simulator = children.node("simulator", "duration:=0.0")
+    peer.until(lambda: len(truth) > 200, "the run goes on")
+    assert pid.change("deactivate")
+    assert fuzzy_pid.change("activate")
+    fresh = len(truth) + 200
+    peer.until(lambda: len(truth) > fresh, "the run goes on")
+    for child in (simulator, *nodes, recorder):
+        assert child.stop() == 0, child.stderr
+
+    recording = Recording.open(tmp_path / "run.mcap")
+    assert verify(recording).exit_code == VERIFIED, verify(recording)
+    turned = {(e.node, e.message): e.stamp_ns for e in recording.events() if e.stamp_ns > 0}
+    assert turned["/pid", "deactivated"] <= turned["/fuzzy_pid", "activated"]
+    first = recording.joints("/fuzzy_pid/state").stamp_ns[0]
+    assert first > turned["/fuzzy_pid", "activated"]
+    # Its first command is the torque that acted, whichever that was by then.
+    states, commands = recording.joints("/joint_states"), recording.joints("/effort_command")
+    acting = states.column("effort", "trunk")[states.stamp_ns == first]
+    assert commands.column("effort", "trunk")[commands.stamp_ns == first] == pytest.approx(acting)
+
+
+def run_swapped(children: Children, *arguments: object) -> Child:
+    return children.trunk(
+        "run", "demo", "--controller", "pid", "--swap-at", "0.5:fuzzy_pid", "--swap-at", "1:pid",
+        "--duration", 1.5, "--output", "run", *arguments,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("composed", [False, True], ids=["processes", "composed"])
+def test_a_swap_in_lockstep_has_the_offline_bits(
+    children: Children, tmp_path: Path, composed: bool
+) -> None:
+    run = run_swapped(children, "--lockstep", *(["--composed"] if composed else []))
+    assert run.wait() == 0, run.stderr
+    children.none_left()
+    again = children.trunk("simulate", "--like", "run/run.mcap", "-o", "again.mcap", name="like")
+    assert again.wait() == 0, again.stderr
+    difference = children.trunk("diff", "run/run.mcap", "again.mcap", name="diff")
+    assert difference.wait() == 0, difference.stdout
+    verdict = children.trunk("verify", "run/run.mcap", name="verify")
+    assert verdict.wait() == 0, verdict.stdout
+    assert "commands of pid: 201 steps" in verdict.stdout
+    assert "commands of fuzzy_pid: 100 steps" in verdict.stdout
+
+
+def test_a_swap_in_real_time(children: Children, tmp_path: Path) -> None:
+    run = run_swapped(children)
+    assert run.wait() == 0, run.stderr
+    children.none_left()
+    recording = Recording.open(tmp_path / "run" / "run.mcap")
+    assert verify(recording).exit_code == VERIFIED, verify(recording)
+    stamps = {name: recording.joints(f"/{name}/state").stamp_ns for name in ("pid", "fuzzy_pid")}
+    assert not np.intersect1d(*stamps.values()).size
+    assert (stamps["fuzzy_pid"] >= 500_000_000).all()
+    assert (stamps["fuzzy_pid"] < 1_000_000_000).all()
+    assert not ((stamps["pid"] >= 500_000_000) & (stamps["pid"] < 1_000_000_000)).any()
+    table = RunTable.from_recording(recording)
+    assert table.kp[table.t == 0.75] != table.kp[table.t == 0.25]
+    # Each first command of a turn is the torque that acted when it was computed.
+    states, commands = recording.joints("/joint_states"), recording.joints("/effort_command")
+    for first in (stamps["fuzzy_pid"][0], stamps["pid"][stamps["pid"] >= 1_000_000_000][0]):
+        acting = states.column("effort", "trunk")[states.stamp_ns == first]
+        given = commands.column("effort", "trunk")[commands.stamp_ns == first]
+        assert given == pytest.approx(acting)

@@ -1,0 +1,121 @@
+"""Runs in which controllers take turns, and runs in which the trunk falls: recorded, judged, rebuilt."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trunk_experiments.diff import diff
+from trunk_experiments.like import plan_like
+from trunk_experiments.offline_recording import record_offline
+from trunk_experiments.plan import PlanError, make_plan, parse_swap
+from trunk_experiments.verify import DIVERGES, VERIFIED, verify
+from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.run_table import RunTable
+
+from .edited import copied
+
+EVENTS = "/run/events"
+
+
+SWAPPED = {
+    "fig8": ("pid", ["0.25:fuzzy_pid", "0.5:pid"]),
+    "demo": ("fuzzy_pid", ["1.0:lqr", "1.5:computed_torque"]),
+}
+
+
+@pytest.mark.parametrize("scenario", SWAPPED)
+def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
+    controller, swaps = SWAPPED[scenario]
+    path, again = tmp_path / "swapped.mcap", tmp_path / "again.mcap"
+    plan = make_plan(
+        scenario, controller, everywhere={"duration": 2.0}, swaps=list(map(parse_swap, swaps))
+    )
+    record_offline(plan, path)
+    recording = Recording.open(path)
+    verdict = verify(recording)
+    assert verdict.exit_code == VERIFIED
+    names = list(plan.controllers)
+    assert recording.controllers == names
+    assert [part.name for part in verdict.parts[: len(names)]] == [
+        f"commands of {name}" for name in names
+    ]
+    turns = [(e.message, e.node) for e in recording.events() if e.message.endswith("activated")]
+    assert [node for message, node in turns if message == "activated"] == [
+        f"/{name}" for name in (controller, *(swap.split(":")[1] for swap in swaps))
+    ]
+    # The torque goes on across each turn; what no integral takes up comes in steps of 1 N m.
+    table = RunTable.from_recording(recording)
+    assert not np.isnan(table.kp).any()
+    for swap in swaps:
+        k = int(np.searchsorted(table.t, float(swap.split(":")[0])))
+        bound = 1e-6 if table.ki[k] else 1.0 + 1e-9
+        assert abs(table.torque[k] - table.torque[k - 1]) < bound
+    rebuilt, happenings = plan_like(recording)
+    record_offline(rebuilt, again, happenings=happenings)
+    assert diff(recording, Recording.open(again)).identical
+
+
+def test_a_command_given_out_of_turn_is_found(tmp_path):
+    path = tmp_path / "swapped.mcap"
+    swaps = [parse_swap("0.5:fuzzy_pid")]
+    record_offline(make_plan("fig8", "pid", everywhere={"duration": 1.0}, swaps=swaps), path)
+
+    def no_turns(messages):
+        kept = [m for m in messages if m[0] != EVENTS or b"activated" not in m[2]]
+        messages[:] = kept
+
+    verdict = verify(copied(path, tmp_path / "edited.mcap", no_turns, digests=False))
+    assert verdict.exit_code == DIVERGES
+    (nobodys,) = [part for part in verdict.parts if "without one active" in part.name]
+    assert nobodys.wrong_steps == nobodys.steps > 100
+
+
+@pytest.mark.parametrize(
+    ("controller", "swaps", "text"),
+    [
+        ("pid", ["0:fuzzy_pid"], "above 0"),
+        ("pid", ["2:fuzzy_pid", "1:pid"], "ascend"),
+        ("pid", ["2:pid"], "acts at that time already"),
+    ],
+)
+def test_impossible_swaps_are_refused(controller, swaps, text):
+    with pytest.raises(PlanError, match=text):
+        make_plan("fig8", controller, swaps=list(map(parse_swap, swaps)))
+
+
+@pytest.mark.parametrize("text", ["", "4.0", "4.0:", "x:pid", "4:nobody", "nan:pid"])
+def test_what_is_no_swap_is_refused(text):
+    with pytest.raises(PlanError, match="T:CONTROLLER is needed"):
+        parse_swap(text)
+
+
+def test_a_time_without_a_controller_is_refused():
+    with pytest.raises(PlanError, match=r"no controller would act at t = 1 s"):
+        make_plan("fig8", "pid", settings=["pid.active.times=[0.0, 1.0]"])
+
+
+def test_a_fall_is_marked_and_judged(tmp_path):
+    path = tmp_path / "fell.mcap"
+    weak = ["pid.u_clamp_max=0.1", "pid.u_clamp_min=-0.1"]
+    plan = make_plan("fig8", "pid", settings=weak, everywhere={"duration": 3.0})
+    record_offline(plan, path)
+    recording = Recording.open(path)
+    fell_ns = recording.fell_at_ns
+    table = RunTable.from_recording(recording)
+    assert fell_ns == table.t[np.abs(table.theta) > np.pi / 2][0] * 1e9
+    assert verify(recording).exit_code == VERIFIED
+
+    def unmarked(messages):
+        messages[:] = [m for m in messages if m[0] != EVENTS or b"fell" not in m[2]]
+
+    edited = verify(copied(path, tmp_path / "unmarked.mcap", unmarked, digests=False))
+    assert edited.exit_code == DIVERGES
+
+    stopped = tmp_path / "stopped.mcap"
+    record_offline(make_plan("fig8", "pid", settings=[*weak, "simulator.fall.stop=true"]), stopped)
+    recording = Recording.open(stopped)
+    assert recording.complete
+    assert recording.end["reason"] == "the trunk has fallen"
+    assert RunTable.from_recording(recording).t[-1] == fell_ns / 1e9
+    assert verify(recording).exit_code == VERIFIED
