@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .nodes import CONTROLLERS, NODES
-from .plan import PlanError, RunPlan, checked_namespace, make_plan
+from .plan import PlanError, RunPlan, checked_namespace, make_plan, parse_swap
 
 RECORDER = "recorder"
 SIMULATOR = "simulator"
@@ -32,6 +32,7 @@ ARGUMENTS = (
     LaunchArgument(
         "params", "", "parameter files by path or shipped name, between commas; later win"
     ),
+    LaunchArgument("swap_at", "", "T:CONTROLLER takes over at T s; several between commas"),
     LaunchArgument("rate", "", "update_rate of simulator and controller, Hz; empty: the files'"),
     LaunchArgument("duration", "", "simulated time, s; 0: until Ctrl-C; empty: the files'"),
     LaunchArgument("namespace", "", "of all nodes, so that several sets run side by side"),
@@ -70,6 +71,10 @@ def _number(given: Mapping[str, str], name: str) -> float:
         raise PlanError(f"{name}:={given[name]} is not allowed: a number is needed") from None
 
 
+def _listed(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
 def launch_plan(given: Mapping[str, str]) -> RunPlan:
     """Return the plan that the launch arguments ask for. Raises what `make_plan` does."""
     everywhere: dict[str, object] = {}
@@ -82,9 +87,10 @@ def launch_plan(given: Mapping[str, str]) -> RunPlan:
     plan = make_plan(
         given["scenario"],
         given["controller"],
-        [name.strip() for name in given["params"].split(",") if name.strip()],
+        _listed(given["params"]),
         everywhere=everywhere,
         namespace=checked_namespace(given["namespace"]),
+        swaps=[parse_swap(text) for text in _listed(given["swap_at"])],
     )
     if given["speed"] and not plan.simulator.lockstep:
         raise PlanError(

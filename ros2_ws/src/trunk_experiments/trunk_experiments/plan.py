@@ -227,10 +227,10 @@ def turns_of(first: str, swaps: Sequence[Swap]) -> dict[str, tuple[float, ...]]:
     for time, name in swaps:
         if time <= now:
             raise PlanError(
-                f"--swap-at {time:g}:{name}: times must be above 0 and ascend; before it {now:g}"
+                f"swap at {time:g}:{name}: times must be above 0 and ascend; before it {now:g}"
             )
         if name == acting:
-            raise PlanError(f"--swap-at {time:g}:{name}: {name} acts at that time already")
+            raise PlanError(f"swap at {time:g}:{name}: {name} acts at that time already")
         turns[acting].append(time)
         turns.setdefault(name, []).append(time)
         now, acting = time, name
@@ -245,7 +245,7 @@ def parse_swap(text: str) -> Swap:
         if colon and name in CONTROLLERS and isfinite(time):
             return Swap(time, name)
     raise PlanError(
-        f"--swap-at {text!r}: T:CONTROLLER is needed, T in s, CONTROLLER one of {', '.join(CONTROLLERS)}"
+        f"swap at {text!r}: T:CONTROLLER is needed, T in s, CONTROLLER one of {', '.join(CONTROLLERS)}"
     )
 
 

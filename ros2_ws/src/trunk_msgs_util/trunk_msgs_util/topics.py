@@ -75,7 +75,10 @@ DESCRIPTIONS = (
         RUN_EVENTS,
         DIAGNOSTIC_ARRAY_TYPE,
         "every node",
-        "ready, started, reset, paused, resumed, finished, stopped, failed; in simulated time",
+        (
+            "configured, activated, deactivated, ready, started, reset, paused, resumed, fell, finished, "
+            "stopped, failed; in simulated time"
+        ),
     ),
     (
         RECORDER_PROGRESS,
