@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
+from .chunk_indices import pack_indices
 from .schemas import definition
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ class RecordingWriter:
         self._writer = Writer(
             self._file, compression=_COMPRESSIONS[compression], enable_data_crcs=True
         )
+        pack_indices(self._writer)
         self._schemas: dict[str, int] = {}
         self._counts: dict[int, int] = {}
         self._digests: dict[int, tuple[str, hashlib.blake2b]] = {}
