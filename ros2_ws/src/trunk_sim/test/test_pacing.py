@@ -82,6 +82,17 @@ class TestRealTime:
         pacing.tick(1000 + 8 * H)
         assert loop.efforts[-1] == 5.0
 
+    def test_a_command_that_comes_after_the_step_it_was_for_is_used_and_counted(self, real_time):
+        loop, pacing = real_time
+        pacing.command(0, 3.0, 1001)
+        pacing.tick(1000 + H)
+        assert "commands late" not in loop.counts
+        pacing.tick(1000 + 2 * H)
+        pacing.command(H, 4.0, 1002 + 2 * H)
+        pacing.tick(1000 + 3 * H)
+        assert loop.efforts == [3.0, 3.0, 4.0]
+        assert loop.counts["commands late"] == 1
+
     @pytest.mark.parametrize("stamp_ns", [-H, 0, H], ids=["older", "same", "from the future"])
     def test_commands_out_of_order_are_counted_and_ignored(self, real_time, stamp_ns):
         loop, pacing = real_time

@@ -90,6 +90,8 @@ class RealTimePacing(Pacing):
         if stamp_ns <= self._stamp_ns or stamp_ns > self._loop.stamp_ns:
             self._loop.count("commands out of order")
             return
+        if stamp_ns < self._loop.stamp_ns:
+            self._loop.count("commands late")  # the step from that state was made without it
         self._stamp_ns = stamp_ns
         self._effort = effort
 

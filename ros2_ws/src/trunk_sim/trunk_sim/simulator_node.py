@@ -202,6 +202,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
     def finish(self) -> None:
         """End the run: the last state is answered."""
         self._step_timer.cancel()
+        self._publish_diagnostics()  # the counts of the whole run
         fell = self._simulation.ended_by_fall
         self._say_finished("finished", "the trunk has fallen" if fell else "finished")
         wall = time.monotonic() - self._started
