@@ -1,8 +1,8 @@
 """A single-threaded executor that is quick for the messages of a control loop.
 
 rclpy's own executor collects every entity anew and builds a new wait set for each callback, which costs
-more than the callback. This one takes messages directly, waits on a set that it builds once, and leaves
-all else (timers, services, guard conditions) to rclpy's, so that their meaning stays rclpy's.
+more than the callback. This one takes messages and calls timers directly, waits on a set that it builds
+once, and leaves all else (services, guard conditions) to rclpy's, so that their meaning stays rclpy's.
 """
 
 from __future__ import annotations
@@ -10,11 +10,13 @@ from __future__ import annotations
 import time
 from typing import Any
 
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 
-# While messages keep coming, timers and services get their turn at least this often.
+# While messages keep coming, so that nothing is waited for, all else gets its turn at least this often.
 _OTHERS_EVERY_NS = 5_000_000
 # Messages taken from one subscription before the next one's turn.
 _BURST = 64
@@ -28,22 +30,27 @@ class LoopExecutor(SingleThreadedExecutor):
         super().__init__(**arguments)
         self._linger_s = linger_s
         self._subscriptions: list[Subscription] = []
+        self._timers: list[Timer] = []
         self._wait_set: Any = None
         self._known = -1
         self._others_due_ns = 0
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Handle what is there, or wait for it, at most ``timeout_sec`` s (None: for ever)."""
-        now = time.monotonic_ns()
-        if now >= self._others_due_ns:
-            self._others(0.0)
-        if self._take_messages():
+        taken = self._take_messages()
+        if time.monotonic_ns() >= self._others_due_ns:
+            self._others()
+        if taken:
             return
-        if self._wait(timeout_sec):
-            self._others(0.0)
+        others = self._wait(timeout_sec)
+        self._others_due_ns = time.monotonic_ns() + _OTHERS_EVERY_NS  # the wait has seen them all
+        self._take_messages()
+        self._call_timers()
+        if others:
+            self._others()
 
-    def _others(self, timeout_sec: float) -> None:
-        super().spin_once(timeout_sec)
+    def _others(self) -> None:
+        super().spin_once(0.0)
         self._collect()
         self._others_due_ns = time.monotonic_ns() + _OTHERS_EVERY_NS
 
@@ -82,8 +89,17 @@ class LoopExecutor(SingleThreadedExecutor):
                 callback(message[0])
         return taken
 
-    def _wait(self, timeout_sec: float | None) -> bool:
-        """Wait for anything; return True where it is something other than a message."""
+    def _call_timers(self) -> None:
+        for timer in self._timers:
+            try:
+                if not timer.is_ready():
+                    continue
+                timer.handle.call_timer()
+            except InvalidHandle:  # another callback has destroyed it
+                continue
+            timer.callback()
+
+    def _fill_wait_set(self) -> None:
         wait_set = self._wait_set
         wait_set.clear_entities()
         for subscription in self._subscriptions:
@@ -94,9 +110,16 @@ class LoopExecutor(SingleThreadedExecutor):
             wait_set.add_service(service.handle)
         for guard in self._guards:
             wait_set.add_guard_condition(guard.handle)
+
+    def _wait(self, timeout_sec: float | None) -> bool:
+        """Wait for anything; return True where it is neither a message nor a timer."""
+        try:
+            self._fill_wait_set()
+        except (InvalidHandle, _rclpy.RCLError):  # a callback has destroyed something
+            self._collect()
+            self._fill_wait_set()
+        wait_set = self._wait_set
         wait_set.wait(-1 if timeout_sec is None else round(timeout_sec * 1e9))
         if self._linger_s and wait_set.get_ready_entities("subscription"):
             time.sleep(self._linger_s)
-        return any(
-            wait_set.get_ready_entities(kind) for kind in ("timer", "service", "guard_condition")
-        )
+        return any(wait_set.get_ready_entities(kind) for kind in ("service", "guard_condition"))

@@ -1,0 +1,115 @@
+"""LoopExecutor does with rclpy's own entities what rclpy's executor does."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.timer import Timer
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from trunk_msgs_util.executor import LoopExecutor
+
+from .processes import PATIENCE_S
+
+pytestmark = pytest.mark.graph
+
+
+class Loop:
+    """A node in a LoopExecutor."""
+
+    def __init__(self) -> None:
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = Node("loop", context=self.context, start_parameter_services=False)
+        self.executor = LoopExecutor(context=self.context)
+        self.executor.add_node(self.node)
+
+    def every(self, period_s: float, callback: Callable[[], object]) -> Timer:
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        return self.node.create_timer(period_s, callback, clock=clock)
+
+    def spin_until(self, condition: Callable[[], object]) -> None:
+        deadline = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < deadline
+            self.executor.spin_once(timeout_sec=0.05)
+
+
+@pytest.fixture
+def loop(domain: int) -> Iterator[Loop]:
+    made = Loop()
+    yield made
+    made.executor.shutdown()
+    made.node.destroy_node()
+    rclpy.try_shutdown(context=made.context)
+
+
+def test_a_timer_keeps_its_rate(loop: Loop) -> None:
+    calls: list[float] = []
+    loop.every(0.01, lambda: calls.append(time.monotonic()))
+    began = time.monotonic()
+    loop.spin_until(lambda: len(calls) >= 30)
+    # As many calls as periods or, on a busy machine, fewer: a timer that is late does not catch up.
+    assert calls[-1] - began > 0.295
+    assert len(calls) == 30
+
+
+def test_a_cancelled_timer_rests_until_it_is_reset(loop: Loop) -> None:
+    rests: list[None] = []
+    beats: list[None] = []
+    timer = loop.every(0.001, lambda: rests.append(None))
+    loop.spin_until(lambda: rests)
+    timer.cancel()
+    before = len(rests)
+    loop.every(0.005, lambda: beats.append(None))
+    loop.spin_until(lambda: len(beats) > 5)
+    assert len(rests) == before
+    timer.reset()
+    loop.spin_until(lambda: len(rests) > before)
+
+
+def test_a_timer_may_destroy_another(loop: Loop) -> None:
+    calls: list[str] = []
+
+    def first() -> None:
+        calls.append("first")
+        if second in loop.node.timers:
+            loop.node.destroy_timer(second)
+
+    loop.every(0.005, first)
+    second = loop.every(0.005, lambda: calls.append("second"))
+    loop.spin_until(lambda: calls.count("first") > 5)
+    assert calls.count("second") <= 1
+
+
+def test_timers_and_services_have_their_turn_among_messages(loop: Loop) -> None:
+    publisher = loop.node.create_publisher(JointState, "loop/messages", 10)
+    heard: list[JointState] = []
+    beats: list[None] = []
+
+    def again(message: JointState) -> None:
+        heard.append(message)
+        publisher.publish(message)  # to ourselves: there is always a message
+
+    def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.message = "here"
+        return response
+
+    loop.node.create_subscription(JointState, "loop/messages", again, 10)
+    loop.node.create_service(Trigger, "loop/service", answer)
+    client = loop.node.create_client(Trigger, "loop/service")
+    loop.spin_until(lambda: publisher.get_subscription_count() and client.service_is_ready())
+    for _ in range(5):
+        publisher.publish(JointState())
+    loop.spin_until(lambda: len(heard) > 100)
+    loop.every(0.01, lambda: beats.append(None))
+    future = client.call_async(Trigger.Request())
+    loop.spin_until(lambda: future.done() and len(beats) > 5)
+    assert future.result().message == "here"
