@@ -1,6 +1,7 @@
-"""Two bare rclpy processes that echo the messages of a lock-step loop and do nothing else.
+"""Bare pairs of rclpy processes that echo the messages of a loop and do nothing else.
 
-The yardstick of ``trunk bench lockstep``: what a round trip costs before there is any plant or controller.
+The yardsticks of ``trunk bench lockstep`` (``ping`` and ``echo``) and ``trunk bench realtime`` (``timer`` and
+``answer``): what a round trip costs before there is any plant or controller.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import sys
 import time
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
@@ -71,12 +73,39 @@ def echo() -> None:
     rclpy.spin(node)
 
 
+def timer(rate: float) -> None:
+    """Publish a state ``rate`` times a second by a steady timer, until told to stop."""
+    node = Node("bare_timer")
+    states = node.create_publisher(JointState, topics.JOINT_STATES, 10)
+    message = sample_to_ros(_JOINTS)
+
+    def publish() -> None:
+        message.header.stamp = node.get_clock().now().to_msg()
+        states.publish(message)
+
+    node.create_timer(1.0 / rate, publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    rclpy.spin(node)
+
+
+def answer() -> None:
+    """Publish each state that comes as the command that answers it, until told to stop."""
+    node = Node("bare_answer")
+    command = node.create_publisher(JointState, topics.EFFORT_COMMAND, 10)
+    node.create_subscription(JointState, topics.JOINT_STATES, command.publish, 10)
+    rclpy.spin(node)
+
+
 def main() -> None:
-    """Run ``ping TRIPS`` or ``echo``."""
+    """Run ``ping TRIPS``, ``echo``, ``timer HZ`` or ``answer``."""
+    part, *values = sys.argv[1:]
     rclpy.init()
     try:
-        if sys.argv[1] == "ping":
-            ping(int(sys.argv[2]))
+        if part == "ping":
+            ping(int(values[0]))
+        elif part == "timer":
+            timer(float(values[0]))
+        elif part == "answer":
+            answer()
         else:
             echo()
     except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):

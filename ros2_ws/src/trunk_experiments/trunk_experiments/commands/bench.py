@@ -62,6 +62,30 @@ def lockstep(rounds: int, steps: int, as_json: bool) -> None:
     )
 
 
+@command.command("realtime")
+@click.option("--rounds", default=3, show_default=True, help="Rounds, of which the median counts.")
+@click.option("--rate", default=1000.0, show_default=True, help="Rate of the loops, Hz.")
+@click.option("--seconds", default=10.0, show_default=True, help="Length of each measurement.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def realtime(rounds: int, rate: float, seconds: float, as_json: bool) -> None:
+    """Jitter and latency in real time against a bare rclpy timer and echo."""
+    from ..bench_realtime import bench_realtime
+
+    rows = bench_realtime(rate, seconds, rounds)
+    _show(
+        rows,
+        as_json,
+        f"median of {rounds} rounds of {seconds:g} s at {rate:g} Hz",
+        ("loop", "measure", "", "ratio"),
+        lambda row: (
+            row.loop,
+            row.measure,
+            f"{row.value:.4g} {row.unit}".rstrip(),
+            "" if row.ratio is None else f"{row.ratio:.2f}",
+        ),
+    )
+
+
 @command.command("core")
 @click.option("--rounds", default=7, show_default=True, help="Rounds, of which the median counts.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")

@@ -1,0 +1,45 @@
+"""The benchmark in real time runs and shows every row. No time is asserted."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from trunk_experiments.bench_realtime import LATENCY, MEASURES
+
+from .processes import Children
+
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
+
+LOOPS = ("bare pair", "pid", "fuzzy_pid", "fuzzy_pid, recorder")
+
+
+def test_every_row(children: Children) -> None:
+    bench = children.trunk(
+        "bench", "realtime", "--rate", 100, "--seconds", 0.5, "--rounds", 1, "--json"
+    )
+    bench.process.wait(timeout=100)
+    assert bench.wait() in (0, 1), bench.stderr  # 1: a goal was missed, on a busy machine
+    children.none_left()
+    assert bench.stdout, bench.stderr
+    rows = json.loads(bench.stdout)
+    assert [(row["loop"], row["measure"]) for row in rows] == [
+        (loop, measure) for loop in LOOPS for measure in MEASURES
+    ]
+    latencies = {row["loop"]: row for row in rows if row["measure"] == LATENCY}
+    bare = latencies["bare pair"]
+    assert (bare["ratio"], bare["goal"], bare["met"]) == (1.0, "", None)
+    for loop in LOOPS[1:]:
+        row = latencies[loop]
+        assert row["value"] > 0.0
+        assert row["ratio"] == pytest.approx(row["value"] / bare["value"])
+        assert row["met"] == (row["ratio"] <= 1.3)
+        assert row["goal"] == "<= 1.3"
+
+
+def test_a_wrong_rate_is_one_line(children: Children) -> None:
+    bench = children.trunk("bench", "realtime", "--rate", 0)
+    assert bench.wait() == 2
+    (line,) = bench.stderr.splitlines()
+    assert "update_rate" in line
