@@ -1,0 +1,34 @@
+"""A minute of scripts/check_soak.py; by hand it runs for half an hour."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from .processes import Children
+
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
+
+SCRIPT = Path(__file__).parents[2] / "scripts" / "check_soak.py"
+
+
+@pytest.mark.timeout(300)
+def test_a_minute(children: Children) -> None:
+    soak = children.start("soak", sys.executable, SCRIPT, "--minutes", 1)
+    soak.process.wait(timeout=270)
+    assert soak.wait() == 0, soak.stdout + soak.stderr
+    children.none_left()
+    for node in ("simulator", "disturbance", "fuzzy_pid", "recorder"):
+        assert f"  {node} " in soak.stdout
+    assert "12001 states" in soak.stdout
+    assert soak.stdout.splitlines()[-1] == "check_soak: 1 min at 200 Hz passed"
+
+
+def test_a_run_that_cannot_be_is_one_line(children: Children) -> None:
+    soak = children.start("soak", sys.executable, SCRIPT, "--rate", 0)
+    assert soak.wait() == 1
+    (line,) = soak.stderr.splitlines()
+    assert line.startswith("check_soak: FAILED: ")
+    assert "update_rate" in line
