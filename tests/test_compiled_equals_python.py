@@ -172,6 +172,29 @@ def test_lqr_update(twin):
         assert bits(twin["lqr_update"](*arguments)) == bits(lqr.lqr_update(*arguments))
 
 
+def test_updates_at_extreme_numbers(twin, rules):
+    """Where products overflow, both hold the same command."""
+    rng = np.random.default_rng(13)
+    box, compiled_rules = fuzzy_pid.GainBox(), arrays(rules)
+    held = 0
+    for k in range(4000):
+        size = 10.0 ** rng.uniform(-330.0, 308.0, 12)
+        numbers = (size * rng.choice([-1.0, 1.0], 12)).tolist()
+        state = pid.PidState(*numbers[:5], k % 5 > 0)
+        sample = (*numbers[5:8], float(10.0 ** rng.uniform(-9.0, 9.0)))
+        law = LAWS[k % len(LAWS)]
+        gains = pid.Gains(*np.abs(numbers[8:11]).tolist())
+        expected = pid.pid_update(state, *sample, gains, law)
+        held += expected[0] is state
+        assert bits(twin["pid_update"](state, *sample, gains, law)) == bits(expected)
+        expected = fuzzy_pid.fuzzy_pid_update(state, *sample, rules, box, law)
+        actual = twin["fuzzy_pid_update"](state, *sample, compiled_rules, box, law)
+        assert bits(actual) == bits(expected)
+        other = pid.Gains(gains.d, gains.p, gains.i)
+        assert bits(twin["retune"](state, gains, other)) == bits(pid.retune(state, gains, other))
+    assert held > 100
+
+
 def test_computed_torque_update(twin):
     rng = np.random.default_rng(11)
     for k, (*sample, gains, law) in enumerate(pid_inputs(2000, 12, LAWS[-2])):

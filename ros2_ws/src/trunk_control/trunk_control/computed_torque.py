@@ -7,7 +7,7 @@ Pure: scalar functions of floats and named tuples, which CPython runs and numba 
 
 from __future__ import annotations
 
-from math import cos, sin
+from math import cos, nan, sin
 from typing import NamedTuple
 
 from .pid import Gains, PidLaw, PidState, Terms, alpha_of, combine, error_derivative, held, usable
@@ -41,9 +41,13 @@ def inverse_dynamics(hip: Hip, theta: float, theta_dot: float, model: Model) -> 
         H = m l^2 (M (1 + y'^2) + m n^2) / ((M + m)(1 + y'^2))
         c = mu (m l n th'^2 - (M + m) y' (y'' x'^2 + g)) - m l sin th (y'' x'^2 + g)
 
-    A prescribed hip leaves ``H = m l^2`` and the last term of c.
+    A prescribed hip leaves ``H = m l^2`` and the last term of c. Both are NaN where an angle is too large
+    to be a float.
     """
     phase = model.wavenumber * hip.position
+    angles = phase + theta
+    if angles - angles != 0.0:  # CPython raises for the sine of infinity
+        return nan, nan
     slope = model.amplitude * model.wavenumber * cos(phase)
     curvature = -model.amplitude * model.wavenumber * model.wavenumber * sin(phase)
     sin_theta = sin(theta)
@@ -85,11 +89,11 @@ def computed_torque_update(
     """
     error = reference - measurement
     if not usable(error, rate + hip.position + hip.velocity, dt):
-        return held(state, gains, alpha_of(gains), state.effort)
+        return held(state, gains, alpha_of(gains), law)
     inertia, bias = inverse_dynamics(hip, measurement, rate, model)
     effective = Gains(inertia * gains.p, inertia * gains.i, inertia * gains.d)
     alpha = alpha_of(effective)
     if not usable(error, bias, dt):  # the squares of finite rates may overflow
-        return held(state, effective, alpha, state.effort)
+        return held(state, effective, alpha, law)
     derivative = error_derivative(state, error, measurement, rate, dt, law)
     return combine(state, error, measurement, derivative, dt, effective, alpha, law, bias)

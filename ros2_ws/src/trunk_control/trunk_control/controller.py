@@ -17,7 +17,7 @@ from trunk_msgs_util.units import seconds
 from .computed_torque import Hip
 from .config import ControllerConfig, FuzzyPidConfig, PidConfig
 from .fuzzy_pid import fuzzy_pid_update, inferred_gains
-from .pid import Gains, PidLaw, PidState, Terms, pid_update, retune
+from .pid import Gains, PidLaw, PidState, Terms, limited, pid_update, retune
 from .reference import reference_at
 
 
@@ -28,6 +28,7 @@ class Answer(NamedTuple):
     fresh: bool  # False: the command is held, no update was due
     reference: float  # rad
     terms: Terms | None  # of the update; None where the command is held
+    held: bool = False  # an update was due, and the law gave no finite number
 
 
 class Seen(NamedTuple):
@@ -42,11 +43,7 @@ _STILL = Hip()
 
 def handover_law(law: PidLaw, effort: float, step: float) -> PidLaw:
     """Return the law with its limits drawn in to ``effort`` +- ``step`` [N m], never beyond its own."""
-
-    def limited(value: float) -> float:
-        return max(law.u_min, min(law.u_max, value))
-
-    return law._replace(u_min=limited(effort - step), u_max=limited(effort + step))
+    return law._replace(u_min=limited(effort - step, law), u_max=limited(effort + step, law))
 
 
 def hip_index(config: ControllerConfig, joints: Sequence[str]) -> int | None:
@@ -66,14 +63,15 @@ class Controller(ABC):
     """The shell that all laws share: due instants, time steps, the reference, reset, retuning, handover."""
 
     config: ControllerConfig
+    state: PidState
 
     def __init__(self, config: ControllerConfig) -> None:
-        self.state = PidState()
         self.active = True
         self._last_ns: int | None = None
         self._takes_over: Seen | None = None  # until the first update after it became active
         self._moving_from: float | None = None  # N m, until the command has met the law's
         self._configure(config)
+        self.reset()
 
     def _configure(self, config: ControllerConfig) -> None:
         self.config = config
@@ -129,7 +127,7 @@ class Controller(ABC):
             self._law = handover_law(self.config.law, self._moving_from, self.config.handover_step)
         state, terms = self._update(reference, position, velocity, hip, dt)
         if state is self.state:  # held: not a finite sample; dt goes on from the last that was
-            return Answer(terms.effort, False, reference, None)
+            return Answer(terms.effort, False, reference, None, held=True)
         self.state = state
         self._last_ns = stamp_ns
         self._takes_over = None
@@ -152,8 +150,7 @@ class Controller(ABC):
         The last state before gives the derivative its past; a jump of the reference is not in it. What
         the integral cannot take up (ki = 0, its limits) the command makes up for in bounded steps.
         """
-        law = self.config.law
-        effort = max(law.u_min, min(law.u_max, effort))
+        effort = limited(effort, self.config.law)
         error = reference - seen.position
         self.state = PidState(0.0, error, seen.position, 0.0, effort, True)
         _, terms = self._update(reference, position, rate, hip, dt)
@@ -166,7 +163,7 @@ class Controller(ABC):
     def _move_on(self, terms: Terms) -> None:
         """Lift the handover's limits once the command is the one that the law's own limits would leave."""
         law = self.config.law
-        if terms.effort == max(law.u_min, min(law.u_max, terms.unsaturated)):
+        if terms.effort == limited(terms.unsaturated, law):
             self._moving_from = None
             self._law = law
         else:
@@ -190,16 +187,20 @@ class Controller(ABC):
 
     def reset(self) -> None:
         """Forget the past: the integral, the last sample and the last stamp."""
-        self.state = PidState()
+        self._law = self.config.law
+        self.state = PidState(effort=limited(0.0, self._law))
         self._last_ns = None
         self._takes_over = self._moving_from = None
-        self._law = self.config.law
 
     def retune(self, config: ControllerConfig) -> None:
-        """Take a new configuration between two samples; the integral is rescaled: no jump in the command."""
+        """Take a new configuration between two samples; the integral is rescaled: no jump in the command.
+
+        A command that is held is within the new limits at once.
+        """
         old = self._gains()
         self._configure(config)
-        self.state = retune(self.state, old, self._gains())
+        state = retune(self.state, old, self._gains())
+        self.state = state._replace(effort=limited(state.effort, self._law))
 
 
 class PidController(Controller):

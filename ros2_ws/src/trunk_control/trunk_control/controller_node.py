@@ -113,6 +113,8 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         answer = self._controller.update(
             stamp_ns, position, velocity, self._reference, hip, effort if isfinite(effort) else 0.0
         )
+        if answer.held:
+            self.counters["updates held: the law gave no finite number"] += 1
         if answer.fresh or self.config.lockstep:
             self._publish(stamp_ns, position, answer)
 

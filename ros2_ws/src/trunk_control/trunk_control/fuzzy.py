@@ -38,7 +38,7 @@ def locate(value: float, peaks: Sequence[float]) -> tuple[int, float]:
     """
     low = 0
     high = len(peaks) - 1
-    if value <= peaks[0]:
+    if not value > peaks[0]:  # nor is NaN
         return 0, 0.0
     if value >= peaks[high]:
         return high - 1, 1.0

@@ -5,6 +5,7 @@ Pure: scalar functions of floats and named tuples, which CPython runs and numba 
 
 from __future__ import annotations
 
+from math import inf
 from typing import NamedTuple
 
 from .fuzzy import FuzzyRules, infer
@@ -42,7 +43,9 @@ def inferred_gains(
         kd = box.d_max
     elif kd < box.d_min:
         kd = box.d_min
-    return Gains(kp, kp * kp / (alpha * kd), kd), alpha
+    scale = alpha * kd
+    ki = kp * kp / scale if scale != 0.0 else inf  # it may be too small for a float
+    return Gains(kp, ki, kd), alpha
 
 
 def fuzzy_pid_update(
@@ -63,7 +66,7 @@ def fuzzy_pid_update(
     error = reference - measurement
     if not usable(error, rate, dt):
         gains, alpha = inferred_gains(state.error, state.derivative, rules, box)
-        return held(state, gains, alpha, state.effort)
+        return held(state, gains, alpha, law)
     derivative = error_derivative(state, error, measurement, rate, dt, law)
     gains, alpha = inferred_gains(error, derivative, rules, box)
     return combine(state, error, measurement, derivative, dt, gains, alpha, law, 0.0)

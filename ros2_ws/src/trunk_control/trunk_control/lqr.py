@@ -31,7 +31,7 @@ def lqr_update(
     """
     error = reference - measurement
     if not usable(error, rate, dt):
-        return held(state, gains, alpha_of(gains), state.effort)
+        return held(state, gains, alpha_of(gains), law)
     derivative = error_derivative(state, error, measurement, rate, dt, law)
     return combine(
         state,

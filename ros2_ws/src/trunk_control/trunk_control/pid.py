@@ -6,7 +6,7 @@ Names follow ros-controls' control_toolbox where it has one.
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import inf, nan, sqrt
 from typing import NamedTuple
 
 DERIVATIVE_ON_ERROR = 0  # D = (e_k - e_{k-1}) / h: the paper's eq. 13, kicks on reference steps
@@ -66,7 +66,7 @@ class Terms(NamedTuple):
     ki: float
     kd: float
     alpha: float  # kp^2 / (ki kd); 0 where it does not exist
-    unsaturated: float  # N m
+    unsaturated: float  # N m; NaN where the last command is held
     effort: float  # N m, after the limits
 
 
@@ -111,6 +111,7 @@ def combine(
     is used at once. Anti-windup acts afterwards, on the I of the next sample: conditional integration
     drops the increment where u is limited and ``u e > 0``; back-calculation adds
     ``h (u_limited - u) / (T_t ki)``. Ki stands outside the sum, so that gains may change freely.
+    Where products overflow and the command or the state would not be finite, the last command is held.
     """
     kp, ki, kd = gains
     integral = state.integral + dt * error
@@ -118,10 +119,12 @@ def combine(
     i_term = ki * integral
     if i_term > law.i_max:
         i_term = law.i_max
-        integral = i_term / ki
+        if ki != 0.0:
+            integral = i_term / ki
     elif i_term < law.i_min:
         i_term = law.i_min
-        integral = i_term / ki
+        if ki != 0.0:
+            integral = i_term / ki
     d_term = kd * derivative
     u = p_term + i_term + d_term + feedforward
     effort = u
@@ -139,7 +142,12 @@ def combine(
                 tracking = sqrt(kd / ki) if kd > 0.0 else kp / ki
             if tracking < dt:
                 tracking = dt  # faster would overshoot the limit, and diverge below dt / 2
-            integral += dt * (effort - u) / (tracking * ki)
+            scale = tracking * ki
+            if scale > 0.0:  # it may be too small for a float
+                integral += dt * (effort - u) / scale
+    total = effort + integral + derivative
+    if total - total != 0.0:
+        return held(state, gains, alpha, law)
     return (
         PidState(integral, error, measurement, derivative, effort, True),
         Terms(error, derivative, p_term, i_term, d_term, kp, ki, kd, alpha, u, effort),
@@ -152,8 +160,18 @@ def alpha_of(gains: Gains) -> float:
     return gains.p * gains.p / product if product > 0.0 else 0.0
 
 
-def held(state: PidState, gains: Gains, alpha: float, effort: float) -> tuple[PidState, Terms]:
-    """Return the unchanged state and terms that repeat the last command: nothing new is known."""
+def limited(effort: float, law: PidLaw) -> float:
+    """Return a command in N m, limited to [u_min, u_max]."""
+    if effort > law.u_max:
+        return law.u_max
+    return law.u_min if effort < law.u_min else effort
+
+
+def held(state: PidState, gains: Gains, alpha: float, law: PidLaw) -> tuple[PidState, Terms]:
+    """Return the unchanged state and terms that repeat the last command, within the present limits.
+
+    Nothing new is known: ``unsaturated`` is NaN, and by that alone compiled code knows a held command.
+    """
     return state, Terms(
         state.error,
         state.derivative,
@@ -164,8 +182,8 @@ def held(state: PidState, gains: Gains, alpha: float, effort: float) -> tuple[Pi
         gains.i,
         gains.d,
         alpha,
-        effort,
-        effort,
+        nan,
+        limited(state.effort, law),
     )
 
 
@@ -192,12 +210,13 @@ def pid_update(
     """Return the next state and the terms of one PID update (paper, eq. 13).
 
     ``reference`` and ``measurement`` in rad, ``rate`` (measured, used by mode "rate" alone) in rad/s,
-    ``dt`` in s since the previous update. ``dt == 0`` or a non-finite sample holds the last command and
-    leaves the state alone. Raises ValueError for a negative ``dt``.
+    ``dt`` in s since the previous update. ``dt == 0``, a non-finite sample, or a law whose result would
+    not be finite holds the last command and leaves the state alone. Raises ValueError for a negative
+    ``dt``.
     """
     error = reference - measurement
     if not usable(error, rate, dt):
-        return held(state, gains, alpha_of(gains), state.effort)
+        return held(state, gains, alpha_of(gains), law)
     derivative = error_derivative(state, error, measurement, rate, dt, law)
     return combine(state, error, measurement, derivative, dt, gains, alpha_of(gains), law, 0.0)
 
@@ -205,13 +224,15 @@ def pid_update(
 def retune(state: PidState, old: Gains, new: Gains) -> PidState:
     """Return the state with its integral rescaled so that a change of gains does not move the command.
 
-    ``I' = (u_old - kp' e - kd' D) / ki'`` with the last e and D; where ``ki' = 0`` the integral is kept,
-    and the change of the other terms shows.
+    ``I' = (u_old - kp' e - kd' D) / ki'`` with the last e and D; where ``ki' = 0``, or so small that I'
+    would not be finite, the integral is kept, and the change of the other terms shows.
     """
     if not state.started or new.i == 0.0 or old == new:
         return state
     u = old.p * state.error + old.i * state.integral + old.d * state.derivative
     integral = (u - new.p * state.error - new.d * state.derivative) / new.i
+    if integral - integral != 0.0:
+        return state
     return PidState(
         integral, state.error, state.measurement, state.derivative, state.effort, state.started
     )

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache, lru_cache
-from math import isfinite, nan
+from math import isfinite, isnan, nan
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from trunk_control.fuzzy_pid import fuzzy_pid_update
 from trunk_control.lqr import lqr_update
-from trunk_control.pid import PidState, Terms, pid_update, usable
+from trunk_control.pid import PidState, Terms, pid_update
 from trunk_control.reference import ReferenceProfile, reference_at
 from trunk_msgs_util.joint_arrays import Floats
 from trunk_msgs_util.metrics import Metrics, metrics
@@ -98,7 +98,7 @@ def run_loop(setting: Setting, constants: Any, noise: Floats, out: Floats) -> in
             dt = seconds(stamp_ns - last_ns if started else s.control_period_ns)
             wanted = reference_at(stamp_ns, s.profile)
             memory, terms = update(memory, wanted, position, rate, dt, *constants)
-            if usable(wanted - position, rate, dt):
+            if not isnan(terms.unsaturated):  # not held
                 started = True
                 last_ns = stamp_ns
                 reference = wanted

@@ -106,6 +106,13 @@ def test_divergence_is_an_error_that_leaves_the_state(effort):
     assert simulation.truth() == before
 
 
+def test_masses_that_vanish_in_a_product_diverge():
+    tiny = 5e-324
+    simulation = Simulation(SimulatorConfig(hip_mass=tiny, trunk_mass=tiny, length=0.1))
+    with pytest.raises(DivergedError, match="the loop is unstable"):
+        simulation.step(1.0, QUIET)
+
+
 def test_reset_restores_the_state_and_keeps_the_time():
     config = SimulatorConfig(delay=0.02)
     simulation = Simulation(config)

@@ -90,7 +90,7 @@ class Simulation:
         """
         torque = saturate(effort, self.config.max_effort)
         state: PlantState | None = None
-        with suppress(ValueError, OverflowError):  # sin(inf), or a float too large
+        with suppress(ValueError, ArithmeticError):  # sin(inf), or a divisor too small for a float
             state = advance(
                 self.state,
                 disturbance.hip_force,

@@ -1,0 +1,147 @@
+"""Whatever comes in, in whatever order: a command is a number, and within its limits."""
+
+from __future__ import annotations
+
+from math import inf, isfinite, isnan
+from sys import float_info
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trunk_control.computed_torque import Hip, Model, computed_torque_update
+from trunk_control.config import FuzzyPidConfig, PidConfig
+from trunk_control.controller import FuzzyPidController, PidController
+from trunk_control.fuzzy_pid import GainBox, fuzzy_pid_update
+from trunk_control.lqr import lqr_update
+from trunk_control.model_config import ComputedTorqueConfig, LqrConfig
+from trunk_control.model_controller import ComputedTorqueController, LqrController
+from trunk_control.pid import (
+    ANTIWINDUP_BACK_CALCULATION,
+    Gains,
+    PidLaw,
+    PidState,
+    pid_update,
+    retune,
+)
+
+TINY, HUGE = 5e-324, float_info.max
+anything = st.floats()  # infinities, NaN and subnormal numbers too
+number = st.floats(allow_nan=False, allow_infinity=False)
+not_negative = st.floats(0.0, HUGE) | st.sampled_from([0.0, TINY, 1e-200, 1e200, HUGE])
+positive = not_negative.map(lambda value: value or TINY)
+dts = st.sampled_from([0.0, TINY, 1e-9, 0.005, 4e9, HUGE])
+gains = st.builds(Gains, not_negative, not_negative, not_negative)
+
+
+@st.composite
+def laws(draw) -> PidLaw:
+    low, high = sorted(draw(st.lists(anything.filter(lambda v: v == v), min_size=2, max_size=2)))
+    if low == inf or high == -inf:
+        low, high = -inf, inf
+    i_min, i_max = -draw(not_negative | st.just(inf)), draw(not_negative | st.just(inf))
+    mode, filter_time = draw(st.integers(0, 2)), draw(not_negative)
+    strategy, tracking = draw(st.integers(0, 2)), draw(not_negative)
+    return PidLaw(mode, filter_time, low, high, i_min, i_max, strategy, tracking)
+
+
+states = st.builds(PidState, number, number, number, number, number, st.booleans())
+samples = st.tuples(anything, anything, anything, dts)
+
+
+RULES = [
+    FuzzyPidConfig(error_range=e, rate_range=rate, alpha_centers=alpha, consequents=kind).rules
+    for e, rate, alpha, kind in (
+        (1.0, 5.0, (2.0, 3.0, 4.0, 5.0), "linear"),
+        (TINY, TINY, (TINY,) * 4, "linear"),  # peaks that fall together
+        (1e3, 1e5, (TINY, 1.0, 1e6, 1e6), "log"),
+    )
+]
+boxes = st.builds(
+    lambda p, d: GainBox(*sorted(p), *sorted(d)),
+    st.tuples(positive, positive),
+    st.tuples(positive, positive),
+)
+models = st.builds(Model, positive, positive, positive, not_negative, number, number, st.booleans())
+
+
+def pid_step(data):
+    chosen = data.draw(gains)
+    return lambda state, sample, law: pid_update(state, *sample, chosen, law)
+
+
+def fuzzy_pid_step(data):
+    chosen = data.draw(st.sampled_from(RULES)), data.draw(boxes)
+    return lambda state, sample, law: fuzzy_pid_update(state, *sample, *chosen, law)
+
+
+def lqr_step(data):
+    chosen = data.draw(gains), data.draw(not_negative)
+    return lambda state, sample, law: lqr_update(state, *sample, *chosen, law)
+
+
+def computed_torque_step(data):
+    hip = Hip(data.draw(anything), data.draw(anything))
+    chosen = hip, data.draw(gains), data.draw(models)
+    return lambda state, sample, law: computed_torque_update(state, *sample, *chosen, law)
+
+
+@pytest.mark.parametrize("make_step", [pid_step, fuzzy_pid_step, lqr_step, computed_torque_step])
+@given(st.data())
+def test_every_command_is_a_number_within_its_limits(make_step, data):
+    law, state = data.draw(laws()), data.draw(states)
+    for _ in range(3):
+        before = state
+        state, terms = make_step(data)(state, data.draw(samples), law)
+        assert isfinite(terms.effort)
+        assert law.u_min <= terms.effort <= law.u_max
+        assert all(map(isfinite, state))
+        assert isnan(terms.unsaturated) == (state is before), "held, and marked as such"
+
+
+@given(states, gains, gains)
+def test_retuning_leaves_a_finite_integral(state, old, new):
+    after = retune(state, old, new)
+    assert all(map(isfinite, after))
+    assert after._replace(integral=state.integral) == state
+
+
+def test_an_overflow_holds_the_last_command_within_the_present_limits():
+    state = PidState(1.0, 1.0, 1.0, 0.0, effort=70.0, started=True)
+    after, terms = pid_update(state, 1e300, 0.0, -1e300, 0.01, Gains(1e9, 0.0, 1e9), PidLaw(2))
+    assert after.effort == terms.effort == 70.0  # inf + inf without a limit is no command
+    law = PidLaw(2, u_min=-50.0, u_max=50.0)
+    after, terms = pid_update(state, 1e300, 0.0, -1e300, 0.01, Gains(1e9, 0.0, 1e9), law)
+    assert terms.effort == 50.0 == after.effort  # with one its sign is known
+    assert not isnan(terms.unsaturated)
+    after, terms = pid_update(state, 1e300, 0.0, 1e300, 0.01, Gains(1e9, 0.0, 1e9), law)
+    assert after is state  # inf - inf
+    assert terms.effort == 50.0
+
+
+def test_back_calculation_with_an_integral_gain_that_vanishes_in_a_product():
+    law = PidLaw(u_min=-1.0, u_max=1.0, antiwindup=ANTIWINDUP_BACK_CALCULATION)
+    law = law._replace(tracking_time_constant=1e-3)
+    state, terms = pid_update(PidState(), 5.0, 0.0, 0.0, 1e-3, Gains(1.0, TINY, 0.0), law)
+    assert (state.integral, terms.effort) == (0.005, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("controller", "config"),
+    [
+        (PidController, PidConfig),
+        (FuzzyPidController, FuzzyPidConfig),
+        (LqrController, LqrConfig),
+        (ComputedTorqueController, ComputedTorqueConfig),
+    ],
+)
+def test_a_held_command_follows_the_limits_at_once(controller, config):
+    driven = controller(config())
+    assert driven.update(0, -3.0, 0.0).effort == 100.0
+    driven.retune(config(u_clamp_max=5.0))
+    assert driven.update(1, -3.0, 0.0).effort == 5.0  # no update is due
+    never = controller(config(u_clamp_min=2.0))
+    answer = never.update(0, inf, 0.0)
+    assert (answer.effort, answer.held, answer.fresh) == (2.0, True, False)
+    never.reset()
+    assert never.state.effort == 2.0
