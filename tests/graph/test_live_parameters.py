@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from itertools import count
-from math import nan
+from math import inf, nan
 from typing import Any
 
 import pytest
-from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue, SetParametersResult
 from rcl_interfaces.srv import (
     DescribeParameters,
     GetParameters,
@@ -38,8 +39,11 @@ class Services:
 
     def set(self, **values: Any) -> SetParametersResult:
         """Set parameters one by one; ``__`` in a name stands for the dot. Return the last result."""
+        return self.set_each(**values)[-1]
+
+    def set_each(self, **values: Any) -> list[SetParametersResult]:
         response = self._call(SetParameters, "set_parameters", parameters=_messages(values))
-        return response.results[-1]
+        return response.results
 
     def set_together(self, **values: Any) -> SetParametersResult:
         return self._call(
@@ -119,19 +123,68 @@ def test_stored_is_active_and_published(pid: Child, peer: Peer) -> None:
     assert [(c.node, c.stamp_ns, c.changed) for c in changes] == [
         ("/pid", 2 * PERIOD_NS, {"gains.p": 80.0})
     ]
-    out_of_range = "gains.p out of range Min: 0.0, Max: 1000000000.0, value: "  # rclpy's words
+    allowed = "double, >= 0 and <= 1e+09"
     for value, reason in (
-        (-1.0, out_of_range + "-1.0"),
-        (nan, out_of_range + "nan"),
-        ("much", "expected 'Type.DOUBLE'"),
+        (-1.0, f"-1.0 is not allowed: {allowed}"),
+        (nan, f"nan is not allowed: finite {allowed}"),
+        (inf, f"inf is not allowed: finite {allowed}"),
+        ("much", f"'much' is not allowed: {allowed}"),
+        (True, f"True is not allowed: {allowed}"),
+        ([80.0], f"[80.0] is not allowed: {allowed}"),
+        ([1.0] * 100_000, f"... is not allowed: {allowed}"),
+        (None, f"None is not allowed: {allowed}"),
     ):
-        result = services.set(gains__p=value)
-        assert not result.successful
-        assert reason in result.reason
-    assert not services.set(update_rate=100.0).successful
-    assert services.get("gains.p", "update_rate") == [80.0, 200.0]
+        for result in (services.set(gains__p=value), services.set_together(gains__p=value)):
+            assert not result.successful
+            assert result.reason.startswith("parameter 'gains.p': ")
+            assert result.reason.endswith(reason)
+            assert len(result.reason) < 200
+    assert services.get("gains.p") == [80.0]
     assert answer() == -0.25 * 80.0
     assert len([p for p in peer.parameters if p.changed]) == 1
+
+
+def test_every_refusal_names_what_is_refused(pid: Child, peer: Peer) -> None:
+    services = Services(peer, "pid")
+    for values, *reasons in (
+        ({"update_rate": 100.0}, "'update_rate': 100.0 is not allowed: fixed at start, to 200.0"),
+        (
+            {"gain__p": 1.0},
+            "'gain.p': 1.0 is not allowed: no such parameter; did you mean 'gains.p'?",
+        ),
+        ({"use_sim_time": 3}, "'use_sim_time': Wrong parameter type, expected 'Type.BOOL'"),
+        ({"reference__times": [0.0] * 10_001}, "'reference.times': [0.0, ", "of at most 10000"),
+        (
+            {"gains__p": -1.0, "gains__i": 7.0, "gains__d": "x", "joint": "hip"},
+            "'gains.p': -1.0 is not allowed: double, >= 0",
+            "; parameter 'gains.d': 'x' is not allowed: double, >= 0",
+            "; parameter 'joint': 'hip' is not allowed: fixed at start, to 'trunk'",
+        ),
+    ):
+        result = services.set_together(**values)
+        assert not result.successful
+        for reason in reasons:
+            assert reason in result.reason
+    assert services.get("gains.i") == [0.0], "right by itself, but set together with wrong ones"
+    assert services.set(reference__times=[1, 2], reference__values=[3, 4]).successful is False
+    assert services.set_together(reference__times=[1, 2], reference__values=[3, 4]).successful
+    assert repr(services.get("reference.times")) == "[[1.0, 2.0]]"
+    assert services.set_together(reference__times=[], reference__values=[]).successful
+
+    # Of three, one by one, the wrong one alone is refused.
+    results = services.set_each(gains__p=1.0, gains__i=-1.0, gains__d=2.0)
+    assert [result.successful for result in results] == [True, False, True]
+    assert services.get("gains.p", "gains.i", "gains.d") == [1.0, 0.0, 2.0]
+
+    strange = ParameterMessage(name="gains.p", value=ParameterValue(type=77))  # no type of ROS 2
+    for kind, service in (
+        (SetParameters, "set_parameters"),
+        (SetParametersAtomically, "set_parameters_atomically"),
+    ):
+        response = peer.call(kind, f"/pid/{service}", parameters=[strange])
+        result = response.result if kind is SetParametersAtomically else response.results[0]
+        assert result.reason == "parameter 'gains.p': 77 is no type of a parameter"
+    assert services.get("gains.p") == [1.0]
 
 
 def test_linked_values_and_rules(children: Children, peer: Peer) -> None:

@@ -78,6 +78,7 @@ class ControllerConfig(ManagedConfig):
         "When the levels of the sequence begin, ascending",
         unit="s",
         element=float,
+        longest=10_000,
         minimum=0.0,
         maximum=1e6,
     )
@@ -87,6 +88,7 @@ class ControllerConfig(ManagedConfig):
         "The levels of the sequence",
         unit="rad",
         element=float,
+        longest=10_000,
         minimum=-1e3,
         maximum=1e3,
     )

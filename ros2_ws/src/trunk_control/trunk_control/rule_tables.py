@@ -64,6 +64,8 @@ def centers(rows: Sequence[str], values: Mapping[str, float]) -> tuple[float, ..
             )
         for j, label in enumerate(labels):
             if label not in values:
-                raise ValueError(f"labels {', '.join(values)}; cell {cell_name(i, j)} is {label!r}")
+                raise ValueError(
+                    f"labels {', '.join(values)}; cell {cell_name(i, j)} is {label[:20]!r}"
+                )
             table.append(values[label])
     return tuple(table)

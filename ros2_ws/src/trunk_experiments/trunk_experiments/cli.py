@@ -23,7 +23,7 @@ _VERBS = {
     "doctor": ("doctor", "Say what is wrong with a recording, and where."),
     "recover": ("recover", "Write a whole file out of a broken one."),
     "export": ("export", "Write a recorded run as CSV, Parquet, npz or a smaller MCAP."),
-    "params": ("params", "List every parameter that the nodes declare."),
+    "params": ("params", "List every parameter that the nodes declare; change a running node's."),
     "sweep": ("sweep", "Run a study: grids and draws over any parameter, compiled."),
     "paper": ("paper", "Reproduce the paper's figures and judge its claims."),
     "tune": ("tune", "Compute gains, their margins, and write them as a parameter file."),

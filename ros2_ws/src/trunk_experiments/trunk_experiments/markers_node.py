@@ -57,7 +57,7 @@ class MarkersNode(Node):
 
     def __init__(self) -> None:
         """Declare and check the parameters. Raises ParameterError."""
-        super().__init__("markers")
+        super().__init__("markers", start_parameter_services=False)  # made with the parameters
         self._parameters_set = NodeParameters(self, MarkersConfig, lambda old, new: None)
         self._plant: dict[str, object] = {}
         self._geometry = Geometry()

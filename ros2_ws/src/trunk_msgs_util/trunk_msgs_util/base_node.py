@@ -51,7 +51,7 @@ class TrunkNode(LifecycleNode, Generic[Config]):
 
     def __init__(self, name: str, config_class: type[Config]) -> None:
         """Declare and check the parameters. Raises ParameterError."""
-        super().__init__(name)
+        super().__init__(name, start_parameter_services=False)  # they are made with the parameters
         self.configured = False
         self.active = False
         self._refusal: ParameterError | None = None

@@ -8,6 +8,7 @@ from the parameters of a ROS node, from a parameter file offline and from a reco
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
@@ -24,11 +25,11 @@ class ParameterError(ValueError):
         self.name = name
         self.value = value
         self.allowed = allowed
-        super().__init__(f"parameter {name!r}: {_shown(value)} is not allowed: {allowed}")
+        super().__init__(f"parameter {_shown(name)}: {_shown(value)} is not allowed: {allowed}")
 
 
 def _shown(value: object) -> str:
-    text = repr(list(value) if isinstance(value, tuple) else value)
+    text = repr(list(value) if isinstance(value, tuple | array) else value)
     return text if len(text) <= 80 else text[:77] + "..."
 
 
@@ -47,12 +48,17 @@ class Declaration:
     unbounded: bool = False  # infinities are allowed
     choices: tuple[str, ...] = ()
     length: int | None = None
+    longest: int | None = None  # of an array without a fixed length
     fixed: bool = False  # cannot change after start
 
     def allowed(self) -> str:
         """Return what is allowed, as a phrase for people."""
         each = "each " if self.kind.endswith("array") else ""
-        phrase = f"{self.kind}" + (f" of {self.length}" if self.length is not None else "")
+        phrase = self.kind
+        if self.length is not None:
+            phrase += f" of {self.length}"
+        elif self.longest is not None:
+            phrase += f" of at most {self.longest}"
         if self.choices:
             return f"{phrase}, {each}one of {', '.join(self.choices)}"
         bounds = self.bounds()
@@ -136,7 +142,9 @@ def check(declaration: Declaration, value: object) -> Value:
         if isinstance(value, str | bytes) or not hasattr(value, "__iter__"):
             raise ParameterError(declaration.name, value, declaration.allowed())
         items = tuple(value)
-        if declaration.length is not None and len(items) != declaration.length:
+        if (declaration.length is not None and len(items) != declaration.length) or (
+            declaration.longest is not None and len(items) > declaration.longest
+        ):
             raise ParameterError(declaration.name, items, declaration.allowed())
         return tuple(_scalar(declaration, item, items) for item in items)
     checked: Value = _scalar(declaration, value, value)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, Generic, TypeVar
 
@@ -14,8 +14,11 @@ from rcl_interfaces.msg import (
     ParameterEvent,
     SetParametersResult,
 )
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.parameter_service import ParameterService
 
 from .conversions import stamp_to_ros
 from .declarations import (
@@ -25,6 +28,7 @@ from .declarations import (
     build,
     check,
     declarations,
+    unknown_name,
     values_of,
 )
 
@@ -102,6 +106,7 @@ class NodeParameters(Generic[Config]):
         node.add_pre_set_parameters_callback(self._coerce)
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._apply)
+        _Services(node, self.refusal)
 
     def _take_overrides(self) -> dict[str, object]:
         """Return what files and command line say, of whatever type it is."""
@@ -151,18 +156,49 @@ class NodeParameters(Generic[Config]):
         except ParameterError:
             return change
 
-    def _candidate(self, changes: list[Parameter]) -> Any:
+    def _candidate(self, changes: Sequence[Parameter]) -> Any:
         values: dict[str, object] = dict(values_of(self.config))
         values.update({p.name: p.value for p in changes if p.name in self._declared})
         return build(self._class, values)
 
+    def refusal(self, changes: Sequence[Parameter]) -> str:
+        """Return why these changes are refused as a set, every wrong value by its name; empty: they fit.
+
+        Linked values are checked together, once each is right by itself.
+        """
+        errors = []
+        for change in changes:
+            try:
+                self._check(change)
+            except ParameterError as error:
+                errors.append(str(error))
+        if not errors:
+            try:
+                self._candidate(changes)
+            except ParameterError as error:
+                errors.append(str(error))
+        return "; ".join(errors)
+
+    def _check(self, change: Parameter) -> None:
+        declaration = self._declared.get(change.name)
+        if declaration is not None:
+            if declaration.fixed:
+                now = self._node.get_parameter(change.name).value
+                raise ParameterError(
+                    change.name,
+                    change.value,
+                    f"fixed at start, to {now!r}; start the node with another value",
+                )
+            check(declaration, change.value)
+        elif not self._node.has_parameter(change.name):  # rclpy has some of its own
+            raise ParameterError(
+                change.name, change.value, unknown_name(change.name, self._declared)
+            )
+
     def _judge(self, changes: list[Parameter]) -> SetParametersResult:
-        """Accept or refuse the changes as a set; linked values are checked together."""
-        try:
-            self._candidate(changes)
-        except ParameterError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+        """Accept or refuse the changes; here come those of this process, which pass no service."""
+        reason = self.refusal(changes)
+        return SetParametersResult(successful=not reason, reason=reason)
 
     def _apply(self, changes: list[Parameter]) -> None:
         old, self.config = self.config, self._candidate(changes)
@@ -182,3 +218,46 @@ class NodeParameters(Generic[Config]):
         else:
             message.changed_parameters = listed
         return message
+
+
+class _Services(ParameterService):
+    """A node's parameter services: rclpy's, but what is refused is refused in our words.
+
+    rclpy judges types, ranges and fixed values by the descriptors before any callback is asked, and not
+    every reason of its own names the parameter; a type that ROS 2 does not know would end the node.
+    """
+
+    def __init__(self, node: Node, refusal: Callable[[Sequence[Parameter]], str]) -> None:
+        self._refusal = refusal
+        super().__init__(node)
+
+    def _set_parameters_callback(
+        self, request: SetParameters.Request, response: SetParameters.Response
+    ) -> SetParameters.Response:
+        response.results = [self._set([message]) for message in request.parameters]
+        return response
+
+    def _set_parameters_atomically_callback(
+        self, request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
+    ) -> SetParametersAtomically.Response:
+        response.result = self._set(request.parameters)
+        return response
+
+    def _set(self, messages: Sequence[ParameterMessage]) -> SetParametersResult:
+        known = {kind.value for kind in Parameter.Type}
+        strange = [message for message in messages if message.value.type not in known]
+        if strange:
+            reason = "; ".join(
+                f"parameter {message.name!r}: {message.value.type} is no type of a parameter"
+                for message in strange
+            )
+            return SetParametersResult(successful=False, reason=reason)
+        changes = [Parameter.from_parameter_msg(message) for message in messages]
+        reason = self._refusal(changes)
+        if reason:
+            return SetParametersResult(successful=False, reason=reason)
+        result = self._get_node().set_parameters_atomically(changes)
+        if not result.successful:  # of a parameter that is rclpy's own
+            names = ", ".join(repr(change.name) for change in changes)
+            result.reason = f"parameter {names}: {result.reason}"
+        return result

@@ -31,6 +31,7 @@ class DisturbanceConfig(ManagedConfig):
         "When the pulses start",
         unit="s",
         element=float,
+        longest=10_000,
         minimum=0.0,
         maximum=1e6,
     )

@@ -25,8 +25,9 @@ def run_errors() -> tuple[type[Exception], ...]:
 
     from ..bench_lockstep import BenchRunError
     from ..graph_run import RunError
+    from ..live_parameters import LiveParametersError
 
-    return (RunError, DivergedError, BenchRunError)
+    return (RunError, DivergedError, BenchRunError, LiveParametersError)
 
 
 def user_errors() -> tuple[type[Exception], ...]:

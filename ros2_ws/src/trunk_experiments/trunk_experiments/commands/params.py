@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from typing import Any
 
 import click
 
@@ -31,6 +33,12 @@ def _one(value: object) -> str:
     return str(value) or '""'
 
 
+def _size(declaration: Declaration) -> str:
+    if declaration.longest is not None:
+        return f"[≤{declaration.longest}]"
+    return f"[{declaration.length}]" if declaration.length is not None else ""
+
+
 def markdown(node: str) -> str:
     """Return a node's parameters as a Markdown table."""
     lines = ["| parameter | type | default | unit | allowed | what |", "|---|---|---|---|---|---|"]
@@ -41,7 +49,7 @@ def markdown(node: str) -> str:
             default = "see the table" if declaration.name.startswith("rules") else "even"
         cells = (
             f"`{declaration.name}`" + ("" if not declaration.fixed else " *"),
-            declaration.kind + (f"[{declaration.length}]" if declaration.length else ""),
+            declaration.kind + _size(declaration),
             default,
             declaration.unit,
             allowed.replace(">= ", "≥ ").replace("<= ", "≤ "),
@@ -51,13 +59,95 @@ def markdown(node: str) -> str:
     return "\n".join(lines)
 
 
-@click.command("params")
-@click.argument("node", type=click.Choice(list(NODES)), required=False)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@click.option("--markdown", "as_markdown", is_flag=True, help="Print Markdown tables.")
-def command(node: str | None, as_json: bool, as_markdown: bool) -> None:
-    """List the parameters of NODE, or of all nodes; * marks those that are fixed at start."""
-    nodes = [node] if node else list(NODES)
+class _Verb(click.Group):
+    """Takes a node's name, to list its parameters, where another verb takes a command."""
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
+        found = super().get_command(ctx, cmd_name)
+        if found is not None:
+            return found
+        if cmd_name not in NODES:
+            names = ", ".join(NODES)
+            raise click.UsageError(f"{cmd_name!r} is neither apply nor one of {names}", ctx)
+
+        @click.command(cmd_name)
+        @_listing_options
+        def of_one_node(as_json: bool, as_markdown: bool) -> None:
+            """List the node's parameters; * marks those that are fixed at start."""
+            given = ctx.params
+            _list([cmd_name], as_json or given["as_json"], as_markdown or given["as_markdown"])
+
+        return of_one_node
+
+
+def _listing_options(function: Any) -> Any:
+    function = click.option("--markdown", "as_markdown", is_flag=True, help="Print Markdown.")(
+        function
+    )
+    return click.option("--json", "as_json", is_flag=True, help="Print JSON.")(function)
+
+
+@click.group(
+    "params",
+    cls=_Verb,
+    invoke_without_command=True,
+    subcommand_metavar="[NODE | apply RUNNING_NODE FILE]",
+)
+@_listing_options
+@click.pass_context
+def command(ctx: click.Context, as_json: bool, as_markdown: bool) -> None:
+    """List the parameters of NODE, or of all nodes; * marks those that are fixed at start.
+
+    apply changes those of a running node.
+    """
+    if ctx.invoked_subcommand is None:
+        _list(list(NODES), as_json, as_markdown)
+
+
+@command.command("apply")
+@click.argument("node")
+@click.argument("file")
+@click.option(
+    "--timeout",
+    type=click.FloatRange(min=0.0, min_open=True, max=3600.0),
+    default=5.0,
+    show_default=True,
+    metavar="S",
+    help="How long the node may take to be found, and to answer.",
+)
+@click.option("--dry-run", is_flag=True, help="Show what differs, and change nothing.")
+def apply(node: str, file: str, timeout: float, dry_run: bool) -> None:
+    """Set the parameters of the running NODE to what FILE says of it: all at once, or none.
+
+    NODE is a node's name, such as pid or /robot2/pid; FILE a parameter file, by path or shipped name.
+    """
+    from trunk_msgs_util.parameter_files import read
+
+    from ..live_parameters import LiveParametersError, differences, full_name, said_of
+    from ..plan import find_file
+
+    layer, name = read(find_file(file)), full_name(node)
+    from ..live_parameters_node import LiveParameters
+
+    with LiveParameters(name, timeout) as parameters:
+        said = said_of(name, layer, parameters.names())
+        present, fixed = parameters.values(list(said)), parameters.fixed(list(said))
+        changes = differences(said, present, fixed)
+        refused = [change for change in changes if change.fixed]
+        if refused and not dry_run:
+            listed = "; ".join(map(str, refused))
+            raise LiveParametersError(
+                f"{name}: {listed}: nothing is changed; leave it out, or start the node with {file}"
+            )
+        if changes and not dry_run:
+            parameters.set_together({change.name: change.new for change in changes})
+    for change in changes:
+        click.echo(str(change))
+    if not changes:
+        click.echo("nothing to change")
+
+
+def _list(nodes: Sequence[str], as_json: bool, as_markdown: bool) -> None:
     if as_json:
         listing = {
             name: {
