@@ -10,9 +10,9 @@ import pytest
 from click.testing import CliRunner
 
 from trunk_experiments.cli import trunk
-from trunk_experiments.compare import QUANTITIES, best_of, compare, differing_parameters
+from trunk_experiments.compare import best_of, compare, differing_parameters
 from trunk_experiments.run_view import RunView
-from trunk_msgs_util.metrics import metrics
+from trunk_msgs_util.metrics import QUANTITIES, metrics
 from trunk_msgs_util.recording import Recording
 from trunk_msgs_util.run_table import RunTable
 

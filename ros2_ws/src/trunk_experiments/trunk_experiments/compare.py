@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from trunk_msgs_util.metrics import metrics
+from trunk_msgs_util.metrics import QUANTITIES, metrics
 from trunk_msgs_util.recording import Recording, RecordingError
 
 from .diff import RunDiff, diff
@@ -15,29 +15,6 @@ from .run_view import RunView, labels
 
 if TYPE_CHECKING:
     from trunk_msgs_util.declarations import Value
-
-
-class Quantity(NamedTuple):
-    """How a metric is called, its unit, and whether less of it (in magnitude) is better."""
-
-    label: str
-    unit: str
-    judged: bool = True
-
-
-QUANTITIES: Mapping[str, Quantity] = {
-    "overshoot_deg": Quantity("overshoot", "°"),
-    "settling_time_6deg_s": Quantity("settling time, ±6°", "s"),
-    "steady_state_error_mean_deg": Quantity("steady-state error, mean", "°"),
-    "steady_state_error_rms_deg": Quantity("steady-state error, RMS", "°"),
-    "iae": Quantity("IAE, ∫|e| dt", "rad·s"),
-    "ise": Quantity("ISE, ∫e² dt", "rad²·s"),
-    "itae": Quantity("ITAE, ∫t|e| dt", "rad·s²"),
-    "effort": Quantity("effort, ∫τ² dt", "N²·m²·s"),
-    "peak_torque": Quantity("peak torque", "N·m"),
-    "theta_min_deg": Quantity("smallest angle", "°", judged=False),
-    "theta_max_deg": Quantity("largest angle", "°", judged=False),
-}
 
 
 class Row(NamedTuple):

@@ -8,10 +8,11 @@ from typing import Any
 
 from trunk_control.config import FuzzyPidConfig
 from trunk_control.rule_tables import INPUT_LABELS
+from trunk_msgs_util.metrics import QUANTITIES
 from trunk_msgs_util.recording import RecordingError
 from trunk_msgs_util.units import seconds
 
-from .compare import QUANTITIES, Row, differing_parameters, metric_rows
+from .compare import Row, differing_parameters, metric_rows
 from .doctor import INFO, examine
 from .report_data import report_data, rule_use
 from .run_view import RunView, labels

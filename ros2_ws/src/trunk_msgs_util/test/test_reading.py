@@ -229,6 +229,9 @@ def test_a_damaged_part_ends_the_run(tmp_path):
         ),
         (lambda bag: replace(bag, 'mode: ""', "mode: message"), "compressed by message"),
         (lambda bag: replace(bag, "relative_file", "other"), "lists no files"),
+        # What stands elsewhere is not read, whatever the metadata say.
+        (lambda bag: replace(bag, "bag_1.mcap", "/etc/passwd"), "lists /etc/passwd, which is not"),
+        (lambda bag: replace(bag, "bag_1.mcap", ".."), "lists .., which is not there"),
         (lambda bag: [path.unlink() for path in bag.iterdir()], "a directory without"),
     ],
 )

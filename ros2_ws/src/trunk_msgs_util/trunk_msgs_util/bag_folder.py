@@ -64,11 +64,12 @@ def _information(path: Path) -> dict[str, Any]:
 
 
 def _inside(folder: Path, name: str) -> Path:
-    """Return a listed file; bags of old list it with their own folder's name before it."""
-    path = folder / name
-    if not path.is_file():
-        path = folder / name.rsplit("/", 1)[-1]
-    if not path.is_file():
+    """Return a listed file: by its name alone, which is all that may count in metadata from elsewhere.
+
+    Bags of old list a file with their own folder's name before it.
+    """
+    path = folder / name.rsplit("/", 1)[-1]
+    if path == folder or not path.is_file():
         raise RecordingError(f"{folder / METADATA} lists {name}, which is not there: bring it back")
     return path
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from math import degrees, radians
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from .joint_arrays import Floats
     from .run_table import RunTable
 
@@ -16,6 +18,29 @@ SETTLING_BAND = radians(6.0)  # rad
 SETTLED_FOR = 1.0  # s that must be left after the settling
 STEADY_STATE = 2.0  # s at the end
 _TOLERANCE = 1e-9  # s, for times that are sums of rounded periods
+
+
+class Quantity(NamedTuple):
+    """How a metric is called, its unit, and whether less of it (in magnitude) is better."""
+
+    label: str
+    unit: str
+    judged: bool = True
+
+
+QUANTITIES: Mapping[str, Quantity] = {
+    "overshoot_deg": Quantity("overshoot", "°"),
+    "settling_time_6deg_s": Quantity("settling time, ±6°", "s"),
+    "steady_state_error_mean_deg": Quantity("steady-state error, mean", "°"),
+    "steady_state_error_rms_deg": Quantity("steady-state error, RMS", "°"),
+    "iae": Quantity("IAE, ∫|e| dt", "rad·s"),
+    "ise": Quantity("ISE, ∫e² dt", "rad²·s"),
+    "itae": Quantity("ITAE, ∫t|e| dt", "rad·s²"),
+    "effort": Quantity("effort, ∫τ² dt", "N²·m²·s"),
+    "peak_torque": Quantity("peak torque", "N·m"),
+    "theta_min_deg": Quantity("smallest angle", "°", judged=False),
+    "theta_max_deg": Quantity("largest angle", "°", judged=False),
+}
 
 
 @dataclass(frozen=True)

@@ -106,16 +106,9 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._disturbance_topic = self.create_subscription(
             JointState, topics.DISTURBANCE, self._on_disturbance, qos.control(), raw=True
         )
-        self._participants = Participants(
-            self,
-            config,
-            {
-                topics.EFFORT_COMMAND: self._commands,
-                topics.DISTURBANCE: self._disturbance_topic,
-            },
-        )
+        self._participants = Participants(config, self._publishers_of, self._command_givers)
         self.create_subscription(
-            DiagnosticArray, topics.RUN_EVENTS, self._participants.hear, qos.run_information()
+            DiagnosticArray, topics.RUN_EVENTS, self._on_event, qos.run_information()
         )
         if config.lockstep and "recorder" in config.wait_for:
             self.create_subscription(
@@ -134,10 +127,28 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         if isinstance(self._pacing, RealTimePacing):
             self._pacing.set_timeout(config.command_timeout)
 
+    def _publishers_of(self, topic: str) -> int:
+        subscription = {
+            topics.EFFORT_COMMAND: self._commands,
+            topics.DISTURBANCE: self._disturbance_topic,
+        }.get(topic)
+        return 0 if subscription is None else int(subscription.get_publisher_count())
+
+    def _command_givers(self) -> list[str]:
+        return [
+            f"{p.node_namespace.rstrip('/')}/{p.node_name}"
+            for p in self.get_publishers_info_by_topic(self._commands.topic_name)
+        ]
+
+    def _on_event(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {v.key: v.value for v in status.values}
+            self._participants.hear(status.name, status.message, values)
+
     # Start: hold state 0 until every participant is matched in both directions.
 
     def _try_start(self) -> None:
-        missing = self._participants.missing()
+        missing = self._participants.missing(time.monotonic())
         if missing:
             if time.monotonic() - self._waiting_logged > 5.0:
                 self._waiting_logged = time.monotonic()
@@ -148,7 +159,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
             self._truth_published = True
         if topics.DISTURBANCE in self.config.wait_for and not self._disturbances:
             return  # the first measurement carries its disturbance too
-        if self._participants.unsettled():
+        if self._participants.unsettled(time.monotonic()):
             return
         self._start_timer.cancel()
         if not self._only_one_controller():

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import click
 
+from trunk_msgs_util.metrics import QUANTITIES, Quantity
 from trunk_msgs_util.recording import Recording
 
-from ..compare import QUANTITIES, Comparison, Quantity, compare
+from ..compare import Comparison, compare
 from ..run_view import RunView
 from .common import print_table
 

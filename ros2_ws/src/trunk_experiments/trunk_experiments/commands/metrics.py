@@ -7,27 +7,13 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.metrics import metrics
+from trunk_msgs_util.metrics import QUANTITIES, metrics
 from trunk_msgs_util.recording import Recording, RecordingError
 from trunk_msgs_util.run_table import RunTable
 from trunk_msgs_util.units import seconds
 
 from .common import print_table
 from .reading import open_run, show_warnings
-
-_ROWS = {
-    "overshoot_deg": ("overshoot", "deg"),
-    "settling_time_6deg_s": ("settling time, +-6 deg", "s"),
-    "steady_state_error_mean_deg": ("steady-state error, mean", "deg"),
-    "steady_state_error_rms_deg": ("steady-state error, RMS", "deg"),
-    "iae": ("IAE, integral of |e|", "rad s"),
-    "ise": ("ISE, integral of e^2", "rad^2 s"),
-    "itae": ("ITAE, integral of t |e|", "rad s^2"),
-    "effort": ("effort, integral of torque^2", "N^2 m^2 s"),
-    "peak_torque": ("peak torque", "N m"),
-    "theta_min_deg": ("smallest angle", "deg"),
-    "theta_max_deg": ("largest angle", "deg"),
-}
 
 
 def show_metrics(recording: Recording, title: str) -> None:
@@ -39,7 +25,7 @@ def show_metrics(recording: Recording, title: str) -> None:
         ("quantity", "value", "unit"),
         [
             (label, "never" if values[key] is None else f"{values[key]:.6g}", unit)
-            for key, (label, unit) in _ROWS.items()
+            for key, (label, unit, _) in QUANTITIES.items()
         ],
     )
     fell = recording.fell_at_ns

@@ -1,0 +1,92 @@
+"""Who is awaited, who is ready, and which controllers may act at the same time."""
+
+from __future__ import annotations
+
+import pytest
+
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.participants import UNKNOWN_NODE, Participants
+
+COMMAND = {"answers": "effort_command"}
+
+
+def participants(config=None, counts=None, controllers=()):
+    counts = {"effort_command": 1} if counts is None else counts
+    return Participants(
+        config or SimulatorConfig(), lambda topic: counts.get(topic, 0), lambda: list(controllers)
+    )
+
+
+def test_ready_is_who_says_so():
+    those = participants(SimulatorConfig(wait_for=("effort_command", "recorder")))
+    assert those.missing(0.0) == ["effort_command", "recorder"]
+    those.hear("/pid", "ready", COMMAND)
+    assert those.missing(0.0) == ["recorder"]
+    those.hear("/recorder", "ready", {"answers": "recorder"})
+    assert those.missing(0.0) == []
+
+
+def test_a_stranger_is_ready_when_it_has_been_matched_for_a_second():
+    counts = {"effort_command": 1}
+    those = participants(counts=counts)
+    assert those.missing(10.0) == ["effort_command"]
+    assert those.missing(10.9) == ["effort_command"]
+    assert those.missing(11.1) == []
+    counts["effort_command"] = 0
+    assert those.missing(12.0) == ["effort_command"]
+    counts["effort_command"] = 1
+    assert those.missing(12.5) == ["effort_command"]
+
+
+def test_all_who_take_turns_are_awaited():
+    those = participants(SimulatorConfig(controllers=("pid", "fuzzy_pid")))
+    those.hear("/robot/pid", "ready", COMMAND)
+    assert those.missing(0.0) == ["fuzzy_pid"]
+    those.hear("/robot/fuzzy_pid", "ready", COMMAND)
+    assert those.missing(0.0) == []
+
+
+@pytest.mark.parametrize(
+    ("turns", "publishing", "acting"),
+    [
+        ((), ["/pid"], ["/pid"]),
+        ((), ["/pid", "/fuzzy_pid"], ["/fuzzy_pid", "/pid"]),
+        ((), ["/pid", "/pid"], ["/pid", "/pid"]),
+        (("pid", "fuzzy_pid"), ["/pid", "/fuzzy_pid"], ["/fuzzy_pid"]),
+        (("pid", "fuzzy_pid"), ["/pid", "/fuzzy_pid", "/lqr"], ["/fuzzy_pid", "/lqr"]),
+        (("pid", "fuzzy_pid"), ["/pid", "/fuzzy_pid", "/pid"], ["/fuzzy_pid", "/pid"]),
+    ],
+)
+def test_who_acts_at_the_same_time(turns, publishing, acting):
+    those = participants(SimulatorConfig(controllers=turns), controllers=publishing)
+    assert those.acting() == acting
+
+
+def test_who_stands_by_does_not_act():
+    those = participants(controllers=["/pid", "/fuzzy_pid"])
+    assert those.unsettled(5.0)
+    those.hear("/fuzzy_pid", "configured", {})
+    assert those.acting() == ["/pid"]
+    assert not those.unsettled(5.0)
+    those.hear("/fuzzy_pid", "activated", {})
+    assert len(those.acting()) == 2
+    those.hear("/pid", "deactivated", {})
+    assert those.acting() == ["/fuzzy_pid"]
+
+
+def test_what_is_unknown_is_waited_for_but_not_for_ever():
+    those = participants(controllers=["/pid", f"/{UNKNOWN_NODE}"])
+    assert those.unnamed()
+    assert those.unsettled(5.0)
+    assert those.unsettled(7.9)
+    assert not those.unsettled(8.1)
+
+
+def test_the_silent_are_named():
+    those = participants()
+    assert those.describe("effort_command") == "anyone (effort_command)"
+    those.hear("/pid", "ready", COMMAND)
+    those.hear("/fuzzy_pid", "ready", COMMAND)
+    assert those.describe("effort_command") == "/fuzzy_pid or /pid (effort_command)"
+    those.hear("/pid", "deactivated", {})
+    assert those.describe("effort_command") == "/fuzzy_pid (effort_command)"
