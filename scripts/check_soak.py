@@ -33,6 +33,7 @@ from trunk_experiments.soak import (
     IDLE,
     LATE,
     OVERDUE,
+    UNANSWERED,
     growth,
     problems_of_file,
     problems_of_memory,
@@ -99,7 +100,7 @@ class Watch:
             if time.monotonic() > deadline:
                 raise RunError(f"the simulator's diagnosis after its {states} states was not heard")
             self.hear(0.1)
-        names = (LATE, IDLE, OVERDUE, "commands out of order")
+        names = (UNANSWERED, LATE, IDLE, OVERDUE)
         return {name: int(self.diagnosis.get(name, 0)) for name in names}
 
 
@@ -138,7 +139,7 @@ def soak(plan: RunPlan, folder: Path) -> list[str]:
         f"steps: {steps.states} states",
         ("missed", "in the record", "counted"),
         [
-            ("states without a command", str(steps.unanswered), ""),
+            (UNANSWERED, str(steps.unanswered), str(counted[UNANSWERED])),
             (LATE, str(steps.late), str(counted[LATE])),
             (IDLE, str(steps.idle), str(counted[IDLE])),
             (OVERDUE, f"{steps.lost_s:.3f} s lost", str(counted[OVERDUE])),

@@ -2,7 +2,7 @@
 
 A step is missed in the sense that it was not driven by the answer to its own state. The record shows it
 without any clock: the torque over a step stands in the next true state, the answer in the command with
-the step's stamp. The simulator counts the same as it happens ("commands late").
+the step's stamp. The simulator counts the same as it happens.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from .verify import VERIFIED, verify
 
 SETTLED_S = 60.0
 MAX_GROWTH = 0.02
-LATE, IDLE, OVERDUE = "commands late", "steps without a fresh command", "deadlines missed"
+UNANSWERED, LATE = "states unanswered", "commands late"
+IDLE, OVERDUE = "steps without a fresh command", "deadlines missed"
 # Between two messages' log times lie also the ways of both to the recorder.
 _LOG_TOLERANCE_S = 1.0
 
@@ -68,8 +69,8 @@ class Steps:
 
     states: int
     unanswered: int  # states without a command
-    late: int  # steps made without the answer to their state
-    idle: int  # of these, after the first torque, those made without any
+    late: int  # steps made before the command that answers their state had come
+    idle: int  # steps after the first torque that were made without any, against their command
     lost_s: float  # by how much the wall clock ran ahead of the stamps
 
 
@@ -92,13 +93,13 @@ def steps_of(recording: Recording) -> Steps:
     own[answered] = commands.column("effort", trunk)[np.isin(commands.stamp_ns, truth.stamp_ns)]
     wanted = np.clip(own, -config.max_effort, config.max_effort)[:-1]
     applied = truth.column("effort", trunk)[1:]
-    late = applied != wanted
+    other = applied != wanted
     begun = np.cumsum(applied != 0.0) > 0
     return Steps(
         states=len(truth),
         unanswered=int((~answered).sum()),
-        late=int(late.sum()),
-        idle=int((late & begun & (applied == 0.0)).sum()),
+        late=int((other & answered[:-1]).sum()),
+        idle=int((other & begun & (applied == 0.0)).sum()),
         lost_s=seconds(int(np.ptp(truth.log_time_ns) - np.ptp(truth.stamp_ns))),
     )
 
@@ -116,9 +117,8 @@ def problems_of_memory(found: Sequence[Growth]) -> list[str]:
 def problems_of_steps(found: Steps, counted: Mapping[str, int], period_s: float) -> list[str]:
     """Return a line for each kind of missed step of which the record shows more than was counted."""
     problems = []
-    if found.unanswered:
-        problems.append(f"{found.unanswered} states have no command")
-    for name, shown in ((LATE, found.late), (IDLE, found.idle)):
+    shown_by_name = {UNANSWERED: found.unanswered, LATE: found.late, IDLE: found.idle}
+    for name, shown in shown_by_name.items():
         if shown > counted.get(name, 0):
             problems.append(
                 f"{name}: the record shows {shown}, /diagnostics counted {counted.get(name, 0)}"

@@ -93,6 +93,30 @@ class TestRealTime:
         assert loop.efforts == [3.0, 3.0, 4.0]
         assert loop.counts["commands late"] == 1
 
+    @pytest.mark.parametrize(
+        ("answered", "missed"),
+        [
+            ([0, 1, 2, 3, 8, 9, 10], 4),
+            ([2, 3, 4, 5, 6, 7, 8, 9, 10], 2),
+            ([0, 1, 2, 3, 4, 5, 6], 4),
+            ([0, 3, 6, 9], 0),
+            ([0, 2, 4, 8, 10], 1),
+            ([0, 4, 5, 6, 7, 8, 9, 10], 0),  # at first a gap is taken for the controller's rate
+        ],
+        ids=["a gap", "not the first", "not the last", "a third", "half and a gap", "first gap"],
+    )
+    def test_states_that_no_command_answers_are_counted(self, answered, missed):
+        loop = FakeLoop(steps=10)
+        pacing = RealTimePacing(loop, command_timeout=1.0)
+        pacing.begin(0)
+        for k in range(11):
+            if k in answered:
+                pacing.command(k * H, 1.0, k * H)
+            pacing.tick((k + 1) * H)
+        pacing.tick(2_000_000_000)
+        assert loop.finished
+        assert loop.counts.get("states unanswered", 0) == missed
+
     @pytest.mark.parametrize("stamp_ns", [-H, 0, H], ids=["older", "same", "from the future"])
     def test_commands_out_of_order_are_counted_and_ignored(self, real_time, stamp_ns):
         loop, pacing = real_time

@@ -80,6 +80,9 @@ class RealTimePacing(Pacing):
         self.set_timeout(command_timeout)
         self._stamp_ns = -1
         self._effort = 0.0
+        self._gap_ns = self._last_gap_ns = (
+            0  # between the states that are answered; 0: not known yet
+        )
 
     def set_timeout(self, command_timeout: float) -> None:
         """Use no command that answers a state older than this, s."""
@@ -92,8 +95,26 @@ class RealTimePacing(Pacing):
             return
         if stamp_ns < self._loop.stamp_ns:
             self._loop.count("commands late")  # the step from that state was made without it
+        self._count_unanswered(stamp_ns)
         self._stamp_ns = stamp_ns
         self._effort = effort
+
+    def _count_unanswered(self, stamp_ns: int) -> None:
+        """Count the states between the last answered one and this one that should have been answered.
+
+        A controller at a lower rate than the plant's answers every n-th state: its gap is that which
+        comes twice in a row.
+        """
+        if self._stamp_ns < 0:
+            missed = stamp_ns // self._loop.period_ns
+        else:
+            gap_ns = stamp_ns - self._stamp_ns
+            if gap_ns in (self._loop.period_ns, self._last_gap_ns) or not self._gap_ns:
+                self._gap_ns = gap_ns
+            self._last_gap_ns = gap_ns
+            missed = gap_ns // self._gap_ns - 1
+        if missed > 0:
+            self._loop.count("states unanswered", missed)
 
     def tick(self, now_ns: int) -> None:
         """Make every step that is due; after the last, wait for its answer up to the timeout."""
@@ -103,8 +124,10 @@ class RealTimePacing(Pacing):
         period = loop.period_ns
         late = now_ns - self._anchor_ns - loop.stamp_ns - period
         if loop.at_end:
-            if self._stamp_ns >= loop.stamp_ns or late > self._timeout_ns:
-                loop.finish()
+            if self._stamp_ns < loop.stamp_ns and late <= self._timeout_ns:
+                return
+            self._count_unanswered(loop.stamp_ns + (self._gap_ns or period))
+            loop.finish()
             return
         if late >= period:
             loop.count("deadlines missed", late // period)
