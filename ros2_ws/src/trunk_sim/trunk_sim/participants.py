@@ -29,7 +29,7 @@ class Participants:
         matched: Callable[[str], int],
         controllers: Callable[[], Sequence[str]],
     ) -> None:
-        """Ask the graph by ``matched`` (publishers of a topic) and ``controllers`` (who publishes commands)."""
+        """Ask the graph by ``matched`` (a topic's publishers) and ``controllers`` (their nodes)."""
         self._config = config
         self._matched = matched
         self._controllers = controllers
