@@ -1,0 +1,61 @@
+"""Two node sets side by side, each in its namespace: neither hears the other."""
+
+from __future__ import annotations
+
+import shlex
+import signal
+from pathlib import Path
+
+import pytest
+
+from trunk_experiments.processes import find_executable
+
+from .processes import Child, Children, until
+
+pytestmark = pytest.mark.graph
+
+# The same topics but for the namespace, other bits: a word of one in the other would show.
+SETS = {"robot1": ("fuzzy_pid", "0.5"), "left/robot2": ("pid", "0.25")}
+
+
+def start(children: Children, namespace: str) -> dict[str, Child]:
+    """Start what ``trunk plan`` says is to be started, by its executables."""
+    controller, angle = SETS[namespace]
+    place = namespace.replace("/", "_")
+    plan = children.trunk(
+        "plan", "demo", "--controller", controller, "--namespace", namespace, "--lockstep",
+        "--duration", 2, "--set", f"simulator.initial.position=[0.0, {angle}]",
+        "--set", f"recorder.output={place}.mcap", "-o", f"{place}.yaml", name=f"plan_{place}",
+    )  # fmt: skip
+    assert plan.wait() == 0, plan.stderr
+    started = {}
+    for line in plan.stdout.splitlines():
+        _, _, package, executable, *arguments = shlex.split(line)
+        started[executable] = children.start(
+            f"{executable}_{place}", find_executable(package, executable), *arguments
+        )
+    return started
+
+
+def test_two_sets_at_once(children: Children, tmp_path: Path) -> None:
+    sets = {namespace: start(children, namespace) for namespace in SETS}
+    for nodes in sets.values():
+        assert nodes["simulator"].wait() == 0, nodes["simulator"].stderr
+        for name, node in nodes.items():
+            if name != "simulator":
+                node.send(signal.SIGINT)
+    for nodes in sets.values():
+        for node in nodes.values():
+            until(lambda node=node: node.process.poll() is not None, f"{node.name} ends")
+            assert node.process.returncode == 0, node.stderr
+    for namespace, (controller, angle) in SETS.items():
+        run = f"{namespace.replace('/', '_')}.mcap"
+        verdict = children.trunk("verify", run, name="verify")
+        assert verdict.wait() == 0, verdict.stdout
+        alone = children.trunk(
+            "simulate", "demo", "--controller", controller, "--duration", 2,
+            "--set", f"simulator.initial.position=[0.0, {angle}]", "-o", f"alone_{run}", name="alone",
+        )  # fmt: skip
+        assert alone.wait() == 0, alone.stderr
+        difference = children.trunk("diff", run, f"alone_{run}", name="diff")
+        assert difference.wait() == 0, difference.stdout
