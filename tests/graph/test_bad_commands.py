@@ -1,4 +1,4 @@
-"""Commands that the simulator must not apply: counted in /diagnostics, with no effect on the plant.
+"""Commands and states that must not be applied: counted in /diagnostics, with no effect.
 
 The test is the only controller, so that it decides to the bit what the plant may feel.
 """
@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from math import inf, nan
 
 import pytest
 from sensor_msgs.msg import JointState
 
-from trunk_msgs_util import topics
-from trunk_msgs_util.conversions import stamp_from_ros
+from trunk_msgs_util import qos, topics
+from trunk_msgs_util.conversions import sample_to_ros, stamp_from_ros
 from trunk_msgs_util.samples import JointSample
 
 from .peer import Peer
@@ -108,3 +109,54 @@ def test_silent_controller_in_real_time(children: Children, peer: Peer) -> None:
     assert int(peer.fresh_diagnostics("simulator")["steps without a fresh command"]) >= 20
     for child in (simulator, pid):
         assert child.stop() == 0, child.stderr
+
+
+def test_bad_states_and_strangers(children: Children, peer: Peer) -> None:
+    """The test is the plant: what a controller cannot use is counted, and it answers the rest."""
+    answers = peer.hear(topics.EFFORT_COMMAND)
+    pid = children.node("pid", "gains.i:=0.0", "gains.d:=0.0")
+    best_effort = peer.node.create_publisher(JointState, topics.JOINT_STATES, qos.view())
+    say = peer.speaker(topics.JOINT_STATES)
+
+    def state(k: int, angle: float = 0.25) -> JointSample:
+        return JointSample(k * PERIOD_NS, ("hip", "trunk"), (0.0, angle), (0.0, 0.0))
+
+    say(state(0))
+    for bad in (
+        state(1, nan),
+        state(2, inf),
+        JointSample(3 * PERIOD_NS, ("hip", "pelvis"), (0.0, 0.25), (0.0, 0.0)),
+        JointSample(4 * PERIOD_NS, (), (), ()),
+        JointSample(5 * PERIOD_NS, ("hip", "trunk"), (0.0,), (0.0,)),
+        JointSample(6 * PERIOD_NS, ("hip", "trunk"), (0.0, 0.25)),
+    ):
+        say(bad)
+        best_effort.publish(sample_to_ros(state(90)))  # never heard
+    wide = tuple(f"joint_{i}" for i in range(20_000))  # a megabyte
+    say(JointSample(7 * PERIOD_NS, (*wide, "trunk"), (0.0,) * 20_000 + (0.5,), (0.0,) * 20_001))
+
+    def answered() -> dict[int, float]:
+        return {stamp_from_ros(m.header.stamp): m.effort[0] for m in answers}
+
+    peer.until(lambda: 7 * PERIOD_NS in answered(), "the joint is found among many")
+    for k in range(8, 1008):  # a flood, deeper than any queue of the loop
+        say(state(k))
+    say(state(3, 0.125))  # time runs back: the controller begins anew
+    peer.until(lambda: answered().get(3 * PERIOD_NS), "the last state is answered")
+    heard = answered()
+    assert heard[7 * PERIOD_NS] == -0.5 * 60.0
+    assert not {1, 2, 4, 5, 6, 90} & {stamp_ns // PERIOD_NS for stamp_ns in heard}
+    assert heard[3 * PERIOD_NS] == -0.125 * 60.0
+    said = peer.fresh_diagnostics("pid")
+    assert said["states not finite"] == "2"
+    assert said["states without the joint"] == "3"
+    assert said["states without the velocity that the law needs"] == "1"
+    assert said["states out of order"] == "1"
+    assert said[f"publishers of {topics.JOINT_STATES} refused for their reliability"] == "1"
+
+    seen = len(peer.diagnostics)
+    began = time.monotonic()
+    peer.until(lambda: len(peer.diagnostics) >= seen + 3, "it is said again")
+    assert time.monotonic() - began > 1.5, "once a second at most"
+    assert pid.stop() == 0
+    assert "Traceback" not in pid.stderr

@@ -16,11 +16,14 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
+from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.logging import LoggingSeverity, set_logger_level
+from rclpy.qos import qos_policy_name_from_kind
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from . import middleware, qos, topics
@@ -198,6 +201,30 @@ class TrunkNode(LifecycleNode, Generic[Config]):
     def diagnostics(self) -> Mapping[str, object]:
         """Return what /diagnostics says of this node, beside its counters."""
         return {}
+
+    def create_subscription(
+        self,
+        msg_type: Any,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos_profile: Any,
+        **more: Any,
+    ) -> Subscription:
+        """Create a subscription that counts publishers whose messages it will never get."""
+
+        def incompatible(event: QoSRequestedIncompatibleQoSInfo) -> None:
+            policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
+            self.counters[f"publishers of {topic} refused for their {policy}"] += (
+                event.total_count_change
+            )
+            self.get_logger().warning(
+                f"a publisher of {topic} is not heard: its {policy} is not what this node asks for"
+            )
+
+        more.setdefault(
+            "event_callbacks", SubscriptionEventCallbacks(incompatible_qos=incompatible)
+        )
+        return super().create_subscription(msg_type, topic, callback, qos_profile, **more)
 
     def event(self, message: str, level: bytes = DiagnosticStatus.OK, **values: object) -> None:
         """Put an event on the run's record."""

@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 
 from .joint_state_cdr import JointStateLayout, layout_of
 from .samples import JointSample
-from .units import NANOSECONDS
+from .units import LAST_STAMP_NS, NANOSECONDS
 
 
 def stamp_to_ros(stamp_ns: int) -> Time:
@@ -44,8 +44,13 @@ class WireReader:
     def __call__(self, data: bytes) -> JointSample:
         """Return the sample; one without names and with stamp -1 ns where the bytes make no message.
 
+        Nor is it one whose nanoseconds carry its stamp past the greatest: no answer could bear it.
         Another byte order is left to rclpy.
         """
+        sample = self._read(data)
+        return sample if sample.stamp_ns <= LAST_STAMP_NS else JointSample(-1, ())
+
+    def _read(self, data: bytes) -> JointSample:
         try:
             return self._layout.unpack(data)
         except ValueError:

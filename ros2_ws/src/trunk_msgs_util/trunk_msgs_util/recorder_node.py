@@ -22,7 +22,7 @@ from .declarations import ParameterError
 from .recording_writer import PROVENANCE, RecordingWriter
 from .samples import JointSample
 from .schemas import RunEvent, parse_event
-from .units import NANOSECONDS
+from .units import LAST_STAMP_NS, NANOSECONDS
 
 _MESSAGES: dict[str, type[Any]] = {
     topics.JOINT_STATE_TYPE: JointState,
@@ -125,8 +125,12 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         lockstep = self.config.lockstep
 
         def write(data: bytes) -> None:
-            sec, nanosec = _STAMP.unpack_from(data, 4)
-            stamp_ns = sec * NANOSECONDS + nanosec
+            try:
+                sec, nanosec = _STAMP.unpack_from(data, 4)
+            except struct.error:
+                self.counters["messages too short to be any"] += 1
+                return
+            stamp_ns = min(sec * NANOSECONDS + nanosec, LAST_STAMP_NS)
             log_time = max(stamp_ns, 0) if lockstep else time.time_ns()
             if not self.active:
                 self.counters["messages not recorded while inactive"] += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 NANOSECONDS = 1_000_000_000
+LAST_STAMP_NS = 2**31 * NANOSECONDS - 1  # the greatest that a ROS message can carry
 
 
 def nanoseconds(seconds: float) -> int:

@@ -7,6 +7,7 @@ from sensor_msgs.msg import JointState
 from trunk_msgs_util import qos, topics
 from trunk_msgs_util.base_node import TrunkNode, main_for
 from trunk_msgs_util.conversions import WireReader, sample_to_wire
+from trunk_msgs_util.units import LAST_STAMP_NS
 
 from .disturbance_config import DisturbanceConfig
 from .disturbances import disturbance_at, disturbance_sample
@@ -50,10 +51,10 @@ class DisturbanceNode(TrunkNode[DisturbanceConfig]):
         if not self.active:
             return
         stamp_ns = self._read(data).stamp_ns
-        if stamp_ns < 0:
+        next_ns = stamp_ns + self._period_ns
+        if stamp_ns < 0 or next_ns > LAST_STAMP_NS:
             self.counters["states malformed"] += 1
             return
-        next_ns = stamp_ns + self._period_ns
         if self._sent_ns < stamp_ns:
             self._publish(stamp_ns)
         if self._sent_ns < next_ns:

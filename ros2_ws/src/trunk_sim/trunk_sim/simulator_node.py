@@ -23,6 +23,8 @@ from .participants import Participants
 from .simulation import DivergedError, Simulation
 
 _LOCKSTEP_TICK_S = 0.05
+# A disturbance may be told so long before it acts; one with a stamp beyond would keep out all others.
+_DISTURBANCE_AHEAD_NS = 1_000_000_000
 _DOUBLED = ("late answers ignored", "doubled answers ignored", "commands out of order")
 
 
@@ -43,7 +45,8 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._waiting_logged = time.monotonic()
         self._running = False
         self._truth_published = False
-        self._disturbances: deque[tuple[int, Disturbance]] = deque()
+        self._disturbances: deque[tuple[int, Disturbance]] = deque(maxlen=qos.EVIDENCE_DEPTH)
+        self._disturbed_until_ns = -1
         self._disturbance = Disturbance()
         self._diagnosed = (time.monotonic(), 0)
         self._pacing = self._make_pacing(config)
@@ -293,6 +296,13 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         if not all(map(isfinite, values)):
             self.count("disturbances not finite")
             return
+        ahead_ns = sample.stamp_ns - self.stamp_ns
+        if sample.stamp_ns <= self._disturbed_until_ns or ahead_ns > max(
+            self.period_ns, _DISTURBANCE_AHEAD_NS
+        ):
+            self.count("disturbances out of order")
+            return
+        self._disturbed_until_ns = sample.stamp_ns
         self._disturbances.append((sample.stamp_ns, Disturbance(*values)))
         self._answered(topics.DISTURBANCE, sample.stamp_ns)
 
