@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,8 +67,10 @@ class Child:
 class Children:
     """Starts processes, finds those that they start, and sees that none is left."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, through: Sequence[str] = ()) -> None:
+        """``through``: a command that runs its arguments, such as ``ip netns exec NAME``."""
         self.folder = folder
+        self._through = through
         self.environment = {_TOKEN: uuid.uuid4().hex}  # by it we know our own, however indirect
         self._started: list[Child] = []
 
@@ -76,7 +78,7 @@ class Children:
         out, err = self.folder / f"{name}.out", self.folder / f"{name}.err"
         with out.open("wb") as stdout, err.open("wb") as stderr:
             process = subprocess.Popen(
-                [str(part) for part in command],
+                [str(part) for part in (*self._through, *command)],
                 cwd=self.folder,
                 env={**os.environ, **self.environment},
                 stdin=subprocess.DEVNULL,
