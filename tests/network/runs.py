@@ -1,0 +1,57 @@
+"""A run whose nodes a test starts on the hosts of its choice, as `docs/hosts.md` says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sensor_msgs.msg import JointState
+
+from trunk_experiments.plan import RunPlan
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording import Recording
+
+from ..graph.peer import Peer
+from ..graph.processes import Child
+from .hosts import Host
+
+
+class SpreadRun:
+    """One parameter file for all hosts, and the nodes that were started with it."""
+
+    def __init__(self, plan: RunPlan, folder: Path) -> None:
+        self._running: dict[str, Child] = {}
+        self._parameters, self._recording = folder / "params.yaml", folder / "run.mcap"
+        plan.write_parameters(self._parameters)
+
+    def start(self, host: Host, *names: str) -> None:
+        for name in names:
+            output = [f"output:={self._recording}"] if name == "recorder" else []
+            self._running[name] = host.children.node(
+                name, "--params-file", self._parameters, *output
+            )
+
+    def simulator_ends(self) -> tuple[int, str]:
+        """Return the simulator's exit code and stderr, once it has ended by itself."""
+        simulator = self._running.pop("simulator")
+        return simulator.wait(), simulator.stderr
+
+    def stop(self, name: str) -> None:
+        """Stop a node; it must end in order."""
+        node = self._running.pop(name)
+        assert node.stop() == 0, f"{name}: {node.stderr}"
+        assert "Traceback" not in node.stderr
+
+    def stop_all(self) -> None:
+        """Stop all nodes that still run, the recorder last."""
+        for name in sorted(self._running, key="recorder".__eq__):
+            self.stop(name)
+
+    def recording(self) -> Recording:
+        return Recording.open(self._recording)
+
+
+def under_way(peer: Peer, states: int) -> list[JointState]:
+    """Return a list that fills with the true states, once there are so many."""
+    heard = peer.hear(topics.GROUND_TRUTH)
+    peer.until(lambda: len(heard) >= states, f"{states} states are heard")
+    return heard

@@ -1,0 +1,97 @@
+"""Real time, and the link between simulator and controller cut for 2 s: no torque, then control again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trunk_experiments.plan import make_plan
+from trunk_msgs_util import topics
+
+from ..graph.peer import Peer
+from ..graph.recordings import assert_every_step, finished_file, joints
+from .hosts import Host
+from .runs import SpreadRun, under_way
+
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
+
+RATE_HZ, DURATION_S = 200, 8
+PERIOD_NS = 5_000_000
+STATES = RATE_HZ * DURATION_S + 1
+CUT_S, TIMEOUT_S = 2.0, 0.2
+TIMEOUT_STEPS = round(TIMEOUT_S * RATE_HZ)
+WITHOUT_TORQUE = round((CUT_S - TIMEOUT_S) * RATE_HZ)
+RECOVERY_S = 1.0  # heartbeats come every 50 ms; a busy machine
+UPRIGHT_RAD = 0.2
+STEPS_WITHOUT = "steps without a fresh command"
+
+
+def longest_run(true: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return first and one-past-last index of the longest run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], true, [False]))))
+    first, end = edges[::2], edges[1::2]
+    longest = np.argmax(end - first)
+    return int(first[longest]), int(end[longest])
+
+
+@pytest.mark.parametrize(
+    ("cut", "mend", "recorded_on"),
+    [(Host.unplug, Host.plug_in, 1), (Host.interface_down, Host.interface_up, 0)],
+    ids=["silent link, recorder beyond it", "interface down, recorder on this side"],
+)
+def test_two_seconds_without_the_link(
+    hosts: tuple[Host, Host],
+    peer: Peer,
+    tmp_path: Path,
+    cut: Callable[[Host], None],
+    mend: Callable[[Host], None],
+    recorded_on: int,
+) -> None:
+    a, b = hosts
+    run = SpreadRun(
+        make_plan(
+            "demo",
+            "fuzzy_pid",
+            settings=["disturbance.pulse.magnitude=0.0"],
+            everywhere={"duration": float(DURATION_S)},
+        ),
+        tmp_path,
+    )
+    run.start(hosts[recorded_on], "recorder")
+    run.start(b, "fuzzy_pid")
+    run.start(a, "simulator")
+    truth = under_way(peer, RATE_HZ)
+
+    cut(b)
+    peer.until(
+        lambda: not any(state.effort[1] for state in truth[-WITHOUT_TORQUE:]),
+        "the torque is zero over the cut",
+    )
+    mend(b)
+    peer.until(lambda: truth[-1].effort[1], "the controller acts again")
+    steps_without = int(peer.fresh_diagnostics("simulator")[STEPS_WITHOUT])
+    assert run.simulator_ends()[0] == 0
+    run.stop_all()
+
+    recording = run.recording()
+    assert recording.complete, recording.warnings
+    finished_file(recording.files[0])
+    assert_every_step(recording, PERIOD_NS, STATES)
+    states, commands = (joints(recording, t) for t in (topics.GROUND_TRUTH, topics.EFFORT_COMMAND))
+    torque = states.column("effort", "trunk")
+    first, end = longest_run(torque == 0.0)
+    assert WITHOUT_TORQUE <= end - first < WITHOUT_TORQUE + RECOVERY_S * RATE_HZ
+    assert steps_without >= end - first
+
+    # Before: the last command that got through, held for the timeout. After: new ones, up to the end.
+    got_through_ns = (first - TIMEOUT_STEPS - 2) * PERIOD_NS
+    (last,) = commands.column("effort", "trunk")[commands.stamp_ns == got_through_ns]
+    assert torque[first - 1] == last != 0.0
+    assert np.mean(torque[end:] != 0.0) > 0.8
+    angle = states.column("position", "trunk")
+    assert np.abs(angle[first:end]).max() > 1.0  # it fell
+    assert np.abs(angle[-RATE_HZ // 2 :]).max() < UPRIGHT_RAD

@@ -1,0 +1,148 @@
+"""Lock-step over two hosts: the bits of the offline run; a dead link ends it and names who is silent."""
+
+from __future__ import annotations
+
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from trunk_experiments.diff import diff
+from trunk_experiments.offline_recording import record_offline
+from trunk_experiments.plan import RunPlan, make_plan
+from trunk_experiments.verify import verify
+from trunk_msgs_util.recording import Recording
+
+from ..graph.peer import Peer
+from ..graph.recordings import finished_file
+from .hosts import Host
+from .runs import SpreadRun, under_way
+
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
+
+TIMEOUT_S = 2.5
+WINDOW_S = 0.5  # lockstep.window: a recorder that is cut off is missed so much later
+SOON_S = 4.0  # the last words wait 1 s for those who are to acknowledge them; and a busy machine
+
+
+def plan_of(duration: float, **simulator: object) -> RunPlan:
+    """Return the plan of a lock-step run at 1 kHz, disturbed at t = 1 s."""
+    return make_plan(
+        "fig8",
+        "fuzzy_pid",
+        settings=[f"simulator.lockstep.{name}={value}" for name, value in simulator.items()],
+        everywhere={"duration": duration, "lockstep.enabled": True},
+    )
+
+
+def assert_same_bits(plan: RunPlan, run: Recording, folder: Path) -> None:
+    """Assert that a run was the offline run of its plan, bit by bit, and that it can be recomputed."""
+    states = record_offline(plan, folder / "offline.mcap")
+    found = diff(Recording.open(folder / "offline.mcap"), run)
+    assert found.identical, found.first
+    assert found.compared == 5 * states + 1  # the disturbance is told one step ahead
+    verdict = verify(run)
+    assert verdict.word == "verified", verdict
+    assert verdict.parts[0].steps == states
+
+
+def test_same_bits_as_offline(hosts: tuple[Host, Host], tmp_path: Path) -> None:
+    a, b = hosts
+    plan = plan_of(1.5)
+    run = SpreadRun(plan, tmp_path)
+    run.start(b, "fuzzy_pid", "disturbance")
+    run.start(a, "recorder", "simulator")
+    assert run.simulator_ends()[0] == 0
+    run.stop_all()
+    assert_same_bits(plan, run.recording(), tmp_path)
+    for host in hosts:
+        assert host.packets() > 1500  # states one way, commands the other
+
+
+def test_without_multicast_by_a_discovery_server(
+    hosts: tuple[Host, Host], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    a, b = hosts
+    script = Path(__file__).parents[2] / "scripts" / "discovery_server.sh"
+    for host in hosts:
+        host.without_multicast()
+    server = a.children.start("discovery_server", script)
+    monkeypatch.setenv("ROS_DISCOVERY_SERVER", f"{a.address}:11811")
+    plan = plan_of(0.5)
+    run = SpreadRun(plan, tmp_path)
+    run.start(b, "fuzzy_pid", "disturbance")
+    run.start(a, "recorder", "simulator")
+    assert run.simulator_ends()[0] == 0
+    run.stop_all()
+    assert server.process.poll() is None, server.stderr
+    server.stop(signal.SIGTERM)
+    assert_same_bits(plan, run.recording(), tmp_path)
+
+
+def test_short_cut_changes_no_bit(hosts: tuple[Host, Host], peer: Peer, tmp_path: Path) -> None:
+    a, b = hosts
+    plan = plan_of(2.5, speed=1.0)
+    run = SpreadRun(plan, tmp_path)
+    run.start(b, "fuzzy_pid", "disturbance")
+    run.start(a, "recorder", "simulator")
+    truth = under_way(peer, 300)
+    b.unplug()
+    heard, since = 0, 0.0
+
+    def nothing_for_a_second() -> bool:
+        nonlocal heard, since
+        if len(truth) > heard:
+            heard, since = len(truth), time.monotonic()
+        return time.monotonic() - since > 1.0
+
+    peer.until(nothing_for_a_second, "the run waits")
+    assert heard < 2500
+    b.plug_in()
+    assert run.simulator_ends()[0] == 0
+    run.stop_all()
+    assert_same_bits(plan, run.recording(), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("far", "answers", "recorded_reason"),
+    [
+        ("fuzzy_pid", "effort_command", "no answer from /fuzzy_pid (effort_command)"),
+        ("recorder", "recorder", "the recorder was stopped before the run was finished"),
+    ],
+    ids=["controller", "recorder"],
+)
+def test_dead_link_ends_the_run(
+    hosts: tuple[Host, Host],
+    peer: Peer,
+    tmp_path: Path,
+    far: str,
+    answers: str,
+    recorded_reason: str,
+) -> None:
+    a, b = hosts
+    run = SpreadRun(plan_of(60.0, speed=1.0, timeout=TIMEOUT_S), tmp_path)
+    run.start(b, far)
+    run.start(a, *sorted({"recorder", "fuzzy_pid", "disturbance", "simulator"} - {far}))
+    under_way(peer, 600)  # more than the window: the recorder is in the loop
+    b.unplug()
+
+    begin = time.monotonic()
+    code, said = run.simulator_ends()
+    assert time.monotonic() - begin < WINDOW_S + TIMEOUT_S + SOON_S
+    assert code == 1
+    assert "Traceback" not in said
+    line = said.splitlines()[-1]
+    assert f"no answer from /{far} ({answers}) to the state at t = " in line
+    assert f"lockstep.timeout = {TIMEOUT_S:g} s" in line
+    begin = time.monotonic()
+    run.stop(far)  # nobody acknowledges its last words
+    assert time.monotonic() - begin < SOON_S
+    run.stop_all()
+
+    recording = run.recording()
+    assert not recording.complete
+    assert recording.end is not None
+    assert recording.end["reason"].startswith(recorded_reason)
+    (file,) = recording.files
+    assert finished_file(file)["/ground_truth/joint_states"] >= 100
