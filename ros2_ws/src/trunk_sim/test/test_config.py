@@ -69,7 +69,12 @@ def test_values_rebuild_their_configuration(config):
         (SimulatorConfig, "max_effort", 0.0, "double, > 0"),
         (SimulatorConfig, "wait_for", ["nobody"], "string array, each one of effort_command"),
         (SimulatorConfig, "plant.masss", 1.0, "no such parameter; did you mean 'plant.hip_mass'?"),
-        (DisturbanceConfig, "pulse.start_times", [-1.0], "double array, each >= 0"),
+        (
+            DisturbanceConfig,
+            "pulse.start_times",
+            [-1.0],
+            "double array of at most 10000, each >= 0",
+        ),
         (DisturbanceConfig, "pulse.channel", "head", "string, one of hip_effort, trunk_effort"),
         (DisturbanceConfig, "noise.components", 0, "integer, >= 1 and <= 4096"),
         (
