@@ -449,4 +449,4 @@ def test_whatever_comes(
             suppress_health_check=list(HealthCheck),
         ),
     )
-    assert fuzzed.steps["steps"] >= (500 if node is SimulatorNode else 2300)
+    assert fuzzed.steps["steps"] >= (600 if node is SimulatorNode else 2400)
