@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
     RuleBasedStateMachine,
@@ -27,6 +27,7 @@ from hypothesis.stateful import (
     rule,
     run_state_machine_as_test,
 )
+from lifecycle_msgs.msg import Transition
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rclpy.parameter import Parameter
@@ -119,6 +120,8 @@ def message(name: str, value: Any) -> ParameterMessage:
 
 # Messages.
 
+# Activate, deactivate, what is refused wherever the node is, and numbers that nothing has.
+TRANSITIONS = st.sampled_from([3, 3, 4, 0, 1, 5, 99, 255])
 STAMPS = st.sampled_from(
     ["next", "next", "next", "same", "back", "far", "last", "zero", "negative"]
 )
@@ -171,17 +174,21 @@ class Callbacks(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.node = type(self).node_class()
+        self.node.autostart()
         self.declared = declarations(type(self.node.config))
         self.said: list[tuple[str, JointSample]] = []
         self.counted: Counter[str] = Counter()
         self.stamp_ns = 0
-        for publisher in self.node.publishers:
-            if publisher.topic_name.lstrip("/") in self.spied:
-                self._listen(publisher)
+        self._spy()
         self.begin()
 
     def begin(self) -> None:
         """Bring the node to where it answers."""
+
+    def _spy(self) -> None:
+        for publisher in self.node.publishers:
+            if publisher.topic_name.lstrip("/") in self.spied:
+                self._listen(publisher)
 
     def _listen(self, publisher: Any) -> None:
         publish, read = publisher.publish, WireReader()
@@ -244,6 +251,16 @@ class Callbacks(RuleBasedStateMachine):
         free = [d for d in self.declared.values() if not d.fixed]
         self.set(together, [message(d.name, _plain(d.default)) for d in free])
 
+    @rule(number=TRANSITIONS)
+    def transition(self, number: int) -> None:
+        """Turn inactive, active, or ask for what there is not from here."""
+        changed = self.call("change_state", transition=Transition(id=number)).success
+        assert not changed or self.node.active == (number == Transition.TRANSITION_ACTIVATE)
+
+    @rule()
+    def go_on(self) -> None:
+        self.transition(Transition.TRANSITION_ACTIVATE)
+
     @rule()
     def diagnose(self) -> None:
         for timer in list(self.node.timers):
@@ -283,13 +300,15 @@ class Controllers(Callbacks):
     spied = (topics.EFFORT_COMMAND,)
 
     def begin(self) -> None:
+        answered = len(self.said)
         for _ in range(2):  # in lock-step the first two states tell the plant's rate
             self.state(JointSample(0, ("hip", "trunk"), (0.0, 0.1), (0.0, 0.0)), "next")
-        assert len(self.said) == 2
+        assert len(self.said) == answered + 2
 
     def judge(self, topic: str, sample: JointSample) -> None:
         (effort,) = sample.effort
         config = self.node.config
+        assert self.node.active
         assert isfinite(effort)
         assert config.u_clamp_min <= effort <= config.u_clamp_max
 
@@ -329,6 +348,17 @@ class Controllers(Callbacks):
         """In lock-step the very next answer keeps them, though no update is due."""
         self.set(True, [message("u_clamp_min", low), message("u_clamp_max", low + width)])
         self.state(JointSample(0, ("hip", "trunk"), (0.0, 0.1), (0.0, 0.0)), "same")
+
+    @rule()
+    def clean_up(self) -> None:
+        for number in (4, 2, 1, 3):  # deactivate, cleanup, configure, activate
+            self.transition(number)
+        assert self.node.active
+        self.counted.clear()
+        self._spy()
+        self.set_the_defaults_again(True)
+        self.stamp_ns = 0
+        self.begin()
 
     @rule()
     def follow_the_topic(self) -> None:
@@ -447,6 +477,7 @@ def test_whatever_comes(
             database=None,
             deadline=None,
             suppress_health_check=list(HealthCheck),
+            phases=[Phase.generate, *([Phase.shrink] if MORE else [])],
         ),
     )
     assert fuzzed.steps["steps"] >= (600 if node is SimulatorNode else 2400)

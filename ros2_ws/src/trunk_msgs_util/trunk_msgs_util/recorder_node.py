@@ -161,7 +161,11 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             self._progress.publish(sample_to_wire(JointSample(written_ns, ("recorder",))))
 
     def _on_event(self, data: bytes) -> None:
-        event = parse_event(data)
+        try:
+            event = parse_event(data)
+        except ValueError:
+            self.counters["events malformed"] += 1
+            return
         if event.node.endswith("/simulator") and event.message in ("finished", "stopped", "failed"):
             self._end = event
 
