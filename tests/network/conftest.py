@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from ..graph.conftest import domain, domains  # noqa: F401 (fixtures)
-from ..graph.peer import Peer
 from .hosts import Host, network, why_not
+from .listener import Listener
 
 
 @pytest.fixture(scope="session")
@@ -33,9 +33,8 @@ def hosts(
 
 
 @pytest.fixture
-def peer(hosts: tuple[Host, ...]) -> Iterator[Peer]:
-    """Give the test a node of its own, on the first host."""
-    with hosts[0].entered():
-        listener = Peer()
-    yield listener
-    listener.close()
+def listener(hosts: tuple[Host, ...]) -> Iterator[Listener]:
+    """Listen on the first host."""
+    started = Listener(hosts[0])
+    yield started
+    started.close()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 import os
 import shutil
@@ -17,8 +16,6 @@ _PREFIX = f"trunk-test-{os.getpid()}"
 _SWITCH = f"{_PREFIX}-switch"
 _NAMES = ("a", "b")
 _INTERFACE = "eth0"
-_CLONE_NEWNET = 0x40000000
-_LIBC = ctypes.CDLL(None, use_errno=True)
 
 
 def ip(*arguments: object) -> str:
@@ -84,25 +81,6 @@ class Host:
         """Return how many packets have come in over the link."""
         (link,) = json.loads(ip("-n", self._namespace, "-j", "-s", "link", "show", _INTERFACE))
         return int(link["stats64"]["rx"]["packets"])
-
-    @contextmanager
-    def entered(self) -> Iterator[None]:
-        """Put this thread on the host: its new sockets are there, and the threads that it starts."""
-        with (
-            Path("/proc/thread-self/ns/net").open() as before,
-            Path("/run/netns", self._namespace).open() as here,
-        ):
-            _enter(here.fileno())
-            try:
-                yield
-            finally:
-                _enter(before.fileno())
-
-
-def _enter(namespace: int) -> None:
-    if _LIBC.setns(namespace, _CLONE_NEWNET):
-        number = ctypes.get_errno()
-        raise OSError(number, os.strerror(number))
 
 
 @contextmanager

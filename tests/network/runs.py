@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sensor_msgs.msg import JointState
-
 from trunk_experiments.plan import RunPlan
-from trunk_msgs_util import topics
 from trunk_msgs_util.recording import Recording
 
-from ..graph.peer import Peer
 from ..graph.processes import Child
 from .hosts import Host
 
@@ -48,10 +44,3 @@ class SpreadRun:
 
     def recording(self) -> Recording:
         return Recording.open(self._recording)
-
-
-def under_way(peer: Peer, states: int) -> list[JointState]:
-    """Return a list that fills with the true states, once there are so many."""
-    heard = peer.hear(topics.GROUND_TRUTH)
-    peer.until(lambda: len(heard) >= states, f"{states} states are heard")
-    return heard
