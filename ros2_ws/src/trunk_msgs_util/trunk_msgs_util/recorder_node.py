@@ -11,6 +11,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
+from rclpy.subscription import Subscription
 from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import JointState
 
@@ -53,7 +54,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._counts: Counter[str] = Counter()
         self._written_ns = dict.fromkeys(self.config.lockstep_topics, -1)
         self._told_ns = -1
-        self._subscribed = False
+        self._matched: dict[str, Subscription] = {}
 
     def set_up(self) -> None:
         """Open the file. Raises ParameterError where it cannot be written, or is there already."""
@@ -95,10 +96,16 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def activate(self) -> None:
         """Subscribe, at the first time: what was said before comes too, from the publishers' history."""
-        if not self._subscribed:
-            self._subscribed = True
+        if not self._matched:
             for topic, type_name in topics.evidence_types(self.config.controllers).items():
                 self._subscribe(topic, type_name)
+            self._ready_timer = self.every(0.02, self._announce)
+
+    def _announce(self) -> None:
+        """Say ready once somebody publishes on each topic of the loop that the plant waits for."""
+        wanted = self.config.lockstep_topics if self.config.lockstep else ()
+        if all(self._matched[topic].get_publisher_count() for topic in wanted):
+            self._ready_timer.cancel()
             self.event("ready", answers="recorder")
 
     def tear_down(self) -> None:
@@ -111,7 +118,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             if topic in (topics.RUN_PARAMETERS, topics.RUN_EVENTS)
             else qos.evidence()
         )
-        self.create_subscription(
+        self._matched[topic] = self.create_subscription(
             _MESSAGES[type_name], topic, self._callback(topic), profile, raw=True
         )
 
