@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from importlib import import_module
 
@@ -29,6 +30,16 @@ _VERBS = {
     "tune": ("tune", "Compute gains, their margins, and write them as a parameter file."),
     "map": ("map", "Draw a study's stability and performance over two parameters."),
     "bench": ("bench", "Measure speed, as ratios in one run."),
+}
+
+_ELSEWHERE = ": give a place that can be written to"
+_ADVICE = {
+    errno.ENOSPC: ": free some space, or give another place",
+    errno.EDQUOT: ": free some space, or give another place",
+    errno.EROFS: _ELSEWHERE,
+    errno.EACCES: _ELSEWHERE,
+    errno.EPERM: _ELSEWHERE,
+    errno.ENOTDIR: ": a part of this path is a file; give another place",
 }
 
 
@@ -79,5 +90,8 @@ def main() -> None:
 
 
 def _say(error: Exception, code: int) -> int:
-    print(f"trunk: error: {' '.join(str(error).split())}", file=sys.stderr)
+    text = str(error)
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        text = f"{error.filename}: {error.strerror}{_ADVICE.get(error.errno or 0, '')}"
+    print(f"trunk: error: {' '.join(text.split())}", file=sys.stderr)
     return code

@@ -19,6 +19,7 @@ from trunk_msgs_util.recording_file import STAMPED, RecordingFile
 from trunk_msgs_util.recording_writer import END, PROVENANCE
 from trunk_msgs_util.run_table import CSV_COLUMNS, RunTable
 from trunk_msgs_util.units import NANOSECONDS
+from trunk_msgs_util.whole_file import whole_file
 
 COLUMNS = (*CSV_COLUMNS, "alpha")
 
@@ -35,13 +36,16 @@ def write_parquet(table: RunTable, path: Path) -> None:
     pyarrow = import_module("pyarrow")  # untyped, and 0.2 s to import
     parquet = import_module("pyarrow.parquet")
     columns = {name: np.ascontiguousarray(getattr(table, name)) for name in COLUMNS}
-    with path.open("wb") as file:
+    with whole_file(path) as part, part.open("wb") as file:
         parquet.write_table(pyarrow.table(columns), file, compression="zstd")
 
 
 def write_npz(table: RunTable, path: Path) -> None:
     """Write `COLUMNS` as a compressed NumPy archive, one array each."""
-    with path.open("wb") as file:  # given a name, NumPy would put .npz behind it
+    with (
+        whole_file(path) as part,
+        part.open("wb") as file,
+    ):  # given a name, NumPy would put .npz behind it
         np.savez_compressed(file, **{name: getattr(table, name) for name in COLUMNS})
 
 
@@ -62,7 +66,7 @@ def write_mcap(
     first, last = _ns(start), _ns(end)
     parameters = recording.topic(names.RUN_PARAMETERS)
     count = 0
-    with path.open("wb") as file:
+    with whole_file(path) as part, part.open("wb") as file:
         writer = Writer(file, enable_data_crcs=True)
         writer.start("ros2", f"trunk_msgs_util export of {recording.library}")
         if recording.provenance:

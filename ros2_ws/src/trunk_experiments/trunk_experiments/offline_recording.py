@@ -11,6 +11,7 @@ from trunk_msgs_util.joint_state_cdr import layout_of
 from trunk_msgs_util.recording_writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.schemas import event, parameter_event
+from trunk_msgs_util.whole_file import whole_file
 from trunk_sim.disturbances import disturbance_sample
 from trunk_sim.simulation import DivergedError
 
@@ -25,23 +26,28 @@ def record_offline(
 ) -> int:
     """Run the plan and write its recording; return the number of states.
 
-    Raises FileExistsError, and DivergedError (the file then ends, marked incomplete, with the last
-    finite state).
+    Raises DivergedError (the file then ends, marked incomplete, with the last finite state), and OSError
+    (there is no file then; one that was there is as it was).
     """
-    with RecordingWriter(path, overwrite=overwrite) as writer:
+    diverged = None
+    with whole_file(path, overwrite=overwrite) as part, RecordingWriter(part) as writer:
         run = _OfflineRecorder(plan, writer, happenings or Happenings())
         run.open()
         try:
             for step in steps(plan, happenings):
                 run.write(step)
         except DivergedError as error:
+            diverged = error
             run.failed(str(error))
             writer.finish(complete=False, reason=str(error))
-            raise
-        reason = "the trunk has fallen" if step.falls and plan.simulator.fall_stop else "finished"
-        run.finished(reason)
-        writer.finish(complete=True, reason=reason)
-        return run.states
+        else:
+            fell = step.falls and plan.simulator.fall_stop
+            reason = "the trunk has fallen" if fell else "finished"
+            run.finished(reason)
+            writer.finish(complete=True, reason=reason)
+    if diverged is not None:
+        raise diverged
+    return run.states
 
 
 class _OfflineRecorder:

@@ -11,6 +11,7 @@ from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 
 from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.whole_file import whole_file
 
 from .paper import RATE_KEYS, Reproduction, as_json
 from .paper_runs import CONTENDERS, FIGURES, OF_THE_PAPER, PROFILES, Case
@@ -37,7 +38,8 @@ COLUMNS = {
 def write_report(result: Reproduction, folder: Path) -> Path:
     """Write ``report.html``, ``paper.json`` and the figures as PNG and SVG; return the HTML's path."""
     text = json.dumps(as_json(result), indent=2, ensure_ascii=False, allow_nan=False)
-    (folder / "paper.json").write_text(text + "\n", encoding="utf-8")
+    with whole_file(folder / "paper.json") as part:
+        part.write_text(text + "\n", encoding="utf-8")
     pictures = {figure: _figure(figure, folder) for figure in FIGURES}
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     environment.filters["number"] = _number
@@ -54,7 +56,8 @@ def write_report(result: Reproduction, folder: Path) -> Path:
         rate_keys=RATE_KEYS,
     )
     path = folder / "report.html"
-    path.write_text(page, encoding="utf-8")
+    with whole_file(path) as part:
+        part.write_text(page, encoding="utf-8")
     return path
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+
+from trunk_msgs_util.whole_file import whole_file
 
 # Okabe and Ito's colours, told apart with any colour vision, and line styles that survive grey print.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
@@ -62,5 +65,10 @@ def save(figure: Figure, path: Path) -> None:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise ValueError(f"{path}: a picture's name ends in one of {', '.join(SUFFIXES)}")
+    picture = BytesIO()  # matplotlib's own writers do not say what went wrong with a file
     with rc_context(STYLE):
-        figure.savefig(path, dpi=150, metadata=SUFFIXES[suffix], facecolor="white")
+        figure.savefig(
+            picture, format=suffix[1:], dpi=150, metadata=SUFFIXES[suffix], facecolor="white"
+        )
+    with whole_file(path) as part:
+        part.write_bytes(picture.getvalue())

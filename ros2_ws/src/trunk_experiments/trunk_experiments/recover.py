@@ -24,6 +24,7 @@ from trunk_msgs_util.mcap_summary import read_summary
 from trunk_msgs_util.recording import RecordingError
 from trunk_msgs_util.recording_file import check_magic
 from trunk_msgs_util.recording_writer import DIGESTS, END
+from trunk_msgs_util.whole_file import whole_file
 
 LIBRARY = "trunk_msgs_util recover"
 
@@ -54,15 +55,11 @@ def recover(path: Path, output: Path, overwrite: bool = False) -> Recovery:
         check_magic(path, file, size)
         if output.exists() and output.samefile(path):
             raise FileExistsError(f"{output} is the broken file itself: choose another name")
-        try:
-            target = output.open("wb" if overwrite else "xb")
-        except FileExistsError:
-            raise FileExistsError(f"{output} exists: choose another name, or --force") from None
-        with target:
-            _Copy(file, size, target, recovery).run()
-    if not recovery.count:
-        output.unlink()
-        raise RecordingError(f"{path}: no message can be read: nothing was recovered")
+        with whole_file(output, overwrite=overwrite) as part:
+            with part.open("wb") as target:
+                _Copy(file, size, target, recovery).run()
+            if not recovery.count:
+                raise RecordingError(f"{path}: no message can be read: nothing was recovered")
     return recovery
 
 

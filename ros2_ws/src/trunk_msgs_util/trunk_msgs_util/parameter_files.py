@@ -16,6 +16,7 @@ from typing import Any
 import yaml
 
 from .declarations import Value, unknown_name
+from .whole_file import whole_file
 
 
 class ParameterFileError(ValueError):
@@ -182,4 +183,5 @@ def write(path: Path, nodes: Mapping[str, Mapping[str, Value]]) -> None:
         }
         for node, values in nodes.items()
     }
-    path.write_text(yaml.safe_dump(tree, sort_keys=False, width=100), encoding="utf-8")
+    with whole_file(path) as part:
+        part.write_text(yaml.safe_dump(tree, sort_keys=False, width=100), encoding="utf-8")

@@ -67,9 +67,9 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             self._writer = RecordingWriter(
                 self._path, compression=config.compression, overwrite=config.overwrite
             )
-            self._begin_file(self._writer)
         except OSError as error:
             raise ParameterError("output", str(self._path), f"a file to write ({error})") from None
+        self._begin_file(self._writer)
         self._progress = self.create_publisher(JointState, topics.RECORDER_PROGRESS, qos.evidence())
         self._flush_timer = self.every(config.flush_interval, self._flush)
         if config.lockstep:
@@ -79,20 +79,21 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def _begin_file(self, writer: RecordingWriter) -> None:
         config = self.config
-        writer.add_metadata(
-            PROVENANCE,
-            provenance.gather(
-                scenario=config.scenario,
-                controller=" ".join(config.controllers),
-                mode=config.mode,
-                rmw=get_rmw_implementation_identifier(),
-            ),
+        told = provenance.gather(
+            scenario=config.scenario,
+            controller=" ".join(config.controllers),
+            mode=config.mode,
+            rmw=get_rmw_implementation_identifier(),
         )
+        try:
+            writer.add_metadata(PROVENANCE, told)
+        except OSError as error:
+            self._disk_failed(error)
         self._channels = {
             topic: writer.channel(self.resolve_topic_name(topic), type_name)
             for topic, type_name in topics.evidence_types(config.controllers).items()
         }
-        writer.flush()
+        self._flush()
 
     def activate(self) -> None:
         """Subscribe, at the first time: what was said before comes too, from the publishers' history."""

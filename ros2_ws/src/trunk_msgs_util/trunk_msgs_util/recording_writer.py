@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import os
+from contextlib import suppress
+from errno import ENOENT
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -80,8 +83,7 @@ class RecordingWriter:
         try:
             self._writer.add_message(channel, log_time_ns, cdr, publish_time_ns, sequence)
         except OSError as error:
-            self._failure = error
-            raise
+            raise self._failed(error) from None
         self._counts[channel] = sequence + 1
         self._digests[channel][1].update(cdr)
 
@@ -91,17 +93,20 @@ class RecordingWriter:
         try:
             self._writer.add_metadata(name, dict(data))
         except OSError as error:
-            self._failure = error
-            raise
+            raise self._failed(error) from None
 
     def flush(self) -> None:
-        """Finish the chunk and hand all to the operating system: SIGKILL then loses nothing."""
+        """Finish the chunk and hand all to the operating system: SIGKILL then loses nothing.
+
+        Raises OSError if it fails, also where the file has been deleted: nobody would ever read it.
+        """
         self._check()
         try:
             self._writer.flush()
+            if not os.fstat(self._file.fileno()).st_nlink:
+                raise FileNotFoundError(ENOENT, "it has been deleted")
         except OSError as error:
-            self._failure = error
-            raise
+            raise self._failed(error) from None
 
     def finish(self, *, complete: bool, reason: str) -> None:
         """Write the end record and the index, and close the file; a second call does nothing.
@@ -116,8 +121,17 @@ class RecordingWriter:
             )
             self.add_metadata(END, {"complete": str(complete).lower(), "reason": reason})
             self._writer.finish()
-        finally:
             self._file.close()
+        except OSError as error:
+            with suppress(OSError):
+                self._file.close()
+            raise self._failed(error) from None
+
+    def _failed(self, error: OSError) -> OSError:
+        """Return the first failure, by the file's name; nothing is written after it."""
+        if self._failure is None:
+            self._failure = OSError(error.errno, error.strerror, str(self.path))
+        return self._failure
 
     def _check(self) -> None:
         if self._failure is not None:

@@ -13,6 +13,7 @@ from .joint_arrays import Floats, Integers
 from .recording import Recording, RecordingError
 from .series import in_turn, joint_names, read_series
 from .units import NANOSECONDS
+from .whole_file import whole_file
 
 CSV_COLUMNS = (
     "t",
@@ -117,7 +118,10 @@ class RunTable:
     def write_csv(self, path: str | Path) -> None:
         """Write `CSV_COLUMNS`, a row per state; every number reads back to the same double."""
         columns = [getattr(self, name) for name in CSV_COLUMNS]
-        with Path(path).open("w", encoding="ascii", newline="") as file:
+        with (
+            whole_file(Path(path)) as part,
+            part.open("w", encoding="ascii", newline="") as file,
+        ):
             file.write(",".join(CSV_COLUMNS) + "\n")
             for start in range(0, len(self.t), _CSV_ROWS):
                 rows = np.column_stack([c[start : start + _CSV_ROWS] for c in columns]).tolist()

@@ -1,0 +1,39 @@
+"""Files that are there as a whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+
+@contextmanager
+def whole_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
+    """Yield a name to write to; what is written there becomes ``path`` when the block is left.
+
+    Whatever happens in the block (a full disk, an exception, kill -9), ``path`` stays as it was. What is
+    no regular file, such as /dev/stdout, is written to as it is. Raises OSError that names ``path``,
+    and FileExistsError where there is one, unless ``overwrite``.
+    """
+    if path.exists() and not overwrite:
+        raise FileExistsError(f"{path} exists: choose another name, or --force")
+    if path.exists() and not path.is_file():
+        yield path
+        return
+    target = Path(os.path.realpath(path))
+    part = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
+    try:
+        yield part
+        with part.open("rb+") as file:
+            os.fsync(file.fileno())
+        part.replace(target)
+    except OSError as error:
+        if error.filename not in (None, part, str(part)):
+            raise
+        if error.errno is None:
+            raise OSError(f"{path}: {error}") from None
+        raise OSError(error.errno, os.strerror(error.errno), str(path)) from None
+    finally:
+        with suppress(OSError):
+            part.unlink()
