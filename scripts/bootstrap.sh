@@ -106,11 +106,13 @@ build() {
             --event-handlers console_cohesion+ desktop_notification-
     ) >.venv/.log 2>&1 || { cat .venv/.log >&2; die 'ros2_ws could not be built, see above'; }
     find -L ros2_ws/install/*/share -type l -delete # colcon leaves links to data that is gone
-    if [[ $root == *[[:space:]]* || ${#root} -gt 100 ]]; then # no first line for a kernel: let sh read it
-        for script in ros2_ws/install/*/lib/trunk_*/*; do
-            sed -i "1c #!/bin/sh\\n'''exec' \"$venv_python\" \"\$0\" \"\$@\"\\n' '''" "$script"
-        done
-    fi
+    # sh reads the first line: a kernel takes no spaces and no long path there. Signals that ask for an end
+    # are held back until the program can take them: see early_signals.py.
+    local held=''
+    if env --block-signal=INT,TERM true 2>/dev/null; then held='env --block-signal=INT,TERM '; fi
+    for script in ros2_ws/install/*/lib/trunk_*/*; do
+        sed -i "1c #!/bin/sh\\n'''exec' $held\"$venv_python\" \"\$0\" \"\$@\"\\n' '''" "$script"
+    done
     ln -sfn ../../ros2_ws/install/trunk_experiments/lib/trunk_experiments/trunk .venv/bin/trunk
     printf '%s\n' "$key" >ros2_ws/install/.built
 }

@@ -22,10 +22,10 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "pid = trunk_control.pid_node:main",
-            "fuzzy_pid = trunk_control.fuzzy_pid_node:main",
-            "lqr = trunk_control.lqr_node:main",
-            "computed_torque = trunk_control.computed_torque_node:main",
+            "pid = trunk_control.executables:pid",
+            "fuzzy_pid = trunk_control.executables:fuzzy_pid",
+            "lqr = trunk_control.executables:lqr",
+            "computed_torque = trunk_control.executables:computed_torque",
         ],
     },
 )

@@ -31,10 +31,10 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "bare_pair = trunk_experiments.bare_pair_node:main",
-            "composed = trunk_experiments.composed_node:main",
-            "markers = trunk_experiments.markers_node:main",
-            "trunk = trunk_experiments.cli:main",
+            "bare_pair = trunk_experiments.executables:bare_pair",
+            "composed = trunk_experiments.executables:composed",
+            "markers = trunk_experiments.executables:markers",
+            "trunk = trunk_experiments.executables:trunk",
         ],
     },
 )

@@ -22,7 +22,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "recorder = trunk_msgs_util.recorder_node:main",
+            "recorder = trunk_msgs_util.executables:recorder",
         ],
     },
 )

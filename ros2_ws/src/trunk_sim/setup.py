@@ -22,8 +22,8 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "simulator = trunk_sim.simulator_node:main",
-            "disturbance = trunk_sim.disturbance_node:main",
+            "simulator = trunk_sim.executables:simulator",
+            "disturbance = trunk_sim.executables:disturbance",
         ],
     },
 )

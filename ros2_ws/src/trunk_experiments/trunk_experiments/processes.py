@@ -7,13 +7,17 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
+
+from trunk_msgs_util import early_signals
 
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None)
 _POLL_S = 0.02
+PATIENCE_S = 4.0  # with a process that was told to end
 
 
 class ExecutableError(RuntimeError):
@@ -32,10 +36,16 @@ def find_executable(package: str, executable: str) -> Path:
     )
 
 
-def _die_with_parent() -> None:
-    # One call into libc, which takes no lock: safe between fork and exec.
-    # A run that is killed outright must not leave its nodes behind.
-    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+def _child_of(parent: int) -> Callable[[], None]:
+    def prepare() -> None:
+        # Calls into libc, which take no lock: safe between fork and exec.
+        # A run that is killed outright must not leave its nodes behind, not even this moment.
+        _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+        early_signals.block()  # the executable takes them once it can
+        if os.getppid() != parent:
+            os._exit(0)
+
+    return prepare
 
 
 @dataclass
@@ -45,6 +55,7 @@ class NodeProcess:
     name: str
     process: subprocess.Popen[bytes]
     log: Path
+    output: BinaryIO  # the log to read, even where its folder has been deleted
 
     @classmethod
     def start(
@@ -59,15 +70,16 @@ class NodeProcess:
             str(parameters),
         ]
         with log.open("wb") as stream:
+            output = log.open("rb")
             process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
                 stdout=stream,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,  # Ctrl-C reaches the runner alone, which stops in order
-                preexec_fn=_die_with_parent,  # noqa: PLW1509
+                preexec_fn=_child_of(os.getpid()),  # noqa: PLW1509
             )
-        return cls(name, process, log)
+        return cls(name, process, log, output)
 
     @property
     def exit_code(self) -> int | None:
@@ -88,11 +100,12 @@ class NodeProcess:
             how = f"was ended by {signal.Signals(-code).name}"
         else:
             how = f"ended with exit code {code}"
-        lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        self.output.seek(0)
+        lines = self.output.read().decode("utf-8", errors="replace").strip().splitlines()
         return f"{self.name} {how}" + (f": {lines[-1]}" if lines else f" (log: {self.log})")
 
 
-def stop(process: NodeProcess, patience_s: float = 4.0) -> bool:
+def stop(process: NodeProcess, patience_s: float = PATIENCE_S) -> bool:
     """Stop one process: SIGINT, later SIGKILL. Return True where it ended by itself."""
     process.signal(signal.SIGINT)
     if wait([process], patience_s):

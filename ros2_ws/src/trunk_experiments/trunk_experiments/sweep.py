@@ -10,12 +10,12 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
 from pathlib import Path
@@ -25,9 +25,11 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from trunk_msgs_util import early_signals
 from trunk_msgs_util.declarations import ParameterError
 from trunk_msgs_util.metrics import Metrics, metrics
 from trunk_msgs_util.provenance import gather
+from trunk_msgs_util.whole_file import whole_file
 
 from .closed_loop import Batch, loops_fingerprint
 from .compiled import fingerprint
@@ -133,7 +135,8 @@ class Sweep:
                     "delete the folder, or give another -o"
                 )
         else:
-            _write_atomically(mark, lambda path: path.write_text(json.dumps(self._key)))
+            with whole_file(mark) as part:
+                part.write_text(json.dumps(self._key))
         self.missing = [i for i in range(self.blocks) if not self._path(i).exists()]
         return self.study.total - sum(len(self._rows(i)) for i in self.missing)
 
@@ -156,7 +159,8 @@ class Sweep:
                     f"block {index} comes from a worker with other sources or libraries: "
                     "install the same on all"
                 )
-            _write_atomically(self._path(index), partial(pq.write_table, table))
+            with whole_file(self._path(index)) as part:
+                pq.write_table(table, part)
             progress(len(table))
 
     def finish(self) -> None:
@@ -172,13 +176,13 @@ class Sweep:
             "variables": json.dumps([v.name for v in self.study.variables]),
         }
 
-        def merge(path: Path) -> None:
-            schema = pq.read_schema(self._path(0)).with_metadata(metadata)
-            with pq.ParquetWriter(path, schema, compression="zstd") as writer:
-                for i in range(self.blocks):
-                    writer.write_table(pq.read_table(self._path(i)).cast(schema))
-
-        _write_atomically(self.output, merge)
+        schema = pq.read_schema(self._path(0)).with_metadata(metadata)
+        with (
+            whole_file(self.output) as part,
+            pq.ParquetWriter(part, schema, compression="zstd") as writer,
+        ):
+            for i in range(self.blocks):
+                writer.write_table(pq.read_table(self._path(i)).cast(schema))
         shutil.rmtree(self.folder)
 
     def _rows(self, index: int) -> range:
@@ -187,19 +191,6 @@ class Sweep:
 
     def _path(self, index: int) -> Path:
         return self.folder / f"{index:08d}.parquet"
-
-
-def _write_atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """Write a file so that, whatever happens, it is there as a whole or not at all."""
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        write(unfinished)
-        with unfinished.open("rb") as file:
-            os.fsync(file.fileno())
-        unfinished.replace(path)
-    finally:
-        with suppress(OSError):
-            unfinished.unlink()
 
 
 def processes(count: int) -> Runner:
@@ -229,10 +220,21 @@ def processes(count: int) -> Runner:
 def worker_pool(count: int) -> ProcessPoolExecutor:
     """Return a pool whose processes end with this one, even when it is killed."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # theirs: a process per core is enough
-    return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
+    return _Pool(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
+
+
+class _Pool(ProcessPoolExecutor):
+    """Ctrl-C is this process's affair: a worker that it meets while importing would say so at length."""
+
+    def submit(self, *arguments: Any, **named: Any) -> Future[Any]:
+        """Submit; a worker that this starts begins with the signals held back."""
+        with early_signals.held():
+            return super().submit(*arguments, **named)
 
 
 def _end_with_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    early_signals.unblock()
     parent = parent_process()
     if parent is None:
         return

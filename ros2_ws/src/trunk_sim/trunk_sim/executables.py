@@ -1,0 +1,8 @@
+"""The executables: what `ros2 run` starts, quick to load and orderly to end from its first moment on."""
+
+from __future__ import annotations
+
+from trunk_msgs_util import early_signals
+
+simulator = early_signals.node("trunk_sim.simulator_node")
+disturbance = early_signals.node("trunk_sim.disturbance_node")

@@ -1,0 +1,82 @@
+"""Signals to a program that is still being loaded, and Ctrl-C to ``trunk`` at any instant."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from contextlib import suppress
+from importlib.metadata import distributions
+from pathlib import Path
+
+import pytest
+
+from ..graph.processes import Child, Children, until
+
+pytestmark = pytest.mark.graph
+
+NUMBERS = [signal.SIGINT, signal.SIGTERM]
+NODES = ("simulator", "disturbance", "fuzzy_pid", "recorder")
+
+
+def has_begun(children: Children, child: Child) -> bool:
+    """Return True once the child is its own program: no signal can be lost any more."""
+    return "python" in children.pids().get(child.process.pid, "").split(" ")[0]
+
+
+def has_loaded(child: Child, library: str) -> bool:
+    """Return True once the process has mapped a shared library: it is in the middle of its imports."""
+    with suppress(OSError):
+        return library in Path(f"/proc/{child.process.pid}/maps").read_text()
+    return False
+
+
+@pytest.mark.parametrize("number", NUMBERS, ids=lambda number: number.name)
+@pytest.mark.parametrize("library", ["", "_rclpy_pybind11"], ids=["begun", "importing rclpy"])
+def test_node_ends_in_silence(
+    children: Children, tmp_path: Path, library: str, number: int
+) -> None:
+    for name in NODES:
+        child = children.node(name)
+        if library:
+            until(lambda child=child: has_loaded(child, library), "it imports rclpy", 0.001)
+        else:
+            until(lambda child=child: has_begun(children, child), "it has begun", 0.001)
+        assert child.stop(number) == 0, child.stderr
+        assert child.stderr == child.stdout == ""
+    assert not list(tmp_path.glob("*.mcap"))
+
+
+def simulating(child: Child) -> bool:
+    return any(path.stat().st_size > 0 for path in child.folder.glob(".out.*.mcap"))
+
+
+@pytest.mark.parametrize("number", NUMBERS, ids=lambda number: number.name)
+@pytest.mark.parametrize(
+    "instant",
+    [None, lambda child: has_loaded(child, "numpy"), simulating],
+    ids=["begun", "importing numpy", "writing"],
+)
+def test_trunk_says_one_line(
+    children: Children,
+    tmp_path: Path,
+    instant: Callable[[Child], bool] | None,
+    number: signal.Signals,
+) -> None:
+    child = children.trunk("simulate", "demo", "--duration", 3600, "-o", "out.mcap")
+    until(lambda: instant(child) if instant else has_begun(children, child), "the instant", 0.001)
+    assert child.stop(number) == 128 + number
+    assert (child.stdout, child.stderr) == ("", "interrupted\n")
+    assert [path.name for path in tmp_path.glob("*out*.mcap")] == []
+
+
+def test_every_executable_takes_signals_early() -> None:
+    scripts = {
+        entry.name: entry.value
+        for found in distributions()
+        if found.metadata["Name"].replace("-", "_").startswith("trunk_")
+        for entry in found.entry_points
+        if entry.group == "console_scripts"
+    }
+    assert {*NODES, "trunk", "composed", "markers"} <= set(scripts)
+    late = {name: value for name, value in scripts.items() if ".executables:" not in value}
+    assert late == {}, "signals are held back from these until early_signals.end_by"
