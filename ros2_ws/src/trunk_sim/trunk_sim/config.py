@@ -125,7 +125,8 @@ class SimulatorConfig(ManagedConfig):
     command_timeout: float = parameter(
         "command_timeout",
         0.2,
-        "Real time: a command that answers a state older than this is not used (zero torque)",
+        "Real time: no command that answers a state older than this is used (zero torque), "
+        "no disturbance older than this acts",
         unit="s",
         above=0.0,
         maximum=1e6,

@@ -14,7 +14,7 @@ from std_srvs.srv import SetBool, Trigger
 from trunk_msgs_util import qos, topics
 from trunk_msgs_util.base_node import TrunkNode, main_for
 from trunk_msgs_util.conversions import WireReader, sample_to_wire, stamp_to_ros
-from trunk_msgs_util.units import seconds, step_count
+from trunk_msgs_util.units import nanoseconds, seconds, step_count
 
 from .config import SimulatorConfig
 from .disturbances import Disturbance
@@ -48,6 +48,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._disturbances: deque[tuple[int, Disturbance]] = deque(maxlen=qos.EVIDENCE_DEPTH)
         self._disturbed_until_ns = -1
         self._disturbance = Disturbance()
+        self._disturbed_ns = -1  # its stamp; before the first one nothing disturbs
         self._diagnosed = (time.monotonic(), 0)
         self._pacing = self._make_pacing(config)
 
@@ -247,10 +248,19 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         simulation = self._simulation
         self.run_stamp_ns = now = simulation.stamp_ns
         while self._disturbances and self._disturbances[0][0] <= now:
-            self._disturbance = self._disturbances.popleft()[1]
+            self._disturbed_ns, self._disturbance = self._disturbances.popleft()
+        if self._disturbed_ns >= 0 and self._disturbance_is_stale(now):
+            # Whoever pushed is gone: a pulse must not go on for ever.
+            self._disturbance = Disturbance()
+            self.count("steps without a fresh disturbance")
         self._measured.publish(sample_to_wire(simulation.measure(self._disturbance)))
         if self._clock_topic is not None:
             self._clock_topic.publish(Clock(clock=stamp_to_ros(now)))
+
+    def _disturbance_is_stale(self, now_ns: int) -> bool:
+        config = self.config
+        timeout_ns = nanoseconds(config.command_timeout)
+        return not config.lockstep and now_ns - self._disturbed_ns > timeout_ns
 
     def _publish_truth(self) -> None:
         self._truth.publish(sample_to_wire(self._simulation.truth()))

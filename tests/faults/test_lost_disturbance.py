@@ -1,0 +1,62 @@
+"""Real time: a disturbance whose node is gone, or hangs, in the middle of a pulse does not act for ever."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import pytest
+from sensor_msgs.msg import JointState
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.conversions import stamp_from_ros
+
+from ..graph.peer import Peer
+from ..graph.processes import Children
+
+pytestmark = pytest.mark.graph
+
+PUSH_RAD = 0.5
+TIMEOUT_NS = 300_000_000
+PERIOD_NS = 5_000_000
+
+
+def offsets(measured: list[JointState], truth: list[JointState]) -> dict[int, float]:
+    """Return by how much each measured angle is off, by the state's stamp in ns."""
+    true = {stamp_from_ros(m.header.stamp): m.position[1] for m in truth}
+    return {
+        stamp: round(m.position[1] - true[stamp], 9)
+        for m in measured
+        if (stamp := stamp_from_ros(m.header.stamp)) in true
+    }
+
+
+def test_pulse_ends_with_its_node(children: Children, peer: Peer) -> None:
+    measured, truth, told = map(
+        peer.hear, (topics.JOINT_STATES, topics.GROUND_TRUTH, topics.DISTURBANCE)
+    )
+    pulse = ("pulse.channel:=trunk_position", "pulse.start_times:=[0.0]", "pulse.duration:=3600.0")
+    disturbance = children.node("disturbance", *pulse, f"pulse.magnitude:={PUSH_RAD}")
+    simulator = children.node(
+        "simulator", f"command_timeout:={TIMEOUT_NS / 1e9}", "wait_for:=[disturbance]"
+    )
+
+    def last_offset() -> float | None:
+        found = offsets(measured[-1:], truth[-5:])
+        return next(iter(found.values()), None)
+
+    peer.until(lambda: len(measured) > 20 and last_offset() == PUSH_RAD, "it is pushed")
+    os.kill(disturbance.process.pid, signal.SIGSTOP)
+    peer.until(lambda: last_offset() == 0.0, "the push ends while its node hangs")
+    last_ns = stamp_from_ros(told[-1].header.stamp)
+    os.kill(disturbance.process.pid, signal.SIGCONT)
+    peer.until(lambda: last_offset() == PUSH_RAD, "the push goes on with its node")
+    assert disturbance.stop(signal.SIGKILL) == -signal.SIGKILL
+    peer.until(lambda: last_offset() == 0.0, "the push ends with its node")
+    assert int(peer.fresh_diagnostics("simulator")["steps without a fresh disturbance"]) > 0
+    assert simulator.stop() == 0, simulator.stderr
+
+    found = offsets(measured, truth)
+    # The first state without it is the first one later than the timeout.
+    assert found[last_ns + TIMEOUT_NS] == PUSH_RAD
+    assert found[last_ns + TIMEOUT_NS + PERIOD_NS] == 0.0
