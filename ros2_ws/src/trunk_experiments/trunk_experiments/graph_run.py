@@ -5,20 +5,26 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as with_values
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
+from trunk_msgs_util.recording import Recording, RecordingError
+from trunk_msgs_util.schemas import RunEvent
+
 from .nodes import NODES
 from .plan import PlanError, RunPlan
-from .processes import NodeProcess, stop
+from .processes import PATIENCE_S, NodeProcess, stop
 
 if TYPE_CHECKING:
     from .monitor_node import Monitor
 
 START_TIMEOUT_S = 30.0
+EXIT_FAILED = 1  # of a node that has said why
+SILENCE_S = 5.0  # of a simulator that diagnoses itself every second
 COMPOSED = "composed"
 
 
@@ -113,10 +119,13 @@ def run_graph(
         from .monitor_node import Monitor  # here: it has threads, and starting processes must not
 
         with Monitor() as monitor:
-            _watch(running, monitor, progress, interrupt)
+            heard = _watch(running, monitor, progress, interrupt)
     finally:
-        _stop_all(running)
+        killed = _stop_all(running)
         interrupt.restore()
+    if not heard:
+        _read_end(files.recording, running.get(COMPOSED) or running["simulator"])
+    _check_recorder(running.get(COMPOSED) or running["recorder"], killed)
 
 
 def _watch(
@@ -124,14 +133,23 @@ def _watch(
     monitor: Monitor,
     progress: Callable[[float], None],
     interrupt: _Interrupt,
-) -> None:
+) -> bool:
+    """Return True when the run has finished, False where it was over before that could be heard."""
     deadline = time.monotonic() + START_TIMEOUT_S
     simulator = running.get(COMPOSED) or running["simulator"]
+    silence = _Silence()
     while simulator.exit_code is None:
         monitor.spin(0.05)
-        if interrupt.name:
+        if monitor.finished:
+            break  # who stops or dies now does not change the run
+        if interrupt.name and simulator.exit_code is None:
             raise RunError(f"stopped by {interrupt.name}; the recording holds the run up to here")
-        _check_alive(running, simulator)
+        _check_alive(running, simulator, monitor)
+        if silence.lasts(monitor):
+            simulator.signal(signal.SIGKILL)  # it would not hear anything else
+            raise RunError(
+                f"the run ended because {simulator.name} has said nothing for {SILENCE_S:g} s"
+            )
         if not monitor.started:
             doubled = monitor.doubled(list(running))
             if doubled:
@@ -145,25 +163,78 @@ def _watch(
                     f"the run did not start within {START_TIMEOUT_S:g} s: {silent} not ready"
                 )
         progress(monitor.time)
-    if simulator.exit_code != 0:
-        _hear_last_words(monitor)
-        raise RunError(monitor.failure or simulator.describe_end())
+    _hear_last_words(monitor)
+    if monitor.failure:
+        raise RunError(monitor.failure)
+    return monitor.finished
+
+
+class _Silence:
+    """How long the simulator has given no sign of life: it may be stopped, or hang."""
+
+    def __init__(self) -> None:
+        self._seconds, self._told = 0.0, 0
+        self._looked = time.monotonic()
+
+    def lasts(self, monitor: Monitor) -> bool:
+        now = time.monotonic()
+        # Time in which this process itself was stopped is not the simulator's.
+        self._seconds += min(now - self._looked, 0.2)
+        if monitor.told != self._told or not monitor.started:
+            self._seconds = 0.0
+        self._looked, self._told = now, monitor.told
+        return self._seconds > SILENCE_S
 
 
 def _hear_last_words(monitor: Monitor) -> None:
     deadline = time.monotonic() + 0.5
-    while monitor.failure is None and time.monotonic() < deadline:
+    while not (monitor.failure or monitor.finished) and time.monotonic() < deadline:
         monitor.spin(0.05)
 
 
-def _check_alive(running: dict[str, NodeProcess], simulator: NodeProcess) -> None:
-    for process in running.values():
-        if process is not simulator and process.exit_code is not None:
-            raise RunError(f"the run ended because {process.describe_end()}")
+def _check_alive(running: dict[str, NodeProcess], simulator: NodeProcess, monitor: Monitor) -> None:
+    dead = [p for p in running.values() if p is not simulator and p.exit_code is not None]
+    if not dead:
+        return
+    _hear_last_words(monitor)  # it may have said why, or the run may just have been over
+    if monitor.finished or simulator.exit_code is not None:
+        return
+    if dead[0].exit_code == EXIT_FAILED and monitor.failure:
+        raise RunError(monitor.failure)
+    raise RunError(f"the run ended because {dead[0].describe_end()}")
 
 
-def _stop_all(running: dict[str, NodeProcess]) -> None:
-    """Stop the simulator first, so that the others hear its end, and the recorder last."""
+def _stop_all(running: dict[str, NodeProcess]) -> set[str]:
+    """Stop the simulator first, so that the others hear its end, and the recorder last.
+
+    Return the names of those that did not end by themselves and were killed.
+    """
     order = sorted(running, key=lambda name: (name == "recorder", name != "simulator"))
-    for name in order:
-        stop(running[name])
+    return {name for name in order if not stop(running[name])}
+
+
+def _check_recorder(process: NodeProcess, killed: set[str]) -> None:
+    """Say so where the run was whole, but not its recording."""
+    if process.name in killed:
+        raise RunError(
+            f"the recording is not whole: {process.name} did not end within {PATIENCE_S:g} s "
+            "and was killed"
+        )
+    if process.exit_code != 0:
+        raise RunError(f"the recording is not whole: {process.describe_end()}")
+
+
+def _read_end(file: Path, simulator: NodeProcess) -> None:
+    """Take from the recording how the simulator ended the run. Raises RunError where too early."""
+    events: list[RunEvent] = []
+    with suppress(RecordingError):  # there may be none yet
+        events = Recording.open(file).events()
+    ends = [
+        event
+        for event in events
+        if event.node == "/simulator" and event.message in ("finished", "stopped", "failed")
+    ]
+    if not ends:
+        raise RunError(f"the run ended because {simulator.describe_end()}")
+    if ends[-1].message != "finished":
+        raise RunError(f"simulator: {ends[-1].values.get('reason', ends[-1].message)}")

@@ -18,6 +18,8 @@ class Monitor:
 
     def __init__(self) -> None:
         self.started = False
+        self.finished = False  # the simulator has said that the run is whole
+        self.told = 0  # how often the simulator has given a sign of life
         self.ready: set[str] = set()
         self.failure: str | None = None
         self.time = 0.0
@@ -54,13 +56,17 @@ class Monitor:
             values = {v.key: v.value for v in status.values}
             if status.message == "started":
                 self.started = True
+            elif status.message == "finished":
+                self.finished = True
             elif status.message == "ready":
                 self.ready.add(status.name.lstrip("/"))
-            elif status.message == "failed":
+            elif status.message in ("failed", "stopped"):
                 self.failure = f"{status.name.lstrip('/')}: {values.get('reason', 'failed')}"
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == "/simulator":  # not one in a namespace: the topic is everybody's
                 values = {v.key: v.value for v in status.values}
+                self.told += 1
                 self.time = float(values.get("time", self.time))
+                self.started = self.started or self.time > 0.0

@@ -199,7 +199,7 @@ def make_plan(
             controller_name=controller,
             simulator=with_values(
                 simulator,
-                wait_for=(*participants, "recorder") if lockstep else participants,
+                wait_for=(*participants, "recorder"),
                 controllers=tuple(turns) if swaps else (),
             ),
             controller=controllers.pop(controller),

@@ -1,0 +1,50 @@
+"""Processes that hang for good: the run ends, soon, and says who it was."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from trunk_msgs_util.recording import Recording
+
+from ..graph.peer import Peer
+from ..graph.processes import Children
+from ..graph.recordings import finished_file
+
+pytestmark = pytest.mark.graph
+
+HANG_S = 10.0
+
+
+def test_simulator_hangs_in_real_time(children: Children, peer: Peer, tmp_path: Path) -> None:
+    run = children.trunk("run", "demo", "--duration", 60, "--output", "run")
+    peer.until_event("simulator", "started")
+    peer.until_recorded(200)
+    os.kill(children.pid_of("simulator"), signal.SIGSTOP)
+    begin = time.monotonic()
+    assert run.wait() == 1, run.stderr
+    children.none_left()
+    assert time.monotonic() - begin < HANG_S
+    line = run.stderr.splitlines()[-1]
+    assert line == "trunk: error: the run ended because simulator has said nothing for 5 s"
+    assert finished_file(tmp_path / "run" / "run.mcap")["/joint_states"] > 20
+    assert not Recording.open(tmp_path / "run" / "run.mcap").complete
+
+
+def test_recorder_hangs_at_the_end(children: Children, peer: Peer, tmp_path: Path) -> None:
+    run = children.trunk("run", "demo", "--duration", 2, "--output", "run")
+    recorder = children.pid_of("recorder")
+    peer.until_event("simulator", "finished")
+    os.kill(recorder, signal.SIGSTOP)
+    begin = time.monotonic()
+    assert run.wait() == 1, run.stderr
+    children.none_left()
+    assert time.monotonic() - begin < HANG_S
+    assert run.stderr.splitlines()[-1] == (
+        "trunk: error: the recording is not whole: recorder did not end within 4 s and was killed"
+    )
+    assert not Recording.open(tmp_path / "run" / "run.mcap").complete
