@@ -1,0 +1,170 @@
+"""What happens when a process of a run gets a signal: the table that tests and docs/faults.md share.
+
+``python -m tests.faults.matrix docs/faults.md`` writes the table into the page.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from dataclasses import dataclass
+from enum import Enum
+from itertools import product
+from pathlib import Path
+from typing import NamedTuple
+
+CONTROLLER = "fuzzy_pid"
+SIMULATOR, DISTURBANCE, RECORDER, RUNNER = "simulator", "disturbance", "recorder", "runner"
+NODES = (SIMULATOR, DISTURBANCE, CONTROLLER, RECORDER)
+PROCESSES = (*NODES, RUNNER)
+SIGINT, SIGTERM, SIGKILL, SIGSTOP = "SIGINT", "SIGTERM", "SIGKILL", "SIGSTOP"
+SIGNALS = (SIGINT, SIGTERM, SIGKILL, SIGSTOP)  # SIGSTOP: followed by SIGCONT
+ASKING = (SIGINT, SIGTERM)
+STARTING, RUNNING, STOPPING = "starting", "running", "stopping"
+PHASES = (STARTING, RUNNING, STOPPING)
+MODES = ("real time", "lock-step")
+
+
+class Recording(Enum):
+    """What is left of the recording, in the words of the page."""
+
+    WHOLE = "complete"
+    INCOMPLETE = "finished, incomplete"
+    CUT = "cut: no end record, readable up to there"
+    NONE = "none, or finished and incomplete"
+
+
+class Cell(NamedTuple):
+    """One case."""
+
+    process: str
+    signal: str
+    phase: str
+    mode: str
+
+    def __str__(self) -> str:
+        return "-".join(self)
+
+
+@dataclass(frozen=True)
+class Row:
+    """What happens in some cells: the run's exit code, its last line, the recording and its end reason.
+
+    In the texts ``{process}`` and ``{signal}`` stand for the cell's.
+    """
+
+    phases: tuple[str, ...]
+    processes: tuple[str, ...]
+    signals: tuple[str, ...]
+    exit_code: int
+    says: str
+    recording: Recording
+    reason: str = ""
+
+    def holds(self, cell: Cell) -> bool:
+        return (
+            cell.phase in self.phases
+            and cell.process in self.processes
+            and cell.signal in self.signals
+        )
+
+
+_LEFT = "the run ended because {process} ended with exit code 0"
+_KILLED = "the run ended because {process} was ended by SIGKILL"
+_TOLD = "stopped by {signal}; the recording holds the run up to here"
+_EARLY = "stopped at t = "
+_NO_END = "the recorder was stopped before the run was finished"
+
+ROWS = (
+    Row((STARTING,), NODES, ASKING, 1, _LEFT, Recording.NONE),
+    Row((STARTING,), NODES, (SIGKILL,), 1, _KILLED, Recording.NONE),
+    Row((STARTING,), (RUNNER,), ASKING, 1, _TOLD, Recording.NONE),
+    Row((STARTING,), (RUNNER,), (SIGKILL,), -9, "", Recording.NONE),
+    Row((RUNNING,), (SIMULATOR,), ASKING, 1, "simulator: " + _EARLY, Recording.INCOMPLETE, _EARLY),
+    Row((RUNNING,), (SIMULATOR,), (SIGKILL,), 1, _KILLED, Recording.INCOMPLETE, _NO_END),
+    Row((RUNNING,), (DISTURBANCE, CONTROLLER), ASKING, 1, _LEFT, Recording.INCOMPLETE, _EARLY),
+    Row(
+        (RUNNING,), (DISTURBANCE, CONTROLLER), (SIGKILL,), 1, _KILLED, Recording.INCOMPLETE, _EARLY
+    ),
+    Row((RUNNING,), (RECORDER,), ASKING, 1, _LEFT, Recording.INCOMPLETE, _NO_END),
+    Row((RUNNING,), (RECORDER,), (SIGKILL,), 1, _KILLED, Recording.CUT),
+    Row((RUNNING,), (RUNNER,), ASKING, 1, _TOLD, Recording.INCOMPLETE, _EARLY),
+    Row((RUNNING,), (RUNNER,), (SIGKILL,), -9, "", Recording.INCOMPLETE),
+    Row((STARTING, RUNNING), PROCESSES, (SIGSTOP,), 0, "", Recording.WHOLE),
+    Row((STOPPING,), (SIMULATOR, DISTURBANCE, CONTROLLER), SIGNALS, 0, "", Recording.WHOLE),
+    Row((STOPPING,), (RECORDER, RUNNER), (*ASKING, SIGSTOP), 0, "", Recording.WHOLE),
+    Row(
+        (STOPPING,),
+        (RECORDER,),
+        (SIGKILL,),
+        1,
+        "the recording is not whole: recorder was ended by SIGKILL",
+        Recording.CUT,
+    ),
+    Row((STOPPING,), (RUNNER,), (SIGKILL,), -9, "", Recording.WHOLE),
+)
+
+CELLS = tuple(Cell(*cell) for cell in product(PROCESSES, SIGNALS, PHASES, MODES))
+
+
+def row_of(cell: Cell) -> Row:
+    """Return the one row that says what happens in a cell."""
+    (row,) = (row for row in ROWS if row.holds(cell))
+    return row
+
+
+def selection() -> list[Cell]:
+    """Return the cells of every day: each process running with each kind of signal, and all pairs.
+
+    Of SIGINT and SIGTERM, and of the two modes, each case takes one, in turn.
+    """
+    chosen = []
+    for p, process in enumerate(PROCESSES):
+        for s, signal in enumerate((ASKING[p % 2], SIGKILL, SIGSTOP)):
+            chosen.append(Cell(process, signal, RUNNING, MODES[(p + s) % 2]))
+        for phase, first in ((STARTING, 0), (STOPPING, 1)):
+            for s in (first, first + 2):
+                chosen.append(
+                    Cell(process, SIGNALS[(p + s) % 4], phase, MODES[(p // 2 + s + first) % 2])
+                )
+    return chosen
+
+
+def _exit(row: Row) -> str:
+    if row.exit_code < 0:
+        return "ended by SIGKILL"
+    return f"{row.exit_code}" + (f": *{_shown(row.says)} …*" if row.says else "")
+
+
+def _shown(text: str) -> str:
+    return text.format(process="NODE", signal="SIGNAL").split(";")[0].removesuffix(" = ")
+
+
+def table() -> str:
+    """Return all rows as a Markdown table."""
+    lines = [
+        "| while | who | gets | `trunk run` ends with | recording |",
+        "|---|---|---|---|---|",
+    ]
+    for row in ROWS:
+        who = "each node" if row.processes == NODES else ", ".join(row.processes)
+        who = {PROCESSES: "anyone"}.get(row.processes, who).replace(CONTROLLER, "controller")
+        signals = "any of them" if row.signals == SIGNALS else ", ".join(row.signals)
+        recording = row.recording.value
+        if row.reason:
+            recording += f": *{_shown(row.reason)}*"
+        lines.append(
+            f"| {' or '.join(row.phases)} | {who} | {signals} | {_exit(row)} | {recording} |"
+        )
+    return "\n".join(lines)
+
+
+def refreshed(page: str) -> str:
+    """Return the page's text with the table made anew."""
+    pattern = r"(<!-- generated: faults -->\n).*?(<!-- end -->)"
+    return re.sub(pattern, lambda m: f"{m[1]}{table()}\n{m[2]}", page, flags=re.DOTALL)
+
+
+if __name__ == "__main__":
+    path = Path(sys.argv[1])
+    path.write_text(refreshed(path.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,193 @@
+"""Each process of a run x each signal x each phase x both modes: what happens is what the table says.
+
+A selection runs every day; TRUNK_FAULTS=all (scripts/check_faults.sh) runs every cell.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from itertools import combinations, product
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from trunk_experiments.cli import trunk
+from trunk_msgs_util.recording import Recording
+
+from ..graph.peer import Peer
+from ..graph.processes import Child, Children, until
+from ..graph.recordings import assert_every_step, finished_file
+from . import matrix
+from .matrix import CELLS, MODES, PHASES, PROCESSES, RUNNING, SIGNALS, STARTING, STOPPING, Cell
+
+PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
+PERIOD_NS = 5_000_000
+HOLD_S = 3.0  # between SIGSTOP and SIGCONT
+HANG_S = 10.0  # no run takes longer to end, once it is to end
+LONG_S = 60  # more than any test waits for: such a run ends by its fault
+OPTIONS = {"real time": (), "lock-step": ("--lockstep", "--speed", "1")}
+
+
+def test_the_page_has_the_table() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    assert page.count("<!-- generated: faults -->") == 1
+    assert matrix.refreshed(page) == page, "run scripts/update_readme.sh"
+
+
+def test_each_cell_has_one_row_and_the_selection_has_all_pairs() -> None:
+    assert all(matrix.row_of(cell) for cell in CELLS)
+    chosen = matrix.selection()
+    assert len(set(chosen)) == len(chosen) <= 35
+    for i, j in combinations(range(4), 2):
+        values = (PROCESSES, SIGNALS, PHASES, MODES)
+        assert {(cell[i], cell[j]) for cell in chosen} == set(product(values[i], values[j]))
+
+
+class Run:
+    """A run of the demo, brought to the phase of a cell."""
+
+    def __init__(self, cell: Cell, children: Children, peer: Peer) -> None:
+        self.cell, self.children, self.peer = cell, children, peer
+        self.row = matrix.row_of(cell)
+        self.ends_by_fault = self.row.exit_code != 0
+        self.duration = 2 if cell.phase != RUNNING else 6
+        if self.ends_by_fault and cell.phase != STOPPING:
+            self.duration = LONG_S
+        self.folder = children.folder / "run"
+        self.child: Child = children.trunk(
+            *("run", "demo", "--duration", self.duration, "--output", "run"), *OPTIONS[cell.mode]
+        )
+
+    def reach(self) -> Callable[[int], None]:
+        """Wait for the phase, and return what sends the cell's process a signal."""
+        return {STARTING: self._starting, RUNNING: self._running, STOPPING: self._stopping}[
+            self.cell.phase
+        ]()
+
+    def _kill(self, pid: int) -> Callable[[int], None]:
+        def kill(number: int) -> None:
+            with suppress(ProcessLookupError):  # it has just ended: so be it
+                os.kill(pid, number)
+
+        return kill
+
+    def _pid(self) -> int:
+        process = self.cell.process
+        return self.child.process.pid if process == "runner" else self.children.pid_of(process)
+
+    def _starting(self) -> Callable[[int], None]:
+        # Right behind its exec: a node's imports take far longer than this takes to see it. The runner
+        # has started all its nodes when the simulator, the last one, is there.
+        self.children.pid_of("simulator" if self.cell.process == "runner" else self.cell.process)
+        return self._kill(self._pid())
+
+    def _running(self) -> Callable[[int], None]:
+        pid = self._pid()
+        self.peer.until_event("simulator", "started")
+        self.peer.until_recorded(200)
+        return self._kill(pid)
+
+    def _stopping(self) -> Callable[[int], None]:
+        pid, simulator = self._pid(), self.children.pid_of("simulator")
+        self.peer.until_event("simulator", "finished")
+        if self.cell.process != "simulator":
+            until(lambda: ended(simulator), "the simulator has ended", 0.001)
+        return self._kill(pid)
+
+
+def ended(pid: int) -> bool:
+    try:
+        return not Path(f"/proc/{pid}/cmdline").read_bytes()  # a zombie has none
+    except OSError:
+        return True
+
+
+def logs(folder: Path) -> str:
+    return "\n".join(path.read_text(errors="replace") for path in folder.glob("logs/*.log"))
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize(
+    "cell", CELLS if os.environ.get("TRUNK_FAULTS") == "all" else matrix.selection(), ids=str
+)
+def test_cell(cell: Cell, children: Children, peer: Peer) -> None:
+    run = Run(cell, children, peer)
+    send = run.reach()
+    send(getattr(signal, cell.signal))
+    left_s = 0.0
+    if cell.signal == "SIGSTOP":
+        time.sleep(HOLD_S)  # this is the fault itself
+        send(signal.SIGCONT)
+        left_s = run.duration
+    begin = time.monotonic()
+    code = run.child.wait()
+    children.none_left()
+    took = time.monotonic() - begin
+
+    row, said, told = run.row, run.child.stderr, logs(run.folder)
+    assert code == row.exit_code, said + told
+    assert "Traceback" not in said + told
+    assert took < HANG_S + left_s, f"{took:.1f} s\n{said}"
+    if row.says:
+        wanted = row.says.format(process=cell.process, signal=cell.signal)
+        assert said.splitlines()[-1].startswith(f"trunk: error: {wanted}"), said
+    else:
+        assert "error" not in said
+    CHECKS[row.recording](run, run.folder / "run.mcap")
+
+
+def whole(run: Run, file: Path) -> None:
+    finished_file(file)
+    recording = Recording.open(file)
+    assert recording.complete, recording.end
+    assert recording.warnings == []
+    assert_every_step(recording, PERIOD_NS, run.duration * 200 + 1)
+    if run.cell.mode == "lock-step":  # the same bits as if nothing had happened
+        offline = file.with_name("offline.mcap")
+        simulated = trunk_says("simulate", "demo", "--duration", run.duration, "-o", offline)
+        assert "401 states" in simulated or "1201 states" in simulated
+        assert trunk_says("diff", offline, file).startswith("identical: ")
+
+
+def trunk_says(*arguments: object) -> str:
+    """Return what the command says; it must end with code 0."""
+    result = CliRunner().invoke(trunk, [str(argument) for argument in arguments])
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def incomplete(run: Run, file: Path) -> None:
+    assert finished_file(file)["/ground_truth/joint_states"] > 50
+    recording = Recording.open(file)
+    assert not recording.complete
+    assert recording.end is not None
+    assert recording.end["reason"].startswith(run.row.reason)
+    assert [w.startswith("incomplete: ") for w in recording.warnings] == [True]
+
+
+def cut(run: Run, file: Path) -> None:
+    recording = Recording.open(file)
+    assert not recording.complete
+    assert recording.end is None
+    assert any("without a footer" in warning for warning in recording.warnings)
+    assert recording.topics["/ground_truth/joint_states"].count > 50
+
+
+def none_or_incomplete(run: Run, file: Path) -> None:
+    if file.exists():
+        recording = Recording.open(file)
+        assert not recording.complete
+        assert "started" not in [event.message for event in recording.events()]
+
+
+CHECKS = {
+    matrix.Recording.WHOLE: whole,
+    matrix.Recording.INCOMPLETE: incomplete,
+    matrix.Recording.CUT: cut,
+    matrix.Recording.NONE: none_or_incomplete,
+}
