@@ -210,6 +210,7 @@ def test_whatever_is_broken_is_examined_and_recovered(tmp_path):
         path.write_bytes(broken)
         found = examine(path)
         assert exit_code(found) == 1 or at > data_end, at
+        output.unlink(missing_ok=True)
         try:
             recover(path, output, overwrite=True)
         except RecordingError:

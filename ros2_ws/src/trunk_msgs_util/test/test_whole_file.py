@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from trunk_msgs_util.whole_file import whole_file
+
+
+def test_a_file_gets_its_name_when_it_is_whole(tmp_path):
+    path = tmp_path / "a.txt"
+    with whole_file(path) as part:
+        part.write_text("new")
+        assert part.suffix == ".txt"  # writers go by it
+        assert not path.exists()
+    assert path.read_text() == "new"
+    assert [each.name for each in tmp_path.iterdir()] == ["a.txt"]
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, OSError])
+def test_what_was_there_stays_where_it_goes_wrong(tmp_path, error):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+
+    def fail() -> None:
+        with whole_file(path) as part:
+            part.write_text("half")
+            raise error("stop")
+
+    with pytest.raises(error):
+        fail()
+    assert path.read_text() == "old"
+    assert [each.name for each in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_errors_name_the_file_that_was_asked_for(tmp_path):
+    path = tmp_path / "missing" / "a.txt"
+    with pytest.raises(FileNotFoundError) as raised, whole_file(path) as part:
+        part.write_text("new")
+    assert raised.value.filename == str(path)
+    with pytest.raises(FileNotFoundError) as raised, whole_file(tmp_path / "b") as part:
+        (tmp_path / "input").read_text()
+    assert raised.value.filename == str(tmp_path / "input")
+
+
+def test_an_existing_file_is_replaced_only_where_asked(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    refused = pytest.raises(FileExistsError, match="choose another name")
+    with refused, whole_file(path, overwrite=False):
+        pytest.fail("it must not come to this")
+
+
+def test_a_link_stays_a_link(tmp_path):
+    (tmp_path / "target.txt").write_text("old")
+    link = tmp_path / "link.txt"
+    link.symlink_to("target.txt")
+    with whole_file(link) as part:
+        part.write_text("new")
+    assert link.is_symlink()
+    assert (tmp_path / "target.txt").read_text() == "new"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_device_is_written_to_as_it_is():
+    with whole_file(Path("/dev/null")) as part:
+        assert part == Path("/dev/null")
+    with pytest.raises(OSError, match="No space"), whole_file(Path("/dev/full")) as part:
+        part.write_text("new")
+    assert Path("/dev/full").is_char_device()
