@@ -94,8 +94,10 @@ class Run:
 
     def _stopping(self) -> Callable[[int], None]:
         pid, simulator = self._pid(), self.children.pid_of("simulator")
-        self.peer.until_event("simulator", "finished")
-        if self.cell.process != "simulator":
+        if self.cell.process == "simulator":
+            log = self.folder / "logs" / "simulator.log"
+            until(lambda: ": finished: " in log.read_text(), "the simulator has finished", 0.001)
+        else:
             until(lambda: ended(simulator), "the simulator has ended", 0.001)
         return self._kill(pid)
 
