@@ -7,7 +7,8 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
-from trunk_msgs_util.base_node import TrunkNode, run_nodes
+from trunk_msgs_util.base_node import TrunkNode
+from trunk_msgs_util.run_node import run_nodes
 
 _CLASSES = {
     "recorder": ("trunk_msgs_util.recorder_node", "RecorderNode"),

@@ -21,11 +21,11 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from trunk_msgs_util import qos, topics
-from trunk_msgs_util.base_node import EXIT_USAGE, Shutdown
 from trunk_msgs_util.conversions import WireReader
 from trunk_msgs_util.declarations import ParameterError
 from trunk_msgs_util.executor import LoopExecutor
 from trunk_msgs_util.parameters import NodeParameters
+from trunk_msgs_util.run_node import EXIT_USAGE, Shutdown
 from trunk_msgs_util.samples import JointSample
 
 from . import markers

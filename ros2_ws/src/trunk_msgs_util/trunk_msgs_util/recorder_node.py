@@ -16,11 +16,12 @@ from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import JointState
 
 from . import provenance, qos, topics
-from .base_node import TrunkNode, main_for
+from .base_node import TrunkNode
 from .config import RecorderConfig
 from .conversions import sample_to_wire
 from .declarations import ParameterError
 from .recording_writer import PROVENANCE, RecordingWriter
+from .run_node import main_for
 from .samples import JointSample
 from .schemas import RunEvent, parse_event
 from .units import LAST_STAMP_NS, NANOSECONDS

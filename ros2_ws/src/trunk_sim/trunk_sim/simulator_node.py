@@ -12,8 +12,9 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from trunk_msgs_util import qos, topics
-from trunk_msgs_util.base_node import TrunkNode, main_for
+from trunk_msgs_util.base_node import TrunkNode
 from trunk_msgs_util.conversions import WireReader, sample_to_wire, stamp_to_ros
+from trunk_msgs_util.run_node import main_for
 from trunk_msgs_util.units import nanoseconds, seconds, step_count
 
 from .config import SimulatorConfig
