@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from trunk_control import computed_torque, fuzzy, fuzzy_pid, lqr, pid, reference
-from trunk_control.config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES, FuzzyPidConfig
+from trunk_control.config import FuzzyPidConfig
+from trunk_control.controller_config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES
 from trunk_sim import disturbances, integrator, plant, plant_as_printed
 
 numba = pytest.importorskip("numba")

@@ -6,12 +6,8 @@ from math import inf, nan, pi
 
 import pytest
 
-from trunk_control.config import (
-    ANTIWINDUP_STRATEGIES,
-    DERIVATIVE_MODES,
-    FuzzyPidConfig,
-    PidConfig,
-)
+from trunk_control.config import FuzzyPidConfig, PidConfig
+from trunk_control.controller_config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES
 from trunk_control.fuzzy_pid import GainBox
 from trunk_control.pid import (
     ANTIWINDUP_BACK_CALCULATION,

@@ -15,7 +15,8 @@ from typing import NamedTuple
 from trunk_msgs_util.units import seconds
 
 from .computed_torque import Hip
-from .config import ControllerConfig, FuzzyPidConfig, PidConfig
+from .config import FuzzyPidConfig, PidConfig
+from .controller_config import ControllerConfig
 from .fuzzy_pid import fuzzy_pid_update, inferred_gains
 from .pid import Gains, PidLaw, PidState, Terms, limited, pid_update, retune
 from .reference import reference_at

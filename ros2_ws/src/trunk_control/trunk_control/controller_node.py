@@ -13,8 +13,8 @@ from trunk_msgs_util.base_node import TrunkNode
 from trunk_msgs_util.conversions import WireReader, sample_to_wire
 from trunk_msgs_util.samples import JointSample
 
-from .config import ControllerConfig
 from .controller import Answer, Controller, Seen, hip_seen
+from .controller_config import ControllerConfig
 from .joint_places import JointPlaces
 from .schedule import turn
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from trunk_msgs_util.declarations import parameter
 
 from .computed_torque import Model
-from .config import ControllerConfig
+from .controller_config import ControllerConfig
 from .pid import Gains
 
 

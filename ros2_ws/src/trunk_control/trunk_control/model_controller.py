@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from .computed_torque import Hip, computed_torque_update, inverse_dynamics
-from .config import ControllerConfig
 from .controller import Controller
+from .controller_config import ControllerConfig
 from .lqr import lqr_update
 from .model_config import ComputedTorqueConfig, LqrConfig
 from .pid import Gains, PidState, Terms

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trunk_control.config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES
+from trunk_control.controller_config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES
 from trunk_control.reference import PROFILES
 from trunk_msgs_util.declarations import build
 from trunk_msgs_util.units import NANOSECONDS

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from trunk_control.config import ControllerConfig, FuzzyPidConfig
+from trunk_control.config import FuzzyPidConfig
+from trunk_control.controller_config import ControllerConfig
 from trunk_control.fuzzy import fired_rules
 from trunk_control.pid import PidState, Terms
 from trunk_control.rule_tables import INPUT_LABELS

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from trunk_control.config import ControllerConfig, FuzzyPidConfig, PidConfig
+from trunk_control.config import FuzzyPidConfig, PidConfig
 from trunk_control.controller import Controller, FuzzyPidController, PidController
+from trunk_control.controller_config import ControllerConfig
 from trunk_control.model_config import ComputedTorqueConfig, LqrConfig
 from trunk_control.model_controller import ComputedTorqueController, LqrController
 from trunk_msgs_util.config import RecorderConfig

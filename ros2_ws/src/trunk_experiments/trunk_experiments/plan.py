@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from trunk_control.config import ControllerConfig
+from trunk_control.controller_config import ControllerConfig
 from trunk_control.schedule import active_at
 from trunk_msgs_util.config import RecorderConfig
 from trunk_msgs_util.declarations import ParameterError, build, declarations, values_of

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from trunk_control.config import ControllerConfig, FuzzyPidConfig, PidConfig
+from trunk_control.config import FuzzyPidConfig, PidConfig
+from trunk_control.controller_config import ControllerConfig
 from trunk_control.model_config import ComputedTorqueConfig, LqrConfig
 from trunk_msgs_util import topics
 from trunk_msgs_util.declarations import ParameterError

@@ -1,0 +1,224 @@
+"""Every parameter that all controllers share, declared once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from math import inf
+
+from trunk_msgs_util.config import ManagedConfig
+from trunk_msgs_util.declarations import ParameterError, parameter
+from trunk_msgs_util.units import nanoseconds, period_ns
+
+from .pid import PidLaw
+from .reference import CONSTANT, PROFILES, ReferenceProfile
+
+DERIVATIVE_MODES = ("error", "measurement", "rate")
+ANTIWINDUP_STRATEGIES = ("none", "conditional_integration", "back_calculation")
+
+
+@dataclass(frozen=True)
+class ControllerConfig(ManagedConfig):
+    """What every controller declares: its rate, joint, reference, derivative and limits."""
+
+    update_rate: float = parameter(
+        "update_rate",
+        200.0,
+        "Rate of the control law, in the time of the states' stamps",
+        unit="Hz",
+        minimum=0.001,
+        maximum=1e6,
+        fixed=True,
+    )
+    lockstep: bool = parameter(
+        "lockstep.enabled",
+        False,
+        "Answer every state, between due ones with the held command",
+        fixed=True,
+    )
+    joint: str = parameter("joint", "trunk", "The joint that is controlled", fixed=True)
+    reference_profile: str = parameter(
+        "reference.profile",
+        "constant",
+        "Shape of the reference; topic: the newest message on the reference topic, before it the value",
+        choices=(*PROFILES, "topic"),
+    )
+    reference_value: float = parameter(
+        "reference.value",
+        0.0,
+        "Constant, final value of the step, or mean of the sine",
+        unit="rad",
+        minimum=-1e3,
+        maximum=1e3,
+    )
+    reference_initial: float = parameter(
+        "reference.initial",
+        0.0,
+        "Before the step, or before the sequence begins",
+        unit="rad",
+        minimum=-1e3,
+        maximum=1e3,
+    )
+    reference_step_time: float = parameter(
+        "reference.step_time", 2.0, "When the step comes", unit="s", minimum=0.0, maximum=1e6
+    )
+    reference_amplitude: float = parameter(
+        "reference.amplitude", 0.0, "Amplitude of the sine", unit="rad", minimum=-1e3, maximum=1e3
+    )
+    reference_frequency: float = parameter(
+        "reference.frequency", 0.5, "Frequency of the sine", unit="Hz", minimum=0.0, maximum=1e5
+    )
+    reference_times: tuple[float, ...] = parameter(
+        "reference.times",
+        (),
+        "When the levels of the sequence begin, ascending",
+        unit="s",
+        element=float,
+        longest=10_000,
+        minimum=0.0,
+        maximum=1e6,
+    )
+    reference_values: tuple[float, ...] = parameter(
+        "reference.values",
+        (),
+        "The levels of the sequence",
+        unit="rad",
+        element=float,
+        longest=10_000,
+        minimum=-1e3,
+        maximum=1e3,
+    )
+    derivative_mode: str = parameter(
+        "derivative_mode",
+        "rate",
+        "The derivative of the error, of the measurement, or the measured rate (a gyro)",
+        choices=DERIVATIVE_MODES,
+    )
+    derivative_filter_time: float = parameter(
+        "derivative_filter_time",
+        0.0,
+        "Time constant of the derivative's filter; 0: none",
+        unit="s",
+        minimum=0.0,
+        maximum=1e3,
+    )
+    u_clamp_max: float = parameter(
+        "u_clamp_max", 100.0, "Upper limit of the command", unit="N m", unbounded=True
+    )
+    u_clamp_min: float = parameter(
+        "u_clamp_min", -100.0, "Lower limit of the command", unit="N m", unbounded=True
+    )
+    i_clamp_max: float = parameter(
+        "i_clamp_max",
+        inf,
+        "Upper limit of the integral term",
+        unit="N m",
+        minimum=0.0,
+        unbounded=True,
+    )
+    i_clamp_min: float = parameter(
+        "i_clamp_min",
+        -inf,
+        "Lower limit of the integral term",
+        unit="N m",
+        maximum=0.0,
+        unbounded=True,
+    )
+    antiwindup_strategy: str = parameter(
+        "antiwindup_strategy",
+        "conditional_integration",
+        "What the integral does while the command is limited",
+        choices=ANTIWINDUP_STRATEGIES,
+    )
+    tracking_time_constant: float = parameter(
+        "tracking_time_constant",
+        0.0,
+        "Time constant of back-calculation; 0: sqrt(kd / ki)",
+        unit="s",
+        minimum=0.0,
+        maximum=1e6,
+    )
+    active_times: tuple[float, ...] = parameter(
+        "active.times",
+        (),
+        "When the controller turns active, inactive, active ... in the states' time; empty: always active",
+        unit="s",
+        element=float,
+        minimum=0.0,
+        maximum=1e6,
+        fixed=True,
+    )
+    handover_step: float = parameter(
+        "handover.max_step",
+        1.0,
+        "Having taken over, the command moves by at most this per update until it meets the law's",
+        unit="N m",
+        above=0.0,
+        unbounded=True,
+    )
+
+    def __post_init__(self) -> None:
+        if not self.u_clamp_max > self.u_clamp_min:
+            raise ParameterError(
+                "u_clamp_max", self.u_clamp_max, f"greater than u_clamp_min ({self.u_clamp_min:g})"
+            )
+        if len(self.reference_values) != len(self.reference_times):
+            raise ParameterError(
+                "reference.values",
+                self.reference_values,
+                f"as many as reference.times ({len(self.reference_times)})",
+            )
+        if list(self.reference_times) != sorted(self.reference_times):
+            raise ParameterError("reference.times", self.reference_times, "ascending times")
+        if any(b <= a for a, b in pairwise(self.active_times)):
+            raise ParameterError("active.times", self.active_times, "strictly ascending times")
+
+    @property
+    def period_ns(self) -> int:
+        """The control period in ns."""
+        return period_ns(self.update_rate)
+
+    @property
+    def active_times_ns(self) -> tuple[int, ...]:
+        """`active_times` in ns."""
+        return tuple(nanoseconds(t) for t in self.active_times)
+
+    @property
+    def hip(self) -> str | None:
+        """The hip's joint, where the law uses its motion."""
+        return None
+
+    @property
+    def damping_gain(self) -> float:
+        """The largest gain of the rate, N m s/rad: it bounds the period of the sampled loop."""
+        return 0.0
+
+    @property
+    def law(self) -> PidLaw:
+        """What stays fixed while gains move."""
+        return PidLaw(
+            DERIVATIVE_MODES.index(self.derivative_mode),
+            self.derivative_filter_time,
+            self.u_clamp_min,
+            self.u_clamp_max,
+            self.i_clamp_min,
+            self.i_clamp_max,
+            ANTIWINDUP_STRATEGIES.index(self.antiwindup_strategy),
+            self.tracking_time_constant,
+        )
+
+    @property
+    def reference(self) -> ReferenceProfile:
+        """The profile that `reference_at` evaluates."""
+        return ReferenceProfile(
+            CONSTANT
+            if self.reference_profile == "topic"
+            else PROFILES.index(self.reference_profile),
+            self.reference_value,
+            self.reference_initial,
+            nanoseconds(self.reference_step_time),
+            self.reference_amplitude,
+            self.reference_frequency,
+            tuple(nanoseconds(t) for t in self.reference_times),
+            self.reference_values,
+        )
