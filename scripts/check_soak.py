@@ -27,7 +27,8 @@ from rclpy.signals import SignalHandlerOptions
 from trunk_experiments.commands.common import print_table
 from trunk_experiments.graph_run import RunError, RunFiles, run_graph
 from trunk_experiments.nodes import NODES
-from trunk_experiments.plan import PlanError, RunPlan, make_plan
+from trunk_experiments.plan import RunPlan, make_plan
+from trunk_experiments.plan_files import PlanError
 from trunk_experiments.process_usage import resident_bytes
 from trunk_experiments.soak import (
     IDLE,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from trunk_experiments.offline_recording import record_offline
-from trunk_experiments.plan import PlanError, make_plan
+from trunk_experiments.plan import make_plan
+from trunk_experiments.plan_files import PlanError
 from trunk_experiments.verify import VERIFIED, verify
 from trunk_msgs_util.metrics import metrics
 from trunk_msgs_util.recording import Recording

@@ -8,7 +8,9 @@ import pytest
 from trunk_experiments.diff import diff
 from trunk_experiments.like import plan_like
 from trunk_experiments.offline_recording import record_offline
-from trunk_experiments.plan import PlanError, make_plan, parse_swap
+from trunk_experiments.plan import make_plan
+from trunk_experiments.plan_files import PlanError
+from trunk_experiments.turns import parse_swap
 from trunk_experiments.verify import DIVERGES, VERIFIED, verify
 from trunk_msgs_util.recording import Recording
 from trunk_msgs_util.run_table import RunTable

@@ -12,7 +12,8 @@ import pytest
 from trunk_experiments import closed_loop, compiled
 from trunk_experiments.closed_loop import Batch
 from trunk_experiments.compiled_check import first_difference, random_plan
-from trunk_experiments.plan import PlanError, make_plan
+from trunk_experiments.plan import make_plan
+from trunk_experiments.plan_files import PlanError
 from trunk_msgs_util.metrics import metrics
 from trunk_msgs_util.recording import Recording
 from trunk_msgs_util.run_table import RunTable

@@ -9,7 +9,8 @@ import pytest
 
 from trunk_experiments.closed_loop import Batch
 from trunk_experiments.floquet import floquet
-from trunk_experiments.plan import PlanError, RunPlan, make_plan
+from trunk_experiments.plan import RunPlan, make_plan
+from trunk_experiments.plan_files import PlanError
 
 WALK = [
     "simulator.hip.mode=prescribed",

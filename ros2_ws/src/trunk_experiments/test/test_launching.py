@@ -9,7 +9,8 @@ from trunk_experiments import launching
 from trunk_experiments.graph_run import RunFiles
 from trunk_experiments.launching import ARGUMENTS, launch_nodes, launch_plan, launch_viewers
 from trunk_experiments.nodes import CONTROLLERS, NODES
-from trunk_experiments.plan import PlanError, make_plan, shipped_files
+from trunk_experiments.plan import make_plan
+from trunk_experiments.plan_files import PlanError, shipped_files
 from trunk_msgs_util.declarations import declarations, values_of
 from trunk_msgs_util.parameter_files import parse, read, resolve
 

@@ -28,7 +28,8 @@ from trunk_sim.sensors import SensorParameters, measure
 from trunk_sim.simulation import saturate
 
 from .compiled import compiled, fingerprint
-from .plan import PlanError, RunPlan
+from .plan import RunPlan
+from .plan_files import PlanError
 
 # Rows of a run's result. The first four are the state; the last eight are RunTable's in its order.
 X, THETA, X_DOT, THETA_DOT, MEASURED, REFERENCE, TORQUE, KP, KI, KD, ALPHA = range(11)

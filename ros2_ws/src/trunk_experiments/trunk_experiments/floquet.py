@@ -26,7 +26,8 @@ from trunk_sim.simulation import saturate
 
 from .closed_loop import LAWS, Setting, Update, constants_of, setting_of
 from .compiled import compiled
-from .plan import PlanError, RunPlan
+from .plan import RunPlan
+from .plan_files import PlanError
 
 _STEP = 1e-6  # of the differences: rad, rad/s, rad s, N m
 _INPUTS = 9  # angle, rate, the same as delayed, and five of the law's memory

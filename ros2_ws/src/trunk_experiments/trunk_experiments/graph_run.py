@@ -16,7 +16,8 @@ from trunk_msgs_util.recording import Recording, RecordingError
 from trunk_msgs_util.schemas import RunEvent
 
 from .nodes import NODES
-from .plan import PlanError, RunPlan
+from .plan import RunPlan
+from .plan_files import PlanError
 from .processes import PATIENCE_S, NodeProcess, stop
 
 if TYPE_CHECKING:

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .nodes import CONTROLLERS, NODES
-from .plan import PlanError, RunPlan, checked_namespace, make_plan, parse_swap
+from .plan import RunPlan, checked_namespace, make_plan
+from .plan_files import PlanError
+from .turns import parse_swap
 
 RECORDER = "recorder"
 SIMULATOR = "simulator"

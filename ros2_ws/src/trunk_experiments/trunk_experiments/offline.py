@@ -14,7 +14,8 @@ from trunk_sim.disturbances import Disturbance, disturbance_at
 from trunk_sim.simulation import Simulation
 
 from .nodes import make_controller
-from .plan import PlanError, RunPlan
+from .plan import RunPlan
+from .plan_files import PlanError
 from .timeline import Change, Timeline
 
 

@@ -7,15 +7,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from dataclasses import replace as with_values
-from importlib.resources import files
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import yaml
+from typing import Any
 
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.schedule import active_at
@@ -35,26 +31,8 @@ from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 
 from .nodes import CONTROLLERS, NODES, declared_names
-
-# The profile on which a shipped scenario rests.
-SCENARIOS: dict[str, str] = {
-    "fig6": "profile_paper",
-    "fig7": "profile_paper",
-    "fig8": "profile_paper",
-    "fig9": "profile_paper",
-    "demo": "profile_practical",
-}
-
-
-class PlanError(ValueError):
-    """A run that cannot be: what is wrong, its value, what is allowed."""
-
-
-class Swap(NamedTuple):
-    """A controller that takes over at a time in s."""
-
-    time: float
-    controller: str
+from .plan_files import PlanError, find_file, parse_setting, scenario_layers
+from .turns import Swap, turns_of
 
 
 @dataclass(frozen=True)
@@ -101,57 +79,6 @@ class RunPlan:
             path,
             {f"{self.namespace}/{name}": values_of(c) for name, c in self.configs.items()},
         )
-
-
-def shipped_files() -> dict[str, Path]:
-    """Return the shipped parameter files by bare name."""
-    folder = Path(str(files(__package__))) / "config"
-    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
-
-
-def find_file(name: str) -> Path:
-    """Return a parameter file's path from a shipped bare name or a path.
-
-    Raises PlanError listing the shipped names.
-    """
-    shipped = shipped_files()
-    if name in shipped:
-        return shipped[name]
-    path = Path(name)
-    if path.is_file():
-        return path
-    raise PlanError(
-        f"no parameter file {name!r}: give a path, or one of {', '.join(sorted(shipped))}"
-    )
-
-
-def scenario_layers(scenario: str) -> list[Layer]:
-    """Return a scenario's layers: the profile it rests on, then its own file."""
-    if scenario in SCENARIOS:
-        return [read(find_file(SCENARIOS[scenario])), read(find_file(scenario))]
-    if Path(scenario).is_file():
-        return [read(Path(scenario))]
-    raise PlanError(
-        f"no scenario {scenario!r}: give one of {', '.join(SCENARIOS)}, or a parameter file's path"
-    )
-
-
-def parse_setting(text: str) -> Layer:
-    """Return the layer that ``NODE.PARAM=VALUE`` stands for; VALUE is YAML. Raises PlanError."""
-    target, equals, value_text = text.partition("=")
-    node, dot, name = target.partition(".")
-    if not equals or not dot or node not in NODES:
-        raise PlanError(
-            f"--set {text!r}: NODE.PARAM=VALUE is needed, NODE one of {', '.join(NODES)}"
-        )
-    try:
-        value = yaml.safe_load(value_text)
-    except yaml.YAMLError:
-        raise PlanError(f"--set {text!r}: the value is not YAML") from None
-    if isinstance(value, str):
-        with suppress(ValueError):
-            value = float(value)  # "1e3" is a number to ROS, but not to YAML 1.1
-    return Layer(f"--set {text}", (Section(node, {name: value}),))
 
 
 def make_plan(
@@ -214,38 +141,6 @@ def make_plan(
             ),
             namespace=namespace,
         )
-    )
-
-
-def turns_of(first: str, swaps: Sequence[Swap]) -> dict[str, tuple[float, ...]]:
-    """Return each controller's ``active.times``, by name in the order of their first turns.
-
-    Raises PlanError for swaps that do not ascend in time, or that change nothing.
-    """
-    turns: dict[str, list[float]] = {first: [0.0]}
-    now, acting = 0.0, first
-    for time, name in swaps:
-        if time <= now:
-            raise PlanError(
-                f"swap at {time:g}:{name}: times must be above 0 and ascend; before it {now:g}"
-            )
-        if name == acting:
-            raise PlanError(f"swap at {time:g}:{name}: {name} acts at that time already")
-        turns[acting].append(time)
-        turns.setdefault(name, []).append(time)
-        now, acting = time, name
-    return {name: tuple(times) for name, times in turns.items()}
-
-
-def parse_swap(text: str) -> Swap:
-    """Return the swap that ``T:CONTROLLER`` stands for, T in s. Raises PlanError."""
-    time_text, colon, name = text.partition(":")
-    with suppress(ValueError):
-        time = float(time_text)
-        if colon and name in CONTROLLERS and isfinite(time):
-            return Swap(time, name)
-    raise PlanError(
-        f"swap at {text!r}: T:CONTROLLER is needed, T in s, CONTROLLER one of {', '.join(CONTROLLERS)}"
     )
 
 

@@ -10,7 +10,7 @@ from trunk_msgs_util import topics
 
 from .commands.params import markdown
 from .nodes import NODES
-from .plan import shipped_files
+from .plan_files import shipped_files
 
 _SECTION = re.compile(r"(<!-- generated: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 

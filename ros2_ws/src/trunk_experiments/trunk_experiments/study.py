@@ -6,7 +6,7 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass
 
-from .plan import PlanError
+from .plan_files import PlanError
 from .study_draws import Distribution
 
 Scalar = bool | int | float | str

@@ -26,7 +26,8 @@ from trunk_msgs_util.declarations import (
 from trunk_msgs_util.parameter_files import ParameterFileError
 from trunk_sim.disturbance_config import DisturbanceConfig
 
-from .plan import PlanError, RunPlan, make_plan
+from .plan import RunPlan, make_plan
+from .plan_files import PlanError
 from .study import Contender, Scalar, Study, StudyError, Target, Variable
 from .study_draws import stream
 

@@ -14,7 +14,7 @@ from trunk_control.pid import Gains
 from trunk_msgs_util.joint_arrays import Floats
 
 from .linear import Linear
-from .plan import PlanError
+from .plan_files import PlanError
 
 
 class TuningError(PlanError):

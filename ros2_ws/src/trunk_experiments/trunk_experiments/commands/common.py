@@ -14,7 +14,9 @@ from trunk_msgs_util.declarations import ParameterError
 from trunk_msgs_util.parameter_files import ParameterFileError
 
 from ..nodes import CONTROLLERS
-from ..plan import PlanError, RunPlan, make_plan, parse_swap
+from ..plan import RunPlan, make_plan
+from ..plan_files import PlanError
+from ..turns import parse_swap
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ..plan import PlanError
+from ..plan_files import PlanError
 
 
 @click.command("map")

@@ -124,7 +124,7 @@ def apply(node: str, file: str, timeout: float, dry_run: bool) -> None:
     from trunk_msgs_util.parameter_files import read
 
     from ..live_parameters import LiveParametersError, differences, full_name, said_of
-    from ..plan import find_file
+    from ..plan_files import find_file
 
     layer, name = read(find_file(file)), full_name(node)
     from ..live_parameters_node import LiveParameters

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from trunk_msgs_util.recording import Recording
 
 from ..graph_run import RunFiles, run_graph
-from ..plan import PlanError
+from ..plan_files import PlanError
 from .common import plan_of, plan_options
 from .metrics import show_metrics
 

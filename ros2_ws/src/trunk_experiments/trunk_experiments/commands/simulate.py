@@ -10,7 +10,7 @@ import click
 
 from trunk_msgs_util.recording import Recording
 
-from ..plan import PlanError
+from ..plan_files import PlanError
 from .common import plan_of, plan_options
 
 

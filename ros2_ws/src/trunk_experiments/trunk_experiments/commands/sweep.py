@@ -15,7 +15,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from ..plan import PlanError
+from ..plan_files import PlanError
 
 
 @click.command("sweep")
