@@ -102,3 +102,17 @@ def test_in_a_run(
     states = int(recording.events()[-1].values["states"])
     for topic in ("/ground_truth/joint_states", "/joint_states"):
         assert recording.topics[topic].count == states
+
+
+@pytest.mark.parametrize("node", ["pid", "recorder"])
+def test_told_again_and_again_to_stop(children: Children, peer: Peer, node: str) -> None:
+    """As where a terminal's Ctrl-C and a launch both tell it: the last word must not kill it."""
+    child = children.node(node, "output:=run.mcap")
+    peer.until_up(node)
+
+    def told_has_ended() -> bool:
+        child.send(signal.SIGINT)
+        return child.process.poll() is not None
+
+    until(told_has_ended, "it ends", 0.005)
+    assert child.wait() == 0, child.stderr

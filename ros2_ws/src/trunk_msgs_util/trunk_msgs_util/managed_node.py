@@ -103,8 +103,14 @@ class ManagedNode(LifecycleNode):
         """Refuse a transition that the present state does not have; rclpy would raise and end the node."""
         try:
             response = self._change_state(request, response)
-        except RCLError as error:
-            self.get_logger().warning(f"transition refused: {' '.join(str(error).split())}")
+        except RCLError:
+            machine, asked = self._state_machine, request.transition
+            labels = {number: label for number, label, *_ in machine.transition_graph}
+            self.get_logger().warning(
+                f"transition refused: {asked.label or labels.get(asked.id, asked.id)}; this node is "
+                f"{machine.current_state[1]}: "
+                f"{' or '.join(label for _, label, *_ in machine.available_transitions)} it"
+            )
             response.success = False
         if self._refusal is not None:
             self.get_logger().error(str(self._refusal))

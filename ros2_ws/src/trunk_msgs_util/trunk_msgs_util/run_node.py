@@ -34,6 +34,11 @@ class Shutdown:
     def _request(self, number: int, frame: FrameType | None) -> None:
         self.requested = True
 
+    def ended(self) -> None:
+        """Ignore what else comes: the interpreter, ending, would take it for a reason to die of."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
 
 def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str) -> int:
     """Run nodes in one executor until one of them is done, or they are told to stop.
@@ -73,6 +78,7 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
     except ExternalShutdownException:
         pass
     _end(nodes, executor)
+    shutdown.ended()
     return max(node.exit_code or 0 for node in nodes)
 
 
