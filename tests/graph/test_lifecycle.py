@@ -6,47 +6,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 
-from trunk_experiments.verify import VERIFIED, verify
+from trunk_experiments.verify import UNJUDGED, VERIFIED, verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.conversions import stamp_from_ros
 from trunk_msgs_util.recording import Recording
 from trunk_msgs_util.run_table import RunTable
 
+from .lifecycle import Life
 from .peer import Peer
 from .processes import Child, Children
 
 pytestmark = pytest.mark.graph
 
 UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = "unconfigured", "inactive", "active", "finalized"
-
-
-class Life:
-    """The lifecycle services of one node."""
-
-    def __init__(self, peer: Peer, node: str) -> None:
-        self._peer = peer
-        self._node = node
-
-    def state(self) -> str:
-        label: str = self._peer.call(GetState, f"/{self._node}/get_state").current_state.label
-        return label
-
-    def change(self, label: str) -> bool:
-        """Ask for a transition by its number, as ``ros2 lifecycle set`` does."""
-        request = Transition(id=getattr(Transition, f"TRANSITION_{label.upper()}"))
-        success: bool = self._peer.call(
-            ChangeState, f"/{self._node}/change_state", transition=request
-        ).success
-        return success
-
-    def available(self) -> set[str]:
-        found = self._peer.call(
-            GetAvailableTransitions, f"/{self._node}/get_available_transitions"
-        ).available_transitions
-        return {f.transition.label for f in found}
 
 
 @pytest.mark.parametrize("node", ["simulator", "disturbance", "pid", "fuzzy_pid", "recorder"])
@@ -57,7 +30,10 @@ def test_every_transition(children: Children, peer: Peer, tmp_path: Path, node: 
     assert life.state() == UNCONFIGURED
     assert not (tmp_path / "run.mcap").exists()
     assert not life.change("activate")  # not from here: refused, and the node lives on
-    assert "transition refused" in child.stderr + child.stdout
+    assert (
+        "transition refused: activate; this node is unconfigured: configure or shutdown it"
+        in child.stderr + child.stdout
+    )
     for label, state in (
         ("configure", INACTIVE),
         ("activate", ACTIVE),
@@ -101,6 +77,7 @@ def test_the_plant_waits_for_who_is_inactive(children: Children, peer: Peer) -> 
     assert life.change("configure")
     before = len(peer.events)
     peer.until(lambda: "simulator" in {n.strip("/") for n, _ in peer.diagnostics}, "it diagnoses")
+    peer.fresh_diagnostics("simulator")  # longer than a stranger would be waited for
     assert not [e for e in peer.events[before:] if e.message in ("ready", "started")]
     assert truth == []
     assert life.change("activate")
@@ -196,3 +173,39 @@ def test_a_swap_in_real_time(children: Children, tmp_path: Path) -> None:
         acting = states.column("effort", "trunk")[states.stamp_ns == first]
         given = commands.column("effort", "trunk")[commands.stamp_ns == first]
         assert given == pytest.approx(acting)
+
+
+def test_a_run_whose_recorder_nobody_configures(children: Children) -> None:
+    run = children.trunk(
+        "run", "demo", "--duration", 0.2, "--output", "run", "--set", "recorder.autostart=false"
+    )
+    assert run.wait() == 1
+    assert "nothing was recorded: recorder not active: with autostart false" in run.stderr
+    assert len(run.stderr.splitlines()) == 2
+    children.none_left()
+
+
+def test_a_recorder_that_was_inactive_for_a_while(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
+    """Its turns are in the record; what it missed is judged neither right nor wrong."""
+    truth = peer.hear(topics.GROUND_TRUTH)
+    recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
+    pid = children.node("pid")
+    simulator = children.node("simulator", "duration:=0.0")
+    life = Life(peer, "recorder")
+    for label in ("deactivate", "activate"):
+        later = len(truth) + 100
+        peer.until(lambda later=later: len(truth) > later, "the run goes on")
+        assert life.change(label)
+    later = len(truth) + 100
+    peer.until(lambda: len(truth) > later, "the run goes on")
+    for child in (simulator, pid, recorder):
+        assert child.stop() == 0, child.stderr
+    recording = Recording.open(tmp_path / "run.mcap")
+    turns = [e.message for e in recording.events() if e.node == "/recorder"]
+    assert turns[-2:] == ["deactivated", "activated"]
+    verdict = verify(recording)
+    assert verdict.exit_code == UNJUDGED, verdict
+    assert any("the recorder was inactive from" in text for text in verdict.obstacles)
+    assert len(verdict.obstacles) == len(set(verdict.obstacles))

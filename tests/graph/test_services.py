@@ -12,6 +12,7 @@ from trunk_experiments.verify import VERIFIED, verify
 from trunk_msgs_util.conversions import stamp_from_ros
 from trunk_msgs_util.recording import Recording
 
+from .lifecycle import Life
 from .peer import Peer
 from .processes import Children
 from .recordings import assert_every_step, joints
@@ -90,3 +91,29 @@ def test_pause_before_the_start_is_refused(children: Children, peer: Peer) -> No
     response = peer.call(SetBool, "/simulator/pause", data=True)
     assert (response.success, response.message) == (False, "waiting for participants")
     assert simulator.stop() == 0
+
+
+def test_a_pause_outlives_the_inactive_state(children: Children, peer: Peer) -> None:
+    truth = peer.hear("ground_truth/joint_states")
+    pid = children.node("pid")
+    simulator = children.node("simulator", "duration:=0.0")
+    peer.until(lambda: len(truth) > 20, "the run goes on")
+    assert peer.call(SetBool, "/simulator/pause", data=True).success
+    paused_ns = peer.until_event("simulator", "paused").stamp_ns
+    life = Life(peer, "simulator")
+    assert life.change("deactivate")
+    response = peer.call(SetBool, "/simulator/pause", data=False)
+    assert (response.success, response.message) == (False, "inactive: activate the simulator")
+    assert life.change("activate")
+    assert peer.fresh_diagnostics("simulator")["state"] == "paused"
+    assert peer.call(SetBool, "/simulator/pause", data=False).success
+    peer.until(lambda: stamp_from_ros(truth[-1].header.stamp) > paused_ns, "it goes on")
+    # Cleaned up, the run is over: the record says where, and a new one begins at its first state.
+    assert life.change("deactivate")
+    assert life.change("cleanup")
+    over = peer.until_event("simulator", "finished")
+    assert over.stamp_ns >= paused_ns
+    assert life.change("configure")
+    assert life.change("activate")
+    peer.until(lambda: stamp_from_ros(truth[-1].header.stamp) < over.stamp_ns, "time begins anew")
+    assert [simulator.stop(), pid.stop()] == [0, 0]

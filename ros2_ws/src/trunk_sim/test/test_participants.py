@@ -38,11 +38,26 @@ def test_a_stranger_is_ready_when_it_has_been_matched_for_a_second():
     assert those.missing(12.5) == ["effort_command"]
 
 
+def test_who_stands_by_is_waited_for_however_long_it_is_matched():
+    those = participants(controllers=["/pid"])
+    those.hear("/pid", "configured", {})
+    assert those.missing(10.0) == those.missing(15.0) == ["effort_command"]
+    those.hear("/pid", "activated", {})
+    those.hear("/pid", "ready", COMMAND)
+    assert those.missing(15.0) == []
+    those.hear("/pid", "deactivated", {})  # before the simulator that hears it began
+    assert those.missing(16.0) == ["effort_command"]
+    those.hear("/pid", "activated", {})  # not ready a second time: it was before
+    assert those.missing(16.0) == []
+
+
 def test_all_who_take_turns_are_awaited():
     those = participants(SimulatorConfig(controllers=("pid", "fuzzy_pid")))
     those.hear("/robot/pid", "ready", COMMAND)
     assert those.missing(0.0) == ["fuzzy_pid"]
     those.hear("/robot/fuzzy_pid", "ready", COMMAND)
+    assert those.missing(0.0) == []
+    those.hear("/robot/fuzzy_pid", "deactivated", {})  # its turns come again
     assert those.missing(0.0) == []
 
 
@@ -90,3 +105,5 @@ def test_the_silent_are_named():
     assert those.describe("effort_command") == "/fuzzy_pid or /pid (effort_command)"
     those.hear("/pid", "deactivated", {})
     assert those.describe("effort_command") == "/fuzzy_pid (effort_command)"
+    those.hear("/fuzzy_pid", "deactivated", {})
+    assert those.describe("effort_command") == "/fuzzy_pid or /pid (effort_command; inactive)"

@@ -56,10 +56,21 @@ class Participants:
             else:
                 self._matched_since.pop(name, None)
                 waited = 0.0
-            if name not in self._ready and waited < _MATCHED_S:
+            if not self._may_answer(name, waited):
                 missing.append(name)
         ready = {name.rsplit("/", 1)[-1] for name in self._ready.get(topics.EFFORT_COMMAND, ())}
         return missing + [name for name in self._config.controllers if name not in ready]
+
+    def _may_answer(self, topic: str, waited: float) -> bool:
+        """Return True where somebody is ready on a topic that was matched for so long, in s."""
+        ready = self._ready.get(topic, set())
+        # Who has been deactivated since has to be activated again, or takes turns.
+        turns = {name for name in ready if name.rsplit("/", 1)[-1] in self._config.controllers}
+        if ready - self._inactive or turns:
+            return True
+        if topic == topics.EFFORT_COMMAND:
+            ready = set(self._controllers())
+        return waited >= _MATCHED_S and not (ready and ready <= self._inactive)
 
     def unsettled(self, now: float) -> bool:
         """Return True, for a bounded time, while it is not known who is behind a publisher of commands."""
@@ -92,5 +103,6 @@ class Participants:
     def describe(self, topic: str) -> str:
         """Return who answers on a topic, for people."""
         ready = self._ready.get(topic, set())
-        names = sorted(ready - self._inactive or ready)
-        return f"{' or '.join(names) or 'anyone'} ({topic})"
+        answering = ready - self._inactive
+        names = " or ".join(sorted(answering or ready)) or "anyone"
+        return f"{names} ({topic}{'; inactive' if ready and not answering else ''})"

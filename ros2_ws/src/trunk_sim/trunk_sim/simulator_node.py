@@ -45,6 +45,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._steps = step_count(config.duration, config.update_rate) if config.duration else None
         self._waiting_logged = time.monotonic()
         self._running = False
+        self._pause_asked = False
         self._truth_published = False
         self._disturbances: deque[tuple[int, Disturbance]] = deque(maxlen=qos.EVIDENCE_DEPTH)
         self._disturbed_until_ns = -1
@@ -66,7 +67,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
     def activate(self) -> None:
         """Wait for the participants and begin; or go on where the run was held."""
         if self._running:
-            self._hold(False)
+            self._hold(self._pause_asked)
         else:
             self._start_timer.reset()
 
@@ -75,6 +76,11 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._start_timer.cancel()
         if self._running:
             self._hold(True)
+
+    def tear_down(self) -> None:
+        """Forget the run; the record says how far it came."""
+        self.stopping()
+        self._running = False
 
     def _make_pacing(self, config: SimulatorConfig) -> Pacing:
         if not config.lockstep:
@@ -154,16 +160,17 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
 
     def _try_start(self) -> None:
         missing = self._participants.missing(time.monotonic())
+        if not missing and not self._truth_published:
+            self._publish_truth()
+            self._truth_published = True
+        if topics.DISTURBANCE in self.config.wait_for and not self._disturbances:
+            # The first measurement carries its disturbance too.
+            missing = missing or [topics.DISTURBANCE]
         if missing:
             if time.monotonic() - self._waiting_logged > 5.0:
                 self._waiting_logged = time.monotonic()
                 self.get_logger().info(f"waiting for {', '.join(missing)}")
             return
-        if not self._truth_published:
-            self._publish_truth()
-            self._truth_published = True
-        if topics.DISTURBANCE in self.config.wait_for and not self._disturbances:
-            return  # the first measurement carries its disturbance too
         if self._participants.unsettled(time.monotonic()):
             return
         self._start_timer.cancel()
@@ -336,10 +343,11 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        if self._running and self.active:
+        response.success = self._running and self.active
+        if response.success:
+            self._pause_asked = request.data
             self._hold(request.data)
-        response.success = self._running
-        response.message = self._state()
+        response.message = self._state() if self.active else "inactive: activate the simulator"
         return response
 
     def _hold(self, hold: bool) -> None:
