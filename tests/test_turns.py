@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from trunk_experiments.diff import diff
+from trunk_experiments.doctor import examine
 from trunk_experiments.like import plan_like
 from trunk_experiments.offline_recording import record_offline
 from trunk_experiments.plan import make_plan
@@ -53,6 +54,7 @@ def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
         k = int(np.searchsorted(table.t, float(swap.split(":")[0])))
         bound = 1e-6 if table.ki[k] else 1.0 + 1e-9
         assert abs(table.torque[k] - table.torque[k - 1]) < bound
+    assert examine(path) == []  # nothing is missing between two turns
     rebuilt, happenings = plan_like(recording)
     record_offline(rebuilt, again, happenings=happenings)
     assert diff(recording, Recording.open(again)).identical

@@ -15,6 +15,8 @@ from trunk_msgs_util.units import period_ns as period_of
 from trunk_msgs_util.units import seconds
 
 from .doctor_structure import ERROR, INFO, WARNING, Finding, structure
+from .nodes import CONTROLLERS
+from .timeline import DEACTIVATED, changes_of
 
 __all__ = ["ERROR", "INFO", "WARNING", "Finding", "examine"]
 
@@ -106,7 +108,18 @@ def _joints(recording: Recording, topic: str) -> Iterator[Finding]:
         known = isinstance(rate, float) and rate > 0.0
         period_ns = period_of(rate) if isinstance(rate, float) and known else None
         severity = WARNING if known and not loose else INFO
-        yield from _gaps(np.unique(joints.stamp_ns), topic, period_ns, severity)
+        for turn in _turns(recording, owner, np.unique(joints.stamp_ns)):
+            yield from _gaps(turn, topic, period_ns, severity)
+
+
+def _turns(recording: Recording, controller: str | None, stamps: Integers) -> list[Integers]:
+    """Return the stamps of each of a controller's turns: it has nothing to say between them."""
+    ends = [
+        change.stamp_ns
+        for change in (changes_of(recording, controller) if controller in CONTROLLERS else ())
+        if change.event == DEACTIVATED
+    ]
+    return np.split(stamps, np.searchsorted(stamps, sorted(ends), side="right"))
 
 
 def _order(stamp_ns: Integers, topic: str, severity: str) -> Iterator[Finding]:

@@ -27,6 +27,7 @@ START_TIMEOUT_S = 30.0
 EXIT_FAILED = 1  # of a node that has said why
 SILENCE_S = 5.0  # of a simulator that diagnoses itself every second
 COMPOSED = "composed"
+_WAITING = "{} not active: with autostart false, configure and activate it (ros2 lifecycle set …)"
 
 
 class RunError(RuntimeError):
@@ -120,7 +121,7 @@ def run_graph(
         from .monitor_node import Monitor  # here: it has threads, and starting processes must not
 
         with Monitor() as monitor:
-            heard = _watch(running, monitor, progress, interrupt)
+            heard = _watch(plan, running, monitor, progress, interrupt)
     finally:
         killed = _stop_all(running)
         interrupt.restore()
@@ -130,6 +131,7 @@ def run_graph(
 
 
 def _watch(
+    plan: RunPlan,
     running: dict[str, NodeProcess],
     monitor: Monitor,
     progress: Callable[[float], None],
@@ -159,9 +161,9 @@ def _watch(
                     "or set ROS_DOMAIN_ID to another number"
                 )
             if time.monotonic() > deadline:
-                silent = ", ".join(set(running) - monitor.ready - {"simulator"}) or "simulator"
                 raise RunError(
-                    f"the run did not start within {START_TIMEOUT_S:g} s: {silent} not ready"
+                    f"the run did not start within {START_TIMEOUT_S:g} s: "
+                    f"{_silent(plan, monitor.ready)}"
                 )
         progress(monitor.time)
     _hear_last_words(monitor)
@@ -185,6 +187,17 @@ class _Silence:
             self._seconds = 0.0
         self._looked, self._told = now, monitor.told
         return self._seconds > SILENCE_S
+
+
+def _silent(plan: RunPlan, ready: set[str]) -> str:
+    """Return who is not ready, and why where that is known."""
+    waiting = [
+        name for name, node in plan.configs.items() if not node.autostart and name not in ready
+    ]
+    if waiting:
+        return _WAITING.format(", ".join(waiting))
+    silent = [name for name in plan.configs if name not in {*ready, "simulator"}]
+    return f"{', '.join(silent) or 'simulator'} not ready"
 
 
 def _hear_last_words(monitor: Monitor) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import pairwise, takewhile
 
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.declarations import ParameterError
@@ -22,6 +22,7 @@ from .replay import (
     replay_disturbance,
     replay_plant,
 )
+from .timeline import DEACTIVATED
 
 VERIFIED, DIVERGES, UNJUDGED = 0, 1, 2
 # What decides the bits of sin, cos and exp, and of the noise.
@@ -97,8 +98,6 @@ def verify(recording: Recording) -> Verdict:
     verdict.altered = recording.altered_topics()
     if recording.end is None:
         verdict.obstacles.append("no end marker: the recorder did not finish this file")
-    elif not recording.complete:
-        verdict.obstacles.append(f"incomplete: {recording.end.get('reason', 'no reason recorded')}")
     mode = recording.provenance.get("mode", "")
     if not mode:
         verdict.obstacles.append("no provenance: the mode of the run is not known")
@@ -118,7 +117,12 @@ def verify(recording: Recording) -> Verdict:
     try:
         period_ns = config_of(recording, "simulator").period_ns
         verdict.obstacles += _gaps(recording, period_ns, exact_time)
-        _recompute(recording, controllers, exact_time, verdict)
+        until_ns = _recorded_until_ns(recording)
+        if until_ns is not None:
+            verdict.obstacles.append(
+                f"the recorder was inactive from t = {seconds(until_ns):g} s: what came after is not judged"
+            )
+        _recompute(recording, controllers, exact_time, verdict, until_ns)
     except ParameterError as error:
         verdict.obstacles.append(f"recorded parameters cannot be used: {error}")
     if not exact_time:
@@ -129,10 +133,31 @@ def verify(recording: Recording) -> Verdict:
     return verdict
 
 
-def _recompute(recording: Recording, controllers: list[str], exact: bool, verdict: Verdict) -> None:
+def _recorded_until_ns(recording: Recording) -> int | None:
+    """Return the last stamp before the recorder became inactive; None where the run had ended by then."""
+    node = recording.topic("recorder")
+    turns = [e for e in recording.events() if e.node == node and e.message == DEACTIVATED]
+    stamps = Messages(recording, topics.EFFORT_COMMAND).stamps
+    if turns and turns[0].stamp_ns < max(stamps, default=0):
+        return turns[0].stamp_ns
+    return None
+
+
+def _recompute(
+    recording: Recording,
+    controllers: list[str],
+    exact: bool,
+    verdict: Verdict,
+    until_ns: int | None,
+) -> None:
+    def judged(stamp_ns: int) -> bool:
+        return until_ns is None or stamp_ns <= until_ns
+
     parts = {name: Part(f"commands of {name}") for name in controllers}
     nobodys = Part("commands without one active controller")
-    for name, _, found in replay_controllers(recording, controllers):
+    for name, stamp_ns, found in replay_controllers(recording, controllers):
+        if not judged(stamp_ns):
+            break
         parts.get(name, nobodys).take(found)
     verdict.parts += [*parts.values(), *([nobodys] if nobodys.steps else [])]
     replays = {}
@@ -142,7 +167,7 @@ def _recompute(recording: Recording, controllers: list[str], exact: bool, verdic
         replays["states of the plant"] = replay_plant(recording)
     for name, replay in replays.items():
         part = Part(name)
-        part.check(replay)
+        part.check(takewhile(lambda step: judged(step[0]), replay))
         verdict.parts.append(part)
 
 

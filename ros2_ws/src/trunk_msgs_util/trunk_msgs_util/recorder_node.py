@@ -33,6 +33,8 @@ _MESSAGES: dict[str, type[Any]] = {
 }
 # Every recorded type begins with a stamp, right behind the four bytes of encapsulation.
 _STAMP = struct.Struct("<iI")
+# What happened to the nodes, the recorder's own turns among it, is written while it is inactive too.
+_ALWAYS = (topics.RUN_PARAMETERS, topics.RUN_EVENTS)
 # Told to end, it goes on until nothing has come for this long.
 _QUIET_S = 0.3
 _TELL_EVERY = 50
@@ -115,11 +117,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._finish()
 
     def _subscribe(self, topic: str, type_name: str) -> None:
-        profile = (
-            qos.run_information()
-            if topic in (topics.RUN_PARAMETERS, topics.RUN_EVENTS)
-            else qos.evidence()
-        )
+        profile = qos.run_information() if topic in _ALWAYS else qos.evidence()
         self._matched[topic] = self.create_subscription(
             _MESSAGES[type_name], topic, self._callback(topic), profile, raw=True
         )
@@ -141,7 +139,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
                 return
             stamp_ns = min(sec * NANOSECONDS + nanosec, LAST_STAMP_NS)
             log_time = max(stamp_ns, 0) if lockstep else time.time_ns()
-            if not self.active:
+            if not (self.active or topic in _ALWAYS):
                 self.counters["messages not recorded while inactive"] += 1
                 return
             try:
@@ -165,7 +163,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def _tell_progress(self) -> None:
         """Tell the simulator up to which stamp every topic of the loop is in the file."""
         written_ns = min(self._written_ns[topic] for topic in self.config.lockstep_topics)
-        if written_ns > self._told_ns:
+        if written_ns != self._told_ns:  # it runs back where the simulator begins anew
             self._told_ns = written_ns
             self._progress.publish(sample_to_wire(JointSample(written_ns, ("recorder",))))
 
