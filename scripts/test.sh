@@ -21,7 +21,12 @@ stage 'shell syntax' syntax
 stage 'ruff check' ruff check
 stage 'ruff format' ruff format --check
 stage mypy mypy
-stage pytest python -m pytest "$@"
+if (($#)); then
+    stage pytest python -m pytest "$@"
+else # nodes keep time, so the graph has all cores to itself; the rest shares them
+    stage 'pytest: functions' python -m pytest -m 'not graph and not browser' -n auto --dist worksteal
+    stage 'pytest: graph' python -m pytest -m 'graph or browser' --durations=12
+fi
 
 if ((${#failed[@]})); then
     printf '\ntest: FAILED:%s\n' "$(printf ' %s,' "${failed[@]}" | sed 's/,$//')" >&2

@@ -116,17 +116,17 @@ def row_of(cell: Cell) -> Row:
 def selection() -> list[Cell]:
     """Return the cells of every day: each process running with each kind of signal, and all pairs.
 
-    Of SIGINT and SIGTERM, and of the two modes, each case takes one, in turn.
+    Of SIGINT and SIGTERM a running process gets one and a starting or stopping one the other, in turn;
+    so with the modes.
     """
     chosen = []
     for p, process in enumerate(PROCESSES):
-        for s, signal in enumerate((ASKING[p % 2], SIGKILL, SIGSTOP)):
+        asked, other = ASKING[p % 2], ASKING[1 - p % 2]
+        for s, signal in enumerate((asked, SIGKILL, SIGSTOP)):
             chosen.append(Cell(process, signal, RUNNING, MODES[(p + s) % 2]))
-        for phase, first in ((STARTING, 0), (STOPPING, 1)):
-            for s in (first, first + 2):
-                chosen.append(
-                    Cell(process, SIGNALS[(p + s) % 4], phase, MODES[(p // 2 + s + first) % 2])
-                )
+        later = (STARTING, STOPPING) if p % 4 < 2 else (STOPPING, STARTING)
+        chosen.append(Cell(process, other, later[0], MODES[p % 2]))
+        chosen.append(Cell(process, (SIGKILL, SIGSTOP)[p % 2], later[1], MODES[(p + 1) % 2]))
     return chosen
 
 
