@@ -7,10 +7,14 @@ import pytest
 
 from trunk_experiments.diff import diff
 from trunk_experiments.doctor import examine
+from trunk_experiments.explain import explain
 from trunk_experiments.like import plan_like
 from trunk_experiments.offline_recording import record_offline
 from trunk_experiments.plan import make_plan
 from trunk_experiments.plan_files import PlanError
+from trunk_experiments.plots import overview
+from trunk_experiments.report_data import report_data
+from trunk_experiments.run_view import RunView
 from trunk_experiments.turns import parse_swap
 from trunk_experiments.verify import DIVERGES, VERIFIED, verify
 from trunk_msgs_util.recording import Recording
@@ -54,6 +58,18 @@ def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
         k = int(np.searchsorted(table.t, float(swap.split(":")[0])))
         bound = 1e-6 if table.ki[k] else 1.0 + 1e-9
         assert abs(table.torque[k] - table.torque[k - 1]) < bound
+    # People are told who acted when.
+    view = RunView.read(recording)
+    starts = [0.0, *(float(swap.split(":")[0]) for swap in swaps)]
+    assert [turn.start for turn in view.turns] == starts
+    assert [turn.controller for turn in view.turns][1:] == [swap.split(":")[1] for swap in swaps]
+    assert all(f"from {start:g} s " in view.title for start in starts[1:])
+    torque = next(a for a in overview([view]).axes if "Torque" in a.get_title(loc="left"))
+    lines = [line.get_xdata()[0] for line in torque.lines if len(set(line.get_xdata())) == 1]
+    assert lines == starts[1:]
+    assert [text.get_text() for text in torque.texts] == [turn.controller for turn in view.turns]
+    assert [turn["start"] for turn in report_data([view])["runs"][0]["turns"]] == starts
+    assert [explain(recording, start).took_over for start in starts] == [False, True, True]
     assert examine(path) == []  # nothing is missing between two turns
     rebuilt, happenings = plan_like(recording)
     record_offline(rebuilt, again, happenings=happenings)

@@ -67,6 +67,7 @@ class Explanation:
     windup: Windup
     disturbance: Disturbance  # what acted on plant and measurement at the update
     true_angle: float  # rad
+    took_over: bool  # here it became active while the plant moved: from the torque that acted
     recorded: float  # N m, the command in the recording
     applied: float  # N m, what the plant got over the step from the instant on
 
@@ -152,6 +153,7 @@ def explain(recording: Recording, at: float) -> Explanation:
         windup=_windup(update),
         disturbance=_acting(recording, update.stamp_ns),
         true_angle=float(table.theta[at_update]),
+        took_over=update.took_over,
         recorded=commands.get(update.stamp_ns, "effort")[0],
         applied=float(table.torque[row]),
     )

@@ -22,7 +22,10 @@ from .plot_style import COLORS, STYLE, line_style
 from .run_view import RunView, labels, off_scale, same_pulses
 
 BAND, PULSE, REFERENCE, LIMIT = "#7a7a7a", "#E69F00", "#222222", "#B00020"
+TURN = "#555555"
+TURN_LINE: dict[str, Any] = {"color": TURN, "linewidth": 1.0, "linestyle": (0, (5, 2, 1, 2))}
 BAND_DEG = 6.0
+_NAMED_TURNS = 6  # more of them would write over one another
 FIGURES = {
     6: "zero reference",
     7: "step reference",
@@ -85,6 +88,8 @@ def _context_handles(views: Sequence[RunView], limits: bool = True) -> list[Line
     ]
     if same_pulses(views):
         found.append(Patch(color=PULSE, alpha=0.45, linewidth=0, label="pulse acts"))
+    if any(len(view.turns) > 1 for view in views):
+        found.append(Line2D([], [], label="another controller takes over", **TURN_LINE))
     if limits and any(isfinite(bound) for view in views for bound in view.limits):
         found.append(Line2D([], [], color=LIMIT, linewidth=1.0, label="torque limits"))
     return found
@@ -115,9 +120,28 @@ def _pulse_spans(axes: Axes, views: Sequence[RunView]) -> None:
         axes.axvspan(p.start, p.end, color=PULSE, alpha=0.45, linewidth=0, zorder=0.5)
 
 
+def _turns(axes: Axes, views: Sequence[RunView], named: bool = False) -> None:
+    """Draw where another controller takes over; ``named``: say which, where there is one run."""
+    for start in sorted({turn.start for view in views for turn in view.turns[1:]}):
+        axes.axvline(start, zorder=1.0, **TURN_LINE)
+    turns = views[0].turns if named and len(views) == 1 else ()
+    for turn in turns if 1 < len(turns) <= _NAMED_TURNS else ():
+        axes.annotate(
+            _plain(turn.controller),
+            (turn.start, 0.1),
+            xycoords=("data", "axes fraction"),
+            xytext=(4, 0),
+            textcoords="offset points",
+            fontsize=8.0,
+            color=TURN,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 1.0},
+        )
+
+
 def _angle(axes: Axes, views: Sequence[RunView]) -> None:
     drawn: set[Any] = set()
     _pulse_spans(axes, views)
+    _turns(axes, views)
     for i, view in enumerate(views):
         t, reference = view.table.t, np.degrees(view.table.reference)
         levels = np.flatnonzero(np.diff(reference)) + 1
@@ -136,6 +160,7 @@ def _angle(axes: Axes, views: Sequence[RunView]) -> None:
 
 def _torque(axes: Axes, views: Sequence[RunView]) -> None:
     _pulse_spans(axes, views)
+    _turns(axes, views, named=True)
     for i, view in enumerate(views):
         # Torque is held over each period: steps, not slopes.
         axes.step(view.table.t, view.table.torque, where="post", **line_style(i), linewidth=1.2)

@@ -73,6 +73,7 @@ def _run(view: RunView, label: str) -> dict[str, Any]:
             "length": (view.simulator or SimulatorConfig()).length,
         },
         "pulses": [{"start": p.start, "end": p.end, "text": pulse_text(p)} for p in view.pulses],
+        "turns": [turn._asdict() for turn in view.turns],
         "torqueRange": off_scale(table.torque),
         "fuzzy": _surfaces(view, controller) if isinstance(controller, FuzzyPidConfig) else None,
     }

@@ -23,12 +23,14 @@ from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import CHANNELS, pulse
 
 from .nodes import CONTROLLERS
+from .recorded_turns import Turn, recorded_turns
 from .replay import config_of, timeline_of
 
 if TYPE_CHECKING:
     from trunk_msgs_util.declarations import Value
     from trunk_msgs_util.joint_arrays import Floats, Integers, JointArrays
 
+_TURNS_IN_TITLE = 4  # more of them are not spelled out
 AS_PRINTED, ZIEGLER_NICHOLS = (60.0, 36.0, 400.0), (60.0, 100.0, 9.0)  # N m/rad and so on
 
 
@@ -59,6 +61,7 @@ class RunView:
     simulator: SimulatorConfig | None
     disturbance: DisturbanceConfig | None
     pulses: tuple[Pulse, ...]
+    turns: tuple[Turn, ...]
     warnings: tuple[str, ...]
 
     @classmethod
@@ -98,6 +101,7 @@ class RunView:
             simulator=cast("SimulatorConfig | None", config("simulator")),
             disturbance=disturbance,
             pulses=tuple(_pulses(recording, acting.stamp_ns)) if disturbance else (),
+            turns=recorded_turns(recording),
             warnings=tuple(warnings),
         )
 
@@ -134,9 +138,13 @@ class RunView:
 
     @property
     def title(self) -> str:
-        """The controllers in words: ``Fuzzy-PID``, ``PID (Ziegler–Nichols), then Fuzzy-PID``."""
-        words = [_in_words(name, config) for name, config in self.controllers.items()]
-        return ", then ".join(words) or "no controller"
+        """The controllers in words: ``Fuzzy-PID``, ``PID (60, 36, 9), from 4 s Fuzzy-PID``."""
+        words = {name: _in_words(name, config) for name, config in self.controllers.items()}
+        if not 1 < len(self.turns) <= _TURNS_IN_TITLE:
+            return ", then ".join(words.values()) or "no controller"
+        first, *others = self.turns
+        later = [f"from {turn.start:g} s {words[turn.controller]}" for turn in others]
+        return ", ".join([words[first.controller], *later])
 
 
 def _in_words(name: str, config: ControllerConfig | None) -> str:

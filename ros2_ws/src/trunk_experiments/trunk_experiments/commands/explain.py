@@ -54,6 +54,7 @@ def as_values(found: Explanation) -> dict[str, Any]:
         "limits": [bound if isfinite(bound) else None for bound in found.limits],
         "limited": found.limited,
         "anti_windup": {**found.windup._asdict(), "acted": found.windup.acted},
+        "took_over": found.took_over,
         "recorded": found.recorded,
         "agrees": found.agrees,
         "applied": found.applied,
@@ -118,6 +119,10 @@ def _show(found: Explanation) -> None:
             ("alpha = Kp^2 / (Ki Kd)", f"{terms.alpha:.6g}", ""),
         ],
     )
+    if found.took_over:
+        click.echo(
+            f"{found.controller} took over here: it went on from the torque that acted, without a jump"
+        )
     acted = "acted" if windup.acted else "did not act"
     click.echo(
         f"anti-windup ({windup.strategy}) {acted}: integral {windup.before:.6g} + "

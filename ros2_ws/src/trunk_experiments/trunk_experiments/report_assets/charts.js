@@ -64,6 +64,11 @@ const timeChart = (id, column, symbol, unit, options = {}) => {
       type: "rect", xref: "x", yref: "paper", x0: p.start, x1: p.end, y0: 0, y1: 1, line: { width: 0 },
       fillcolor: cssColor("--pulse"), layer: "below",
     }));
+    const takeovers = new Set(report.runs.flatMap((run) => run.turns.slice(1).map((turn) => turn.start)));
+    made.shapes.push(...[...takeovers].map((at) => ({
+      type: "line", xref: "x", yref: "paper", x0: at, x1: at, y0: 0, y1: 1, layer: "below",
+      line: { color: cssColor("--soft"), width: 1, dash: "5px,2px,1px,2px" },
+    })));
     made.shapes.push(...(options.shapes ? options.shapes() : []));
     return made;
   };
@@ -134,6 +139,7 @@ const makeTimeCharts = () => {
   const differs = report.runs.filter((run) => run.columns.measured.some((v, i) => Math.abs(v - run.columns.theta[i]) > 1e-9));
   if (differs.length) legendHas("measured");
   if (report.runs.some((run) => run.pulses.length)) legendHas("pulses");
+  if (report.runs.some((run) => run.turns.length > 1)) legendHas("turns");
 
   timeChart("angle", "theta", "θ", "°", {
     under: () => {
