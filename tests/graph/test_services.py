@@ -93,8 +93,11 @@ def test_pause_before_the_start_is_refused(children: Children, peer: Peer) -> No
     assert simulator.stop() == 0
 
 
-def test_a_pause_outlives_the_inactive_state(children: Children, peer: Peer) -> None:
+def test_a_pause_outlives_the_inactive_state(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
     truth = peer.hear("ground_truth/joint_states")
+    recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
     pid = children.node("pid")
     simulator = children.node("simulator", "duration:=0.0")
     peer.until(lambda: len(truth) > 20, "the run goes on")
@@ -116,4 +119,6 @@ def test_a_pause_outlives_the_inactive_state(children: Children, peer: Peer) -> 
     assert life.change("configure")
     assert life.change("activate")
     peer.until(lambda: stamp_from_ros(truth[-1].header.stamp) < over.stamp_ns, "time begins anew")
-    assert [simulator.stop(), pid.stop()] == [0, 0]
+    assert [simulator.stop(), pid.stop(), recorder.stop()] == [0, 0, 0]
+    recording = Recording.open(tmp_path / "run.mcap")
+    assert recording.warnings == ["incomplete: 2 runs are in it: the simulator was started anew"]

@@ -57,6 +57,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._counts: Counter[str] = Counter()
         self._written_ns = dict.fromkeys(self.config.lockstep_topics, -1)
         self._told_ns = -1
+        self._runs = 1
+        self.run_stamp_ns = -1
         self._matched: dict[str, Subscription] = {}
 
     def set_up(self) -> None:
@@ -156,7 +158,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         return write
 
     def _on_truth(self, data: bytes) -> None:
-        self.run_stamp_ns = self._written_ns[topics.GROUND_TRUTH]
+        before_ns, self.run_stamp_ns = self.run_stamp_ns, self._written_ns[topics.GROUND_TRUTH]
+        self._runs += self.run_stamp_ns < before_ns
         if self._counts[topics.GROUND_TRUTH] % _TELL_EVERY == 0 and self.config.lockstep:
             self._tell_progress()
 
@@ -204,6 +207,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         reason = self._end.values.get("reason", self._end.message)
         if self._end.message != "finished":
             return False, reason
+        if self._runs > 1:
+            return False, f"{self._runs} runs are in it: the simulator was started anew"
         states = int(self._end.values["states"])
         wanted = (
             self.config.lockstep_topics
