@@ -82,10 +82,7 @@ def _plan(disturbed: bool, recorded: bool, steps: int) -> RunPlan:
         settings=("simulator.substeps=1",),
         everywhere={"lockstep.enabled": True, "duration": steps / 1000.0},
     )
-    if recorded:
-        return plan
-    wait_for = tuple(name for name in plan.simulator.wait_for if name != "recorder")
-    return replace(plan, simulator=replace(plan.simulator, wait_for=wait_for))
+    return plan if recorded else plan.unrecorded()
 
 
 def _graph(plan: RunPlan, names: tuple[str, ...]) -> _Way:

@@ -158,7 +158,10 @@ def timing(
 def _graph(controller: str, rate: float, recorded: bool = False) -> _Way:
     plan = make_plan("fig6", controller, everywhere={"update_rate": rate, "duration": 0.0})
     names = ("simulator", controller, *(["recorder"] if recorded else []))
-    return _Way(tuple((name, NODES[name].package, ()) for name in names), plan)
+    return _Way(
+        tuple((name, NODES[name].package, ()) for name in names),
+        plan if recorded else plan.unrecorded(),
+    )
 
 
 def bench_realtime(

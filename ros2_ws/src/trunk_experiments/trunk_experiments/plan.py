@@ -73,6 +73,11 @@ class RunPlan:
             "simulator": self.simulator,
         }
 
+    def unrecorded(self) -> RunPlan:
+        """Return the plan of the same run without its recorder: nobody waits for one."""
+        wait_for = tuple(name for name in self.simulator.wait_for if name != "recorder")
+        return with_values(self, simulator=with_values(self.simulator, wait_for=wait_for))
+
     def write_parameters(self, path: Path) -> None:
         """Write the whole plan as one ROS 2 parameter file, by fully qualified node names."""
         write(
