@@ -9,8 +9,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Protocol
 
+from trunk_msgs_util import topics
 from trunk_msgs_util.units import NANOSECONDS, nanoseconds, seconds
 
+from .config import SimulatorConfig
+
+_LOCKSTEP_TICK_S = 0.05
 # More steps than this behind the wall clock are not caught up with: time is re-anchored.
 MAX_CATCH_UP = 50
 
@@ -62,6 +66,12 @@ class Pacing(ABC):
 
     def _wall(self, duration_ns: int) -> int:
         return duration_ns
+
+    def set_timeout(self, command_timeout: float) -> None:  # noqa: B027
+        """Use no command that answers a state older than this, s; of no concern in lock-step."""
+
+    def answered(self, topic: str, stamp_ns: int, now_ns: int) -> None:  # noqa: B027
+        """Note that a participant has answered up to this stamp; of no concern in real time."""
 
     @abstractmethod
     def command(self, stamp_ns: int, effort: float, now_ns: int) -> None:
@@ -234,3 +244,31 @@ class LockstepPacing(Pacing):
                     f"t = {seconds(self._loop.stamp_ns):g} s within lockstep.timeout = "
                     f"{self._timeout:g} s"
                 )
+
+
+def make_pacing(loop: Loop, config: SimulatorConfig) -> Pacing:
+    """Return the pacing that a configuration asks for."""
+    if not config.lockstep:
+        return RealTimePacing(loop, config.command_timeout)
+    period = config.period_ns
+    windows = {
+        topics.EFFORT_COMMAND: 0,
+        topics.DISTURBANCE: -period,
+        "recorder": config.lockstep_window * period,
+    }
+    return LockstepPacing(
+        loop,
+        {name: windows[name] for name in config.wait_for},
+        config.lockstep_timeout,
+        config.lockstep_speed,
+    )
+
+
+def tick_period(config: SimulatorConfig) -> float:
+    """Return how often the pacing is to be called, in s of wall time."""
+    period = seconds(config.period_ns)
+    if not config.lockstep:
+        return period
+    if config.lockstep_speed:
+        return min(period / config.lockstep_speed, _LOCKSTEP_TICK_S)
+    return _LOCKSTEP_TICK_S

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from math import isfinite
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -18,14 +17,12 @@ from trunk_msgs_util.run_node import main_for
 from trunk_msgs_util.units import nanoseconds, seconds, step_count
 
 from .config import SimulatorConfig
+from .disturbance_feed import DisturbanceFeed
 from .disturbances import Disturbance
-from .pacing import LockstepPacing, Pacing, RealTimePacing
+from .pacing import make_pacing, tick_period
 from .participants import Participants
 from .simulation import DivergedError, Simulation
 
-_LOCKSTEP_TICK_S = 0.05
-# A disturbance may be told so long before it acts; one with a stamp beyond would keep out all others.
-_DISTURBANCE_AHEAD_NS = 1_000_000_000
 _DOUBLED = ("late answers ignored", "doubled answers ignored", "commands out of order")
 
 
@@ -47,12 +44,9 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._running = False
         self._pause_asked = False
         self._truth_published = False
-        self._disturbances: deque[tuple[int, Disturbance]] = deque(maxlen=qos.EVIDENCE_DEPTH)
-        self._disturbed_until_ns = -1
-        self._disturbance = Disturbance()
-        self._disturbed_ns = -1  # its stamp; before the first one nothing disturbs
+        self._disturbances = DisturbanceFeed(config.period_ns)
         self._diagnosed = (time.monotonic(), 0)
-        self._pacing = self._make_pacing(config)
+        self._pacing = make_pacing(self, config)
 
     def set_up(self) -> None:
         """Put the plant into its initial state and open the topics."""
@@ -61,7 +55,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._create_topics(self.config)
         self._start_timer = self.every(0.02, self._try_start)
         self._start_timer.cancel()
-        self._step_timer = self.every(self._tick_period(self.config), self._tick)
+        self._step_timer = self.every(tick_period(self.config), self._tick)
         self._step_timer.cancel()
 
     def activate(self) -> None:
@@ -81,29 +75,6 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         """Forget the run; the record says how far it came."""
         self.stopping()
         self._running = False
-
-    def _make_pacing(self, config: SimulatorConfig) -> Pacing:
-        if not config.lockstep:
-            return RealTimePacing(self, config.command_timeout)
-        period = config.period_ns
-        windows = {
-            topics.EFFORT_COMMAND: 0,
-            topics.DISTURBANCE: -period,
-            "recorder": config.lockstep_window * period,
-        }
-        return LockstepPacing(
-            self,
-            {name: windows[name] for name in config.wait_for},
-            config.lockstep_timeout,
-            config.lockstep_speed,
-        )
-
-    def _tick_period(self, config: SimulatorConfig) -> float:
-        if not config.lockstep:
-            return seconds(config.period_ns)
-        if config.lockstep_speed:
-            return min(seconds(config.period_ns) / config.lockstep_speed, _LOCKSTEP_TICK_S)
-        return _LOCKSTEP_TICK_S
 
     def _create_topics(self, config: SimulatorConfig) -> None:
         self._truth = self.create_publisher(JointState, topics.GROUND_TRUTH, qos.evidence())
@@ -135,8 +106,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
     def retune(self, config: SimulatorConfig) -> None:
         """Take changed constants; they act from the next step on."""
         self._simulation.retune(config)
-        if isinstance(self._pacing, RealTimePacing):
-            self._pacing.set_timeout(config.command_timeout)
+        self._pacing.set_timeout(config.command_timeout)
 
     def _publishers_of(self, topic: str) -> int:
         subscription = {
@@ -214,7 +184,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
     def advance(self, effort: float) -> None:
         """Step with this effort and publish the new state; a plant that diverges ends the run."""
         try:
-            self._simulation.step(effort, self._disturbance)
+            self._simulation.step(effort, self._disturbances.acting)
         except DivergedError as error:
             self.fail(str(error))
             return
@@ -255,20 +225,13 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
     def _publish_measured(self) -> None:
         simulation = self._simulation
         self.run_stamp_ns = now = simulation.stamp_ns
-        while self._disturbances and self._disturbances[0][0] <= now:
-            self._disturbed_ns, self._disturbance = self._disturbances.popleft()
-        if self._disturbed_ns >= 0 and self._disturbance_is_stale(now):
-            # Whoever pushed is gone: a pulse must not go on for ever.
-            self._disturbance = Disturbance()
+        config = self.config
+        timeout_ns = None if config.lockstep else nanoseconds(config.command_timeout)
+        if self._disturbances.advance(now, timeout_ns):
             self.count("steps without a fresh disturbance")
-        self._measured.publish(sample_to_wire(simulation.measure(self._disturbance)))
+        self._measured.publish(sample_to_wire(simulation.measure(self._disturbances.acting)))
         if self._clock_topic is not None:
             self._clock_topic.publish(Clock(clock=stamp_to_ros(now)))
-
-    def _disturbance_is_stale(self, now_ns: int) -> bool:
-        config = self.config
-        timeout_ns = nanoseconds(config.command_timeout)
-        return not config.lockstep and now_ns - self._disturbed_ns > timeout_ns
 
     def _publish_truth(self) -> None:
         self._truth.publish(sample_to_wire(self._simulation.truth()))
@@ -314,22 +277,16 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         if not all(map(isfinite, values)):
             self.count("disturbances not finite")
             return
-        ahead_ns = sample.stamp_ns - self.stamp_ns
-        if sample.stamp_ns <= self._disturbed_until_ns or ahead_ns > max(
-            self.period_ns, _DISTURBANCE_AHEAD_NS
-        ):
+        if self._disturbances.take(sample.stamp_ns, Disturbance(*values), self.stamp_ns):
+            self._answered(topics.DISTURBANCE, sample.stamp_ns)
+        else:
             self.count("disturbances out of order")
-            return
-        self._disturbed_until_ns = sample.stamp_ns
-        self._disturbances.append((sample.stamp_ns, Disturbance(*values)))
-        self._answered(topics.DISTURBANCE, sample.stamp_ns)
 
     def _on_progress(self, data: bytes) -> None:
         self._answered("recorder", self._read_progress(data).stamp_ns)
 
     def _answered(self, topic: str, stamp_ns: int) -> None:
-        if isinstance(self._pacing, LockstepPacing):
-            self._pacing.answered(topic, stamp_ns, time.monotonic_ns())
+        self._pacing.answered(topic, stamp_ns, time.monotonic_ns())
 
     # Services.
 
