@@ -106,7 +106,7 @@ def _observed(
                 raise BenchRunError(f"benchmark: {process.describe_end()}")
 
     deadline = time.monotonic() + _START_S
-    while not observer.written_ns[topics.EFFORT_COMMAND]:
+    while not all(observer.written_ns.values()):  # of both: each is discovered by itself
         observer.watch(0.2, check)
         if time.monotonic() > deadline:
             raise BenchRunError(
