@@ -23,9 +23,10 @@ stage 'ruff format' ruff format --check
 stage mypy mypy
 if (($#)); then
     stage pytest python -m pytest "$@"
-else # nodes keep time, so the graph has all cores to itself; the rest shares them
-    stage 'pytest: functions' python -m pytest -m 'not graph and not browser' -n auto --dist worksteal
-    stage 'pytest: graph' python -m pytest -m 'graph or browser' --durations=12
+else # what keeps time has all cores to itself; the rest shares them
+    stage 'pytest: functions' python -m pytest -n auto --dist worksteal \
+        -m 'not (graph or browser) or shares'
+    stage 'pytest: graph' python -m pytest -m '(graph or browser) and not shares' --durations=12
 fi
 
 if ((${#failed[@]})); then

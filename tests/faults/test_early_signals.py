@@ -12,7 +12,7 @@ import pytest
 
 from ..graph.processes import Child, Children, until
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.shares]
 
 NUMBERS = [signal.SIGINT, signal.SIGTERM]
 NODES = ("simulator", "disturbance", "fuzzy_pid", "recorder")

@@ -104,9 +104,10 @@ class Run:
 
 def ended(pid: int) -> bool:
     try:
-        return not Path(f"/proc/{pid}/cmdline").read_bytes()  # a zombie has none
+        state = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
     except OSError:
         return True
+    return state in "ZX"
 
 
 def logs(folder: Path) -> str:

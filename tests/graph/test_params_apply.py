@@ -101,7 +101,7 @@ def test_mistakes_are_told_in_one_line(
     misspelt.write_text("spare:\n  ros__parameters:\n    gain.p: 1.0\n")
     mixed.write_text("spare:\n  ros__parameters:\n    reference.times: [1.0, two]\n")
     for arguments, code, texts in (
-        (("pid", "pid_as_printed", "--timeout", 3), 1, ("no node /pid within 3 s", "/spare")),
+        (("pid", "pid_as_printed", "--timeout", 8), 1, ("no node /pid within 8 s", "/spare")),
         (("spare", "pid_as_printed"), 2, ("pid_as_printed.yaml: nothing for /spare in it",)),
         (("spare", "absent.yaml"), 2, ("no parameter file 'absent.yaml'",)),
         (("spare", misspelt), 2, ("misspelt.yaml: spare: ", "did you mean 'gains.p'?")),
