@@ -106,6 +106,7 @@ def steps(plan: RunPlan, happenings: Happenings | None = None) -> Iterator[Step]
     participants = [_Participant(name, plan, outside) for name in plan.controllers]
     disturbances = disturbance_source(plan, outside)
     last = step_count(simulator.duration, simulator.update_rate)
+    of_simulator.advance(0, simulation)  # what came before the first state acts on it
     while True:
         stamp_ns = simulation.stamp_ns
         acting = disturbances(stamp_ns)

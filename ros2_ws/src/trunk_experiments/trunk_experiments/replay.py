@@ -192,6 +192,7 @@ def replay_plant(recording: Recording) -> Iterator[tuple[int, list[Difference]]]
     measured = Messages(recording, topics.JOINT_STATES)
     commands = Messages(recording, topics.EFFORT_COMMAND)
     disturbances = Messages(recording, topics.DISTURBANCE)
+    timeline.advance(0, simulation)  # what came before the first state acts on it
     for stamp_ns in truth.stamps:
         acting = _acting(disturbances, stamp_ns)
         found: list[Difference] = []

@@ -46,7 +46,8 @@ class Timeline:
         """``seen`` returns what a controller saw at a stamp, where it becomes active after it."""
         self.config = config
         self._seen = seen
-        self._changes = sorted(changes, key=lambda change: change.stamp_ns, reverse=True)
+        # The next one last; those between the same two states in their order.
+        self._changes = sorted(changes, key=lambda change: change.stamp_ns)[::-1]
 
     def advance(self, stamp_ns: int, target: Tunable | None = None) -> bool:
         """Apply, also to ``target``, what takes effect on the state with this stamp; True if any did."""

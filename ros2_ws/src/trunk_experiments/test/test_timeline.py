@@ -1,0 +1,46 @@
+"""What happened in a run takes effect in its order, from the first state after its stamp on."""
+
+from __future__ import annotations
+
+from trunk_control.config import PidConfig
+from trunk_control.controller import PidController, Seen
+from trunk_experiments.offline import Happenings, steps
+from trunk_experiments.offline_recording import record_offline
+from trunk_experiments.plan import make_plan
+from trunk_experiments.timeline import ACTIVATED, DEACTIVATED, RESET, Change, Timeline
+from trunk_experiments.verify import VERIFIED, verify
+from trunk_msgs_util.recording import Recording
+
+
+def test_of_two_values_between_the_same_states_the_later_one_holds():
+    changes = [
+        Change(5, {"gains.p": 2.0}),
+        Change(0, {"gains.p": 9.0}),
+        Change(5, {"gains.p": 3.0}),
+    ]
+    timeline = Timeline(PidConfig(), changes)
+    controller = PidController(timeline.config)
+    assert timeline.advance(5, controller)
+    assert controller.config.p == 9.0
+    assert timeline.advance(6, controller)
+    assert controller.config.p == timeline.config.p == 3.0
+    assert not timeline.advance(7, controller)
+
+
+def test_turns_between_the_same_states_end_as_the_last_one_says():
+    turns = [Change(5, None, what) for what in (DEACTIVATED, ACTIVATED, RESET)]
+    timeline = Timeline(PidConfig(), turns, lambda stamp_ns: Seen(stamp_ns, 0.1))
+    controller = PidController(timeline.config)
+    timeline.advance(6, controller)
+    assert controller.active
+    assert not controller.takes_over  # the reset came after
+
+
+def test_what_is_changed_before_the_first_state_acts_on_it(tmp_path):
+    plan = make_plan("fig6", "pid", everywhere={"duration": 0.1})
+    before = Happenings({"simulator": [Change(-1, {"sensor.position_bias": 0.125})]})
+    first, biased = next(steps(plan)), next(steps(plan, before))
+    assert biased.measured.position[1] - first.measured.position[1] == 0.125
+    path = tmp_path / "run.mcap"
+    record_offline(plan, path, happenings=before)
+    assert verify(Recording.open(path)).exit_code == VERIFIED
