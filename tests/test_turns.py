@@ -115,6 +115,12 @@ def test_a_time_without_a_controller_is_refused():
         make_plan("fig8", "pid", settings=["pid.active.times=[0.0, 1.0]"])
 
 
+def test_who_keeps_times_of_its_own_is_awaited_as_one_that_takes_turns():
+    alone = make_plan("fig8", "pid", settings=["pid.active.times=[0.0]"])
+    assert alone.simulator.controllers == ("pid",)
+    assert make_plan("fig8", "pid").simulator.controllers == ()
+
+
 def test_a_fall_is_marked_and_judged(tmp_path):
     path = tmp_path / "fell.mcap"
     weak = ["pid.u_clamp_max=0.1", "pid.u_clamp_min=-0.1"]

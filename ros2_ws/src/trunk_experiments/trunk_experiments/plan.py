@@ -132,7 +132,7 @@ def make_plan(
             simulator=with_values(
                 simulator,
                 wait_for=(*participants, "recorder"),
-                controllers=tuple(turns) if swaps else (),
+                controllers=tuple(node for node, c in controllers.items() if c.active_times),
             ),
             controller=controllers.pop(controller),
             successors=controllers,
