@@ -139,7 +139,11 @@ def command(run: Path, as_json: bool) -> None:
         "duration": "?" if found["duration_s"] is None else f"{found['duration_s']:.10g} s",
         "scenario": found["scenario"] or "?",
         "controller": found["controller"] or "none",
-        **({"the trunk fell": f"at t = {found['fell_at_s']:g} s"} if found["fell_at_s"] else {}),
+        **(
+            {"the trunk fell": f"at t = {found['fell_at_s']:g} s"}
+            if found["fell_at_s"] is not None
+            else {}
+        ),
         "parameters of": ", ".join(found["nodes"]) or "no node",
         "recorded by": found["recorded_by"] or "?",
     }
