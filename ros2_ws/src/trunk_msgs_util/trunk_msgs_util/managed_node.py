@@ -68,7 +68,7 @@ class ManagedNode(LifecycleNode):
             self.trigger_activate()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Set up; a parameter that does not allow it leaves the node unconfigured."""
+        """Set up, and put it on the run's record; a parameter may refuse: unconfigured, then."""
         done = self._transition(self.set_up)
         if done == TransitionCallbackReturn.SUCCESS:
             self.configured = True
@@ -88,9 +88,11 @@ class ManagedNode(LifecycleNode):
         return self._transition(self.deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give up everything but the parameters."""
+        """Give up everything but the parameters, and put it on the run's record."""
         self.configured = False
-        return self._transition(self._clean_up)
+        done = self._transition(self._clean_up)
+        self.event("cleaned up")
+        return done
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """End the node's process in order, as SIGINT does."""

@@ -61,6 +61,21 @@ def test_all_who_take_turns_are_awaited():
     assert those.missing(0.0) == []
 
 
+@pytest.mark.parametrize("anew", ["cleaned up", "configured"])  # in order, or started anew
+def test_who_opens_its_topics_anew_is_awaited_anew(anew):
+    those = participants(SimulatorConfig(controllers=("pid",)), controllers=["/pid"])
+    for message in ("configured", "activated"):
+        those.hear("/pid", message, {})
+    those.hear("/pid", "ready", COMMAND)
+    assert those.missing(0.0) == []
+    those.hear("/pid", anew, {})
+    those.hear("/pid", "activated", {})
+    assert those.missing(0.5) == ["effort_command", "pid"]
+    assert those.describe("effort_command") == "/pid (effort_command)"
+    those.hear("/pid", "ready", COMMAND)
+    assert those.missing(0.5) == []
+
+
 @pytest.mark.parametrize(
     ("turns", "publishing", "acting"),
     [

@@ -35,6 +35,7 @@ class Participants:
         self._controllers = controllers
         self._ready: dict[str, set[str]] = {}  # topic -> nodes that answer on it
         self._inactive: set[str] = set()
+        self._unready: set[str] = set()  # were ready once, and have opened their topics anew since
         self._matched_since: dict[str, float] = {}
         self._strange_since: float | None = None
 
@@ -42,10 +43,13 @@ class Participants:
         """Take in what a node says of itself on ``run/events``."""
         if message == "ready" and "answers" in values:
             self._ready.setdefault(values["answers"], set()).add(node)
+            self._unready.discard(node)
         elif message == "activated":
             self._inactive.discard(node)
-        elif message in ("configured", "deactivated"):
+        elif message in ("configured", "deactivated", "cleaned up"):
             self._inactive.add(node)
+            if message != "deactivated":
+                self._unready.add(node)
 
     def missing(self, now: float) -> list[str]:
         """Return the topics, and the controllers, without which the run cannot begin; ``now`` in s."""
@@ -58,12 +62,12 @@ class Participants:
                 waited = 0.0
             if not self._may_answer(name, waited):
                 missing.append(name)
-        ready = {name.rsplit("/", 1)[-1] for name in self._ready.get(topics.EFFORT_COMMAND, ())}
+        ready = {name.rsplit("/", 1)[-1] for name in self._ready_on(topics.EFFORT_COMMAND)}
         return missing + [name for name in self._config.controllers if name not in ready]
 
     def _may_answer(self, topic: str, waited: float) -> bool:
         """Return True where somebody is ready on a topic that was matched for so long, in s."""
-        ready = self._ready.get(topic, set())
+        ready = self._ready_on(topic)
         # Who has been deactivated since has to be activated again, or takes turns.
         turns = {name for name in ready if name.rsplit("/", 1)[-1] in self._config.controllers}
         if ready - self._inactive or turns:
@@ -71,6 +75,9 @@ class Participants:
         if topic == topics.EFFORT_COMMAND:
             ready = set(self._controllers())
         return waited >= _MATCHED_S and not (ready and ready <= self._inactive)
+
+    def _ready_on(self, topic: str) -> set[str]:
+        return self._ready.get(topic, set()) - self._unready
 
     def unsettled(self, now: float) -> bool:
         """Return True, for a bounded time, while it is not known who is behind a publisher of commands."""
