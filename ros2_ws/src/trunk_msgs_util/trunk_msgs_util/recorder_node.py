@@ -177,6 +177,9 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             self.counters["events malformed"] += 1
             return
         if event.node.endswith("/simulator") and event.message in ("finished", "stopped", "failed"):
+            if event.message == "finished" and not event.values.get("states", "").isdecimal():
+                self.counters["events malformed"] += 1
+                return
             self._end = event
 
     def _flush(self) -> None:

@@ -74,7 +74,6 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
     def tear_down(self) -> None:
         """Forget the run; the record says how far it came."""
         self.stopping()
-        self._running = False
 
     def _create_topics(self, config: SimulatorConfig) -> None:
         self._truth = self.create_publisher(JointState, topics.GROUND_TRUTH, qos.evidence())
@@ -183,6 +182,8 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
 
     def advance(self, effort: float) -> None:
         """Step with this effort and publish the new state; a plant that diverges ends the run."""
+        if self.exit_code is not None:
+            return  # the same tick has more steps to make up, but the run is over
         try:
             self._simulation.step(effort, self._disturbances.acting)
         except DivergedError as error:
@@ -249,9 +250,13 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
 
     def stopping(self) -> None:
         """Close the record: an endless run is finished when it is stopped, another is not."""
-        if self._running and self._steps is None:
+        if not self._running:
+            return
+        self._running = False
+        self._pacing.paused = True  # composed, a recorder may still take in what is under way
+        if self._steps is None:
             self._say_finished("finished", "stopped on request")
-        elif self._running:
+        else:
             self._say_finished("stopped", f"stopped at t = {seconds(self.stamp_ns):g} s, too early")
 
     # What comes in.
@@ -286,7 +291,8 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._answered("recorder", self._read_progress(data).stamp_ns)
 
     def _answered(self, topic: str, stamp_ns: int) -> None:
-        self._pacing.answered(topic, stamp_ns, time.monotonic_ns())
+        if self.exit_code is None:
+            self._pacing.answered(topic, stamp_ns, time.monotonic_ns())
 
     # Services.
 

@@ -1,0 +1,111 @@
+"""A run that is over stays over, whatever its node still hears: by the callbacks of nodes in this process."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.conversions import sample_to_wire
+from trunk_msgs_util.recorder_node import RecorderNode
+from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.schemas import event
+from trunk_sim.plant import PlantState
+from trunk_sim.simulator_node import SimulatorNode
+
+pytestmark = pytest.mark.graph
+
+MODES = pytest.mark.parametrize("lockstep", ["true", "false"])
+
+
+@pytest.fixture
+def arguments() -> Iterator[Any]:
+    def begin(*parameters: str) -> None:
+        given = [word for parameter in parameters for word in ("-p", parameter)]
+        rclpy.init(
+            args=["--ros-args", "--log-level", "fatal", *given],
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+
+    yield begin
+    rclpy.try_shutdown()
+
+
+def started(events: list[str]) -> SimulatorNode:
+    """Return a simulator that has begun, whose events are noted."""
+    node = SimulatorNode()
+    say = node.event
+
+    def note(message: str, *more: Any, **values: Any) -> None:
+        events.append(message)
+        say(message, *more, **values)
+
+    node.event = note
+    node.autostart()
+    for name, topic in (("/pid", topics.EFFORT_COMMAND), ("/recorder", "recorder")):
+        node._participants.hear(name, "ready", {"answers": topic})
+    node._try_start()
+    assert events[-1] == "started"
+    return node
+
+
+def command(node: SimulatorNode) -> None:
+    sample = JointSample(node.stamp_ns, ("trunk",), effort=(0.0,))
+    node._on_command(sample_to_wire(sample))
+    node._tick()
+
+
+@MODES
+def test_a_run_that_was_stopped_takes_no_more_steps(arguments: Any, lockstep: str) -> None:
+    arguments(
+        f"lockstep.enabled:={lockstep}",
+        "wait_for:=[effort_command]",
+        "update_rate:=1000.0",
+        "duration:=60.0",
+    )
+    events: list[str] = []
+    node = started(events)
+    while node.stamp_ns < 3 * node.period_ns:
+        command(node)
+    node.stopping()
+    stopped_at = node.stamp_ns
+    for _ in range(10_000):
+        command(node)
+    assert node.stamp_ns == stopped_at
+    node.stopping()
+    assert events.count("stopped") == 1
+    node.destroy_node()
+
+
+@MODES
+def test_a_run_that_failed_fails_once(arguments: Any, lockstep: str) -> None:
+    arguments(f"lockstep.enabled:={lockstep}", "wait_for:=[effort_command,recorder]")
+    events: list[str] = []
+    node = started(events)
+    node._simulation.state = PlantState(0.0, inf, 0.0, 0.0)
+    node._on_command(sample_to_wire(JointSample(0, ("trunk",), effort=(1.0,))))
+    # In real time twenty steps are due at once.
+    node._pacing.tick(time.monotonic_ns() + 20 * node.period_ns)
+    for stamp_ns in (0, node.period_ns):
+        node._on_progress(sample_to_wire(JointSample(stamp_ns, ("recorder",))))
+    assert events.count("failed") == 1
+    assert node.exit_code == 1
+    node.destroy_node()
+
+
+def test_an_end_that_does_not_say_how_many_states_there_are(arguments: Any, tmp_path: Path) -> None:
+    arguments(f"output:={tmp_path / 'run.mcap'}")
+    node = RecorderNode()
+    node.autostart()
+    node._on_event(event(0, "/simulator", "finished", {"states": "many"}))
+    node._on_event(event(0, "/simulator", "finished"))
+    assert node.counters["events malformed"] == 2
+    assert not node.verdict()[0]
+    node.close()
