@@ -24,9 +24,8 @@ stage mypy mypy
 if (($#)); then
     stage pytest python -m pytest "$@"
 else # what keeps time has all cores to itself; the rest shares them
-    stage 'pytest: functions' python -m pytest -n auto --dist worksteal \
-        -m 'not (graph or browser) or shares'
-    stage 'pytest: graph' python -m pytest -m '(graph or browser) and not shares' --durations=12
+    stage pytest python -m pytest -n auto --dist worksteal -m 'not (alone or browser)'
+    stage 'pytest: what keeps time' python -m pytest -m 'alone or browser' --durations=8
 fi
 
 if ((${#failed[@]})); then

@@ -12,7 +12,7 @@ import pytest
 
 from ..graph.processes import Child, Children, until
 
-pytestmark = [pytest.mark.graph, pytest.mark.shares]
+pytestmark = pytest.mark.graph
 
 NUMBERS = [signal.SIGINT, signal.SIGTERM]
 NODES = ("simulator", "disturbance", "fuzzy_pid", "recorder")

@@ -15,7 +15,7 @@ from ..graph.peer import Peer
 from ..graph.processes import Children
 from ..graph.recordings import finished_file
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.alone]
 
 HANG_S = 15.0  # 10 s on a machine that does nothing else
 

@@ -14,7 +14,7 @@ from trunk_msgs_util.conversions import stamp_from_ros
 from ..graph.peer import Peer
 from ..graph.processes import Children
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.alone]
 
 PUSH_RAD = 0.5
 TIMEOUT_NS = 300_000_000

@@ -116,7 +116,12 @@ def logs(folder: Path) -> str:
 
 @pytest.mark.graph
 @pytest.mark.parametrize(
-    "cell", CELLS if os.environ.get("TRUNK_FAULTS") == "all" else matrix.selection(), ids=str
+    "cell",
+    [
+        pytest.param(cell, marks=pytest.mark.alone if cell.mode == "real time" else ())
+        for cell in (CELLS if os.environ.get("TRUNK_FAULTS") == "all" else matrix.selection())
+    ],
+    ids=str,
 )
 def test_cell(cell: Cell, children: Children, peer: Peer) -> None:
     run = Run(cell, children, peer)

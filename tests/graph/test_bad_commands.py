@@ -20,7 +20,7 @@ from trunk_msgs_util.samples import JointSample
 from .peer import Peer
 from .processes import Children
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.alone]
 
 PERIOD_NS = 5_000_000
 TIMEOUT_NS = 500_000_000  # of commands

@@ -45,7 +45,7 @@ from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import LAST_STAMP_NS
 from trunk_sim.simulator_node import SimulatorNode
 
-pytestmark = [pytest.mark.graph, pytest.mark.shares, pytest.mark.slow]
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 MORE = int(os.environ.get("TRUNK_FUZZ", "0"))
 EXAMPLES, STEPS = 60, 50  # at most, of each controller; 4 of them make more than 10,000 steps

@@ -17,7 +17,7 @@ from trunk_msgs_util.recording import Recording
 from .processes import Children
 from .recordings import assert_every_step, finished_file, joints
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.alone]
 
 DURATION_S = 3
 PERIOD_NS = 5_000_000

@@ -15,7 +15,7 @@ from trunk_experiments.plan import make_plan
 from .peer import Peer
 from .processes import Child, Children
 
-pytestmark = [pytest.mark.graph, pytest.mark.shares]
+pytestmark = pytest.mark.graph
 
 # The library's call, for the order of start is no option of the command.
 RUN_IN_ORDER = """

@@ -12,7 +12,7 @@ from trunk_experiments.processes import find_executable
 
 from .processes import Child, Children, until
 
-pytestmark = [pytest.mark.graph, pytest.mark.shares]
+pytestmark = pytest.mark.graph
 
 # The same topics but for the namespace, other bits: a word of one in the other would show.
 SETS = {"robot1": ("fuzzy_pid", "0.5"), "left/robot2": ("pid", "0.25")}

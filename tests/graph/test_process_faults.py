@@ -16,7 +16,7 @@ from .peer import Peer
 from .processes import Child, Children, until
 from .recordings import finished_file, joints
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.alone]
 
 LOST_S = 1.2  # a chunk is finished every 0.5 s, at the latest after 1 s; and a busy machine
 

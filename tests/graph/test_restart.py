@@ -10,7 +10,7 @@ from trunk_msgs_util.conversions import stamp_from_ros
 from .peer import Peer
 from .processes import Children
 
-pytestmark = [pytest.mark.graph, pytest.mark.shares]
+pytestmark = pytest.mark.graph
 
 TOPICS = "[effort_command, disturbance]"
 

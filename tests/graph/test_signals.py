@@ -14,7 +14,7 @@ from .peer import Peer
 from .processes import Child, Children, until
 from .recordings import finished_file
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.alone]
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
 EXECUTABLES = ("simulator", "disturbance", "pid", "fuzzy_pid", "recorder")

@@ -9,7 +9,7 @@ import pytest
 
 from .processes import Children
 
-pytestmark = [pytest.mark.graph, pytest.mark.shares, pytest.mark.slow]
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "check_soak.py"
 

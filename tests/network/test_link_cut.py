@@ -18,7 +18,7 @@ from .hosts import Host
 from .listener import Listener
 from .runs import SpreadRun
 
-pytestmark = [pytest.mark.graph, pytest.mark.slow]
+pytestmark = [pytest.mark.graph, pytest.mark.slow, pytest.mark.alone]
 
 RATE_HZ, DURATION_S = 200, 8
 PERIOD_NS = 5_000_000
