@@ -46,6 +46,7 @@ def test_every_transition(children: Children, peer: Peer, tmp_path: Path, node: 
         assert life.change(label), label
         assert life.state() == state
     assert peer.fresh_diagnostics(node)["lifecycle"] == ACTIVE
+    peer.until_event(node, "cleaned up")
     assert life.change("active_shutdown")
     assert child.wait() == 0, child.stderr
     assert "Traceback" not in child.stderr

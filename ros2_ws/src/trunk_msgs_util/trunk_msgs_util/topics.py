@@ -76,8 +76,8 @@ DESCRIPTIONS = (
         DIAGNOSTIC_ARRAY_TYPE,
         "every node",
         (
-            "configured, activated, deactivated, ready, started, reset, paused, resumed, fell, finished, "
-            "stopped, failed; in simulated time"
+            "configured, activated, deactivated, cleaned up, ready, started, reset, paused, resumed, fell, "
+            "finished, stopped, failed; in simulated time"
         ),
     ),
     (
