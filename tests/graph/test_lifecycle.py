@@ -112,6 +112,7 @@ def test_a_swap_by_hand(children: Children, peer: Peer, tmp_path: Path) -> None:
     truth = peer.hear(topics.GROUND_TRUTH)
     simulator = children.node("simulator", "duration:=0.0")
     peer.until_recorded(500)
+    peer.until(lambda: float(peer.fresh_diagnostics("fuzzy_pid")["time"]) > 0.0, "it follows")
     assert pid.change("deactivate")
     assert fuzzy_pid.change("activate")
     fresh = len(truth) + 200
@@ -129,6 +130,26 @@ def test_a_swap_by_hand(children: Children, peer: Peer, tmp_path: Path) -> None:
     states, commands = recording.joints("/joint_states"), recording.joints("/effort_command")
     acting = states.column("effort", "trunk")[states.stamp_ns == first]
     assert commands.column("effort", "trunk")[commands.stamp_ns == first] == pytest.approx(acting)
+
+
+def test_one_that_joins_a_run_under_way(children: Children, peer: Peer, tmp_path: Path) -> None:
+    """It is active from the first state that it gets on, and the record says so."""
+    recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid,fuzzy_pid]")
+    pid = children.node("pid")
+    truth = peer.hear(topics.GROUND_TRUTH)
+    simulator = children.node("simulator", "duration:=0.0")
+    peer.until(lambda: len(truth) > 100, "the run goes on")
+    assert Life(peer, "pid").change("deactivate")
+    updates = peer.hear(topics.controller_state("fuzzy_pid"))
+    fuzzy_pid = children.node("fuzzy_pid")
+    peer.until(lambda: len(updates) > 100, "it answers")
+    for child in (simulator, fuzzy_pid, pid, recorder):
+        assert child.stop() == 0, child.stderr
+    recording = Recording.open(tmp_path / "run.mcap")
+    assert verify(recording).exit_code == VERIFIED, verify(recording)
+    turns = [e for e in recording.events() if e.node == "/fuzzy_pid" and e.message == "activated"]
+    first = recording.joints("/fuzzy_pid/state").stamp_ns[0]
+    assert [turn.stamp_ns for turn in turns] == [-1, first - 1]
 
 
 def run_swapped(children: Children, *arguments: object) -> Child:

@@ -12,6 +12,7 @@ from trunk_msgs_util import qos, topics
 from trunk_msgs_util.base_node import TrunkNode
 from trunk_msgs_util.conversions import WireReader, sample_to_wire
 from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.units import seconds
 
 from .controller import Answer, Controller, Seen, hip_seen
 from .controller_config import ControllerConfig
@@ -103,8 +104,11 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             self.counters["states out of order"] += 1
         if self.config.lockstep and not self._commensurate(stamp_ns - self.run_stamp_ns):
             return
+        before_ns = self.run_stamp_ns
+        if before_ns < 0 < stamp_ns:
+            self._join(stamp_ns)
         if self._turns_ns:
-            self._take_turns(stamp_ns)
+            self._take_turns(before_ns, stamp_ns)
         self.run_stamp_ns = stamp_ns
         self._seen = Seen(stamp_ns, position)
         if not self.active:
@@ -118,9 +122,18 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         if answer.fresh or self.config.lockstep:
             self._publish(stamp_ns, position, answer)
 
-    def _take_turns(self, stamp_ns: int) -> None:
+    def _join(self, stamp_ns: int) -> None:
+        """Put on the record that this is the first state of a run that has been under way.
+
+        What was said before is stamped as if it had been there from the beginning.
+        """
+        self.run_stamp_ns = stamp_ns - 1
+        if self.active:
+            self.event("activated")
+
+    def _take_turns(self, before_ns: int, stamp_ns: int) -> None:
         """Become active or inactive where the schedule says so between the last state and this one."""
-        wanted = turn(self._turns_ns, self.run_stamp_ns, stamp_ns)
+        wanted = turn(self._turns_ns, before_ns, stamp_ns)
         if wanted is not None and wanted != self.active:
             if wanted:
                 self.trigger_activate()
@@ -178,8 +191,11 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         return response
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the achieved rate of updates."""
+        """Return the last state's time, s, and the achieved rate of updates."""
         now = time.monotonic()
         before, updates = self._diagnosed
         self._diagnosed = (now, self._updates)
-        return {"rate": f"{(self._updates - updates) / max(now - before, 1e-9):.1f}"}
+        return {
+            "time": f"{seconds(max(self.run_stamp_ns, 0)):.3f}",
+            "rate": f"{(self._updates - updates) / max(now - before, 1e-9):.1f}",
+        }

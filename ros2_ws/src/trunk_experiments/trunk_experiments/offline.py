@@ -16,7 +16,7 @@ from trunk_sim.simulation import Simulation
 from .nodes import make_controller
 from .plan import RunPlan
 from .plan_files import PlanError
-from .timeline import Change, Timeline
+from .timeline import Change, Timeline, begins_active
 
 
 class Step(NamedTuple):
@@ -53,10 +53,11 @@ class _Participant:
         config, joints = plan.controllers[name], plan.simulator.joints
         self.name = name
         self.controller = make_controller(name, config)
-        if config.active_times or not config.autostart:
+        changes = outside.changes.get(name, ())
+        if not begins_active(config, changes):
             self.controller.deactivate()
         self._turns_ns = config.active_times_ns
-        self._timeline = Timeline(config, outside.changes.get(name, ()), lambda _: self._seen)
+        self._timeline = Timeline(config, changes, lambda _: self._seen)
         self._references = outside.references
         self._index = joints.index(config.joint)
         self._hip = hip_index(config, joints)

@@ -20,7 +20,7 @@ from trunk_sim.simulation import DivergedError, Simulation
 
 from .bits import same
 from .nodes import NODES, make_controller
-from .timeline import Timeline, changes_of
+from .timeline import Timeline, begins_active, changes_of
 
 ACTIVE_CONTROLLERS = "active controllers"
 
@@ -85,12 +85,10 @@ class DrivenController:
         """Raise KeyError where its parameters were not recorded."""
         self._states = Messages(recording, topics.JOINT_STATES)
         self.terms = Messages(recording, topics.controller_state(node))
-        self.timeline = Timeline(
-            config_of(recording, node), changes_of(recording, node), self._seen
-        )
-        config = self.timeline.config
+        config, changes = config_of(recording, node), changes_of(recording, node)
+        self.timeline = Timeline(config, changes, self._seen)
         self.controller = make_controller(node, config)
-        if config.active_times or not config.autostart:
+        if not begins_active(config, changes):
             self.controller.deactivate()
         self._index = self._states.names.index(config.joint)
         self._hip = hip_index(config, self._states.names)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from itertools import compress, pairwise
 from typing import Any, Protocol
 
 from trunk_control.controller import Controller, Seen
+from trunk_control.controller_config import ControllerConfig
 from trunk_msgs_util.declarations import Value, build, values_of
 from trunk_msgs_util.recording import Recording
 
@@ -70,6 +72,12 @@ class Timeline:
         return applied
 
 
+def begins_active(config: ControllerConfig, changes: Iterable[Change]) -> bool:
+    """Return True where a controller acts from the first state on, and no event is there to say so."""
+    told = any(change.event == ACTIVATED for change in changes)
+    return config.autostart and not config.active_times and not told
+
+
 def changes_of(recording: Recording, node: str) -> list[Change]:
     """Return a node's changes of parameters and resets, and a controller's turns."""
     name = recording.topic(node)
@@ -85,4 +93,9 @@ def changes_of(recording: Recording, node: str) -> list[Change]:
         for event in recording.events()
         if event.node == name and event.message in wanted
     ]
-    return changes + events
+    # A controller that joins a run under way says so a second time: it is active from there on.
+    stays = [
+        not (one.event == after.event == ACTIVATED and one.stamp_ns < after.stamp_ns)
+        for one, after in pairwise(events)
+    ]
+    return [*changes, *compress(events, [*stays, True])]
