@@ -12,7 +12,7 @@ import pytest
 from trunk_msgs_util.recording import Recording
 
 from ..graph.peer import Peer
-from ..graph.processes import Children
+from ..graph.processes import Children, until
 from ..graph.recordings import finished_file
 
 pytestmark = [pytest.mark.graph, pytest.mark.alone]
@@ -35,10 +35,11 @@ def test_simulator_hangs_in_real_time(children: Children, peer: Peer, tmp_path: 
     assert not Recording.open(tmp_path / "run" / "run.mcap").complete
 
 
-def test_recorder_hangs_at_the_end(children: Children, peer: Peer, tmp_path: Path) -> None:
+def test_recorder_hangs_at_the_end(children: Children, tmp_path: Path) -> None:
     run = children.trunk("run", "demo", "--duration", 2, "--output", "run")
     recorder = children.pid_of("recorder")
-    peer.until_event("simulator", "finished")
+    log = tmp_path / "run" / "logs" / "simulator.log"
+    until(lambda: log.exists() and ": finished: " in log.read_text(), "it has finished", 0.001)
     os.kill(recorder, signal.SIGSTOP)
     begin = time.monotonic()
     assert run.wait() == 1, run.stderr
