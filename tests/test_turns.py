@@ -76,6 +76,22 @@ def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
     assert diff(recording, Recording.open(again)).identical
 
 
+def test_commands_of_two_publishers_may_lie_in_any_order(tmp_path):
+    path = tmp_path / "swapped.mcap"
+    swaps = [parse_swap("0.5:fuzzy_pid")]
+    record_offline(make_plan("fig8", "pid", everywhere={"duration": 1.0}, swaps=swaps), path)
+
+    def late(messages):
+        """Put the first controller's last command behind many of the other's."""
+        commands = [i for i, message in enumerate(messages) if message[0] == "/effort_command"]
+        messages.insert(commands[800], messages.pop(commands[499]))
+
+    edited = copied(path, tmp_path / "edited.mcap", late, digests=False)
+    assert verify(edited).exit_code == VERIFIED, verify(edited)
+    assert diff(Recording.open(path), edited).identical
+    assert explain(edited, 0.4995).controller == "pid"
+
+
 def test_a_command_given_out_of_turn_is_found(tmp_path):
     path = tmp_path / "swapped.mcap"
     swaps = [parse_swap("0.5:fuzzy_pid")]

@@ -18,7 +18,7 @@ from trunk_sim.disturbances import Disturbance
 
 from .bits import same
 from .nodes import CONTROLLERS
-from .replay import DrivenController, Messages
+from .replay import DrivenController, Messages, in_turn
 
 
 class Rule(NamedTuple):
@@ -164,7 +164,7 @@ def _last_update(recording: Recording, name: str, at_ns: int, commands: Messages
     driven = DrivenController(recording, name)
     found: _Update | None = None
     last_ns = 0
-    for stamp_ns in commands.stamps:
+    for stamp_ns in in_turn(commands.stamps, recording.controllers):
         if stamp_ns > at_ns:
             break
         state = driven.state(stamp_ns)

@@ -128,6 +128,11 @@ class DrivenController:
         )
 
 
+def in_turn(stamps: Sequence[int], controllers: Sequence[str]) -> Sequence[int]:
+    """Return the stamps of commands in their order; of several publishers a file keeps none."""
+    return sorted(stamps) if len(controllers) > 1 else stamps
+
+
 def replay_controllers(
     recording: Recording, nodes: Sequence[str]
 ) -> Iterator[tuple[str, int, list[Difference]]]:
@@ -137,7 +142,7 @@ def replay_controllers(
     """
     driven = {node: DrivenController(recording, node) for node in nodes}
     commands = Messages(recording, topics.EFFORT_COMMAND)
-    for stamp_ns in commands.stamps:
+    for stamp_ns in in_turn(commands.stamps, nodes):
         active = [node for node, one in driven.items() if one.turn(stamp_ns)]
         if len(active) != 1:
             count = float(len(active))

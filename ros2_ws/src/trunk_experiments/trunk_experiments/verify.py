@@ -18,6 +18,7 @@ from .replay import (
     Difference,
     Messages,
     config_of,
+    in_turn,
     replay_controllers,
     replay_disturbance,
     replay_plant,
@@ -183,6 +184,8 @@ def _gaps(recording: Recording, period_ns: int, exact: bool) -> list[str]:
     wanted = set(truth)
     for relative in (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.EFFORT_COMMAND):
         stamps = Messages(recording, relative).stamps
+        if relative == topics.EFFORT_COMMAND:
+            stamps = list(in_turn(stamps, recording.controllers))
         found += _disorder(relative, stamps)
         if relative == topics.GROUND_TRUTH:
             absent = sorted(set(range(0, (max(stamps, default=0)) + 1, period_ns)) - set(stamps))
