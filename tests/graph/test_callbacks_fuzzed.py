@@ -1,7 +1,7 @@
 """Random parameters, messages, resets and jumps in time, through the real callbacks of real nodes.
 
 Whatever comes: a command is finite and within the limits that are active, the stored parameters are the
-active ones, nothing is raised, and counters only grow. The same examples in each session;
+active ones, nothing is raised, and counters only grow. The same examples each time;
 ``TRUNK_FUZZ=20`` makes twenty times as many, other ones each time.
 """
 
