@@ -6,20 +6,17 @@ import re
 import signal
 import tempfile
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
+from .bench_processes import BenchRunError, Way
 from .nodes import NODES
 from .plan import RunPlan, make_plan
-from .processes import NodeProcess, stop
+from .processes import NodeProcess
 
 _FINISHED = re.compile(r"finished: (\d+) steps in ([\d.]+) s of wall time")
 _DEADLINE_S = 300.0
-
-
-class BenchRunError(RuntimeError):
-    """A process of a benchmark that did not do its part."""
 
 
 @dataclass(frozen=True)
@@ -34,33 +31,10 @@ class LockstepRow:
     met: bool | None
 
 
-@dataclass(frozen=True)
-class _Way:
-    """A set of processes: (name, package, arguments); the last one says how long it took."""
-
-    processes: tuple[tuple[str, str, tuple[str, ...]], ...]
-    plan: RunPlan | None = None
-
-    def rate(self, folder: Path) -> float:
-        """Run once and return steps per second."""
-        folder.mkdir()
-        parameters = folder / "params.yaml"
-        parameters.write_text("/**:\n  ros__parameters: {}\n")
-        if self.plan is not None:
-            recorder = replace(self.plan.recorder, output=str(folder / "run.mcap"))
-            replace(self.plan, recorder=recorder).write_parameters(parameters)
-        running: list[NodeProcess] = []
-        try:
-            for name, package, arguments in self.processes:
-                running.append(
-                    NodeProcess.start(
-                        name, package, arguments, parameters, folder / f"{len(running)}.log"
-                    )
-                )
-            return _await(running[-1])
-        finally:
-            for process in reversed(running):
-                stop(process)
+def _rate(way: Way, folder: Path) -> float:
+    """Run once and return steps per second; the last process says how long it took."""
+    with way.started(folder) as running:
+        return _await(running[-1])
 
 
 def _await(process: NodeProcess) -> float:
@@ -85,8 +59,8 @@ def _plan(disturbed: bool, recorded: bool, steps: int) -> RunPlan:
     return plan if recorded else plan.unrecorded()
 
 
-def _graph(plan: RunPlan, names: tuple[str, ...]) -> _Way:
-    return _Way(tuple((name, NODES[name].package, ()) for name in names), plan)
+def _graph(plan: RunPlan, names: tuple[str, ...]) -> Way:
+    return Way(tuple((name, NODES[name].package, ()) for name in names), plan)
 
 
 def bench_lockstep(rounds: int = 5, steps: int = 5000) -> list[LockstepRow]:
@@ -97,15 +71,15 @@ def bench_lockstep(rounds: int = 5, steps: int = 5000) -> list[LockstepRow]:
     pair = "trunk_experiments"
     quiet, full = _plan(False, False, steps), _plan(True, True, steps)
     ways = {
-        "bare pair": _Way(
+        "bare pair": Way(
             (("bare_pair", pair, ("echo",)), ("bare_pair", pair, ("ping", str(steps))))
         ),
         "processes": _graph(quiet, ("fuzzy_pid", "simulator")),
         "processes, recorder, disturbance": _graph(
             full, ("recorder", "fuzzy_pid", "disturbance", "simulator")
         ),
-        "composed": _Way((("composed", pair, ("fuzzy_pid", "simulator")),), quiet),
-        "composed, recorder, disturbance": _Way(
+        "composed": Way((("composed", pair, ("fuzzy_pid", "simulator")),), quiet),
+        "composed, recorder, disturbance": Way(
             (("composed", pair, ("recorder", "fuzzy_pid", "disturbance", "simulator")),), full
         ),
     }
@@ -114,7 +88,7 @@ def bench_lockstep(rounds: int = 5, steps: int = 5000) -> list[LockstepRow]:
         for round_number in range(rounds):
             for name, way in ways.items():
                 rates[name].append(
-                    way.rate(Path(folder) / f"{round_number}_{len(rates[name])}_{name}")
+                    _rate(way, Path(folder) / f"{round_number}_{len(rates[name])}_{name}")
                 )
     middle = {name: median(values) for name, values in rates.items()}
     goals = {

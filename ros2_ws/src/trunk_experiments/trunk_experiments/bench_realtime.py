@@ -16,7 +16,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING
@@ -26,11 +26,11 @@ import numpy as np
 from trunk_msgs_util import topics
 
 from .bench_core import BenchError
-from .bench_lockstep import BenchRunError
+from .bench_processes import BenchRunError, Way
 from .nodes import NODES
-from .plan import RunPlan, make_plan
+from .plan import make_plan
 from .process_usage import processor_seconds
-from .processes import NodeProcess, stop
+from .processes import NodeProcess
 
 if TYPE_CHECKING:
     from .observer_node import Observer
@@ -68,33 +68,18 @@ class RealtimeRow:
     met: bool | None
 
 
-@dataclass(frozen=True)
-class _Way:
-    """Processes: (name, package, arguments), first who publishes states, then who answers."""
+def _measure(way: Way, rate: float, seconds: float, folder: Path) -> dict[str, float]:
+    """Run once and return the measures; first in ``way`` who publishes states, then who answers.
 
-    processes: tuple[tuple[str, str, tuple[str, ...]], ...]
-    plan: RunPlan | None = None
+    Raises BenchRunError where a process ends early.
+    """
+    from .observer_node import Observer
 
-    def measure(self, rate: float, seconds: float, folder: Path) -> dict[str, float]:
-        """Run once and return the measures. Raises BenchRunError where a process ends early."""
-        from .observer_node import Observer
-
-        folder.mkdir()
-        parameters = folder / "params.yaml"
-        parameters.write_text("/**:\n  ros__parameters: {}\n")
-        if self.plan is not None:
-            recorder = replace(self.plan.recorder, output=str(folder / "run.mcap"))
-            replace(self.plan, recorder=recorder).write_parameters(parameters)
-        running: list[NodeProcess] = []
-        try:
-            for name, package, arguments in self.processes:
-                log = folder / f"{len(running)}.log"
-                running.append(NodeProcess.start(name, package, arguments, parameters, log))
-            with Observer((topics.JOINT_STATES, topics.EFFORT_COMMAND)) as observer:
-                return _observed(running, observer, rate, seconds)
-        finally:
-            for process in running:
-                stop(process)
+    with (
+        way.started(folder) as running,
+        Observer((topics.JOINT_STATES, topics.EFFORT_COMMAND)) as observer,
+    ):
+        return _observed(running, observer, rate, seconds)
 
 
 def _observed(
@@ -155,10 +140,10 @@ def timing(
     }
 
 
-def _graph(controller: str, rate: float, recorded: bool = False) -> _Way:
+def _graph(controller: str, rate: float, recorded: bool = False) -> Way:
     plan = make_plan("fig6", controller, everywhere={"update_rate": rate, "duration": 0.0})
     names = ("simulator", controller, *(["recorder"] if recorded else []))
-    return _Way(
+    return Way(
         tuple((name, NODES[name].package, ()) for name in names),
         plan if recorded else plan.unrecorded(),
     )
@@ -177,7 +162,7 @@ def bench_realtime(
         raise BenchError(f"seconds must be greater than 0 and at most 3600, not {seconds!r}")
     pair = "trunk_experiments"
     ways = {
-        _BARE: _Way((("bare_pair", pair, ("timer", repr(rate))), ("bare_pair", pair, ("answer",)))),
+        _BARE: Way((("bare_pair", pair, ("timer", repr(rate))), ("bare_pair", pair, ("answer",)))),
         "pid": _graph("pid", rate),
         "fuzzy_pid": _graph("fuzzy_pid", rate),
         "fuzzy_pid, recorder": _graph("fuzzy_pid", rate, recorded=True),
@@ -186,7 +171,7 @@ def bench_realtime(
     with tempfile.TemporaryDirectory(prefix="trunk_bench_") as folder:
         for number in range(rounds):
             for name, way in ways.items():
-                found[name].append(way.measure(rate, seconds, Path(folder) / f"{number}_{name}"))
+                found[name].append(_measure(way, rate, seconds, Path(folder) / f"{number}_{name}"))
     return list(_rows(found))
 
 

@@ -25,7 +25,7 @@ def run_errors() -> tuple[type[Exception], ...]:
     """Return the exceptions that say how a run went wrong."""
     from trunk_sim.simulation import DivergedError
 
-    from ..bench_lockstep import BenchRunError
+    from ..bench_processes import BenchRunError
     from ..graph_run import RunError
     from ..live_parameters import LiveParametersError
 
