@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import sys
 
-from trunk_experiments.closed_loop import Batch
-from trunk_experiments.compiled_check import first_difference, random_plan
+from trunk_experiments.batch.check import first_difference, random_plan
+from trunk_experiments.batch.closed_loop import Batch
 
 
 def main() -> int:

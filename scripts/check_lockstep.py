@@ -16,12 +16,12 @@ from pathlib import Path
 
 import click
 
-from trunk_experiments.diff import diff
-from trunk_experiments.graph_run import RunFiles, run_graph
-from trunk_experiments.offline_recording import record_offline
-from trunk_experiments.plan import RunPlan, make_plan
-from trunk_experiments.verify import VERIFIED, verify
-from trunk_msgs_util.recording import Recording
+from trunk_experiments.plans.plan import RunPlan, make_plan
+from trunk_experiments.replay.diff import diff
+from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_experiments.runs.graph import RunFiles, run_graph
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.recording.reader import Recording
 
 SCENARIOS = ("fig6", "fig7", "fig8", "fig9")
 CONTROLLERS = (

@@ -24,13 +24,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from trunk_experiments.commands.common import print_table
-from trunk_experiments.graph_run import RunError, RunFiles, run_graph
-from trunk_experiments.nodes import NODES
-from trunk_experiments.plan import RunPlan, make_plan
-from trunk_experiments.plan_files import PlanError
-from trunk_experiments.process_usage import resident_bytes
-from trunk_experiments.soak import (
+from trunk_experiments.bench.soak import (
     IDLE,
     LATE,
     OVERDUE,
@@ -42,7 +36,13 @@ from trunk_experiments.soak import (
     settled_at,
     steps_of,
 )
-from trunk_msgs_util.recording import Recording
+from trunk_experiments.bench.usage import resident_bytes
+from trunk_experiments.commands.common import print_table
+from trunk_experiments.plans.files import PlanError
+from trunk_experiments.plans.nodes import NODES
+from trunk_experiments.plans.plan import RunPlan, make_plan
+from trunk_experiments.runs.graph import RunError, RunFiles, run_graph
+from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.units import seconds
 
 MIB = 2**20

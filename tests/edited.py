@@ -5,8 +5,8 @@ from __future__ import annotations
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from trunk_msgs_util.recording import Recording
-from trunk_msgs_util.recording_writer import DIGESTS, END
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.writer import DIGESTS, END
 
 
 def copied(source, path, edit=lambda messages: None, digests=True, end=True):

@@ -7,11 +7,11 @@ from math import pi
 import pytest
 
 from trunk_control.computed_torque import Model
-from trunk_experiments.closed_loop import Batch
-from trunk_experiments.linear import linearise
-from trunk_experiments.offline import steps
-from trunk_experiments.plan import make_plan
-from trunk_experiments.tuning import by_lqr, by_poles
+from trunk_experiments.batch.closed_loop import Batch
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.runs.offline import steps
+from trunk_experiments.tuning.linear import linearise
+from trunk_experiments.tuning.methods import by_lqr, by_poles
 
 FILES = ["profile_walking", "plant_adult_trunk", "gains_adult_trunk"]
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from trunk_experiments.offline_recording import record_offline
-from trunk_experiments.plan import make_plan
-from trunk_experiments.plan_files import PlanError
-from trunk_experiments.verify import VERIFIED, verify
-from trunk_msgs_util.metrics import metrics
-from trunk_msgs_util.recording import Recording
-from trunk_msgs_util.run_table import RunTable
+from trunk_experiments.analysis.metrics import metrics
+from trunk_experiments.analysis.run_table import RunTable
+from trunk_experiments.plans.files import PlanError
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.recording.reader import Recording
 
 
 def recorded(path, scenario, controller, params=(), settings=(), duration=3.0):

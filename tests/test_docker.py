@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from trunk_experiments.nodes import NODES
-from trunk_experiments.plan import make_plan
+from trunk_experiments.plans.nodes import NODES
+from trunk_experiments.plans.plan import make_plan
 
 ROOT = Path(__file__).parents[1]
 DOCKER = ROOT / "docker"

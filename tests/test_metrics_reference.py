@@ -7,8 +7,8 @@ from math import inf, pi
 import numpy as np
 import pytest
 
-from trunk_msgs_util.metrics import metrics
-from trunk_msgs_util.run_table import RunTable
+from trunk_experiments.analysis.metrics import metrics
+from trunk_experiments.analysis.run_table import RunTable
 from trunk_msgs_util.samples import JointSample
 
 controllers = pytest.importorskip("trunk_control.controller")

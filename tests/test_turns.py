@@ -5,20 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trunk_experiments.diff import diff
-from trunk_experiments.doctor import examine
-from trunk_experiments.explain import explain
-from trunk_experiments.like import plan_like
-from trunk_experiments.offline_recording import record_offline
-from trunk_experiments.plan import make_plan
-from trunk_experiments.plan_files import PlanError
-from trunk_experiments.plots import overview
-from trunk_experiments.report_data import report_data
-from trunk_experiments.run_view import RunView
-from trunk_experiments.turns import parse_swap
-from trunk_experiments.verify import DIVERGES, VERIFIED, verify
-from trunk_msgs_util.recording import Recording
-from trunk_msgs_util.run_table import RunTable
+from trunk_experiments.analysis.run_table import RunTable
+from trunk_experiments.plans.files import PlanError
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.turns import parse_swap
+from trunk_experiments.replay.diff import diff
+from trunk_experiments.replay.doctor import examine
+from trunk_experiments.replay.explain import explain
+from trunk_experiments.replay.like import plan_like
+from trunk_experiments.replay.verify import DIVERGES, VERIFIED, verify
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_experiments.views.plots import overview
+from trunk_experiments.views.report_data import report_data
+from trunk_experiments.views.run_view import RunView
+from trunk_msgs_util.recording.reader import Recording
 
 from .edited import copied
 

@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import pytest
 
-from trunk_experiments.diff import diff
-from trunk_experiments.like import plan_like
-from trunk_experiments.offline import Happenings
-from trunk_experiments.offline_recording import record_offline
-from trunk_experiments.plan import make_plan
-from trunk_experiments.timeline import Change
-from trunk_experiments.verify import DIVERGES, UNJUDGED, VERIFIED, verify
-from trunk_msgs_util.recording import Recording
-from trunk_msgs_util.schemas import parameter_event, parse_parameter_event
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.timeline import Change
+from trunk_experiments.replay.diff import diff
+from trunk_experiments.replay.like import plan_like
+from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
+from trunk_experiments.runs.offline import Happenings
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
 
 from .edited import copied
 
@@ -178,7 +178,7 @@ def test_a_run_without_parameters_cannot_be_judged(whole, tmp_path):
 
 
 def test_another_libm_is_named(whole, tmp_path, monkeypatch):
-    from trunk_experiments import verify as module
+    from trunk_experiments.replay import verify as module
 
     here = module.provenance.gather()
     monkeypatch.setattr(module.provenance, "gather", lambda: {**here, "libm": "musl 1.2"})

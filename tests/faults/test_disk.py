@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from trunk_experiments.cli import main, trunk
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.recording.reader import Recording
 
 from ..graph.peer import Peer
 from ..graph.processes import Child, Children

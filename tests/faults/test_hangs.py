@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.recording.reader import Recording
 
 from ..graph.peer import Peer
 from ..graph.processes import Children, until

@@ -9,7 +9,7 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.conversions import stamp_from_ros
+from trunk_msgs_util.node.conversions import stamp_from_ros
 
 from ..graph.peer import Peer
 from ..graph.processes import Children

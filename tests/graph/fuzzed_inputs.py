@@ -12,7 +12,7 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rclpy.parameter import Parameter
 
-from trunk_msgs_util.declarations import Declaration
+from trunk_msgs_util.parameters.declarations import Declaration
 from trunk_msgs_util.samples import JointSample
 
 EXTREME = (0.0, -0.0, 5e-324, 1e-200, 1e200, float_info.max, -1e200, -float_info.max)

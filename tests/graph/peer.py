@@ -16,8 +16,9 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from trunk_msgs_util import qos, topics
-from trunk_msgs_util.conversions import sample_to_ros, stamp_from_ros
+from trunk_msgs_util import topics
+from trunk_msgs_util.node import qos
+from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
 from trunk_msgs_util.samples import JointSample
 
 from .processes import PATIENCE_S

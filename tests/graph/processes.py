@@ -17,8 +17,8 @@ from typing import Any
 
 import pytest
 
-from trunk_experiments.nodes import NODES
-from trunk_experiments.processes import find_executable
+from trunk_experiments.plans.nodes import NODES
+from trunk_experiments.runs.processes import find_executable
 
 PATIENCE_S = 30.0  # for what should come soon, on a machine that may be busy with something else
 _TOKEN = "TRUNK_TEST_TOKEN"

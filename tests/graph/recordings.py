@@ -9,8 +9,8 @@ import numpy as np
 from mcap.reader import make_reader
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.joint_arrays import JointArrays
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.recording.joint_arrays import JointArrays
+from trunk_msgs_util.recording.reader import Recording
 
 
 def finished_file(path: Path) -> Counter[str]:

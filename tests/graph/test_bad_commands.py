@@ -13,8 +13,9 @@ from math import inf, nan
 import pytest
 from sensor_msgs.msg import JointState
 
-from trunk_msgs_util import qos, topics
-from trunk_msgs_util.conversions import sample_to_ros, stamp_from_ros
+from trunk_msgs_util import topics
+from trunk_msgs_util.node import qos
+from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
 from trunk_msgs_util.samples import JointSample
 
 from .peer import Peer

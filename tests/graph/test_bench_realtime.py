@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from trunk_experiments.bench_realtime import LATENCY, MEASURES
+from trunk_experiments.bench.realtime import LATENCY, MEASURES
 
 from .processes import Children
 

@@ -34,9 +34,9 @@ from trunk_control.fuzzy_pid_node import FuzzyPidNode
 from trunk_control.lqr_node import LqrNode
 from trunk_control.pid_node import PidNode
 from trunk_msgs_util import topics
-from trunk_msgs_util.base_node import TrunkNode
-from trunk_msgs_util.conversions import WireReader, sample_to_wire
-from trunk_msgs_util.declarations import declarations, values_of
+from trunk_msgs_util.node.base import TrunkNode
+from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
+from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import LAST_STAMP_NS
 from trunk_sim.simulator_node import SimulatorNode

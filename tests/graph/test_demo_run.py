@@ -12,7 +12,7 @@ from mcap_ros2.reader import read_ros2_messages
 from rosbags.highlevel import AnyReader
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.recording.reader import Recording
 
 from .processes import Children
 from .recordings import assert_every_step, finished_file, joints

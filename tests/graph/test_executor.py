@@ -14,7 +14,7 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from trunk_msgs_util.executor import LoopExecutor
+from trunk_msgs_util.node.executor import LoopExecutor
 
 from .processes import PATIENCE_S
 

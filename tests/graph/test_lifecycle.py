@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trunk_experiments.verify import UNJUDGED, VERIFIED, verify
+from trunk_experiments.analysis.run_table import RunTable
+from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verify
 from trunk_msgs_util import topics
-from trunk_msgs_util.conversions import stamp_from_ros
-from trunk_msgs_util.recording import Recording
-from trunk_msgs_util.run_table import RunTable
+from trunk_msgs_util.node.conversions import stamp_from_ros
+from trunk_msgs_util.recording.reader import Recording
 
 from .lifecycle import Life
 from .peer import Peer

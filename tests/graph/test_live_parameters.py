@@ -18,8 +18,8 @@ from rcl_interfaces.srv import (
 from rclpy.parameter import Parameter, parameter_value_to_python
 
 from trunk_control.rule_tables import KP_AS_PRINTED
-from trunk_msgs_util.conversions import stamp_from_ros
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.node.conversions import stamp_from_ros
+from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.samples import JointSample
 
 from .peer import Peer

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from trunk_experiments.cli import trunk
-from trunk_experiments.plan import make_plan
+from trunk_experiments.plans.plan import make_plan
 
 from .peer import Peer
 from .processes import Child, Children
@@ -21,8 +21,8 @@ pytestmark = pytest.mark.graph
 RUN_IN_ORDER = """
 import sys
 from pathlib import Path
-from trunk_experiments.graph_run import RunFiles, run_graph
-from trunk_experiments.plan import make_plan
+from trunk_experiments.runs.graph import RunFiles, run_graph
+from trunk_experiments.plans.plan import make_plan
 
 folder, controller, rate, duration, *order = sys.argv[1:]
 plan = make_plan(

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.conversions import stamp_from_ros
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.node.conversions import stamp_from_ros
+from trunk_msgs_util.recording.reader import Recording
 
 from .peer import Peer
 from .processes import Child, Children, until

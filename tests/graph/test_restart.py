@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.conversions import stamp_from_ros
+from trunk_msgs_util.node.conversions import stamp_from_ros
 
 from .peer import Peer
 from .processes import Children

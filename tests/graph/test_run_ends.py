@@ -13,10 +13,10 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.conversions import sample_to_wire
-from trunk_msgs_util.recorder_node import RecorderNode
+from trunk_msgs_util.node.conversions import sample_to_wire
+from trunk_msgs_util.node.recorder_node import RecorderNode
+from trunk_msgs_util.recording.schemas import event
 from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.schemas import event
 from trunk_sim.plant import PlantState
 from trunk_sim.simulator_node import SimulatorNode
 

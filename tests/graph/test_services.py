@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from std_srvs.srv import SetBool, Trigger
 
-from trunk_experiments.verify import VERIFIED, verify
-from trunk_msgs_util.conversions import stamp_from_ros
-from trunk_msgs_util.recording import Recording
+from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_msgs_util.node.conversions import stamp_from_ros
+from trunk_msgs_util.recording.reader import Recording
 
 from .lifecycle import Life
 from .peer import Peer

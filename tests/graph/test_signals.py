@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.recording.reader import Recording
 
 from .peer import Peer
 from .processes import Child, Children, until

@@ -13,7 +13,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from trunk_msgs_util import qos, topics
+from trunk_msgs_util import topics
+from trunk_msgs_util.node import qos
 
 
 def say(**what: object) -> None:

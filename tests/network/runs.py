@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from trunk_experiments.plan import RunPlan
-from trunk_msgs_util.recording import Recording
+from trunk_experiments.plans.plan import RunPlan
+from trunk_msgs_util.recording.reader import Recording
 
 from ..graph.processes import Child
 from .hosts import Host

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trunk_experiments.plan import make_plan
+from trunk_experiments.plans.plan import make_plan
 from trunk_msgs_util import topics
 
 from ..graph.processes import until

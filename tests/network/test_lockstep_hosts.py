@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.diff import diff
-from trunk_experiments.offline_recording import record_offline
-from trunk_experiments.plan import RunPlan, make_plan
-from trunk_experiments.verify import verify
-from trunk_msgs_util.recording import Recording
+from trunk_experiments.plans.plan import RunPlan, make_plan
+from trunk_experiments.replay.diff import diff
+from trunk_experiments.replay.verify import verify
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.recording.reader import Recording
 
 from ..graph.processes import until
 from ..graph.recordings import finished_file

@@ -16,7 +16,13 @@ setup(
     maintainer_email=maintainer.get("email"),
     packages=find_packages(include=[name, f"{name}.*"]),
     package_data={
-        name: ["py.typed", "config/*.yaml", "*.html.j2", "report_assets/*", "studies/*.yaml"]
+        name: [
+            "py.typed",
+            "config/*.yaml",
+            "paper/*.html.j2",
+            "studies/*.yaml",
+            "views/report_assets/*",
+        ]
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),

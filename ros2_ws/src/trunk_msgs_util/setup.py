@@ -14,7 +14,7 @@ setup(
     maintainer=maintainer.text,
     maintainer_email=maintainer.get("email"),
     packages=find_packages(include=[name, f"{name}.*"]),
-    package_data={name: ["py.typed", "fastdds.xml"]},
+    package_data={name: ["py.typed", "node/fastdds.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),

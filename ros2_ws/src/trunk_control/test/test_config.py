@@ -20,7 +20,7 @@ from trunk_control.pid import (
     PidLaw,
 )
 from trunk_control.rule_tables import ALPHA_AS_PRINTED
-from trunk_msgs_util.declarations import ParameterError, build, values_of
+from trunk_msgs_util.parameters.declarations import ParameterError, build, values_of
 
 BOTH = [PidConfig, FuzzyPidConfig]
 

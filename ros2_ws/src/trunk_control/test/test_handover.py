@@ -17,7 +17,7 @@ from trunk_control.model_config import ComputedTorqueConfig, LqrConfig
 from trunk_control.model_controller import ComputedTorqueController, LqrController
 from trunk_control.pid import PidLaw
 from trunk_control.schedule import active_at, turn
-from trunk_msgs_util.declarations import ParameterError
+from trunk_msgs_util.parameters.declarations import ParameterError
 
 MS = 1_000_000
 every = pytest.mark.parametrize(

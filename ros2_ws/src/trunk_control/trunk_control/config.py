@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import pi
 
-from trunk_msgs_util.declarations import ParameterError, parameter
+from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 
 from . import rule_tables
 from .controller_config import ControllerConfig

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
 
-from trunk_msgs_util.config import ManagedConfig
-from trunk_msgs_util.declarations import ParameterError, parameter
+from trunk_msgs_util.parameters.config import ManagedConfig
+from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 from trunk_msgs_util.units import nanoseconds, period_ns
 
 from .pid import PidLaw

@@ -8,9 +8,10 @@ from math import isfinite
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from trunk_msgs_util import qos, topics
-from trunk_msgs_util.base_node import TrunkNode
-from trunk_msgs_util.conversions import WireReader, sample_to_wire
+from trunk_msgs_util import topics
+from trunk_msgs_util.node import qos
+from trunk_msgs_util.node.base import TrunkNode
+from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import seconds
 

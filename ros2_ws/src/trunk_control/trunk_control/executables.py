@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from trunk_msgs_util import early_signals
+from trunk_msgs_util.node import early_signals
 
 pid = early_signals.node("trunk_control.pid_node")
 fuzzy_pid = early_signals.node("trunk_control.fuzzy_pid_node")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from trunk_msgs_util.run_node import main_for
+from trunk_msgs_util.node.run import main_for
 
 from .controller_node import ControllerNode
 from .model_config import LqrConfig

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from trunk_msgs_util.declarations import parameter
+from trunk_msgs_util.parameters.declarations import parameter
 
 from .computed_torque import Model
 from .controller_config import ControllerConfig

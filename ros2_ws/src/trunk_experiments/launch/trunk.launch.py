@@ -12,8 +12,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
-from trunk_experiments import launching
-from trunk_experiments.graph_run import RunFiles
+from trunk_experiments.runs import launching
+from trunk_experiments.runs.graph import RunFiles
 
 
 class OrderlyEnd:

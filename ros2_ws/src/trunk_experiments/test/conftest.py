@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 from mcap.reader import make_reader
 
-from trunk_experiments.offline_recording import record_offline
-from trunk_experiments.plan import make_plan
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording_writer import PROVENANCE, RecordingWriter
-from trunk_msgs_util.schemas import parameter_event
+from trunk_msgs_util.recording.schemas import parameter_event
+from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 
 
 @pytest.fixture(scope="session")

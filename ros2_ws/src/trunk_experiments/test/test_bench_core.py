@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from trunk_experiments import bench_core as bench
+from trunk_experiments.bench import core as bench
 
 LIBRARIES = ("fuzzylite", "simple_pid")
 

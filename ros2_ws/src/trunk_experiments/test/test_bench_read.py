@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trunk_experiments import bench_read as bench
+from trunk_experiments.bench import read as bench
 
 
 def test_row(short_run):

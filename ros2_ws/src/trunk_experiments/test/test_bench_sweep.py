@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 
 from trunk_control.fuzzy import infer
-from trunk_experiments import bench_sweep as bench
-from trunk_experiments.bench_core import BenchError
+from trunk_experiments.bench import sweep as bench
+from trunk_experiments.bench.core import BenchError
 
 
 def test_mujoco_moves_as_our_plant_on_a_flat_path():

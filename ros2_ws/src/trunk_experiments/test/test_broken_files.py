@@ -16,9 +16,9 @@ from mcap.records import Chunk
 from mcap.writer import Writer
 
 from trunk_experiments.cli import main
-from trunk_msgs_util.mcap_chunk import MAX_CHUNK
-from trunk_msgs_util.recording import Recording, RecordingError
-from trunk_msgs_util.recording_writer import PROVENANCE, RecordingWriter
+from trunk_msgs_util.recording.chunk import MAX_CHUNK
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 
 TRUTH = "/ground_truth/joint_states"
 GIB = 1 << 30

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments import closed_loop, compiled
-from trunk_experiments.closed_loop import Batch
-from trunk_experiments.compiled_check import first_difference, random_plan
-from trunk_experiments.plan import make_plan
-from trunk_experiments.plan_files import PlanError
-from trunk_msgs_util.metrics import metrics
-from trunk_msgs_util.recording import Recording
-from trunk_msgs_util.run_table import RunTable
+from trunk_experiments.analysis.metrics import metrics
+from trunk_experiments.analysis.run_table import RunTable
+from trunk_experiments.batch import closed_loop, compiled
+from trunk_experiments.batch.check import first_difference, random_plan
+from trunk_experiments.batch.closed_loop import Batch
+from trunk_experiments.plans.files import PlanError
+from trunk_experiments.plans.plan import make_plan
+from trunk_msgs_util.recording.reader import Recording
 
 
 @pytest.fixture(scope="module")

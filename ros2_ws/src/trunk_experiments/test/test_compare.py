@@ -9,12 +9,12 @@ import json
 import pytest
 from click.testing import CliRunner
 
+from trunk_experiments.analysis.metrics import QUANTITIES, metrics
+from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.cli import trunk
-from trunk_experiments.compare import best_of, compare, differing_parameters
-from trunk_experiments.run_view import RunView
-from trunk_msgs_util.metrics import QUANTITIES, metrics
-from trunk_msgs_util.recording import Recording
-from trunk_msgs_util.run_table import RunTable
+from trunk_experiments.views.compare import best_of, compare, differing_parameters
+from trunk_experiments.views.run_view import RunView
+from trunk_msgs_util.recording.reader import Recording
 
 
 @pytest.fixture(scope="module")

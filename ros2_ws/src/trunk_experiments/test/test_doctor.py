@@ -7,14 +7,14 @@ import pytest
 from mcap.writer import Writer
 
 from trunk_experiments.commands.doctor import exit_code
-from trunk_experiments.doctor import ERROR, WARNING, examine
-from trunk_experiments.recover import recover
+from trunk_experiments.replay.doctor import ERROR, WARNING, examine
 from trunk_msgs_util import topics
-from trunk_msgs_util.joint_state_cdr import layout_of
-from trunk_msgs_util.recording import Recording, RecordingError
-from trunk_msgs_util.recording_writer import PROVENANCE, RecordingWriter
+from trunk_msgs_util.recording.joint_state_cdr import layout_of
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.recover import recover
+from trunk_msgs_util.recording.schemas import parameter_event
+from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.schemas import parameter_event
 
 TRUTH = f"/{topics.GROUND_TRUTH}"
 MS = 1_000_000

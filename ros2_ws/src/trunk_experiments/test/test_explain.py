@@ -10,12 +10,12 @@ import pytest
 from click.testing import CliRunner
 
 from trunk_experiments.cli import trunk
-from trunk_experiments.explain import explain
-from trunk_experiments.offline import Happenings
-from trunk_experiments.offline_recording import record_offline
-from trunk_experiments.plan import make_plan
-from trunk_experiments.timeline import Change
-from trunk_msgs_util.recording import Recording, RecordingError
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.timeline import Change
+from trunk_experiments.replay.explain import explain
+from trunk_experiments.runs.offline import Happenings
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.recording.reader import Recording, RecordingError
 
 FIELDS = ("error", "error_rate", "p_term", "i_term", "d_term", "kp", "ki", "kd", "alpha")
 

@@ -6,9 +6,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from trunk_experiments.extract import COLUMNS, window, write_mcap, write_npz, write_parquet
-from trunk_msgs_util.recording import Recording, RecordingError
-from trunk_msgs_util.run_table import CSV_COLUMNS, RunTable
+from trunk_experiments.analysis.run_table import CSV_COLUMNS, RunTable
+from trunk_experiments.views.extract import COLUMNS, window, write_mcap, write_npz, write_parquet
+from trunk_msgs_util.recording.reader import Recording, RecordingError
 
 TRUTH = "/ground_truth/joint_states"
 

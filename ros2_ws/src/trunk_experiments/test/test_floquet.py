@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trunk_experiments.closed_loop import Batch
-from trunk_experiments.floquet import floquet
-from trunk_experiments.plan import RunPlan, make_plan
-from trunk_experiments.plan_files import PlanError
+from trunk_experiments.batch.closed_loop import Batch
+from trunk_experiments.plans.files import PlanError
+from trunk_experiments.plans.plan import RunPlan, make_plan
+from trunk_experiments.tuning.floquet import floquet
 
 WALK = [
     "simulator.hip.mode=prescribed",

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments import launching
-from trunk_experiments.graph_run import RunFiles
-from trunk_experiments.launching import ARGUMENTS, launch_nodes, launch_plan, launch_viewers
-from trunk_experiments.nodes import CONTROLLERS, NODES
-from trunk_experiments.plan import make_plan
-from trunk_experiments.plan_files import PlanError, shipped_files
-from trunk_msgs_util.declarations import declarations, values_of
-from trunk_msgs_util.parameter_files import parse, read, resolve
+from trunk_experiments.plans.files import PlanError, shipped_files
+from trunk_experiments.plans.nodes import CONTROLLERS, NODES
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.runs import launching
+from trunk_experiments.runs.graph import RunFiles
+from trunk_experiments.runs.launching import ARGUMENTS, launch_nodes, launch_plan, launch_viewers
+from trunk_msgs_util.parameters.declarations import declarations, values_of
+from trunk_msgs_util.parameters.files import parse, read, resolve
 
 PACKAGE = Path(__file__).parents[1]
 LAUNCH_FILES = sorted((PACKAGE / "launch").glob("*.py"))

@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trunk_experiments import paper_report
-from trunk_experiments.paper import Reproduction, as_json
-from trunk_experiments.paper_claims import CLAIMS, NOT, PARTLY, REPRODUCED, judge
-from trunk_experiments.paper_errata import ERRATA, single_repairs
-from trunk_experiments.paper_runs import PROFILES, Run, cases, undershoot
-from trunk_msgs_util.metrics import Metrics
-from trunk_msgs_util.run_table import RunTable
+from trunk_experiments.analysis.metrics import Metrics
+from trunk_experiments.analysis.run_table import RunTable
+from trunk_experiments.paper import report as paper_report
+from trunk_experiments.paper.claims import CLAIMS, NOT, PARTLY, REPRODUCED, judge
+from trunk_experiments.paper.errata import ERRATA, single_repairs
+from trunk_experiments.paper.reproduction import Reproduction, as_json
+from trunk_experiments.paper.runs import PROFILES, Run, cases, undershoot
 
 NAMES = [f.name for f in fields(Metrics)]
 

@@ -5,10 +5,10 @@ import math
 import pytest
 
 from trunk_control.rule_tables import KD_AS_PRINTED, KP_AS_PRINTED
-from trunk_experiments.plan import make_plan
-from trunk_experiments.plan_files import SCENARIOS, PlanError, shipped_files
-from trunk_msgs_util.declarations import ParameterError
-from trunk_msgs_util.parameter_files import ParameterFileError, read, resolve
+from trunk_experiments.plans.files import SCENARIOS, PlanError, shipped_files
+from trunk_experiments.plans.plan import make_plan
+from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_msgs_util.parameters.files import ParameterFileError, read, resolve
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)

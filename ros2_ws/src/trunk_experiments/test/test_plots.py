@@ -7,10 +7,10 @@ import pytest
 from click.testing import CliRunner
 
 from trunk_experiments.cli import trunk
-from trunk_experiments.plot_style import COLORS, line_style, save
-from trunk_experiments.plots import overview, paper_figure
-from trunk_experiments.run_view import RunView, labels, off_scale
-from trunk_msgs_util.recording import Recording
+from trunk_experiments.views.plot_style import COLORS, line_style, save
+from trunk_experiments.views.plots import overview, paper_figure
+from trunk_experiments.views.run_view import RunView, labels, off_scale
+from trunk_msgs_util.recording.reader import Recording
 
 MAGIC = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
 

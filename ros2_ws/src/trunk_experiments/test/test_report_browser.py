@@ -10,10 +10,10 @@ import subprocess
 import numpy as np
 import pytest
 
-from trunk_experiments.report import make_report
-from trunk_experiments.report_page import write
-from trunk_experiments.run_view import RunView
-from trunk_msgs_util.recording import Recording
+from trunk_experiments.views.report import make_report
+from trunk_experiments.views.report_page import write
+from trunk_experiments.views.run_view import RunView
+from trunk_msgs_util.recording.reader import Recording
 
 playwright = pytest.importorskip("playwright.sync_api")
 pytestmark = pytest.mark.browser

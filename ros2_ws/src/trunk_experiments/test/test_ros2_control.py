@@ -9,10 +9,10 @@ import pytest
 import yaml
 
 from trunk_control.config import FuzzyPidConfig, PidConfig
-from trunk_experiments.plan import make_plan
+from trunk_experiments.plans.plan import make_plan
 from trunk_msgs_util import topics
-from trunk_msgs_util.declarations import build, declarations
-from trunk_msgs_util.parameter_files import read, resolve
+from trunk_msgs_util.parameters.declarations import build, declarations
+from trunk_msgs_util.parameters.files import read, resolve
 from trunk_sim.config import SimulatorConfig
 
 FILES = Path(__file__).parents[1] / "ros2_control"

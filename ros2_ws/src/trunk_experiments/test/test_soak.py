@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from trunk_experiments import soak
-from trunk_msgs_util.joint_arrays import JointArrays
-from trunk_msgs_util.recording import Recording
+from trunk_experiments.bench import soak
+from trunk_msgs_util.recording.joint_arrays import JointArrays
+from trunk_msgs_util.recording.reader import Recording
 
 H = 5_000_000
 NONE = np.empty((0, 0))

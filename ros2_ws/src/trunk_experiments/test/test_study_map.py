@@ -11,12 +11,12 @@ import pytest
 from click.testing import CliRunner
 
 from trunk_experiments.cli import trunk
-from trunk_experiments.study import StudyError
-from trunk_experiments.study_compare import FELL, compare_study
-from trunk_experiments.study_file import parse_study
-from trunk_experiments.study_map import panels
-from trunk_experiments.study_results import Results
-from trunk_experiments.sweep import Sweep, processes
+from trunk_experiments.study.compare import FELL, compare_study
+from trunk_experiments.study.file import parse_study
+from trunk_experiments.study.map import panels
+from trunk_experiments.study.results import Results
+from trunk_experiments.study.study import StudyError
+from trunk_experiments.study.sweep import Sweep, processes
 
 STUDY = """
 scenario: fig6
@@ -103,7 +103,7 @@ def test_differences_are_over_the_same_draws(path):
 
 def test_intervals_cover_the_truth():
     """Of 95 % intervals of known means, about 95 % hold it."""
-    from trunk_experiments.study_compare import _difference
+    from trunk_experiments.study.compare import _difference
 
     rng = np.random.default_rng(5)
     inside = 0

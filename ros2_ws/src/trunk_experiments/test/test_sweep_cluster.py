@@ -10,10 +10,10 @@ import time
 
 import pytest
 
-from trunk_experiments.study import StudyError
-from trunk_experiments.study_file import parse_study
-from trunk_experiments.sweep import Sweep, processes
-from trunk_experiments.sweep_cluster import dask_runner
+from trunk_experiments.study.cluster import dask_runner
+from trunk_experiments.study.file import parse_study
+from trunk_experiments.study.study import StudyError
+from trunk_experiments.study.sweep import Sweep, processes
 
 distributed = pytest.importorskip("distributed")
 
@@ -85,7 +85,7 @@ def test_the_loss_of_a_worker_changes_nothing(study, cluster, tmp_path):
 
 
 def test_no_scheduler_is_one_line(monkeypatch):
-    from trunk_experiments import sweep_cluster
+    from trunk_experiments.study import cluster as sweep_cluster
 
     monkeypatch.setattr(sweep_cluster, "_CONNECT_S", 0.5)
     with pytest.raises(StudyError, match=r"--scheduler tcp://127.0.0.1:9: no scheduler answers"):

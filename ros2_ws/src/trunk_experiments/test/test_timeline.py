@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from trunk_control.config import PidConfig
 from trunk_control.controller import PidController, Seen
-from trunk_experiments.offline import Happenings, steps
-from trunk_experiments.offline_recording import record_offline
-from trunk_experiments.plan import make_plan
-from trunk_experiments.timeline import ACTIVATED, DEACTIVATED, RESET, Change, Timeline
-from trunk_experiments.verify import VERIFIED, verify
-from trunk_msgs_util.recording import Recording
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.timeline import ACTIVATED, DEACTIVATED, RESET, Change, Timeline
+from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_experiments.runs.offline import Happenings, steps
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.recording.reader import Recording
 
 
 def test_of_two_values_between_the_same_states_the_later_one_holds():

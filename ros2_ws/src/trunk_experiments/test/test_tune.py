@@ -14,11 +14,11 @@ from trunk_control.config import FuzzyPidConfig
 from trunk_control.model_config import LqrConfig
 from trunk_control.pid import Gains
 from trunk_experiments.commands.tune import command
-from trunk_experiments.linear import Linear, Loop, largest_delay, linearise, margins
-from trunk_experiments.offline import steps
-from trunk_experiments.plan import make_plan
-from trunk_experiments.tune_search import fuzzy_space, gains_space
-from trunk_experiments.tuning import TuningError, by_lqr, by_poles, relay, ultimate
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.runs.offline import steps
+from trunk_experiments.tuning.linear import Linear, Loop, largest_delay, linearise, margins
+from trunk_experiments.tuning.methods import TuningError, by_lqr, by_poles, relay, ultimate
+from trunk_experiments.tuning.search import fuzzy_space, gains_space
 from trunk_sim.plant import PlantParameters
 
 PLANT = linearise(PlantParameters())

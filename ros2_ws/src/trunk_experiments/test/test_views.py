@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from trunk_experiments import markers
+from trunk_experiments.views import markers
 from trunk_msgs_util import topics
 
 PACKAGE = Path(__file__).parents[1]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import sys
 
-from trunk_msgs_util import early_signals
+from trunk_msgs_util.node import early_signals
 
-bare_pair = early_signals.node("trunk_experiments.bare_pair_node")
-composed = early_signals.node("trunk_experiments.composed_node")
-markers = early_signals.node("trunk_experiments.markers_node")
+bare_pair = early_signals.node("trunk_experiments.bench.bare_pair_node")
+composed = early_signals.node("trunk_experiments.runs.composed_node")
+markers = early_signals.node("trunk_experiments.views.markers_node")
 
 
 class _Interrupted(BaseException):

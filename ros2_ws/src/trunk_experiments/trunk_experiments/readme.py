@@ -9,8 +9,8 @@ from pathlib import Path
 from trunk_msgs_util import topics
 
 from .commands.params import markdown
-from .nodes import NODES
-from .plan_files import shipped_files
+from .plans.files import shipped_files
+from .plans.nodes import NODES
 
 _SECTION = re.compile(r"(<!-- generated: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 

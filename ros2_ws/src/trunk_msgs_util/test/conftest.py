@@ -4,9 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from trunk_msgs_util import schemas, topics
-from trunk_msgs_util.joint_state_cdr import layout_of
-from trunk_msgs_util.recording_writer import PROVENANCE, RecordingWriter
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording import schemas
+from trunk_msgs_util.recording.joint_state_cdr import layout_of
+from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.samples import JointSample
 
 PERIOD_NS = 1_000_000

@@ -11,7 +11,8 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk, McapRecord
 from mcap.writer import CompressionType, IndexType, Writer
 
-from trunk_msgs_util import schemas, topics
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording import schemas
 
 COMPRESSIONS = {
     "zstd": CompressionType.ZSTD,

@@ -6,8 +6,8 @@ from mcap.reader import make_reader
 from mcap.records import Chunk, ChunkIndex
 from mcap.stream_reader import StreamReader
 
-from trunk_msgs_util.chunk_indices import ChunkIndices
-from trunk_msgs_util.recording_writer import RecordingWriter
+from trunk_msgs_util.recording.chunk_indices import ChunkIndices
+from trunk_msgs_util.recording.writer import RecordingWriter
 
 
 def index(number: int) -> ChunkIndex:

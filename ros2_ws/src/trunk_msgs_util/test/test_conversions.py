@@ -12,7 +12,7 @@ pytest.importorskip("rclpy")
 
 from rclpy.serialization import serialize_message
 
-from trunk_msgs_util.conversions import (
+from trunk_msgs_util.node.conversions import (
     WireReader,
     sample_from_ros,
     sample_to_ros,

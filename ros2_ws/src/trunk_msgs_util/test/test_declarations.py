@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.declarations import ParameterError, build, declarations, parameter, values_of
+from trunk_msgs_util.parameters.declarations import (
+    ParameterError,
+    build,
+    declarations,
+    parameter,
+    values_of,
+)
 
 
 @dataclass(frozen=True)

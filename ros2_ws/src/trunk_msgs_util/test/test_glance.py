@@ -5,11 +5,11 @@ import struct
 import pytest
 from mcap.writer import IndexType
 
-from trunk_msgs_util import recording as module
-from trunk_msgs_util.glance import glance
-from trunk_msgs_util.joint_state_cdr import layout_of
-from trunk_msgs_util.recording import Recording
-from trunk_msgs_util.recording_file import RecordingFile
+from trunk_msgs_util.recording import reader as module
+from trunk_msgs_util.recording.file import RecordingFile
+from trunk_msgs_util.recording.glance import glance
+from trunk_msgs_util.recording.joint_state_cdr import layout_of
+from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.samples import JointSample
 
 from .mcap_files import write_mcap

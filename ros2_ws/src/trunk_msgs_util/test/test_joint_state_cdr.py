@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from trunk_msgs_util.joint_state_cdr import JointStateLayout, layout_of
+from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
 from trunk_msgs_util.samples import JointSample
 
 TYPE = "sensor_msgs/msg/JointState"

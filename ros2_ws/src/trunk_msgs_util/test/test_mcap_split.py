@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trunk_msgs_util.mcap_split import HEAD, record_offsets, split
+from trunk_msgs_util.recording.split import HEAD, record_offsets, split
 
 
 def walk(data: bytes) -> tuple[list[int], int]:

@@ -6,8 +6,8 @@ from math import degrees, radians
 import numpy as np
 import pytest
 
-from trunk_msgs_util.metrics import metrics
-from trunk_msgs_util.run_table import RunTable
+from trunk_experiments.analysis.metrics import metrics
+from trunk_experiments.analysis.run_table import RunTable
 
 
 def table(theta, reference=0.0, torque=0.0, period=0.01) -> RunTable:

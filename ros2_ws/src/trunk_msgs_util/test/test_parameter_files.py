@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.parameter_files import (
+from trunk_msgs_util.parameters.files import (
     ParameterFileError,
     Section,
     check_names,

@@ -12,12 +12,12 @@ from mcap.writer import IndexType
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from trunk_experiments.analysis.run_table import RunTable
 from trunk_msgs_util import topics
-from trunk_msgs_util.joint_state_cdr import JointStateLayout, layout_of
-from trunk_msgs_util.recording import Recording, RecordingError
-from trunk_msgs_util.run_table import RunTable
+from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.series import joint_names, read_series
 from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.series import joint_names, read_series
 
 from .mcap_files import write_mcap
 
@@ -118,7 +118,7 @@ def test_each_chunk_is_decompressed_once_for_all_topics(tmp_path, monkeypatch):
     ]
     path = write_mcap(tmp_path / "a.mcap", samples)
     recording = Recording.open(path)
-    monkeypatch.setattr("trunk_msgs_util.recording._KEPT", 0)
+    monkeypatch.setattr("trunk_msgs_util.recording.reader._KEPT", 0)
     read = []
     original = type(recording._files[0]).content
     monkeypatch.setattr(

@@ -9,10 +9,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
-from trunk_msgs_util import schemas, topics
-from trunk_msgs_util.joint_state_cdr import layout_of
-from trunk_msgs_util.recording import Recording, RecordingError
-from trunk_msgs_util.recording_writer import RecordingWriter
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording import schemas
+from trunk_msgs_util.recording.joint_state_cdr import layout_of
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.writer import RecordingWriter
 from trunk_msgs_util.samples import JointSample
 
 TRUTH = f"/{topics.GROUND_TRUTH}"

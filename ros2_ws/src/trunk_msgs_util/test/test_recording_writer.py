@@ -13,8 +13,8 @@ from mcap.reader import NonSeekingReader, make_reader
 from rosbags.highlevel import AnyReader
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording import Recording
-from trunk_msgs_util.recording_writer import DIGESTS, END, PROVENANCE, RecordingWriter
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.writer import DIGESTS, END, PROVENANCE, RecordingWriter
 
 TRUTH = f"/{topics.GROUND_TRUTH}"
 
@@ -160,8 +160,8 @@ def test_a_killed_writer_loses_nothing_before_its_flush(tmp_path, compression):
     script = f"""
 import os, signal
 from trunk_msgs_util import topics
-from trunk_msgs_util.joint_state_cdr import layout_of
-from trunk_msgs_util.recording_writer import RecordingWriter
+from trunk_msgs_util.recording.joint_state_cdr import layout_of
+from trunk_msgs_util.recording.writer import RecordingWriter
 from trunk_msgs_util.samples import JointSample
 writer = RecordingWriter({str(path)!r}, {compression!r})
 channel = writer.channel({TRUTH!r}, topics.JOINT_STATE_TYPE)

@@ -5,11 +5,12 @@ import csv
 import numpy as np
 import pytest
 
-from trunk_msgs_util import schemas, topics
-from trunk_msgs_util.joint_state_cdr import layout_of
-from trunk_msgs_util.recording import Recording, RecordingError
-from trunk_msgs_util.recording_writer import RecordingWriter
-from trunk_msgs_util.run_table import CSV_COLUMNS, RunTable
+from trunk_experiments.analysis.run_table import CSV_COLUMNS, RunTable
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording import schemas
+from trunk_msgs_util.recording.joint_state_cdr import layout_of
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.writer import RecordingWriter
 from trunk_msgs_util.samples import JointSample
 
 

@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util import schemas, topics
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording import schemas
 
 texts = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=8)
 integers = st.integers(-(2**63), 2**63 - 1)
@@ -65,7 +66,7 @@ def test_events_round_trip(stamp_ns, node, message, pairs, level):
 
 
 def test_an_event_is_the_message_that_a_node_publishes():
-    conversions = pytest.importorskip("trunk_msgs_util.conversions")
+    conversions = pytest.importorskip("trunk_msgs_util.node.conversions")
     serialization = pytest.importorskip("rclpy.serialization")
     message = pytest.importorskip("diagnostic_msgs.msg")
     data = schemas.event(7, "/sim", "finished", {"states": 11}, schemas.LEVEL_ERROR)

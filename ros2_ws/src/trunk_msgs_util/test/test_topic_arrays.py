@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording import Recording, RecordingError
-from trunk_msgs_util.topic_arrays import topic_arrays
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.topic_arrays import topic_arrays
 
 
 def test_joint_states_are_columns(run_file):

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from . import early_signals
+from .node import early_signals
 
-recorder = early_signals.node("trunk_msgs_util.recorder_node")
+recorder = early_signals.node("trunk_msgs_util.node.recorder_node")

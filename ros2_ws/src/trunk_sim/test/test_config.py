@@ -6,7 +6,7 @@ from math import inf, nan, pi
 
 import pytest
 
-from trunk_msgs_util.declarations import ParameterError, build, values_of
+from trunk_msgs_util.parameters.declarations import ParameterError, build, values_of
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import Disturbance, disturbance_at

@@ -7,7 +7,7 @@ from math import inf
 import numpy as np
 import pytest
 
-from trunk_msgs_util.declarations import ParameterError, build
+from trunk_msgs_util.parameters.declarations import ParameterError, build
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.integrator import advance
 from trunk_sim.plant import PlantParameters, PlantState, accelerations, energy

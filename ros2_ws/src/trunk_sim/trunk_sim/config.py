@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf, pi
 
-from trunk_msgs_util.config import ManagedConfig
-from trunk_msgs_util.declarations import ParameterError, parameter
+from trunk_msgs_util.parameters.config import ManagedConfig
+from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 from trunk_msgs_util.units import nanoseconds, period_ns
 
 from .plant import PlantParameters, PlantState

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from sensor_msgs.msg import JointState
 
-from trunk_msgs_util import qos, topics
-from trunk_msgs_util.base_node import TrunkNode
-from trunk_msgs_util.conversions import WireReader, sample_to_wire
-from trunk_msgs_util.run_node import main_for
+from trunk_msgs_util import topics
+from trunk_msgs_util.node import qos
+from trunk_msgs_util.node.base import TrunkNode
+from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
+from trunk_msgs_util.node.run import main_for
 from trunk_msgs_util.units import LAST_STAMP_NS
 
 from .disturbance_config import DisturbanceConfig

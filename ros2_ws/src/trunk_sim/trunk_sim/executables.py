@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from trunk_msgs_util import early_signals
+from trunk_msgs_util.node import early_signals
 
 simulator = early_signals.node("trunk_sim.simulator_node")
 disturbance = early_signals.node("trunk_sim.disturbance_node")

@@ -10,10 +10,11 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from trunk_msgs_util import qos, topics
-from trunk_msgs_util.base_node import TrunkNode
-from trunk_msgs_util.conversions import WireReader, sample_to_wire, stamp_to_ros
-from trunk_msgs_util.run_node import main_for
+from trunk_msgs_util import topics
+from trunk_msgs_util.node import qos
+from trunk_msgs_util.node.base import TrunkNode
+from trunk_msgs_util.node.conversions import WireReader, sample_to_wire, stamp_to_ros
+from trunk_msgs_util.node.run import main_for
 from trunk_msgs_util.units import nanoseconds, seconds, step_count
 
 from .config import SimulatorConfig

@@ -45,7 +45,7 @@ def _show(
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def lockstep(rounds: int, steps: int, as_json: bool) -> None:
     """Lock-step loops against a bare pair of rclpy processes that echo the same messages."""
-    from ..bench_lockstep import bench_lockstep
+    from ..bench.lockstep import bench_lockstep
 
     rows = bench_lockstep(rounds, steps)
     _show(
@@ -69,7 +69,7 @@ def lockstep(rounds: int, steps: int, as_json: bool) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def realtime(rounds: int, rate: float, seconds: float, as_json: bool) -> None:
     """Jitter and latency in real time against a bare rclpy timer and echo."""
-    from ..bench_realtime import bench_realtime
+    from ..bench.realtime import bench_realtime
 
     rows = bench_realtime(rate, seconds, rounds)
     _show(
@@ -91,7 +91,7 @@ def realtime(rounds: int, rate: float, seconds: float, as_json: bool) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def core(rounds: int, as_json: bool) -> None:
     """One fuzzy evaluation against pyfuzzylite's, one PID update against simple-pid's."""
-    from ..bench_core import bench_core
+    from ..bench.core import bench_core
 
     rows = bench_core(rounds)
     _show(
@@ -117,7 +117,7 @@ def core(rounds: int, as_json: bool) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def read(run: Path | None, rounds: int, duration: float, as_json: bool) -> None:
     """Compare reading RUN, or a simulated run, with rosbags; the arrays must be equal."""
-    from ..bench_read import bench_read
+    from ..bench.read import bench_read
 
     rows = bench_read(rounds, duration, run)
     _show(
@@ -139,7 +139,7 @@ def read(run: Path | None, rounds: int, duration: float, as_json: bool) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def sweep(rounds: int, as_json: bool) -> None:
     """Compiled closed-loop runs against MuJoCo's and scikit-fuzzy's; many runs; two cores."""
-    from ..bench_sweep import bench_sweep
+    from ..bench.sweep import bench_sweep
 
     rows = bench_sweep(rounds)
     _show(

@@ -10,13 +10,13 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from trunk_msgs_util.declarations import ParameterError
-from trunk_msgs_util.parameter_files import ParameterFileError
+from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_msgs_util.parameters.files import ParameterFileError
 
-from ..nodes import CONTROLLERS
-from ..plan import RunPlan, make_plan
-from ..plan_files import PlanError
-from ..turns import parse_swap
+from ..plans.files import PlanError
+from ..plans.nodes import CONTROLLERS
+from ..plans.plan import RunPlan, make_plan
+from ..plans.turns import parse_swap
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -25,19 +25,19 @@ def run_errors() -> tuple[type[Exception], ...]:
     """Return the exceptions that say how a run went wrong."""
     from trunk_sim.simulation import DivergedError
 
-    from ..bench_processes import BenchRunError
-    from ..graph_run import RunError
-    from ..live_parameters import LiveParametersError
+    from ..bench.processes import BenchRunError
+    from ..live.parameters import LiveParametersError
+    from ..runs.graph import RunError
 
     return (RunError, DivergedError, BenchRunError, LiveParametersError)
 
 
 def user_errors() -> tuple[type[Exception], ...]:
     """Return the exceptions that say what a user did wrong, to be shown as one line."""
-    from trunk_msgs_util.recording import RecordingError
+    from trunk_msgs_util.recording.reader import RecordingError
 
-    from ..bench_core import BenchError
-    from ..processes import ExecutableError
+    from ..bench.core import BenchError
+    from ..runs.processes import ExecutableError
 
     return (
         PlanError,

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.metrics import QUANTITIES, Quantity
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.recording.reader import Recording
 
-from ..compare import Comparison, compare
-from ..run_view import RunView
+from ..analysis.metrics import QUANTITIES, Quantity
+from ..views.compare import Comparison, compare
+from ..views.run_view import RunView
 from .common import print_table
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import click
 
-from ..study_compare import Difference, compare_study
-from ..study_results import Results
+from ..study.compare import Difference, compare_study
+from ..study.results import Results
 from .common import print_table
 
 HEADER = ("metric", "first - second", "pairs", "mean", "95 % interval", "smaller", "")

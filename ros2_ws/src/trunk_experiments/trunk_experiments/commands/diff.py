@@ -7,9 +7,9 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.recording.reader import Recording
 
-from ..diff import diff
+from ..replay.diff import diff
 
 
 @click.command("diff")

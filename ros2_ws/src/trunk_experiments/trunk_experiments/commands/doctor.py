@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from ..doctor import ERROR, INFO, WARNING, Finding, examine
+from ..replay.doctor import ERROR, INFO, WARNING, Finding, examine
 from .reading import progress_bar
 
 FINE, FINDINGS = 0, 1

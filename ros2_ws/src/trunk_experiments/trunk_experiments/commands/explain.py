@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.recording.reader import Recording
 
-from ..explain import Explanation, explain
+from ..replay.explain import Explanation, explain
 from .common import print_table
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from trunk_msgs_util import topics as names
-from trunk_msgs_util.recording import Recording, Topic
+from trunk_msgs_util.recording.reader import Recording, Topic
 from trunk_msgs_util.units import seconds
 
 from .reading import progress_bar, show_warnings

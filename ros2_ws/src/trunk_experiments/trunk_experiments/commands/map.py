@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ..plan_files import PlanError
+from ..plans.files import PlanError
 
 
 @click.command("map")
@@ -42,9 +42,9 @@ def command(
     draws fell. The line of the Floquet multipliers belongs to the loop linearised about the upright
     trunk, the hip driven at its initial speed and no limit on the torque.
     """
-    from ..plot_style import SUFFIXES, save
-    from ..study_map import draw, panels
-    from ..study_results import Results
+    from ..study.map import draw, panels
+    from ..study.results import Results
+    from ..views.plot_style import SUFFIXES, save
 
     path = Path(source)
     if path.suffix != ".parquet":

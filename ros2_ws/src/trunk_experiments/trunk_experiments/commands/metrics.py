@@ -7,11 +7,11 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.metrics import QUANTITIES, metrics
-from trunk_msgs_util.recording import Recording, RecordingError
-from trunk_msgs_util.run_table import RunTable
+from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import seconds
 
+from ..analysis.metrics import QUANTITIES, metrics
+from ..analysis.run_table import RunTable
 from .common import print_table
 from .reading import open_run, show_warnings
 

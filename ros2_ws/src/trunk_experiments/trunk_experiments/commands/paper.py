@@ -29,8 +29,8 @@ def command(context: click.Context, output: Path, graph: bool) -> None:
 
     Exit code 1 where a graph run has other bits than the offline run, or an erratum is not shown.
     """
-    from ..paper import reproduce
-    from ..paper_report import write_report
+    from ..paper.report import write_report
+    from ..paper.reproduction import reproduce
 
     output.mkdir(parents=True, exist_ok=True)
     console = Console(stderr=True)

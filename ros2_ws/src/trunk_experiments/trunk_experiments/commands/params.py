@@ -8,9 +8,9 @@ from typing import Any
 
 import click
 
-from trunk_msgs_util.declarations import Declaration, declarations
+from trunk_msgs_util.parameters.declarations import Declaration, declarations
 
-from ..nodes import NODES
+from ..plans.nodes import NODES
 from .common import print_table
 
 
@@ -121,13 +121,13 @@ def apply(node: str, file: str, timeout: float, dry_run: bool) -> None:
 
     NODE is a node's name, such as pid or /robot2/pid; FILE a parameter file, by path or shipped name.
     """
-    from trunk_msgs_util.parameter_files import read
+    from trunk_msgs_util.parameters.files import read
 
-    from ..live_parameters import LiveParametersError, differences, full_name, said_of
-    from ..plan_files import find_file
+    from ..live.parameters import LiveParametersError, differences, full_name, said_of
+    from ..plans.files import find_file
 
     layer, name = read(find_file(file)), full_name(node)
-    from ..live_parameters_node import LiveParameters
+    from ..live.parameters_node import LiveParameters
 
     with LiveParameters(name, timeout) as parameters:
         said = said_of(name, layer, parameters.names())

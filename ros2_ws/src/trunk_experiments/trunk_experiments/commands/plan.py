@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from ..launching import launch_nodes
-from ..plan import checked_namespace
+from ..plans.plan import checked_namespace
+from ..runs.launching import launch_nodes
 from .common import plan_of, plan_options
 
 

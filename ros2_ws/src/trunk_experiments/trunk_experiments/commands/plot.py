@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.recording.reader import Recording
 
 
 @click.command("plot")
@@ -25,9 +25,9 @@ from trunk_msgs_util.recording import Recording
 )
 def command(runs: tuple[Path, ...], output: Path | None, number: int | None) -> None:
     """Draw one recorded run, or several over one another, as PNG, SVG or PDF."""
-    from ..plot_style import SUFFIXES, save
-    from ..plots import overview, paper_figure
-    from ..run_view import RunView
+    from ..views.plot_style import SUFFIXES, save
+    from ..views.plots import overview, paper_figure
+    from ..views.run_view import RunView
 
     target = output or Path(f"fig{number}.png" if number else f"{runs[0].stem}.png")
     if target.suffix.lower() not in SUFFIXES:

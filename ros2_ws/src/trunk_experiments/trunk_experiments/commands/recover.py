@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ..recover import recover
+from trunk_msgs_util.recording.recover import recover
 
 
 @click.command("recover")

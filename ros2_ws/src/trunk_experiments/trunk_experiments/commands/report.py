@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.recording.reader import Recording
 
 
 @click.command("report")
@@ -22,9 +22,9 @@ def command(runs: tuple[Path, ...], output: Path | None) -> None:
 
     It needs no network and no server; several runs stand side by side on the same clock.
     """
-    from ..report import make_report
-    from ..report_page import write
-    from ..run_view import RunView
+    from ..views.report import make_report
+    from ..views.report_page import write
+    from ..views.run_view import RunView
 
     target = output or Path(f"{runs[0].stem}.html")
     views = [RunView.read(Recording.open(run)) for run in runs]

@@ -9,10 +9,10 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.recording.reader import Recording
 
-from ..graph_run import RunFiles, run_graph
-from ..plan_files import PlanError
+from ..plans.files import PlanError
+from ..runs.graph import RunFiles, run_graph
 from .common import plan_of, plan_options
 from .metrics import show_metrics
 

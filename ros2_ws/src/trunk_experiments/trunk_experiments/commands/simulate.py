@@ -8,9 +8,9 @@ from typing import Any
 
 import click
 
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.recording.reader import Recording
 
-from ..plan_files import PlanError
+from ..plans.files import PlanError
 from .common import plan_of, plan_options
 
 
@@ -35,8 +35,8 @@ def command(output: Path, force: bool, like: Path | None, **options: Any) -> Non
 
     SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.
     """
-    from ..like import plan_like
-    from ..offline_recording import record_offline
+    from ..replay.like import plan_like
+    from ..runs.offline_recording import record_offline
 
     happenings = None
     if like is not None:

@@ -15,7 +15,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from ..plan_files import PlanError
+from ..plans.files import PlanError
 
 
 @click.command("sweep")
@@ -47,8 +47,8 @@ def command(
     A sweep that was interrupted, even by kill -9, goes on where it was when the same command is given
     again. The same study gives the same file, however it was run.
     """
-    from ..study_file import read_study
-    from ..sweep import Sweep, outcome_counts, processes
+    from ..study.file import read_study
+    from ..study.sweep import Sweep, outcome_counts, processes
 
     if output.exists() and not force:
         raise PlanError(f"--output {output}: it exists; give another name, or --force")
@@ -67,7 +67,7 @@ def command(
         missing = len(sweep.missing)
         runner = processes(max(1, min(jobs or len(os.sched_getaffinity(0)), missing)))
     else:
-        from ..sweep_cluster import dask_runner
+        from ..study.cluster import dask_runner
 
         runner = dask_runner(scheduler)
     console = Console(stderr=True)

@@ -12,17 +12,17 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from trunk_control.pid import Gains
-from trunk_msgs_util.declarations import Value, build, values_of
-from trunk_msgs_util.metrics import Metrics
-from trunk_msgs_util.parameter_files import write
+from trunk_msgs_util.parameters.declarations import Value, build, values_of
+from trunk_msgs_util.parameters.files import write
 from trunk_msgs_util.units import seconds
 
-from ..nodes import NODES
-from ..plan import RunPlan, make_plan
+from ..analysis.metrics import Metrics
+from ..plans.nodes import NODES
+from ..plans.plan import RunPlan, make_plan
 from .common import print_table
 
 if TYPE_CHECKING:
-    from ..linear import Linear
+    from ..tuning.linear import Linear
 
 _METRICS = tuple(name for name in Metrics.__dataclass_fields__ if not name.startswith("theta"))
 
@@ -88,7 +88,7 @@ def command() -> None:
 )
 def poles_command(controller: str, poles: tuple[float, ...], **options: Any) -> None:
     """Place the poles of the loop: at -12, -8 and -2 unless told otherwise."""
-    from ..tuning import by_poles
+    from ..tuning.methods import by_poles
 
     plan, plant = _linear(controller, options)
     if controller == "computed_torque":
@@ -106,7 +106,7 @@ def poles_command(controller: str, poles: tuple[float, ...], **options: Any) -> 
 @click.option("--torque", default=5.0, show_default=True, help="Largest torque, N m.")
 def lqr_command(integral: float, angle: float, speed: float, torque: float, **options: Any) -> None:
     """Solve the Riccati equation; weights are one over the square of the largest acceptable values."""
-    from ..tuning import by_lqr
+    from ..tuning.methods import by_lqr
 
     plan, plant = _linear("lqr", options)
     gains = by_lqr(plant, integral, radians(angle), speed, torque)
@@ -126,7 +126,7 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
     The plant itself has neither lag nor damping, and no ultimate gain: both are declared here, and the
     margins are those of the loop that has them.
     """
-    from ..tuning import relay, ziegler_nichols
+    from ..tuning.methods import relay, ziegler_nichols
 
     plan, plant = _linear("pid", options)
     plant = plant._replace(c=damping * plant.b, lag=lag)
@@ -167,7 +167,7 @@ def optimise_command(
     For pid over the gains; for fuzzy_pid over the ranges of the gains, both universes and all three
     rule tables, symmetric in e and its rate.
     """
-    from ..tune_search import search
+    from ..tuning.search import search
 
     _check_output(options)
     plan = partial(_plan, controller, options["params"], options["settings"], options["rate"])
@@ -195,7 +195,7 @@ def optimise_command(
 
 
 def _linear(controller: str, options: dict[str, Any]) -> tuple[RunPlan, Linear]:
-    from ..linear import linearise
+    from ..tuning.linear import linearise
 
     _check_output(options)
     plan = _plan(controller, options["params"], options["settings"], options["rate"])
@@ -240,7 +240,7 @@ def _write(
 
 
 def _say_margins(plan: RunPlan, config: Any, plant: Linear | None) -> None:
-    from ..linear import Loop, linearise, margins
+    from ..tuning.linear import Loop, linearise, margins
 
     linear = plant or linearise(plan.simulator.plant)
     if plan.controller_name == "computed_torque":

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.recording import Recording
+from trunk_msgs_util.recording.reader import Recording
 
-from ..verify import Verdict, describe, verify
+from ..replay.verify import Verdict, describe, verify
 
 
 def as_values(verdict: Verdict) -> dict[str, object]:

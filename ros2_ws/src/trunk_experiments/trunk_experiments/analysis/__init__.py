@@ -1,0 +1,1 @@
+"""Numbers of one run: the table of its signals, and the metrics."""

@@ -1,0 +1,178 @@
+"""`RunTable`: a run as aligned columns, one row per true state."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.series import in_turn, joint_names, read_series
+from trunk_msgs_util.recording.whole_file import whole_file
+from trunk_msgs_util.units import NANOSECONDS
+
+CSV_COLUMNS = (
+    "t",
+    "x",
+    "theta",
+    "x_dot",
+    "theta_dot",
+    "theta_measured",
+    "reference",
+    "torque",
+    "kp",
+    "ki",
+    "kd",
+)
+_CSV_ROWS = 8192  # written at a time
+_HELD = ("reference", "kp", "ki", "kd", "alpha")
+
+
+@dataclass(frozen=True)
+class RunTable:
+    """Columns [N + 1] at the stamps of the true states; NaN where the run does not say.
+
+    ``torque[k]`` is what was applied over [t_k, t_k+1). Reference and gains are those of the
+    controller's last update, at t_k or before.
+    """
+
+    t: Floats  # s
+    x: Floats  # m
+    theta: Floats  # rad
+    x_dot: Floats  # m/s
+    theta_dot: Floats  # rad/s
+    theta_measured: Floats  # rad
+    reference: Floats  # rad
+    torque: Floats  # N m
+    kp: Floats  # N m/rad
+    ki: Floats  # N m/(rad s)
+    kd: Floats  # N m s/rad
+    alpha: Floats
+
+    @classmethod
+    def from_recording(
+        cls, recording: Recording, only: Collection[str] = ("theta_measured", *_HELD)
+    ) -> RunTable:
+        """Return a recorded run, matched by stamps. Raises RecordingError without true states.
+
+        ``only`` names what is read beside the true states and the torque; the rest is NaN.
+        """
+        truth_topic = recording.topic(topics.GROUND_TRUTH)
+        hip, trunk = _joints(recording, truth_topic)
+        measured_topic = recording.topic(topics.JOINT_STATES)
+        command_topic = recording.topic(topics.EFFORT_COMMAND)
+        state_topics = [
+            recording.topic(topics.controller_state(name)) for name in recording.controllers
+        ]
+        held = [name for name in _HELD if name in only]
+        found = read_series(
+            recording,
+            {
+                truth_topic: [
+                    ("position", hip),
+                    ("position", trunk),
+                    ("velocity", hip),
+                    ("velocity", trunk),
+                    ("effort", trunk),
+                ],
+                command_topic: [("effort", trunk)],
+                **({measured_topic: [("position", trunk)]} if "theta_measured" in only else {}),
+                **{topic: [("position", name) for name in held] for topic in state_topics if held},
+            },
+        )
+        truth = found[truth_topic]
+        at = truth.stamp_ns
+        nothing = np.broadcast_to(np.nan, at.shape)
+        columns = dict.fromkeys(("theta_measured", *_HELD), nothing)
+        if held and state_topics:
+            state = in_turn([found.pop(topic) for topic in state_topics])
+            for name in held:
+                columns[name] = _held(at, state.stamp_ns, state.column("position", name))
+        if measured_topic in found:
+            measured = found[measured_topic]
+            values = measured.column("position", trunk)
+            columns["theta_measured"] = _matched(at, measured.stamp_ns, values)
+
+        # A true state tells the torque of the step before it; only the last step's is not told.
+        effort = truth.column("effort", trunk)
+        torque = np.append(effort[1:], np.nan)
+        command = found.pop(command_topic)
+        last = _matched(at[-1:], command.stamp_ns, command.column("effort", trunk))
+        limit = _max_effort(recording, int(at[-1]))
+        torque[-1] = effort[-1] if np.isnan(last[0]) else last[0]
+        torque[-1] = np.clip(torque[-1], -limit, limit)
+        return cls(
+            t=at / NANOSECONDS,
+            x=truth.column("position", hip),
+            theta=truth.column("position", trunk),
+            x_dot=truth.column("velocity", hip),
+            theta_dot=truth.column("velocity", trunk),
+            torque=torque,
+            **columns,
+        )
+
+    def write_csv(self, path: str | Path) -> None:
+        """Write `CSV_COLUMNS`, a row per state; every number reads back to the same double."""
+        columns = [getattr(self, name) for name in CSV_COLUMNS]
+        with (
+            whole_file(Path(path)) as part,
+            part.open("w", encoding="ascii", newline="") as file,
+        ):
+            file.write(",".join(CSV_COLUMNS) + "\n")
+            for start in range(0, len(self.t), _CSV_ROWS):
+                rows = np.column_stack([c[start : start + _CSV_ROWS] for c in columns]).tolist()
+                file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
+
+
+def _held(at: Integers, stamps: Integers, values: Floats) -> Floats:
+    """Return the last of the values at or before each stamp, NaN before the first."""
+    if np.array_equal(at, stamps):
+        return values
+    rows = np.searchsorted(stamps, at, side="right")
+    return np.append(np.nan, values)[rows]
+
+
+def _matched(at: Integers, stamps: Integers, values: Floats) -> Floats:
+    """Return the values that have exactly the stamps, NaN where there is none."""
+    if np.array_equal(at, stamps):
+        return values
+    rows = np.searchsorted(stamps, at, side="right")
+    found = np.append(-1, stamps)[rows] == at
+    return np.where(found, np.append(np.nan, values)[rows], np.nan)
+
+
+def _joints(recording: Recording, topic: str) -> tuple[str, str]:
+    """Return the names of the hip's and the trunk's joint."""
+    names = joint_names(recording, topic)
+    if topic not in recording.topics or not recording.topics[topic].count:
+        raise RecordingError(
+            f"{recording.path} has no messages on {topic}: record a run with the simulator in it"
+        )
+    told = recording.parameters().get(recording.topic("simulator"), {}).get("joints")
+    if isinstance(told, tuple) and len(told) == 2:
+        joints = str(told[0]), str(told[1])
+    elif {"hip", "trunk"} <= set(names) or len(names) < 2:
+        joints = "hip", "trunk"
+    else:
+        joints = names[0], names[1]
+    for name in joints:
+        if name not in names:
+            raise RecordingError(
+                f"{recording.path}: {topic} has no joint {name!r} "
+                f"but {', '.join(names)}: set the parameter joints to its names"
+            )
+    return joints
+
+
+def _max_effort(recording: Recording, stamp_ns: int) -> float:
+    """Return the actuator's limit in N m at a state's stamp; infinite where it is not recorded."""
+    node = recording.topic("simulator")
+    limit = recording.parameters().get(node, {}).get("max_effort", np.inf)
+    for change in recording.parameter_changes():
+        if change.node == node and change.stamp_ns < stamp_ns:
+            limit = change.changed.get("max_effort", limit)
+    return limit if isinstance(limit, float) else np.inf

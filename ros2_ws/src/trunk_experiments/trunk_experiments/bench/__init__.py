@@ -1,0 +1,1 @@
+"""Speed, as ratios in one run, and what a long run must show."""

@@ -1,0 +1,141 @@
+"""What a long run in real time must show: memory that does not grow, no missed step that nobody counted.
+
+A step is missed in the sense that it was not driven by the answer to its own state. The record shows it
+without any clock: the torque over a step stands in the next true state, the answer in the command with
+the step's stamp. The simulator counts the same as it happens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import median
+
+import numpy as np
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.units import seconds
+from trunk_sim.config import SimulatorConfig
+
+from ..replay.replay import config_of
+from ..replay.verify import VERIFIED, verify
+
+SETTLED_S = 60.0
+MAX_GROWTH = 0.02
+UNANSWERED, LATE = "states unanswered", "commands late"
+IDLE, OVERDUE = "steps without a fresh command", "deadlines missed"
+# Between two messages' log times lie also the ways of both to the recorder.
+_LOG_TOLERANCE_S = 1.0
+
+
+def settled_at(duration_s: float) -> float:
+    """Return from when on memory must be flat: 60 s, in a shorter run its half.
+
+    Publishers keep their last 5000 messages: at 200 Hz a node grows by right for 25 s.
+    """
+    return min(SETTLED_S, duration_s / 2.0)
+
+
+@dataclass(frozen=True)
+class Growth:
+    """A node's memory in bytes when it had settled, and the most since."""
+
+    node: str
+    settled: float
+    most: float
+
+    @property
+    def ratio(self) -> float:
+        """Growth as a part of the settled memory."""
+        return self.most / self.settled - 1.0
+
+
+def growth(node: str, samples: Sequence[tuple[float, int]], settled_s: float) -> Growth:
+    """Return what became of a node's memory from ``(s, bytes)`` samples in their order.
+
+    The settled memory is the median of the first tenth of the samples from ``settled_s`` on.
+    Raises ValueError where there are none.
+    """
+    later = [size for t, size in samples if t >= settled_s]
+    if not later:
+        raise ValueError(f"{node}: no sample of its memory after {settled_s:g} s")
+    return Growth(node, median(later[: max(len(later) // 10, 1)]), max(later))
+
+
+@dataclass(frozen=True)
+class Steps:
+    """What a record shows of a run's steps."""
+
+    states: int
+    unanswered: int  # states without a command
+    late: int  # steps made before the command that answers their state had come
+    idle: int  # steps after the first torque that were made without any, against their command
+    lost_s: float  # by how much the wall clock ran ahead of the stamps
+
+
+def steps_of(recording: Recording) -> Steps:
+    """Return what the record of a run in real time shows; its controller answers every state.
+
+    Raises ValueError where the run has fewer than two states.
+    """
+    config: SimulatorConfig = config_of(recording, "simulator")
+    trunk = config.joints[1]
+    joints = {
+        name: recording.joints(recording.topic(name)).by_stamp()
+        for name in (topics.GROUND_TRUTH, topics.EFFORT_COMMAND)
+    }
+    truth, commands = joints[topics.GROUND_TRUTH], joints[topics.EFFORT_COMMAND]
+    if len(truth) < 2:
+        raise ValueError(f"{recording.path}: {len(truth)} states are recorded, 2 are needed")
+    answered = np.isin(truth.stamp_ns, commands.stamp_ns)
+    own = np.full(len(truth), np.nan)
+    own[answered] = commands.column("effort", trunk)[np.isin(commands.stamp_ns, truth.stamp_ns)]
+    wanted = np.clip(own, -config.max_effort, config.max_effort)[:-1]
+    applied = truth.column("effort", trunk)[1:]
+    other = applied != wanted
+    begun = np.cumsum(applied != 0.0) > 0
+    return Steps(
+        states=len(truth),
+        unanswered=int((~answered).sum()),
+        late=int((other & answered[:-1]).sum()),
+        idle=int((other & begun & (applied == 0.0)).sum()),
+        lost_s=seconds(int(np.ptp(truth.log_time_ns) - np.ptp(truth.stamp_ns))),
+    )
+
+
+def problems_of_memory(found: Sequence[Growth]) -> list[str]:
+    """Return a line for each node that grew too much."""
+    return [
+        f"{g.node}: memory grew by {g.ratio:.1%} from {g.settled / 2**20:.1f} MiB; "
+        f"less than {MAX_GROWTH:.0%} is allowed"
+        for g in found
+        if g.ratio >= MAX_GROWTH
+    ]
+
+
+def problems_of_steps(found: Steps, counted: Mapping[str, int], period_s: float) -> list[str]:
+    """Return a line for each kind of missed step of which the record shows more than was counted."""
+    problems = []
+    shown_by_name = {UNANSWERED: found.unanswered, LATE: found.late, IDLE: found.idle}
+    for name, shown in shown_by_name.items():
+        if shown > counted.get(name, 0):
+            problems.append(
+                f"{name}: the record shows {shown}, /diagnostics counted {counted.get(name, 0)}"
+            )
+    overdue_s = counted.get(OVERDUE, 0) * period_s
+    if found.lost_s > overdue_s + _LOG_TOLERANCE_S:
+        problems.append(
+            f"the run took {found.lost_s:.1f} s longer than its stamps say, the {OVERDUE} that "
+            f"/diagnostics counted make {overdue_s:.1f} s"
+        )
+    return problems
+
+
+def problems_of_file(recording: Recording) -> list[str]:
+    """Return what hinders the file from being a whole, verified run."""
+    verdict = verify(recording)
+    if verdict.exit_code == VERIFIED:
+        return []
+    reasons = [*verdict.obstacles, *verdict.altered, *(p.name for p in verdict.parts if p.first)]
+    return [f"{recording.path}: {verdict.word}: {'; '.join(reasons)}"]

@@ -1,0 +1,90 @@
+"""What a parameter file changes in a running node: compared, and told. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import yaml
+
+from trunk_msgs_util.parameters.declarations import unknown_name
+from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
+
+
+class LiveParametersError(RuntimeError):
+    """A running node that is not there, does not answer, or refuses."""
+
+
+class Change(NamedTuple):
+    """A parameter that a file sets to another value than the node has."""
+
+    name: str
+    old: object
+    new: object
+    fixed: bool  # the node takes it at its start alone
+
+    def __str__(self) -> str:
+        mark = " (fixed at start)" if self.fixed else ""
+        return f"{self.name}: {yaml_text(self.old)} -> {yaml_text(self.new)}{mark}"
+
+
+def yaml_text(value: object) -> str:
+    """Return a value as it stands in a parameter file, on one line."""
+    text: str = yaml.safe_dump(value, default_flow_style=True, width=float("inf"))
+    return text.removesuffix("...\n").strip()
+
+
+def full_name(node: str) -> str:
+    """Return a node's fully qualified name, from that or from one relative to the root."""
+    return "/" + node.strip("/")
+
+
+def said_of(node: str, layer: Layer, declared: Sequence[str]) -> dict[str, object]:
+    """Return what a file says of a node (fully qualified name) that declares these parameters.
+
+    Raises ParameterFileError where no section is for the node, and for a name that it does not declare in
+    a section that is for it by name; one with a wildcard may be for other nodes.
+    """
+    sections = [section for section in layer.sections if section.matches(node)]
+    if not sections:
+        there = ", ".join(section.pattern for section in layer.sections)
+        raise ParameterFileError(f"{layer.source}: nothing for {node} in it; it is for {there}")
+    for section in sections:
+        for name in section.values if "*" not in section.last_token else ():
+            if name not in declared:
+                raise ParameterFileError(
+                    f"{layer.source}: {section.pattern}: parameter {name!r}: "
+                    f"{unknown_name(name, declared)}"
+                )
+    return resolve(node, [layer], declared)
+
+
+def differences(
+    said: Mapping[str, object], present: Mapping[str, object], fixed: Iterable[str]
+) -> list[Change]:
+    """Return the parameters whose said value is not the present one; integers are taken for doubles."""
+    unchangeable = set(fixed)
+    changes = []
+    for name, value in said.items():
+        old, new = present[name], _alike(value, present[name])
+        if new != old or type(new) is not type(old):
+            changes.append(Change(name, old, new, name in unchangeable))
+    return changes
+
+
+def _alike(value: object, present: object) -> object:
+    """Return a number as a float where the present value is one; another type is the node's to judge."""
+    if isinstance(present, float) and type(value) is int:
+        return _as_float(value)
+    if isinstance(value, list) and isinstance(present, list):
+        floats = all(isinstance(item, float) for item in present)
+        if floats and all(type(item) in (int, float) for item in value):
+            return [_as_float(item) for item in value]
+    return value
+
+
+def _as_float(value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return float("inf")

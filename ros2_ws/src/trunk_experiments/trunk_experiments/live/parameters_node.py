@@ -1,0 +1,128 @@
+"""A running node's parameters, read and set through its own services."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from trunk_msgs_util.node import middleware
+
+from .parameters import LiveParametersError
+
+# A response that is sent before the server has matched the client is lost: then it is asked again.
+_ASK_AGAIN_S = 1.0
+
+
+class LiveParameters:
+    """The parameters of one running node; a context manager that owns its ROS context."""
+
+    def __init__(self, name: str, timeout_s: float) -> None:
+        """Take the node's fully qualified name; every step may take ``timeout_s``."""
+        self._name = name
+        self._timeout_s = timeout_s
+        middleware.prepare()
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node(
+            f"trunk_params_{time.monotonic_ns()}",
+            context=self._context,
+            start_parameter_services=False,
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._client = AsyncParameterClient(self._node, name)
+
+    def __enter__(self) -> LiveParameters:
+        """Wait for the node. Raises LiveParametersError naming the nodes that are there instead."""
+        try:
+            if not self._until(self._client.services_are_ready):
+                raise LiveParametersError(self._absent())
+            if self._names().count(self._name) > 1:
+                raise LiveParametersError(f"several nodes are named {self._name}: stop all but one")
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def names(self) -> list[str]:
+        """Return the names of the node's parameters."""
+        response = self._ask(lambda: self._client.list_parameters([], 0))
+        return list(response.result.names)
+
+    def values(self, names: Sequence[str]) -> dict[str, Any]:
+        """Return present values by name."""
+        response = self._ask(lambda: self._client.get_parameters(list(names)))
+        values = (parameter_value_to_python(value) for value in response.values)
+        return dict(zip(names, values, strict=True))
+
+    def fixed(self, names: Sequence[str]) -> list[str]:
+        """Return those of the parameters that are read-only."""
+        response = self._ask(lambda: self._client.describe_parameters(list(names)))
+        return [d.name for d in response.descriptors if d.read_only]
+
+    def set_together(self, values: Mapping[str, Any]) -> None:
+        """Set all values or none, in one call. Raises LiveParametersError with the node's reason."""
+        parameters = []
+        for name, value in values.items():
+            try:
+                parameters.append(Parameter(name, value=value).to_parameter_msg())
+            except (TypeError, ValueError, AssertionError):
+                raise LiveParametersError(
+                    f"{self._name}: parameter {name!r}: {value!r} is no value of a ROS 2 parameter"
+                ) from None
+        response = self._ask(lambda: self._client.set_parameters_atomically(parameters))
+        if not response.result.successful:
+            raise LiveParametersError(f"{self._name} refuses: {response.result.reason}")
+
+    def _names(self) -> list[str]:
+        return [n for n in self._node.get_fully_qualified_node_names() if n != self._own_name()]
+
+    def _own_name(self) -> str:
+        name: str = self._node.get_fully_qualified_name()
+        return name
+
+    def _absent(self) -> str:
+        names = sorted(set(self._names()))
+        if self._name in names:
+            return f"{self._name} does not answer within {self._timeout_s:g} s"
+        there = ", ".join(names) or "none in this ROS domain"
+        return (
+            f"no node {self._name} within {self._timeout_s:g} s; the nodes that are there: {there}"
+        )
+
+    def _until(self, condition: Callable[[], bool]) -> bool:
+        deadline = time.monotonic() + self._timeout_s
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            self._executor.spin_once(timeout_sec=0.02)
+        return True
+
+    def _ask(self, call: Callable[[], Future]) -> Any:
+        futures: list[Future] = []
+        asked = -_ASK_AGAIN_S
+
+        def answered() -> bool:
+            nonlocal asked
+            if time.monotonic() - asked > _ASK_AGAIN_S:
+                asked = time.monotonic()
+                futures.append(call())
+            return any(future.done() for future in futures)
+
+        if not self._until(answered):
+            raise LiveParametersError(self._absent())
+        return next(future for future in futures if future.done()).result()

@@ -1,0 +1,1 @@
+"""The paper: its figures reproduced, its claims judged, its misprints shown."""

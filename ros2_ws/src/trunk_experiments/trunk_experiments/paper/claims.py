@@ -1,0 +1,258 @@
+"""What the paper claims, sentence by sentence, and whether our runs bear it out.
+
+A claim is data: the sentence, and the comparisons that it comes to. Its verdict is a function of the
+numbers alone, so that none can be written by hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import isinf
+
+from .runs import Case, Runs
+
+ANGLE = 0.5  # deg: what passes for none, on a figure that spans 30 to 100 degrees
+BAND = 6.0  # deg, the settling band of the metrics
+FALLEN = 90.0  # deg
+FUZZY = ("fuzzy_as_printed", "fuzzy_zhao_1993")
+PRINTED, TABLE_1 = "pid_as_printed", "pid_ziegler_nichols"
+REPRODUCED, PARTLY, NOT = "reproduced", "partly", "not reproduced"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One comparison ``value relation bound``, true or not."""
+
+    label: str
+    value: float
+    relation: str  # "<=" or ">"
+    bound: float
+    unit: str
+    against: str = ""  # of whom the bound is, where it is a run's
+
+    @property
+    def holds(self) -> bool:
+        """Whether it is so."""
+        return self.value <= self.bound if self.relation == "<=" else self.value > self.bound
+
+    def text(self) -> str:
+        """Return it in words and numbers."""
+        what = f"{self.label}: {_shown(self.value)}"
+        word = {"<=": "at most", ">": "more than"}[self.relation]
+        whose = f" ({self.against})" if self.against else ""
+        return f"{what}, {word} {_shown(self.bound)} {self.unit}{whose}? {'yes' if self.holds else 'no'}"
+
+
+def _shown(value: float) -> str:
+    return "never" if isinf(value) else f"{value:.4g}"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A sentence of the paper and what it comes to. ``checks`` takes the runs and a profile."""
+
+    key: str
+    figures: str
+    quote: str
+    paper: str  # what it says, in short
+    tolerance: str
+    checks: Callable[[Runs, str], list[Check]]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of a claim with one set of runs."""
+
+    claim: Claim
+    checks: tuple[Check, ...]
+
+    @property
+    def word(self) -> str:
+        """``reproduced``, ``partly`` or ``not reproduced``."""
+        held = sum(check.holds for check in self.checks)
+        return REPRODUCED if held == len(self.checks) else PARTLY if held else NOT
+
+    def text(self) -> str:
+        """Return the verdict, naming what holds and what does not where it is mixed."""
+        if self.word != PARTLY:
+            return self.word
+        holds = "; ".join(check.label for check in self.checks if check.holds)
+        fails = "; ".join(check.label for check in self.checks if not check.holds)
+        return f"{PARTLY}: holds for {holds}; not for {fails}"
+
+
+def judge(claim: Claim, runs: Runs, profile: str) -> Verdict:
+    """Return the verdict on a claim by the runs of a profile."""
+    return Verdict(claim, tuple(claim.checks(runs, profile)))
+
+
+_UNITS = {
+    "overshoot_deg": "°",
+    "undershoot_deg": "°",
+    "steady_state_error_rms_deg": "°",
+    "theta_max_deg": "°",
+    "largest_deg": "°",
+    "settling_time_6deg_s": "s",
+    "iae": "rad s",
+}
+_WORDS = {
+    "overshoot_deg": "overshoot",
+    "undershoot_deg": "undershoot",
+    "steady_state_error_rms_deg": "steady-state error, RMS",
+    "theta_max_deg": "largest angle",
+    "largest_deg": "largest angle either way",
+    "settling_time_6deg_s": "settling time",
+    "iae": "IAE",
+}
+
+
+def _within(
+    figure: str, contenders: tuple[str, ...], key: str, bound: float, relation: str = "<="
+) -> Callable[[Runs, str], list[Check]]:
+    """Return the checks of a metric against a fixed bound."""
+
+    def checks(runs: Runs, profile: str) -> list[Check]:
+        return [
+            Check(
+                f"{figure} {name}, {_WORDS[key]}",
+                runs[Case(profile, figure, name)].value(key),
+                relation,
+                bound,
+                _UNITS[key],
+            )
+            for name in contenders
+        ]
+
+    return checks
+
+
+def _pid_worse(figure: str, key: str) -> Callable[[Runs, str], list[Check]]:
+    """Return the checks that each PID's metric is larger than Fuzzy-PID's with the printed tables."""
+
+    def checks(runs: Runs, profile: str) -> list[Check]:
+        bound = runs[Case(profile, figure, FUZZY[0])].value(key)
+        return [
+            Check(
+                f"{figure} {name}, {_WORDS[key]} above Fuzzy-PID's",
+                runs[Case(profile, figure, name)].value(key),
+                ">",
+                bound,
+                _UNITS[key],
+                FUZZY[0],
+            )
+            for name in (PRINTED, TABLE_1)
+        ]
+
+    return checks
+
+
+def _all(*parts: Callable[[Runs, str], list[Check]]) -> Callable[[Runs, str], list[Check]]:
+    return lambda runs, profile: [check for part in parts for check in part(runs, profile)]
+
+
+_PIDS = (PRINTED, TABLE_1)
+_COMPARED = "none: the two numbers are compared"
+
+CLAIMS = (
+    Claim(
+        "fuzzy-overshoot",
+        "6",
+        "the Fuzzy control strategy have not any overshoot and undershoot",
+        "overshoot 0, undershoot 0",
+        f"{ANGLE:g}°",
+        _all(
+            _within("fig6", FUZZY, "overshoot_deg", ANGLE),
+            _within("fig6", FUZZY, "undershoot_deg", ANGLE),
+        ),
+    ),
+    Claim(
+        "fuzzy-steady",
+        "6",
+        "and has steady behavior in the response of zero reference input",
+        "steady",
+        f"{ANGLE:g}° RMS over the last 2 s",
+        _within("fig6", FUZZY, "steady_state_error_rms_deg", ANGLE),
+    ),
+    Claim(
+        "pid-steady-state",
+        "6",
+        "while the PID controller has not only steady state error",
+        "PID's error stays, Fuzzy-PID's does not",
+        _COMPARED,
+        _pid_worse("fig6", "steady_state_error_rms_deg"),
+    ),
+    Claim(
+        "pid-overshoot",
+        "6",
+        "but also some overshoot in the process",
+        "PID overshoots",
+        f"{ANGLE:g}°",
+        _within("fig6", _PIDS, "overshoot_deg", ANGLE, ">"),
+    ),
+    Claim(
+        "pid-overshoot-more",
+        "6",
+        "It can be seen that proposed control method has fast response, low overshoot and error",
+        "Fuzzy-PID is the faster, with less overshoot and error",
+        _COMPARED,
+        _all(
+            _pid_worse("fig6", "settling_time_6deg_s"),
+            _pid_worse("fig6", "overshoot_deg"),
+            _pid_worse("fig6", "iae"),
+        ),
+    ),
+    Claim(
+        "fuzzy-balances",
+        "7",
+        "It is illustrated clearly in Fig.7 that the PID-fuzzy controllers is balanced the unstable "
+        "system as well",
+        "the trunk stays up",
+        f"{BAND:g}° RMS over the last 2 s",
+        _within("fig7", FUZZY, "steady_state_error_rms_deg", BAND),
+    ),
+    Claim(
+        "pid-70-80",
+        "7",
+        "the PID controller in comparison of Fuzzy-PID strategy has great overshoot at abrupt changing "
+        "of input around 70-80 degree",
+        "PID reaches 70 to 80°",
+        "above 70°, and above Fuzzy-PID's overshoot; at 1 kHz: the printed PID depends on the rate",
+        _all(
+            _within("fig7", _PIDS, "theta_max_deg", 70.0, ">"), _pid_worse("fig7", "overshoot_deg")
+        ),
+    ),
+    Claim(
+        "fuzzy-tracks",
+        "7",
+        "is results accurate tracking of the reference input for the trunk angle",
+        "accurate, better than PID",
+        f"{ANGLE:g}° RMS over the last 2 s; IAE compared",
+        _all(
+            _within("fig7", FUZZY, "steady_state_error_rms_deg", ANGLE), _pid_worse("fig7", "iae")
+        ),
+    ),
+    Claim(
+        "fuzzy-robust",
+        "8, 9",
+        "According of Fig 8-9, the Fuzzy-PID controller provides a more robust system against the "
+        "external disturbances and human body walks appropriately",
+        "Fuzzy-PID errs less under pulses, and does not fall",
+        "IAE compared; 90°, where the trunk has fallen",
+        _all(
+            _pid_worse("fig8", "iae"),
+            _pid_worse("fig9", "iae"),
+            _within("fig8", FUZZY, "largest_deg", FALLEN),
+            _within("fig9", FUZZY, "largest_deg", FALLEN),
+        ),
+    ),
+    Claim(
+        "pid-nearly-falls",
+        "9",
+        "Due to poor performance and unstable response of the PID controller on reference changes under "
+        "abrupt disturbance, the human body severely is the boundary of instability",
+        "PID is close to falling",
+        "beyond 90°, where the trunk has fallen, and beyond Fuzzy-PID",
+        _all(_within("fig9", _PIDS, "largest_deg", FALLEN, ">"), _pid_worse("fig9", "largest_deg")),
+    ),
+)

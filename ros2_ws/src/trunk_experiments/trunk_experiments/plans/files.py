@@ -1,0 +1,77 @@
+"""What a user names a run by: scenarios, parameter files, single values."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from importlib.resources import files
+from pathlib import Path
+
+import yaml
+
+from trunk_msgs_util.parameters.files import Layer, Section, read
+
+from .nodes import NODES
+
+# The profile on which a shipped scenario rests.
+SCENARIOS: dict[str, str] = {
+    "fig6": "profile_paper",
+    "fig7": "profile_paper",
+    "fig8": "profile_paper",
+    "fig9": "profile_paper",
+    "demo": "profile_practical",
+}
+
+
+class PlanError(ValueError):
+    """A run that cannot be: what is wrong, its value, what is allowed."""
+
+
+def shipped_files() -> dict[str, Path]:
+    """Return the shipped parameter files by bare name."""
+    folder = Path(str(files("trunk_experiments"))) / "config"
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def find_file(name: str) -> Path:
+    """Return a parameter file's path from a shipped bare name or a path.
+
+    Raises PlanError listing the shipped names.
+    """
+    shipped = shipped_files()
+    if name in shipped:
+        return shipped[name]
+    path = Path(name)
+    if path.is_file():
+        return path
+    raise PlanError(
+        f"no parameter file {name!r}: give a path, or one of {', '.join(sorted(shipped))}"
+    )
+
+
+def scenario_layers(scenario: str) -> list[Layer]:
+    """Return a scenario's layers: the profile it rests on, then its own file."""
+    if scenario in SCENARIOS:
+        return [read(find_file(SCENARIOS[scenario])), read(find_file(scenario))]
+    if Path(scenario).is_file():
+        return [read(Path(scenario))]
+    raise PlanError(
+        f"no scenario {scenario!r}: give one of {', '.join(SCENARIOS)}, or a parameter file's path"
+    )
+
+
+def parse_setting(text: str) -> Layer:
+    """Return the layer that ``NODE.PARAM=VALUE`` stands for; VALUE is YAML. Raises PlanError."""
+    target, equals, value_text = text.partition("=")
+    node, dot, name = target.partition(".")
+    if not equals or not dot or node not in NODES:
+        raise PlanError(
+            f"--set {text!r}: NODE.PARAM=VALUE is needed, NODE one of {', '.join(NODES)}"
+        )
+    try:
+        value = yaml.safe_load(value_text)
+    except yaml.YAMLError:
+        raise PlanError(f"--set {text!r}: the value is not YAML") from None
+    if isinstance(value, str):
+        with suppress(ValueError):
+            value = float(value)  # "1e3" is a number to ROS, but not to YAML 1.1
+    return Layer(f"--set {text}", (Section(node, {name: value}),))

@@ -1,0 +1,243 @@
+"""A run's plan: which nodes, with which values, from a scenario, parameter files and a command line.
+
+The plan is made once and in one way for an offline run and for the graph, so that both run the same.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from dataclasses import replace as with_values
+from math import inf
+from pathlib import Path
+from typing import Any
+
+from trunk_control.controller_config import ControllerConfig
+from trunk_control.schedule import active_at
+from trunk_msgs_util.parameters.config import RecorderConfig
+from trunk_msgs_util.parameters.declarations import ParameterError, build, declarations, values_of
+from trunk_msgs_util.parameters.files import (
+    Layer,
+    ParameterFileError,
+    Section,
+    check_names,
+    read,
+    resolve,
+    write,
+)
+from trunk_msgs_util.units import seconds
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.disturbance_config import DisturbanceConfig
+
+from .files import PlanError, find_file, parse_setting, scenario_layers
+from .nodes import CONTROLLERS, NODES, declared_names
+from .turns import Swap, turns_of
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """Everything that decides a run; ``disturbance`` is None where nothing disturbs.
+
+    ``successors`` are the controllers that take turns with the first, by their ``active.times``.
+    """
+
+    scenario: str
+    controller_name: str
+    simulator: SimulatorConfig
+    controller: ControllerConfig
+    disturbance: DisturbanceConfig | None
+    recorder: RecorderConfig
+    warnings: tuple[str, ...] = ()
+    namespace: str = ""  # of all nodes: empty, or "/name"
+    successors: Mapping[str, ControllerConfig] = field(default_factory=dict)
+
+    @property
+    def controllers(self) -> dict[str, ControllerConfig]:
+        """The configurations of all controllers, the first to act first."""
+        return {self.controller_name: self.controller, **self.successors}
+
+    @property
+    def turns(self) -> str:
+        """The controllers for people, in the order of their first turns: ``pid``, ``pid, fuzzy_pid``."""
+        return ", ".join(self.controllers)
+
+    @property
+    def configs(self) -> dict[str, Any]:
+        """The configurations of the nodes that run, by node name."""
+        optional = {} if self.disturbance is None else {"disturbance": self.disturbance}
+        return {
+            "recorder": self.recorder,
+            **self.controllers,
+            **optional,
+            "simulator": self.simulator,
+        }
+
+    def unrecorded(self) -> RunPlan:
+        """Return the plan of the same run without its recorder: nobody waits for one."""
+        wait_for = tuple(name for name in self.simulator.wait_for if name != "recorder")
+        return with_values(self, simulator=with_values(self.simulator, wait_for=wait_for))
+
+    def write_parameters(self, path: Path) -> None:
+        """Write the whole plan as one ROS 2 parameter file, by fully qualified node names."""
+        write(
+            path,
+            {f"{self.namespace}/{name}": values_of(c) for name, c in self.configs.items()},
+        )
+
+
+def make_plan(
+    scenario: str,
+    controller: str,
+    params: Sequence[str] = (),
+    settings: Sequence[str] = (),
+    everywhere: Mapping[str, object] | None = None,
+    namespace: str = "",
+    swaps: Sequence[Swap] = (),
+) -> RunPlan:
+    """Return the plan of a run; later layers win: profile, scenario, params, ``everywhere``, settings.
+
+    ``everywhere``: values for all nodes that declare them (``duration``, ``update_rate``).
+    ``namespace``: of all nodes, empty or "/name"; relative node names in the files stand within it.
+    ``swaps``: who takes over when; they decide every controller's ``active.times``.
+    Raises PlanError, ParameterFileError or ParameterError, each a line that says what to do.
+    """
+    if controller not in CONTROLLERS:
+        raise PlanError(f"no controller {controller!r}: give one of {', '.join(CONTROLLERS)}")
+    layers = scenario_layers(scenario)
+    layers += [read(find_file(name)) for name in params]
+    if everywhere:
+        layers.append(Layer("the command line", (Section("/**", dict(everywhere)),)))
+    layers += [parse_setting(text) for text in settings]
+    check_names(layers, declared_names())
+    layers = [layer.within(namespace) for layer in layers]
+    name = Path(scenario).stem
+    simulator = _build("simulator", layers, namespace)
+    disturbance = _build("disturbance", layers, namespace)
+    participants = ("effort_command", "disturbance") if disturbance.active else ("effort_command",)
+    lockstep = simulator.lockstep
+    turns = turns_of(controller, swaps)
+    controllers = {
+        node: with_values(
+            _build(node, layers, namespace),
+            lockstep=lockstep,
+            **({"active_times": times} if swaps else {}),
+        )
+        for node, times in turns.items()
+    }
+    return _checked(
+        RunPlan(
+            scenario=name,
+            controller_name=controller,
+            simulator=with_values(
+                simulator,
+                wait_for=(*participants, "recorder"),
+                controllers=tuple(node for node, c in controllers.items() if c.active_times),
+            ),
+            controller=controllers.pop(controller),
+            successors=controllers,
+            disturbance=disturbance if disturbance.active else None,
+            recorder=with_values(
+                _build("recorder", layers, namespace),
+                controllers=tuple(turns),
+                scenario=name,
+                mode="lockstep" if lockstep else "real_time",
+                lockstep_topics=("ground_truth/joint_states", "joint_states", *participants),
+            ),
+            namespace=namespace,
+        )
+    )
+
+
+def checked_namespace(text: str) -> str:
+    """Return a namespace as a plan takes it, from a user's ``robot1`` or ``/robot1``; empty: none.
+
+    Raises PlanError.
+    """
+    if text in ("", "/"):
+        return ""
+    namespace = "/" + text.strip("/")
+    if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", namespace):
+        raise PlanError(
+            f"namespace {text!r} is not allowed: letters, digits and _, no digit first, "
+            "such as robot1 or left/robot1"
+        )
+    return namespace
+
+
+def _build(node: str, layers: Sequence[Layer], namespace: str) -> Any:
+    config = NODES[node].config
+    full_name = f"{namespace}/{node}"
+    try:
+        return build(config, resolve(full_name, layers, declarations(config)))
+    except ParameterError as error:
+        source = _source(full_name, error.name, layers)
+        raise ParameterFileError(f"{source}: {node}: {error}") from None
+
+
+def _source(node: str, name: str, layers: Sequence[Layer]) -> str:
+    """Return the layer that gave a node its value of a parameter."""
+    for layer in reversed(layers):
+        if any(s.matches(node) and name in s.values for s in layer.sections):
+            return layer.source
+    return "defaults"
+
+
+def _checked(plan: RunPlan) -> RunPlan:
+    plant = plan.simulator.update_rate
+    for name, controller in plan.controllers.items():
+        control = controller.update_rate
+        if control > plant * (1.0 + 1e-9):
+            raise PlanError(
+                f"{name}: update_rate {control:g} Hz is above the simulator's {plant:g} Hz: "
+                "a controller answers states, and there are no more of them"
+            )
+        ratio = plant / control
+        if abs(ratio - round(ratio)) > 1e-6 * ratio:
+            raise PlanError(
+                f"{name}: update_rate {control:g} Hz is no integer divisor of the "
+                f"simulator's {plant:g} Hz: its period would not be a whole number of steps"
+            )
+        for joint in (controller.joint, controller.hip):
+            if joint is not None and joint not in plan.simulator.joints:
+                raise PlanError(
+                    f"{name}: joint {joint!r} is none of the simulator's "
+                    f"joints: {', '.join(plan.simulator.joints)}"
+                )
+    _check_turns(plan)
+    return with_values(plan, warnings=tuple(_advice(plan)))
+
+
+def _check_turns(plan: RunPlan) -> None:
+    """Raise PlanError where not exactly one controller acts at each time of the run."""
+    end = plan.simulator.duration or inf
+    turns = {name: c.active_times_ns for name, c in plan.controllers.items()}
+    for time_ns in sorted({0, *(t for times in turns.values() for t in times)}):
+        acting = [name for name, times in turns.items() if active_at(times, time_ns)]
+        if len(acting) != 1 and seconds(time_ns) <= end:
+            raise PlanError(
+                f"active.times: {' and '.join(acting) or 'no controller'} would act at "
+                f"t = {seconds(time_ns):g} s: one at a time is needed, at each time"
+            )
+
+
+def _advice(plan: RunPlan) -> Iterable[str]:
+    """Warn where the derivative gain comes near the bound of the sampled loop.
+
+    ``Kd h < 2 m l^2 M / (M + m)``: the torque of one sample must not overturn the rate that it damps.
+    """
+    plant = plan.simulator.plant
+    inertia = plant.trunk_mass * plant.length**2
+    if not plant.prescribed:
+        inertia *= plant.hip_mass / (plant.hip_mass + plant.trunk_mass)
+    for controller in plan.controllers.values():
+        kd = controller.damping_gain
+        period = seconds(controller.period_ns)
+        bound = 2.0 * inertia / period
+        if kd > 0.5 * bound * (1.0 - 1e-9):
+            state = "beyond" if kd >= bound else "near"
+            yield (
+                f"kd = {kd:g} N m s/rad is {state} the bound {bound:g} of the sampled loop at "
+                f"{1.0 / period:g} Hz: results depend on the rate"
+                + ("; the loop is unstable" if kd >= bound else "")
+            )

@@ -1,0 +1,101 @@
+"""What happened to a node during a run, as its record tells it: parameters, resets, turns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from itertools import compress, pairwise
+from typing import Any, Protocol
+
+from trunk_control.controller import Controller, Seen
+from trunk_control.controller_config import ControllerConfig
+from trunk_msgs_util.parameters.declarations import Value, build, values_of
+from trunk_msgs_util.recording.reader import Recording
+
+from .nodes import CONTROLLERS
+
+RESET, ACTIVATED, DEACTIVATED = "reset", "activated", "deactivated"
+
+
+@dataclass(frozen=True)
+class Change:
+    """What happened between two states: it takes effect on the first state after the stamp."""
+
+    stamp_ns: int
+    values: Mapping[str, Value] | None  # of parameters; None: an event
+    event: str = RESET
+
+
+class Tunable(Protocol):
+    """A controller or a simulation."""
+
+    def retune(self, config: Any) -> None:
+        """Take a new configuration."""
+
+    def reset(self) -> None:
+        """Forget the past."""
+
+
+class Timeline:
+    """A node's configuration as the stamps go by."""
+
+    def __init__(
+        self,
+        config: Any,
+        changes: Iterable[Change] = (),
+        seen: Callable[[int], Seen | None] = lambda _stamp_ns: None,
+    ) -> None:
+        """``seen`` returns what a controller saw at a stamp, where it becomes active after it."""
+        self.config = config
+        self._seen = seen
+        # The next one last; those between the same two states in their order.
+        self._changes = sorted(changes, key=lambda change: change.stamp_ns)[::-1]
+
+    def advance(self, stamp_ns: int, target: Tunable | None = None) -> bool:
+        """Apply, also to ``target``, what takes effect on the state with this stamp; True if any did."""
+        applied = False
+        while self._changes and self._changes[-1].stamp_ns < stamp_ns:
+            applied = True
+            change = self._changes.pop()
+            if change.values is not None:
+                self.config = build(type(self.config), {**values_of(self.config), **change.values})
+                if target is not None:
+                    target.retune(self.config)
+            elif change.event == RESET:
+                if target is not None:
+                    target.reset()
+            elif isinstance(target, Controller):
+                if change.event == ACTIVATED:
+                    target.activate(self._seen(change.stamp_ns))
+                else:
+                    target.deactivate()
+        return applied
+
+
+def begins_active(config: ControllerConfig, changes: Iterable[Change]) -> bool:
+    """Return True where a controller acts from the first state on, and no event is there to say so."""
+    told = any(change.event == ACTIVATED for change in changes)
+    return config.autostart and not config.active_times and not told
+
+
+def changes_of(recording: Recording, node: str) -> list[Change]:
+    """Return a node's changes of parameters and resets, and a controller's turns."""
+    name = recording.topic(node)
+    changes = [
+        Change(change.stamp_ns, change.changed)
+        for change in recording.parameter_changes()
+        if change.node == name
+    ]
+    # The plant's own turns are pauses: simulated time stands still in them.
+    wanted = (RESET, ACTIVATED, DEACTIVATED) if node in CONTROLLERS else (RESET,)
+    events = [
+        Change(event.stamp_ns, None, event.message)
+        for event in recording.events()
+        if event.node == name and event.message in wanted
+    ]
+    # A controller that joins a run under way says so a second time: it is active from there on.
+    stays = [
+        not (one.event == after.event == ACTIVATED and one.stamp_ns < after.stamp_ns)
+        for one, after in pairwise(events)
+    ]
+    return [*changes, *compress(events, [*stays, True])]

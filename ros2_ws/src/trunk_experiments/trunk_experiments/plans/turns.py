@@ -1,0 +1,50 @@
+"""Controllers that take over from one another: who acts when, by a user's words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from math import isfinite
+from typing import NamedTuple
+
+from .files import PlanError
+from .nodes import CONTROLLERS
+
+
+class Swap(NamedTuple):
+    """A controller that takes over at a time in s."""
+
+    time: float
+    controller: str
+
+
+def turns_of(first: str, swaps: Sequence[Swap]) -> dict[str, tuple[float, ...]]:
+    """Return each controller's ``active.times``, by name in the order of their first turns.
+
+    Raises PlanError for swaps that do not ascend in time, or that change nothing.
+    """
+    turns: dict[str, list[float]] = {first: [0.0]}
+    now, acting = 0.0, first
+    for time, name in swaps:
+        if time <= now:
+            raise PlanError(
+                f"swap at {time:g}:{name}: times must be above 0 and ascend; before it {now:g}"
+            )
+        if name == acting:
+            raise PlanError(f"swap at {time:g}:{name}: {name} acts at that time already")
+        turns[acting].append(time)
+        turns.setdefault(name, []).append(time)
+        now, acting = time, name
+    return {name: tuple(times) for name, times in turns.items()}
+
+
+def parse_swap(text: str) -> Swap:
+    """Return the swap that ``T:CONTROLLER`` stands for, T in s. Raises PlanError."""
+    time_text, colon, name = text.partition(":")
+    with suppress(ValueError):
+        time = float(time_text)
+        if colon and name in CONTROLLERS and isfinite(time):
+            return Swap(time, name)
+    raise PlanError(
+        f"swap at {text!r}: T:CONTROLLER is needed, T in s, CONTROLLER one of {', '.join(CONTROLLERS)}"
+    )

@@ -1,0 +1,1 @@
+"""What was run, judged: recomputed, compared, explained, run again."""

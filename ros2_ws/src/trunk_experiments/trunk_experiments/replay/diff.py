@@ -1,0 +1,149 @@
+"""Two recordings compared topic by topic, by stamp, bit by bit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording.joint_arrays import QUANTITIES, JointArrays
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.units import seconds
+
+from .bits import ulps
+
+# In the order in which a difference travels through one step of the loop.
+_TOPICS = (topics.GROUND_TRUTH, topics.DISTURBANCE, topics.JOINT_STATES, topics.EFFORT_COMMAND)
+
+
+class FirstDifference(NamedTuple):
+    """Where two runs part: at this stamp, in this field. None stands for "not there"."""
+
+    stamp_ns: int
+    topic: str
+    field: str
+    a: float | None
+    b: float | None
+
+    def describe(self) -> str:
+        """Return it as one line: where, both values, how far apart."""
+        head = f"t = {seconds(self.stamp_ns):g} s: {self.topic}: {self.field}"
+        if self.a is None or self.b is None:
+            return f"{head}: only in {'B' if self.a is None else 'A'}"
+        distance = ulps(self.a, self.b)
+        apart = "" if distance is None else f", {distance} ULP apart"
+        return f"{head}: {self.a!r} in A, {self.b!r} in B{apart}"
+
+
+@dataclass
+class RunDiff:
+    """All that differs between two runs. Data decide; parameters and provenance explain."""
+
+    compared: int = 0  # messages
+    differing_steps: int = 0
+    first: FirstDifference | None = None
+    parameters: list[str] = field(default_factory=list)
+    provenance: list[str] = field(default_factory=list)
+
+    @property
+    def identical(self) -> bool:
+        """True where every message of every compared topic has the same bits."""
+        return self.first is None
+
+
+def diff(a: Recording, b: Recording, terms: bool = True) -> RunDiff:
+    """Compare two runs. Namespaces do not count; what each controller says of itself does, by ``terms``."""
+    result = RunDiff()
+    steps: set[int] = set()
+    firsts = []
+    for relative in (*_TOPICS, *(_state_topics(a, b) if terms else ())):
+        here, there = a.joints(a.topic(relative)), b.joints(b.topic(relative))
+        result.compared += max(len(here), len(there))
+        stamps, first = _compare(relative, here, there)
+        steps.update(stamps)
+        firsts += [first] if first else []
+    result.differing_steps = len(steps)
+    result.first = min(
+        firsts, key=lambda f: f.stamp_ns, default=None
+    )  # min keeps the topics' order
+    result.parameters = _parameters(a, b)
+    result.provenance = _mappings("", dict(a.provenance), dict(b.provenance))
+    return result
+
+
+def _state_topics(a: Recording, b: Recording) -> list[str]:
+    names = dict.fromkeys([*a.controllers, *b.controllers])
+    return [topics.controller_state(name) for name in names]
+
+
+def _compare(
+    relative: str, a: JointArrays, b: JointArrays
+) -> tuple[set[int], FirstDifference | None]:
+    """Return the stamps at which a topic differs, and the first difference."""
+    steps: set[int] = set()
+    firsts = []
+    for side, one, other in (("A", a, b), ("B", b, a)):
+        lone = np.setdiff1d(one.stamp_ns, other.stamp_ns)
+        doubled = len(one) - len(np.unique(one.stamp_ns))
+        if doubled and len(one) != len(other):
+            lone = np.union1d(lone, one.stamp_ns[:1])
+        if len(lone):
+            steps.update(lone.tolist())
+            values = (1.0, None) if side == "A" else (None, 1.0)
+            firsts.append(FirstDifference(int(lone[0]), relative, "message", *values))
+    _, rows_a, rows_b = np.intersect1d(a.stamp_ns, b.stamp_ns, return_indices=True)
+    stamps = a.stamp_ns[rows_a]
+    if not len(stamps):
+        return steps, min(firsts, key=lambda f: f.stamp_ns, default=None)
+    if a.names != b.names:
+        firsts.append(FirstDifference(int(stamps[0]), relative, "name", None, 1.0))
+        return steps, min(firsts, key=lambda f: f.stamp_ns)
+    for quantity in QUANTITIES:
+        x, y = getattr(a, quantity)[rows_a], getattr(b, quantity)[rows_b]
+        if x.shape != y.shape:
+            firsts.append(FirstDifference(int(stamps[0]), relative, quantity, None, 1.0))
+            continue
+        unequal = np.ascontiguousarray(x).view(np.int64) != np.ascontiguousarray(y).view(np.int64)
+        rows = np.flatnonzero(unequal.any(axis=1))
+        if len(rows):
+            row = int(rows[0])
+            column = int(np.flatnonzero(unequal[row])[0])
+            steps.update(stamps[rows].tolist())
+            firsts.append(
+                FirstDifference(
+                    int(stamps[row]),
+                    relative,
+                    f"{quantity}[{a.names[column]}]",
+                    float(x[row, column]),
+                    float(y[row, column]),
+                )
+            )
+    return steps, min(firsts, key=lambda f: f.stamp_ns, default=None)
+
+
+def _parameters(a: Recording, b: Recording) -> list[str]:
+    def by_node(recording: Recording) -> dict[str, dict[str, object]]:
+        return {
+            name.removeprefix(recording.namespace).lstrip("/"): dict(values)
+            for name, values in recording.parameters().items()
+        }
+
+    here, there = by_node(a), by_node(b)
+    lines = []
+    for node in sorted(here.keys() | there.keys()):
+        if node not in here or node not in there:
+            lines.append(f"{node}: only in {'A' if node in here else 'B'}")
+        else:
+            lines += _mappings(f"{node}: ", here[node], there[node])
+    return lines
+
+
+def _mappings(prefix: str, a: dict[str, object], b: dict[str, object]) -> list[str]:
+    absent = "(none)"
+    return [
+        f"{prefix}{key}: {a.get(key, absent)} in A, {b.get(key, absent)} in B"
+        for key in sorted(a.keys() | b.keys())
+        if a.get(key, absent) != b.get(key, absent)
+    ]

@@ -1,0 +1,169 @@
+"""What is wrong with a recording, and where: the file's structure first, then what it tells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from trunk_msgs_util import topics as names
+from trunk_msgs_util.recording.bag_folder import bag_folder
+from trunk_msgs_util.recording.joint_arrays import QUANTITIES, Integers, JointArrays
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.structure import ERROR, INFO, WARNING, Finding, structure
+from trunk_msgs_util.units import period_ns as period_of
+from trunk_msgs_util.units import seconds
+
+from ..plans.nodes import CONTROLLERS
+from ..plans.timeline import DEACTIVATED, changes_of
+
+__all__ = ["ERROR", "INFO", "WARNING", "Finding", "examine"]
+
+_EXAMPLES = 3  # places that are named of one kind of finding on one topic
+_EXACT = ("lockstep", "offline")  # modes in which every state is answered
+_GAP = 1.5  # periods between two messages, from which on there is a gap
+
+
+def examine(
+    path: str | Path, progress: Callable[[int, int], None] = lambda _done, _of: None
+) -> list[Finding]:
+    """Return all findings on an MCAP file or a rosbag2 folder; none of severity "error" or "warning"
+    for a sound run.
+
+    Raises RecordingError where the path is not there or not a recording at all.
+    """
+    path = Path(path)
+    recording = Recording.open(path, progress)
+    found: list[Finding] = []
+    files = bag_folder(path).files if path.is_dir() else [path]
+    try:
+        for file in files:
+            found += structure(file)
+    except OSError as error:
+        raise RecordingError(f"{path}: {error.strerror}: give a file that can be read") from None
+    # What the scan says of a damaged byte, the structure has said with its place.
+    known = {finding.message for finding in found}
+    found += [
+        Finding(WARNING if warning.startswith("recorded by") else ERROR, warning)
+        for warning in recording.warnings
+        if not any(warning.endswith(message) for message in known)
+    ]
+    found += _provenance(recording)
+    found += [
+        Finding(ERROR, "its messages are not those that the recorder wrote (digest)", topic)
+        for topic in recording.altered_topics()
+    ]
+    try:
+        for name, topic in sorted(recording.topics.items()):
+            if topic.type == names.JOINT_STATE_TYPE and topic.count:
+                found += _joints(recording, name)
+    except RecordingError as error:
+        found.append(Finding(ERROR, str(error).removeprefix(f"{path}: ")))
+    return found
+
+
+def _provenance(recording: Recording) -> Iterator[Finding]:
+    if not recording.provenance:
+        yield Finding(WARNING, "no provenance: scenario, versions and mode are not known")
+    try:
+        nodes = {name.rsplit("/", 1)[-1] for name in recording.parameters()}
+        recording.events()
+    except RecordingError as error:
+        yield Finding(ERROR, str(error).removeprefix(f"{recording.path}: "))
+        return
+    for missing in sorted({*recording.controllers, "simulator"} - nodes):
+        yield Finding(WARNING, f"no parameters of {missing}: the run cannot be rebuilt")
+    truth = recording.topics.get(recording.topic(names.GROUND_TRUTH))
+    if truth is None or not truth.count:
+        yield Finding(WARNING, "no true states", recording.topic(names.GROUND_TRUTH))
+    if not recording.controllers:
+        yield Finding(WARNING, "no controller's ~/state: reference and gains are not known")
+
+
+def _joints(recording: Recording, topic: str) -> Iterator[Finding]:
+    joints = recording.joints(topic)
+    yield from _numbers(joints, topic)
+    owner = {
+        recording.topic(names.controller_state(name)): name for name in recording.controllers
+    }.get(topic)
+    is_state = owner is not None
+    answers = is_state or topic == recording.topic(names.EFFORT_COMMAND)
+    exact = recording.provenance.get("mode") in _EXACT
+    # In real time the newest state is answered: some of them twice, some never.
+    loose = answers and not exact
+    several = topic == recording.topic(names.EFFORT_COMMAND) and len(recording.controllers) > 1
+    # Of controllers that take turns, each one's commands are in order; together they need not be.
+    yield from _order(joints.stamp_ns, topic, INFO if loose or several else WARNING)
+    by_simulator = {
+        recording.topic(name)
+        for name in (
+            names.GROUND_TRUTH,
+            names.JOINT_STATES,
+            names.DISTURBANCE,
+            *([names.EFFORT_COMMAND] if exact else []),
+        )
+    }
+    if answers or topic in by_simulator:
+        node = "simulator" if topic in by_simulator else owner or recording.controller or ""
+        rate = recording.parameters().get(recording.topic(node), {}).get("update_rate")
+        known = isinstance(rate, float) and rate > 0.0
+        period_ns = period_of(rate) if isinstance(rate, float) and known else None
+        severity = WARNING if known and not loose else INFO
+        for turn in _turns(recording, owner, np.unique(joints.stamp_ns)):
+            yield from _gaps(turn, topic, period_ns, severity)
+
+
+def _turns(recording: Recording, controller: str | None, stamps: Integers) -> list[Integers]:
+    """Return the stamps of each of a controller's turns: it has nothing to say between them."""
+    ends = [
+        change.stamp_ns
+        for change in (changes_of(recording, controller) if controller in CONTROLLERS else ())
+        if change.event == DEACTIVATED
+    ]
+    return np.split(stamps, np.searchsorted(stamps, sorted(ends), side="right"))
+
+
+def _order(stamp_ns: Integers, topic: str, severity: str) -> Iterator[Finding]:
+    steps = np.diff(stamp_ns)
+    for rows, what in (
+        (np.flatnonzero(steps < 0), "the stamp is before the one of the message before it"),
+        (np.flatnonzero(steps == 0), "the stamp stands twice"),
+    ):
+        yield from _places(severity, what, topic, stamp_ns[rows + 1])
+
+
+def _gaps(stamps: Integers, topic: str, period_ns: int | None, severity: str) -> Iterator[Finding]:
+    """Yield where steps are missing: by the period, or by the median distance of the stamps."""
+    steps = np.diff(stamps)
+    if not len(steps):
+        return
+    period = period_ns or int(np.median(steps))
+    wide = np.flatnonzero(steps > _GAP * period)
+    missing = np.rint(steps[wide] / period).astype(np.int64) - 1
+    by = f"a period of {period / 1e6:g} ms{'' if period_ns else ', the median'}"
+    for row, count in list(zip(wide.tolist(), missing.tolist(), strict=True))[:_EXAMPLES]:
+        text = f"steps are missing behind this stamp: {count} at {by}"
+        yield Finding(severity, text, topic, int(stamps[row]))
+    if len(wide) > _EXAMPLES:
+        text = f"steps are missing in {len(wide)} places, {int(missing.sum())} in all at {by}"
+        yield Finding(severity, text, topic, int(stamps[wide[0]]))
+
+
+def _numbers(joints: JointArrays, topic: str) -> Iterator[Finding]:
+    for quantity in QUANTITIES:
+        values = getattr(joints, quantity)
+        for column in range(values.shape[1]):
+            bad = np.flatnonzero(~np.isfinite(values[:, column]))
+            if len(bad):
+                what = f"{quantity}[{joints.names[column]}] is {values[bad[0], column]}"
+                yield from _places(ERROR, what, topic, joints.stamp_ns[bad])
+
+
+def _places(severity: str, what: str, topic: str, stamps: Integers) -> Iterator[Finding]:
+    for stamp in stamps[:_EXAMPLES].tolist():
+        yield Finding(severity, what, topic, stamp)
+    if len(stamps) > _EXAMPLES:
+        last = seconds(int(stamps[-1]))
+        text = f"{what}: {len(stamps)} times in all, the last at t = {last:g} s"
+        yield Finding(severity, text, topic, int(stamps[0]))

@@ -1,0 +1,227 @@
+"""Why this torque at this instant: one update of a recorded controller, computed again term by term."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from trunk_control.config import FuzzyPidConfig
+from trunk_control.controller_config import ControllerConfig
+from trunk_control.fuzzy import fired_rules
+from trunk_control.pid import PidState, Terms
+from trunk_control.rule_tables import INPUT_LABELS
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.units import nanoseconds, seconds
+from trunk_sim.disturbances import Disturbance
+
+from ..analysis.run_table import RunTable
+from ..plans.nodes import CONTROLLERS
+from .bits import same
+from .replay import DrivenController, Messages, in_turn
+
+
+class Rule(NamedTuple):
+    """A rule that fired: its labels, its weight, and the labels and values of its consequents."""
+
+    error_label: str
+    rate_label: str
+    weight: float
+    kp_label: str
+    kp: float
+    kd_label: str
+    kd: float
+    alpha_label: str
+    alpha: float
+
+
+class Windup(NamedTuple):
+    """What became of the integral in rad s: before the update, its increment, as used, and kept after."""
+
+    strategy: str
+    before: float
+    increment: float
+    used: float
+    after: float
+
+    @property
+    def acted(self) -> bool:
+        """True where anti-windup moved the integral behind the command's back."""
+        return not same(self.after, self.used)
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """One update: what went in, what each part made of it, what came out. SI units and radians."""
+
+    asked: float  # s
+    update: float  # s, when the command that holds then was computed
+    controller: str
+    reference: float
+    measurement: float  # rad, as the controller saw it
+    rate: float  # rad/s, as measured
+    derivative_mode: str
+    terms: Terms
+    rules: tuple[Rule, ...]  # none for a plain PID
+    limits: tuple[float, float]  # N m, the controller's
+    windup: Windup
+    disturbance: Disturbance  # what acted on plant and measurement at the update
+    true_angle: float  # rad
+    took_over: bool  # here it became active while the plant moved: from the torque that acted
+    recorded: float  # N m, the command in the recording
+    applied: float  # N m, what the plant got over the step from the instant on
+
+    @property
+    def by_model(self) -> float:
+        """What a law adds from its model of the plant to P, I and D, in N m; 0 for a PID."""
+        terms = self.terms
+        return terms.unsaturated - (terms.p_term + terms.i_term + terms.d_term)
+
+    @property
+    def limited(self) -> bool:
+        """True where the limits changed the command."""
+        return not same(self.terms.unsaturated, self.terms.effort)
+
+    @property
+    def agrees(self) -> bool:
+        """True where the command computed here has the recorded one's bits."""
+        return same(self.terms.effort, self.recorded)
+
+
+class _Update(NamedTuple):
+    stamp_ns: int
+    before: PidState
+    after: PidState
+    reference: float
+    terms: Terms
+    measurement: float
+    rate: float
+    dt: float
+    config: ControllerConfig
+    took_over: bool  # from another controller, whose torque the integral was set to
+
+
+def explain(recording: Recording, at: float) -> Explanation:
+    """Return the explanation of the command that holds at a time in s.
+
+    Raises RecordingError where the run has no such command or its controller is not known.
+    """
+    names = [name for name in recording.controllers if name in CONTROLLERS]
+    if not names:
+        raise RecordingError(
+            f"{recording.path}: no controller of {', '.join(CONTROLLERS)} was recorded: "
+            "there is no torque to explain"
+        )
+    for name in names:
+        if recording.topic(name) not in recording.parameters():
+            raise RecordingError(
+                f"{recording.path}: no parameters of {name} recorded: record them too"
+            )
+    table = RunTable.from_recording(recording)
+    if not table.t[0] <= at <= table.t[-1]:
+        raise RecordingError(
+            f"{recording.path} lasts from t = {table.t[0]:g} s to t = {table.t[-1]:g} s: "
+            f"give --at a time in it, not {at:g}"
+        )
+    commands = Messages(recording, topics.EFFORT_COMMAND)
+    # Of several that took turns, whoever updated last.
+    updates = {
+        name: found
+        for name in names
+        if (found := _last_update(recording, name, nanoseconds(at), commands)) is not None
+    }
+    if not updates:
+        raise RecordingError(
+            f"{recording.path}: {' or '.join(names)} had not answered any state by t = {at:g} s: "
+            "give --at a later time"
+        )
+    name, update = max(updates.items(), key=lambda item: item[1].stamp_ns)
+    row = max(0, int((table.t <= at).sum()) - 1)
+    at_update = max(0, int((table.t <= seconds(update.stamp_ns)).sum()) - 1)
+    terms, config = update.terms, update.config
+    return Explanation(
+        asked=at,
+        update=seconds(update.stamp_ns),
+        controller=name,
+        reference=update.reference,
+        measurement=update.measurement,
+        rate=update.rate,
+        derivative_mode=config.derivative_mode,
+        terms=terms,
+        rules=_rules(terms, config) if isinstance(config, FuzzyPidConfig) else (),
+        limits=(config.u_clamp_min, config.u_clamp_max),
+        windup=_windup(update),
+        disturbance=_acting(recording, update.stamp_ns),
+        true_angle=float(table.theta[at_update]),
+        took_over=update.took_over,
+        recorded=commands.get(update.stamp_ns, "effort")[0],
+        applied=float(table.torque[row]),
+    )
+
+
+def _last_update(recording: Recording, name: str, at_ns: int, commands: Messages) -> _Update | None:
+    """Return a controller's last update at or before a stamp; None where there is none."""
+    driven = DrivenController(recording, name)
+    found: _Update | None = None
+    last_ns = 0
+    for stamp_ns in in_turn(commands.stamps, recording.controllers):
+        if stamp_ns > at_ns:
+            break
+        state = driven.state(stamp_ns)
+        if state is None or not driven.turn(stamp_ns):
+            continue
+        before, takes_over = driven.controller.state, driven.controller.takes_over
+        answer = driven.answer(stamp_ns)
+        config = driven.timeline.config
+        if answer.terms is not None:
+            # Not started: the first update of all, or the first after a reset.
+            period_ns = stamp_ns - last_ns if before.started else config.period_ns
+            last_ns = stamp_ns
+            found = _Update(
+                stamp_ns,
+                before,
+                driven.controller.state,
+                answer.reference,
+                answer.terms,
+                *state,
+                seconds(period_ns),
+                config,
+                takes_over,
+            )
+    return found
+
+
+def _rules(terms: Terms, config: FuzzyPidConfig) -> tuple[Rule, ...]:
+    fired = fired_rules(terms.error, terms.error_rate, config.rules)
+    tables = [
+        [row.split() for row in rows]
+        for rows in (config.rules_kp, config.rules_kd, config.rules_alpha)
+    ]
+    found = []
+    for rule in sorted(fired, key=lambda rule: -rule.weight):
+        kp, kd, alpha = (table[rule.row][rule.column] for table in tables)
+        labels = INPUT_LABELS[rule.row], INPUT_LABELS[rule.column]
+        found.append(Rule(*labels, rule.weight, kp, rule.kp, kd, rule.kd, alpha, rule.alpha))
+    return tuple(found)
+
+
+def _windup(update: _Update) -> Windup:
+    terms = update.terms
+    before, increment = update.before.integral, update.dt * terms.error
+    if update.took_over and terms.ki:
+        before = terms.i_term / terms.ki - increment
+    used = before + increment
+    law = update.config.law
+    if terms.ki and terms.i_term in (law.i_min, law.i_max):
+        used = terms.i_term / terms.ki
+    strategy = update.config.antiwindup_strategy
+    return Windup(strategy, before, increment, used, update.after.integral)
+
+
+def _acting(recording: Recording, stamp_ns: int) -> Disturbance:
+    messages = Messages(recording, topics.DISTURBANCE)
+    if stamp_ns not in messages:
+        return Disturbance()
+    force, torque = messages.get(stamp_ns, "effort")
+    hip, trunk = messages.get(stamp_ns, "position")
+    return Disturbance(force, torque, hip, trunk)

@@ -1,0 +1,254 @@
+"""A run in the real graph: start the node set, watch it, stop it in order, leave nothing behind."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from dataclasses import replace as with_values
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING
+
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.schemas import RunEvent
+
+from ..plans.nodes import NODES
+from ..plans.plan import RunPlan
+from ..plans.files import PlanError
+from .processes import PATIENCE_S, NodeProcess, stop
+
+if TYPE_CHECKING:
+    from .monitor_node import Monitor
+
+START_TIMEOUT_S = 30.0
+EXIT_FAILED = 1  # of a node that has said why
+SILENCE_S = 5.0  # of a simulator that diagnoses itself every second
+COMPOSED = "composed"
+_WAITING = "{} not active: with autostart false, configure and activate it (ros2 lifecycle set …)"
+
+
+class RunError(RuntimeError):
+    """A run that ended otherwise than it should: who, why."""
+
+
+@dataclass(frozen=True)
+class RunFiles:
+    """Where a run leaves what it makes."""
+
+    folder: Path
+
+    @classmethod
+    def for_run(cls, plan: RunPlan, folder: Path | None = None) -> RunFiles:
+        """Make the run's folder, by default a new one below ``runs``. Raises PlanError."""
+        if folder is None:
+            stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+            place = plan.namespace.replace("/", "_")
+            folder = Path("runs") / f"{stamp}_{plan.scenario}_{plan.controller_name}{place}"
+        if (folder / "run.mcap").exists():
+            raise PlanError(f"output {folder}: there is a run.mcap in it; give another folder")
+        folder.mkdir(parents=True, exist_ok=True)
+        return cls(folder)
+
+    @property
+    def recording(self) -> Path:
+        """The MCAP file."""
+        return self.folder / "run.mcap"
+
+    @property
+    def parameters(self) -> Path:
+        """Every node's full parameters, ready for ``--params-file``."""
+        return self.folder / "params.yaml"
+
+    def record(self, plan: RunPlan) -> RunPlan:
+        """Return the plan that records into this folder, and write it as the parameter file."""
+        plan = with_values(
+            plan, recorder=with_values(plan.recorder, output=str(self.recording.absolute()))
+        )
+        plan.write_parameters(self.parameters)
+        return plan
+
+    def log(self, node: str) -> Path:
+        """Return where a node's console output goes."""
+        return self.folder / "logs" / f"{node}.log"
+
+
+class _Interrupt:
+    """SIGINT and SIGTERM to the runner, kept until the watch looks: nothing is left half started."""
+
+    def __init__(self) -> None:
+        self.name: str | None = None
+        self._handlers = {n: signal.signal(n, self._note) for n in (signal.SIGINT, signal.SIGTERM)}
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        self.name = signal.Signals(number).name
+
+    def restore(self) -> None:
+        """Put the former handlers back."""
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)
+
+
+def run_graph(
+    plan: RunPlan,
+    files: RunFiles,
+    progress: Callable[[float], None],
+    order: Sequence[str] | None = None,
+    composed: bool = False,
+) -> None:
+    """Run the plan's nodes, as processes or ``composed`` in one, until the simulator is done.
+
+    ``progress`` is called with simulated seconds. ``order``: the nodes' names in the order of their
+    start (it makes no difference to a lock-step run). Raises RunError naming the node that ended the
+    run and why; by then every process has been stopped and the recording finished.
+    """
+    (files.folder / "logs").mkdir(parents=True, exist_ok=True)
+    plan = files.record(plan)
+    running: dict[str, NodeProcess] = {}
+    interrupt = _Interrupt()
+    try:
+        names = list(plan.configs)
+        for process in [COMPOSED] if composed else order or names:
+            running[process] = NodeProcess.start(
+                process,
+                "trunk_experiments" if composed else NODES[process].package,
+                names if composed else [],
+                files.parameters,
+                files.log(process),
+            )
+        from .monitor_node import Monitor  # here: it has threads, and starting processes must not
+
+        with Monitor() as monitor:
+            heard = _watch(plan, running, monitor, progress, interrupt)
+    finally:
+        killed = _stop_all(running)
+        interrupt.restore()
+    if not heard:
+        _read_end(files.recording, running.get(COMPOSED) or running["simulator"])
+    _check_recorder(running.get(COMPOSED) or running["recorder"], killed)
+
+
+def _watch(
+    plan: RunPlan,
+    running: dict[str, NodeProcess],
+    monitor: Monitor,
+    progress: Callable[[float], None],
+    interrupt: _Interrupt,
+) -> bool:
+    """Return True when the run has finished, False where it was over before that could be heard."""
+    deadline = time.monotonic() + START_TIMEOUT_S
+    simulator = running.get(COMPOSED) or running["simulator"]
+    silence = _Silence()
+    while simulator.exit_code is None:
+        monitor.spin(0.05)
+        if monitor.finished:
+            break  # who stops or dies now does not change the run
+        if interrupt.name and simulator.exit_code is None:
+            raise RunError(f"stopped by {interrupt.name}; the recording holds the run up to here")
+        _check_alive(running, simulator, monitor)
+        if silence.lasts(monitor):
+            simulator.signal(signal.SIGKILL)  # it would not hear anything else
+            raise RunError(
+                f"the run ended because {simulator.name} has said nothing for {SILENCE_S:g} s"
+            )
+        if not monitor.started:
+            doubled = monitor.doubled(list(running))
+            if doubled:
+                raise RunError(
+                    f"another {doubled[0]} is running in this ROS domain: stop it, "
+                    "or set ROS_DOMAIN_ID to another number"
+                )
+            if time.monotonic() > deadline:
+                raise RunError(
+                    f"the run did not start within {START_TIMEOUT_S:g} s: "
+                    f"{_silent(plan, monitor.ready)}"
+                )
+        progress(monitor.time)
+    _hear_last_words(monitor)
+    if monitor.failure:
+        raise RunError(monitor.failure)
+    return monitor.finished
+
+
+class _Silence:
+    """How long the simulator has given no sign of life: it may be stopped, or hang."""
+
+    def __init__(self) -> None:
+        self._seconds, self._told = 0.0, 0
+        self._looked = time.monotonic()
+
+    def lasts(self, monitor: Monitor) -> bool:
+        now = time.monotonic()
+        # Time in which this process itself was stopped is not the simulator's.
+        self._seconds += min(now - self._looked, 0.2)
+        if monitor.told != self._told or not monitor.started:
+            self._seconds = 0.0
+        self._looked, self._told = now, monitor.told
+        return self._seconds > SILENCE_S
+
+
+def _silent(plan: RunPlan, ready: set[str]) -> str:
+    """Return who is not ready, and why where that is known."""
+    waiting = [
+        name for name, node in plan.configs.items() if not node.autostart and name not in ready
+    ]
+    if waiting:
+        return _WAITING.format(", ".join(waiting))
+    silent = [name for name in plan.configs if name not in {*ready, "simulator"}]
+    return f"{', '.join(silent) or 'simulator'} not ready"
+
+
+def _hear_last_words(monitor: Monitor) -> None:
+    deadline = time.monotonic() + 0.5
+    while not (monitor.failure or monitor.finished) and time.monotonic() < deadline:
+        monitor.spin(0.05)
+
+
+def _check_alive(running: dict[str, NodeProcess], simulator: NodeProcess, monitor: Monitor) -> None:
+    dead = [p for p in running.values() if p is not simulator and p.exit_code is not None]
+    if not dead:
+        return
+    _hear_last_words(monitor)  # it may have said why, or the run may just have been over
+    if monitor.finished or simulator.exit_code is not None:
+        return
+    if dead[0].exit_code == EXIT_FAILED and monitor.failure:
+        raise RunError(monitor.failure)
+    raise RunError(f"the run ended because {dead[0].describe_end()}")
+
+
+def _stop_all(running: dict[str, NodeProcess]) -> set[str]:
+    """Stop the simulator first, so that the others hear its end, and the recorder last.
+
+    Return the names of those that did not end by themselves and were killed.
+    """
+    order = sorted(running, key=lambda name: (name == "recorder", name != "simulator"))
+    return {name for name in order if not stop(running[name])}
+
+
+def _check_recorder(process: NodeProcess, killed: set[str]) -> None:
+    """Say so where the run was whole, but not its recording."""
+    if process.name in killed:
+        raise RunError(
+            f"the recording is not whole: {process.name} did not end within {PATIENCE_S:g} s "
+            "and was killed"
+        )
+    if process.exit_code != 0:
+        raise RunError(f"the recording is not whole: {process.describe_end()}")
+
+
+def _read_end(file: Path, simulator: NodeProcess) -> None:
+    """Take from the recording how the simulator ended the run. Raises RunError where too early."""
+    events: list[RunEvent] = []
+    with suppress(RecordingError):  # there may be none yet
+        events = Recording.open(file).events()
+    ends = [
+        event
+        for event in events
+        if event.node == "/simulator" and event.message in ("finished", "stopped", "failed")
+    ]
+    if not ends:
+        raise RunError(f"the run ended because {simulator.describe_end()}")
+    if ends[-1].message != "finished":
+        raise RunError(f"simulator: {ends[-1].values.get('reason', ends[-1].message)}")

@@ -1,0 +1,73 @@
+"""What a run tells of itself while it goes on: events, progress, doubled nodes."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from trunk_msgs_util.node import middleware, qos
+from trunk_msgs_util import topics
+
+
+class Monitor:
+    """Listens to ``run/events`` and ``/diagnostics``; a context manager that owns its ROS context."""
+
+    def __init__(self) -> None:
+        self.started = False
+        self.finished = False  # the simulator has said that the run is whole
+        self.told = 0  # how often the simulator has given a sign of life
+        self.ready: set[str] = set()
+        self.failure: str | None = None
+        self.time = 0.0
+        middleware.prepare()
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node("run_monitor", context=self._context, start_parameter_services=False)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._node.create_subscription(
+            DiagnosticArray, topics.RUN_EVENTS, self._on_event, qos.run_information()
+        )
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+
+    def __enter__(self) -> Monitor:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def spin(self, timeout_s: float) -> None:
+        """Take in what has come, or wait for it."""
+        self._executor.spin_once(timeout_sec=timeout_s)
+
+    def doubled(self, names: list[str]) -> list[str]:
+        """Return those of our nodes' names that stand twice in the graph."""
+        count = Counter(self._node.get_fully_qualified_node_names())
+        return [name for name in names if count[f"/{name}"] > 1]
+
+    def _on_event(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {v.key: v.value for v in status.values}
+            if status.message == "started":
+                self.started = True
+            elif status.message == "finished":
+                self.finished = True
+            elif status.message == "ready":
+                self.ready.add(status.name.lstrip("/"))
+            elif status.message in ("failed", "stopped"):
+                self.failure = f"{status.name.lstrip('/')}: {values.get('reason', 'failed')}"
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == "/simulator":  # not one in a namespace: the topic is everybody's
+                values = {v.key: v.value for v in status.values}
+                self.told += 1
+                self.time = float(values.get("time", self.time))
+                self.started = self.started or self.time > 0.0

@@ -1,0 +1,162 @@
+"""An offline run written as a recording: the topics, schemas and parameters that the graph records."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from trunk_msgs_util import provenance, topics
+from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
+from trunk_msgs_util.recording.joint_state_cdr import layout_of
+from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
+from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.recording.schemas import event, parameter_event
+from trunk_msgs_util.recording.whole_file import whole_file
+from trunk_sim.disturbances import disturbance_sample
+from trunk_sim.simulation import DivergedError
+
+from ..plans.nodes import NODES
+from .offline import Happenings, Step, disturbance_source, steps
+from ..plans.plan import RunPlan
+from ..plans.timeline import ACTIVATED, DEACTIVATED, Change
+
+
+def record_offline(
+    plan: RunPlan, path: Path, overwrite: bool = False, happenings: Happenings | None = None
+) -> int:
+    """Run the plan and write its recording; return the number of states.
+
+    Raises DivergedError (the file then ends, marked incomplete, with the last finite state), and OSError
+    (there is no file then; one that was there is as it was).
+    """
+    diverged = None
+    with whole_file(path, overwrite=overwrite) as part, RecordingWriter(part) as writer:
+        run = _OfflineRecorder(plan, writer, happenings or Happenings())
+        run.open()
+        try:
+            for step in steps(plan, happenings):
+                run.write(step)
+        except DivergedError as error:
+            diverged = error
+            run.failed(str(error))
+            writer.finish(complete=False, reason=str(error))
+        else:
+            fell = step.falls and plan.simulator.fall_stop
+            reason = "the trunk has fallen" if fell else "finished"
+            run.finished(reason)
+            writer.finish(complete=True, reason=reason)
+    if diverged is not None:
+        raise diverged
+    return run.states
+
+
+class _OfflineRecorder:
+    """Says in a recording what the nodes would have said, stamped and logged in simulated time."""
+
+    def __init__(self, plan: RunPlan, writer: RecordingWriter, happenings: Happenings) -> None:
+        self._plan = plan
+        self._writer = writer
+        self._channels = {
+            topic: writer.channel("/" + topic, type_name)
+            for topic, type_name in topics.evidence_types(tuple(plan.controllers)).items()
+        }
+        self._acting = disturbance_source(plan, happenings)
+        self._happenings = happenings
+        self._last_ns = -1
+        self.states = 0
+
+    def _put(self, topic: str, stamp_ns: int, data: bytes) -> None:
+        log_time = max(stamp_ns, 0)  # a change before the first state is stamped -1 ns
+        self._writer.write(self._channels[topic], log_time, log_time, data)
+
+    def _sample(self, topic: str, sample: JointSample) -> None:
+        self._put(topic, sample.stamp_ns, layout_of(sample).pack(sample))
+
+    def _event(
+        self, message: str, values: Mapping[str, str], node: str = "simulator", level: int = 0
+    ) -> None:
+        data = event(self._last_ns, f"/{node}", message, values, level=level)
+        self._put(topics.RUN_EVENTS, self._last_ns, data)
+
+    def open(self) -> None:
+        """Write provenance and every node's full parameters."""
+        plan = self._plan
+        self._writer.add_metadata(
+            PROVENANCE,
+            provenance.gather(
+                scenario=plan.scenario,
+                controller=" ".join(plan.controllers),
+                mode="offline",
+                rmw="none",
+            ),
+        )
+        for name, config in plan.configs.items():
+            if name != "recorder":
+                self._parameters(0, name, values_of(config), {})
+        for name, changes in self._happenings.changes.items():
+            for change in changes:
+                self._change(name, change)
+        self._event("started", {"rate": str(plan.simulator.update_rate)})
+
+    def _parameters(
+        self, stamp_ns: int, node: str, new: Mapping[str, Value], changed: Mapping[str, Value]
+    ) -> None:
+        kinds = {name: d.kind for name, d in declarations(NODES[node].config).items()}
+        data = parameter_event(stamp_ns, f"/{node}", new, changed, kinds)
+        self._put(topics.RUN_PARAMETERS, stamp_ns, data)
+
+    def _change(self, node: str, change: Change) -> None:
+        """Write, as the first record did, what came from outside."""
+        if change.values is not None:
+            self._parameters(change.stamp_ns, node, {}, change.values)
+        else:
+            data = event(change.stamp_ns, f"/{node}", change.event)
+            self._put(topics.RUN_EVENTS, change.stamp_ns, data)
+
+    def write(self, step: Step) -> None:
+        """Write one step, in the order in which the graph says it."""
+        plan, stamp_ns, answer = self._plan, step.stamp_ns, step.answer
+        controller = plan.controllers[step.controller]
+        joints = plan.simulator.joints
+        for name, active in step.turned:
+            self._event(ACTIVATED if active else DEACTIVATED, {}, name)
+        self._sample(topics.GROUND_TRUTH, step.truth)
+        if self.states == 0:
+            self._disturbance(stamp_ns)
+        self._disturbance(stamp_ns + plan.simulator.period_ns)
+        self._sample(topics.JOINT_STATES, step.measured)
+        command = JointSample(stamp_ns, (controller.joint,), effort=(answer.effort,))
+        self._sample(topics.EFFORT_COMMAND, command)
+        if answer.terms is not None:
+            index = joints.index(controller.joint)
+            values = (answer.reference, step.measured.position[index], *answer.terms)
+            self._sample(
+                topics.controller_state(step.controller),
+                JointSample(stamp_ns, topics.STATE_NAMES, position=values),
+            )
+        self._last_ns = stamp_ns
+        self._mark_fall(step)
+        self.states += 1
+
+    def _disturbance(self, stamp_ns: int) -> None:
+        """Write what acts at a stamp: like the node, one step ahead of the state."""
+        if self._plan.disturbance is not None:
+            joints = self._plan.simulator.joints
+            sample = disturbance_sample(stamp_ns, joints, self._acting(stamp_ns))
+            self._sample(topics.DISTURBANCE, sample)
+
+    def _mark_fall(self, step: Step) -> None:
+        if step.falls:
+            values = {
+                "angle": str(step.truth.position[1]),
+                "limit": str(self._plan.simulator.fall_angle),
+            }
+            self._event("fell", values, level=1)
+
+    def finished(self, reason: str) -> None:
+        """Write the event that ends a whole run."""
+        self._event("finished", {"reason": reason, "states": str(self.states)})
+
+    def failed(self, reason: str) -> None:
+        """Write the event that ends a run that failed."""
+        self._event("failed", {"reason": reason, "states": str(self.states)}, level=2)

@@ -1,0 +1,125 @@
+"""The node set's processes: started from the ament index, watched, stopped in order, never orphaned."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from trunk_msgs_util.node import early_signals
+
+_PR_SET_PDEATHSIG = 1
+_LIBC = ctypes.CDLL(None)
+_POLL_S = 0.02
+PATIENCE_S = 4.0  # with a process that was told to end
+
+
+class ExecutableError(RuntimeError):
+    """A node's executable that is not installed."""
+
+
+def find_executable(package: str, executable: str) -> Path:
+    """Return the path that ``ros2 run package executable`` would run. Raises ExecutableError."""
+    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+        path = Path(prefix) / "lib" / package / executable
+        if prefix and os.access(path, os.X_OK):
+            return path
+    raise ExecutableError(
+        f"executable {executable!r} of package {package!r} is not installed: "
+        "run scripts/bootstrap.sh, then 'source scripts/env.sh'"
+    )
+
+
+def _child_of(parent: int) -> Callable[[], None]:
+    def prepare() -> None:
+        # Calls into libc, which take no lock: safe between fork and exec.
+        # A run that is killed outright must not leave its nodes behind, not even this moment.
+        _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+        early_signals.block()  # the executable takes them once it can
+        if os.getppid() != parent:
+            os._exit(0)
+
+    return prepare
+
+
+@dataclass
+class NodeProcess:
+    """One node's process and its log."""
+
+    name: str
+    process: subprocess.Popen[bytes]
+    log: Path
+    output: BinaryIO  # the log to read, even where its folder has been deleted
+
+    @classmethod
+    def start(
+        cls, name: str, package: str, arguments: Sequence[str], parameters: Path, log: Path
+    ) -> NodeProcess:
+        """Start the executable ``name``; stdout and stderr go to ``log``."""
+        command = [
+            str(find_executable(package, name)),
+            *arguments,
+            "--ros-args",
+            "--params-file",
+            str(parameters),
+        ]
+        with log.open("wb") as stream:
+            output = log.open("rb")
+            process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=stream,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,  # Ctrl-C reaches the runner alone, which stops in order
+                preexec_fn=_child_of(os.getpid()),  # noqa: PLW1509
+            )
+        return cls(name, process, log, output)
+
+    @property
+    def exit_code(self) -> int | None:
+        """The exit code, None while the process runs, negative for a signal."""
+        return self.process.poll()
+
+    def signal(self, number: int) -> None:
+        """Send a signal where the process still runs."""
+        if self.exit_code is None:
+            self.process.send_signal(number)
+
+    def describe_end(self) -> str:
+        """Return how the process ended, with the last line of its log."""
+        code = self.exit_code
+        if code is None:
+            how = "is still running"
+        elif code < 0:
+            how = f"was ended by {signal.Signals(-code).name}"
+        else:
+            how = f"ended with exit code {code}"
+        self.output.seek(0)
+        lines = self.output.read().decode("utf-8", errors="replace").strip().splitlines()
+        return f"{self.name} {how}" + (f": {lines[-1]}" if lines else f" (log: {self.log})")
+
+
+def stop(process: NodeProcess, patience_s: float = PATIENCE_S) -> bool:
+    """Stop one process: SIGINT, later SIGKILL. Return True where it ended by itself."""
+    process.signal(signal.SIGINT)
+    if wait([process], patience_s):
+        return True
+    process.signal(signal.SIGKILL)
+    process.process.wait()
+    return False
+
+
+def wait(processes: Sequence[NodeProcess], timeout_s: float) -> bool:
+    """Wait until all have ended; return False at the deadline."""
+    deadline = time.monotonic() + timeout_s
+    while any(p.exit_code is None for p in processes):
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(_POLL_S)
+    return True

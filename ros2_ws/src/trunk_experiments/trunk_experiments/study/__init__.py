@@ -1,0 +1,1 @@
+"""Studies: draws and grids over any parameter, swept, compared, mapped."""

@@ -1,0 +1,257 @@
+"""The file of a study: YAML, checked word by word, each mistake one line. docs/sweep.md describes it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ..plans.nodes import CONTROLLERS
+from .draws import DISTRIBUTIONS, Distribution, DrawError
+from .study import (
+    HOWS,
+    MAX_RUNS,
+    RESERVED,
+    SPACINGS,
+    Contender,
+    Scalar,
+    Study,
+    StudyError,
+    Target,
+    Variable,
+)
+
+
+def shipped_studies() -> dict[str, Path]:
+    """Return the shipped studies by bare name."""
+    folder = Path(str(files("trunk_experiments"))) / "studies"
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def read_study(name: str) -> Study:
+    """Return the study of a file, by path or shipped name. Raises StudyError."""
+    shipped = shipped_studies()
+    path = shipped.get(name, Path(name))
+    if not path.is_file():
+        raise StudyError(f"no study {name!r}: give a file, or one of {', '.join(shipped)}")
+    try:
+        return parse_study(path.read_text(encoding="utf-8"), str(path))
+    except UnicodeDecodeError:
+        raise StudyError(f"{path}: not a text file; give a study in YAML") from None
+
+
+def parse_study(text: str, source: str) -> Study:
+    """Return the study in a file's text. Raises StudyError naming the source, the place, what is allowed."""
+    try:
+        tree = yaml.safe_load(text)
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else "?"
+        raise StudyError(f"{source}: line {line}: {error.problem}") from None
+    except yaml.YAMLError as error:
+        raise StudyError(f"{source}: not YAML: {' '.join(str(error).split())}") from None
+    return _Reader(source).study(tree, text)
+
+
+class _Reader:
+    """Turns a tree of YAML into a study; knows where it is, for errors."""
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+
+    def study(self, tree: object, text: str) -> Study:
+        known = ("scenario", "controllers", "params", "set", "rate", "duration")
+        found = self.mapping(tree, "the file", (*known, "runs", "seed", "block", "vary"))
+        for key in ("scenario", "controllers", "vary"):
+            if key not in found:
+                raise self.error(key, "missing: every study names it")
+        study = Study(
+            source=self.source,
+            text=text,
+            scenario=self.text(found["scenario"], "scenario"),
+            contenders=self.contenders(found["controllers"]),
+            variables=tuple(
+                self.variable(str(name), entry)
+                for name, entry in self.mapping(found["vary"], "vary").items()
+            ),
+            params=self.texts(found.get("params", []), "params"),
+            settings=self.settings(found.get("set", {}), "set"),
+            rate=self.optional(found, "rate"),
+            duration=self.optional(found, "duration"),
+            runs=self.integer(found.get("runs", 1), "runs", 1, 10_000_000),
+            seed=self.integer(found.get("seed", 1), "seed", 0, 2**31 - 1),
+            block=self.integer(found.get("block", 250), "block", 1, 100_000),
+        )
+        if study.total > MAX_RUNS:
+            raise self.error("vary", f"{study.total} runs in all: at most {MAX_RUNS} are allowed")
+        if study.runs > 1 and not any(v.distribution for v in study.variables):
+            noisy = any(word in text for word in ("noise", "seed"))
+            if not noisy:
+                raise self.error("runs", f"is {study.runs}, but nothing is drawn: leave it out")
+        return study
+
+    def error(self, place: str, message: str) -> StudyError:
+        return StudyError(f"{self.source}: {place}: {message}")
+
+    def mapping(self, value: object, place: str, known: tuple[str, ...] = ()) -> dict[str, Any]:
+        if not isinstance(value, dict):
+            raise self.error(place, f"is {_shown(value)}: a mapping is needed")
+        for key in value:
+            if known and key not in known:
+                raise self.error(place, f"unknown key {key!r}: one of {', '.join(known)}")
+        return value
+
+    def text(self, value: object, place: str, choices: tuple[str, ...] = ()) -> str:
+        if not isinstance(value, str) or (choices and value not in choices):
+            raise self.error(
+                place, f"is {_shown(value)}: {', '.join(choices) or 'a text'} is needed"
+            )
+        return value
+
+    def texts(self, value: object, place: str) -> tuple[str, ...]:
+        items = [value] if isinstance(value, str) else value
+        if not isinstance(items, list) or not all(isinstance(item, str) for item in items):
+            raise self.error(place, f"is {_shown(value)}: a list of texts is needed")
+        return tuple(items)
+
+    def number(self, value: object, place: str) -> float:
+        if isinstance(value, str) and re.fullmatch(r"[-+.\deE]+", value):
+            try:
+                return float(value)  # "1e-3" is a number to people, but not to YAML 1.1
+            except ValueError:
+                pass
+        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            raise self.error(place, f"is {_shown(value)}: a finite number is needed")
+        return float(value)
+
+    def integer(self, value: object, place: str, low: int, high: int) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise self.error(
+                place, f"is {_shown(value)}: a whole number from {low} to {high} is needed"
+            )
+        return value
+
+    def optional(self, found: Mapping[str, Any], key: str) -> float | None:
+        if key not in found:
+            return None
+        value = self.number(found[key], key)
+        if value <= 0.0:
+            raise self.error(key, f"is {value:g}: a number > 0 is needed")
+        return value
+
+    def settings(self, value: object, place: str) -> tuple[str, ...]:
+        found = self.mapping(value, place)
+        return tuple(
+            f"{name}={yaml.safe_dump(v, default_flow_style=True).removesuffix('...' + chr(10)).strip()}"
+            for name, v in found.items()
+        )
+
+    def contenders(self, value: object) -> tuple[Contender, ...]:
+        entries = dict.fromkeys(value) if isinstance(value, list) else value
+        found = self.mapping(entries, "controllers")
+        if not found:
+            raise self.error("controllers", f"is empty: name some of {', '.join(CONTROLLERS)}")
+        contenders = []
+        for label, entry in found.items():
+            place = f"controllers.{label}"
+            told = self.mapping(entry or {}, place, ("node", "params", "set"))
+            contenders.append(
+                Contender(
+                    str(label),
+                    self.text(told.get("node", label), place, CONTROLLERS),
+                    self.texts(told.get("params", []), f"{place}.params"),
+                    self.settings(told.get("set", {}), f"{place}.set"),
+                )
+            )
+        return tuple(contenders)
+
+    def variable(self, name: str, entry: object) -> Variable:
+        place = f"vary.{name}"
+        if not re.fullmatch(r"[A-Za-z]\w*", name) or name in RESERVED:
+            raise self.error(
+                place,
+                f"is no name for a column: letters, digits, _, and none of {', '.join(RESERVED)}",
+            )
+        if not isinstance(entry, dict) or "parameter" not in entry:
+            raise self.error(place, "needs a parameter: NODE.PARAM, or a list of them")
+        targets = tuple(self.target(t, place) for t in self.texts(entry["parameter"], place))
+        how = self.text(entry.get("as", "value"), f"{place}.as", HOWS)
+        rest = {key: value for key, value in entry.items() if key not in ("parameter", "as")}
+        if "distribution" in rest:
+            return Variable(name, targets, how, distribution=self.distribution(rest, place))
+        return Variable(name, targets, how, self.values(rest, place))
+
+    def target(self, text: str, place: str) -> Target:
+        nodes = ("simulator", "disturbance", "controller", *CONTROLLERS)
+        match = re.fullmatch(r"(\w+)\.([\w.]+?)(?:\[(\d+)\])?", text)
+        if match is None or match[1] not in nodes:
+            raise self.error(
+                place,
+                f"parameter {text!r}: NODE.PARAM or NODE.PARAM[INDEX] is needed, NODE one of "
+                f"{', '.join(nodes)}",
+            )
+        return Target(match[1], match[2], None if match[3] is None else int(match[3]))
+
+    def values(self, entry: dict[str, Any], place: str) -> tuple[Scalar, ...]:
+        if "values" in entry:
+            self.mapping(entry, place, ("values",))
+            values = entry["values"]
+            if not isinstance(values, list) or not values:
+                raise self.error(f"{place}.values", f"is {_shown(values)}: a list is needed")
+            return self.scalars(values, f"{place}.values")
+        self.mapping(entry, place, ("values", "distribution", "from", "to", "steps", "spacing"))
+        for key in ("from", "to", "steps"):
+            if key not in entry:
+                raise self.error(place, "needs values, or from, to and steps, or a distribution")
+        low, high = (self.number(entry[key], f"{place}.{key}") for key in ("from", "to"))
+        steps = self.integer(entry["steps"], f"{place}.steps", 1, 1_000_000)
+        if self.text(entry.get("spacing", "linear"), f"{place}.spacing", SPACINGS) == "linear":
+            return tuple(np.linspace(low, high, steps).tolist())
+        if low <= 0.0 or high <= 0.0:
+            raise self.error(place, f"spacing log from {low:g} to {high:g}: both must be > 0")
+        return tuple(np.geomspace(low, high, steps).tolist())
+
+    def scalars(self, values: list[object], place: str) -> tuple[Scalar, ...]:
+        found = tuple(self.scalar(value, place) for value in values)
+        kinds = {type(value) if isinstance(value, bool | str) else float for value in found}
+        if len(kinds) > 1:
+            raise self.error(place, f"is {_shown(values)}: all numbers, all texts or all bools")
+        return found
+
+    def scalar(self, value: object, place: str) -> Scalar:
+        if isinstance(value, bool | int):
+            return value
+        if isinstance(value, str) and not re.fullmatch(r"[-+]?[\d.]+[eE][-+]?\d+", value):
+            return value
+        return self.number(value, place)
+
+    def distribution(self, entry: dict[str, Any], place: str) -> Distribution:
+        kind = self.text(
+            entry["distribution"], f"{place}.distribution", tuple(sorted(DISTRIBUTIONS))
+        )
+        needed, optional = DISTRIBUTIONS[kind]
+        self.mapping(entry, place, ("distribution", *needed, *optional))
+        for key in needed:
+            if key not in entry:
+                raise self.error(place, f"distribution {kind}: {key} is missing")
+        choices = entry.get("values", [])
+        if not isinstance(choices, list) or ("values" in needed and not choices):
+            raise self.error(f"{place}.values", f"is {_shown(choices)}: a list is needed")
+        numbers = {
+            key: self.number(entry[key], f"{place}.{key}")
+            for key in (*needed, *optional)
+            if key in entry and key != "values"
+        }
+        try:
+            return Distribution(kind, self.scalars(choices, f"{place}.values"), **numbers)
+        except DrawError as error:
+            raise self.error(place, f"distribution {kind}: {error}") from None
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

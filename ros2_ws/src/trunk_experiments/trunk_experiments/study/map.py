@@ -1,0 +1,188 @@
+"""Stability and performance over two parameters of a sweep, as a picture."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_msgs_util.recording.joint_arrays import Floats
+
+from ..plans.plan import RunPlan
+from ..tuning.floquet import floquet
+from ..views.plot_style import COLORS, STYLE
+from .design import design, make_bases, plan_of
+from .results import Results
+from .study import StudyError
+from .sweep import worker_pool
+
+_MANY = 200  # points: fewer are quicker without processes
+QUIET_DEG = 1.0  # RMS of the last 2 s: less is a trunk at rest
+_FLOQUET, _FALLEN, _BOUNDARY = COLORS[1], "#bdbdbd", "#000000"
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One controller's map: [y, x]; NaN where no run told a value."""
+
+    controller: str
+    x: Floats
+    y: Floats
+    values: Floats  # mean over the draws that did not fall
+    fallen: Floats  # part of the draws that fell
+    quiet: Floats  # RMS at the end, deg, mean; infinite where all fell
+    growth: Floats | None  # Floquet: the largest multiplier, per second
+
+
+def panels(results: Results, metric: str, axes: tuple[str, str], with_floquet: bool) -> list[Panel]:
+    """Return a panel per controller. Raises StudyError for axes that are no grid of numbers."""
+    for name in axes:
+        if name not in results.grid:
+            known = ", ".join(results.grid) or "none"
+            raise StudyError(f"{results.path}: {name!r} is no grid variable; there are: {known}")
+    growth = _growth(results, axes) if with_floquet else {}
+    return [
+        _panel(results.of(name), name, metric, axes, growth.get(name))
+        for name in results.controllers
+    ]
+
+
+def _panel(
+    results: Results, name: str, metric: str, axes: tuple[str, str], growth: Floats | None
+) -> Panel:
+    (x, i), (y, j) = (np.unique(results.column(axis), return_inverse=True) for axis in axes)
+    fallen = results.fallen
+    upright = np.where(fallen == 0.0, results.column(metric), np.nan)
+    rms = np.where(fallen == 0.0, results.column("steady_state_error_rms_deg"), np.inf)
+
+    def mean(values: Floats) -> Floats:
+        sums, counts = np.zeros((len(y), len(x))), np.zeros((len(y), len(x)))
+        told = ~np.isnan(values)
+        np.add.at(sums, (j[told], i[told]), values[told])
+        np.add.at(counts, (j[told], i[told]), 1.0)
+        with np.errstate(invalid="ignore"):
+            return sums / counts
+
+    return Panel(name, x, y, mean(upright), mean(fallen), mean(rms), growth)
+
+
+def _growth(results: Results, axes: tuple[str, str]) -> Mapping[str, Floats]:
+    """Return each controller's Floquet growth over the grid, at the first draw of other variables."""
+    study = results.study
+    bases = make_bases(study)
+    columns = design(study, 0, study.total)
+    grids: dict[str, Floats] = {}
+    places: list[tuple[str, int, int]] = []
+    plans: list[RunPlan] = []
+    seen = set()
+    levels = [np.unique(results.column(axis)).tolist() for axis in axes]
+    for values in zip(*columns.values(), strict=True):
+        row = dict(zip(columns, values, strict=True))
+        place = row["controller"], row[axes[0]], row[axes[1]]
+        if place in seen:
+            continue
+        seen.add(place)
+        try:
+            plans.append(plan_of(study, bases, row))
+        except ParameterError:
+            continue  # refused: there was no run either
+        at = levels[1].index(float(place[2])), levels[0].index(float(place[1]))
+        places.append((row["controller"], *at))
+    for (name, j, i), growth in zip(places, _growths(plans), strict=True):
+        grid = grids.setdefault(name, np.full((len(levels[1]), len(levels[0])), np.nan))
+        grid[j, i] = growth
+    return grids
+
+
+def _growths(plans: list[RunPlan]) -> list[float]:
+    """Return each plan's growth, on all cores where there are many."""
+    if len(plans) < _MANY:
+        return [_growth_of(plan) for plan in plans]
+    with worker_pool(len(os.sched_getaffinity(0))) as pool:
+        return list(pool.map(_growth_of, plans, chunksize=16))
+
+
+def _growth_of(plan: RunPlan) -> float:
+    return floquet(plan).growth
+
+
+def draw(found: list[Panel], metric: str, axes: tuple[str, str], title: str) -> Figure:
+    """Return the panels side by side, on one scale of colours."""
+    told = np.concatenate([panel.values[np.isfinite(panel.values)] for panel in found])
+    low, high = np.percentile(told, (2, 98)) if len(told) else (0.0, 1.0)
+    with rc_context({**STYLE, "axes.grid": False}):
+        figure = Figure(figsize=(1.2 + 4.2 * len(found), 4.6), layout="constrained")
+        plots = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
+        for plot, panel in zip(plots, found, strict=True):
+            mesh = _draw_panel(plot, panel, (float(low), float(max(high, low + 1e-12))))
+            plot.set_title(panel.controller)
+            plot.set_xlabel(axes[0])
+        plots[0].set_ylabel(axes[1])
+        figure.colorbar(mesh, ax=list(plots), label=metric, extend="both")
+        figure.legend(handles=_legend(found), loc="outside lower center", ncols=4)
+        figure.suptitle(title)
+    return figure
+
+
+def _draw_panel(plot: Axes, panel: Panel, limits: tuple[float, float]) -> Any:
+    plot.set_facecolor(_FALLEN)
+    shown = np.ma.masked_invalid(np.where(panel.fallen > 0.5, np.nan, panel.values))
+    mesh = plot.pcolormesh(
+        panel.x, panel.y, shown, cmap="cividis", vmin=limits[0], vmax=limits[1], shading="nearest"
+    )
+    for axis, values in (("x", panel.x), ("y", panel.y)):
+        if _geometric(values):
+            plot.set(**{f"{axis}scale": "log"})
+            ticks = plot.xaxis if axis == "x" else plot.yaxis
+            ticks.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            ticks.set_major_formatter(StrMethodFormatter("{x:g}"))
+            ticks.set_minor_formatter(NullFormatter())
+    _line(plot, panel, np.nan_to_num(panel.fallen, nan=1.0), 0.5, _BOUNDARY, "solid")
+    level = np.log(np.clip(panel.quiet, 1e-6, 1e6))
+    _line(plot, panel, level, float(np.log(QUIET_DEG)), _BOUNDARY, (0, (1.5, 1.5)))
+    if panel.growth is not None:
+        level = np.log(np.clip(panel.growth, 1e-6, 1e6))
+        _line(plot, panel, level, 0.0, _FLOQUET, (0, (6, 2)))
+    return mesh
+
+
+def _line(plot: Axes, panel: Panel, values: Floats, level: float, color: str, dashes: Any) -> None:
+    enough = min(values.shape) > 1 and np.nanmin(values) < level < np.nanmax(values)
+    if enough:
+        plot.contour(
+            panel.x, panel.y, values, [level], colors=[color], linestyles=[dashes], linewidths=1.8
+        )
+
+
+def _geometric(values: Floats) -> bool:
+    """Return True for values that grow by equal factors."""
+    if len(values) < 4 or values[0] <= 0.0:
+        return False
+    ratios = values[1:] / values[:-1]
+    return bool(np.ptp(ratios) < 0.01 * ratios[0]) and ratios[0] > 1.001
+
+
+def _legend(found: list[Panel]) -> list[Any]:
+    handles: list[Any] = [
+        Patch(color=_FALLEN, label="fallen or diverged"),
+        Line2D([], [], color=_BOUNDARY, label="simulated: half the runs fall"),
+        Line2D(
+            [], [], color=_BOUNDARY, linestyle=(0, (1.5, 1.5)),
+            label=f"simulated: RMS {QUIET_DEG:g}° at the end",
+        ),
+    ]  # fmt: skip
+    if any(panel.growth is not None for panel in found):
+        handles.append(
+            Line2D([], [], color=_FLOQUET, linestyle=(0, (6, 2)), label="Floquet: multiplier 1")
+        )
+    return handles

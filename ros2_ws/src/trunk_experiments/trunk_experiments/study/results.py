@@ -1,0 +1,77 @@
+"""A sweep's results, read back: columns, the study in the metadata, who fell."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from trunk_msgs_util.recording.joint_arrays import Floats
+
+from ..analysis.metrics import Metrics
+from .file import parse_study
+from .study import Study, StudyError
+
+FALLEN_DEG = 90.0  # a trunk this far from the vertical lies
+METRICS = tuple(Metrics.__dataclass_fields__)
+
+
+@dataclass(frozen=True)
+class Results:
+    """A table of runs with the names of what varied."""
+
+    path: Path
+    table: pa.Table
+    grid: tuple[str, ...]
+    study_text: str
+
+    @classmethod
+    def read(cls, path: Path) -> Results:
+        """Return the results in a Parquet file. Raises StudyError where it is not a sweep's."""
+        try:
+            table = pq.read_table(path)
+        except (pa.ArrowInvalid, pa.ArrowTypeError, OSError) as error:
+            raise StudyError(f"{path}: no Parquet file: {' '.join(str(error).split())}") from None
+        told = table.schema.metadata or {}
+        if b"study" not in told or not {"controller", "status"} <= set(table.column_names):
+            raise StudyError(f"{path}: not written by trunk sweep: no study in it")
+        return cls(path, table, tuple(json.loads(told[b"grid"])), told[b"study"].decode())
+
+    @property
+    def study(self) -> Study:
+        """The study; raises StudyError where this version does not understand it."""
+        return parse_study(self.study_text, f"the study in {self.path}")
+
+    @property
+    def controllers(self) -> tuple[str, ...]:
+        """The controllers' labels, in the study's order."""
+        return tuple(dict.fromkeys(self.table.column("controller").to_pylist()))
+
+    def of(self, controller: str) -> Results:
+        """Return one controller's rows."""
+        chosen = self.table.filter(pc.equal(self.table["controller"], controller))
+        return Results(self.path, chosen, self.grid, self.study_text)
+
+    def column(self, name: str) -> Floats:
+        """Return a column of numbers, NaN where there is none. Raises StudyError for another name."""
+        if name not in self.table.column_names:
+            raise StudyError(
+                f"{self.path}: no column {name!r}: one of {', '.join(self.table.column_names)}"
+            )
+        try:
+            values = self.table[name].cast(pa.float64()).to_numpy(zero_copy_only=False)
+        except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+            raise StudyError(f"{self.path}: column {name!r} holds no numbers") from None
+        return np.asarray(values, dtype=np.float64)
+
+    @property
+    def fallen(self) -> Floats:
+        """1.0 where the loop diverged or the trunk came to lie, 0.0 where not, NaN for refused runs."""
+        status = np.array(self.table["status"].to_pylist(), dtype=object)
+        lies = np.maximum(self.column("theta_max_deg"), -self.column("theta_min_deg")) >= FALLEN_DEG
+        return np.where(status == "refused", np.nan, (status == "diverged") | lies)

@@ -1,0 +1,96 @@
+"""A study: which runs a sweep makes. `study_file` reads one, `study_design` makes the runs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+
+from ..plans.files import PlanError
+from .draws import Distribution
+
+Scalar = bool | int | float | str
+HOWS = ("value", "factor", "offset")
+SPACINGS = ("linear", "log")
+MAX_RUNS = 100_000_000
+# Columns of the results beside the variables.
+RESERVED = ("run", "controller", "point", "draw", "seed", "status", "reason", "diverged_at_s")
+
+
+class StudyError(PlanError):
+    """A study that cannot be used: file, place, value, what is allowed."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """One parameter: a node's, or that of whichever controller runs; ``index`` for an array's element."""
+
+    node: str  # "controller" means the one that runs
+    name: str
+    index: int | None = None
+
+    def __str__(self) -> str:
+        return f"{self.node}.{self.name}" + ("" if self.index is None else f"[{self.index}]")
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What varies: a column of the results. Either ``values`` (a grid) or ``distribution`` (drawn)."""
+
+    name: str
+    targets: tuple[Target, ...]
+    how: str  # the parameter is the value, or its own value times it, or plus it
+    values: tuple[Scalar, ...] = ()
+    distribution: Distribution | None = None
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One controller of the study: its node, parameter files and values of its own."""
+
+    label: str
+    node: str
+    params: tuple[str, ...] = ()
+    settings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study as its file says; ``text`` is the file itself."""
+
+    source: str
+    text: str
+    scenario: str
+    contenders: tuple[Contender, ...]
+    variables: tuple[Variable, ...]
+    params: tuple[str, ...] = ()
+    settings: tuple[str, ...] = ()
+    rate: float | None = None  # Hz
+    duration: float | None = None  # s
+    runs: int = 1  # draws per grid point
+    seed: int = 1
+    block: int = 250  # runs
+
+    @property
+    def grid(self) -> tuple[Variable, ...]:
+        """The variables with given values."""
+        return tuple(v for v in self.variables if v.distribution is None)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The numbers of values of the grid's variables."""
+        return tuple(len(v.values) for v in self.grid)
+
+    @property
+    def total(self) -> int:
+        """The number of runs in all."""
+        points = 1
+        for size in self.shape:
+            points *= size
+        return points * self.runs * len(self.contenders)
+
+    @property
+    def content(self) -> str:
+        """A hash of what decides the runs: neither the file's name nor its comments."""
+        told = {k: v for k, v in asdict(self).items() if k not in ("source", "text")}
+        return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]

@@ -1,0 +1,1 @@
+"""Gains from a model or from a search, and their margins."""

@@ -1,0 +1,153 @@
+"""Floquet multipliers of the sampled loop about the upright trunk, the hip driven along its path.
+
+With the hip prescribed at constant horizontal speed v, the upright trunk (reference 0) is a solution, and
+the path shakes it vertically with the period 2 pi / (k v). The loop of plant, delay and sampled law is
+linearised there sample by sample, by central differences of the very functions that run it; the product
+over one period is the monodromy matrix. All its eigenvalues inside the unit circle: small errors die out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from math import pi
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trunk_control.pid import PidState, pid_update
+from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.units import seconds
+from trunk_sim.disturbances import Disturbance
+from trunk_sim.integrator import advance
+from trunk_sim.plant import PlantState
+from trunk_sim.sensors import SensorParameters, measure
+from trunk_sim.simulation import saturate
+
+from ..batch.closed_loop import LAWS, Setting, Update, constants_of, setting_of
+from ..batch.compiled import compiled
+from ..plans.files import PlanError
+from ..plans.plan import RunPlan
+
+_STEP = 1e-6  # of the differences: rad, rad/s, rad s, N m
+_INPUTS = 9  # angle, rate, the same as delayed, and five of the law's memory
+_OUTPUTS = 7  # angle, rate, and the law's memory: integral, error, measurement, derivative, effort
+_MOST_STEPS = 1_000_000  # of a period
+
+_QUIET = Disturbance()
+_SENSOR = SensorParameters(0.0, 0.0, 0.0, 0.0)
+update: Update = pid_update  # bound to another law's in that law's twin
+
+
+class Floquet(NamedTuple):
+    """Multipliers over one period; ``growth`` is the largest modulus, per second: unstable above 1."""
+
+    multipliers: Any  # complex array
+    period: float  # s
+    radius: float
+    growth: float
+
+
+def sample(
+    z: Floats, x: float, v: float, due: bool, s: Setting, constants: Any, out: Floats
+) -> None:
+    """Write the loop's state one period after ``z``: `_INPUTS` numbers in, `_OUTPUTS` out."""
+    memory = PidState(z[4], z[5], z[6], z[7], z[8], True)
+    measured = measure(PlantState(x, z[2], v, z[3]), _QUIET, 0.0, 0.0, _SENSOR)
+    if due:
+        dt = seconds(s.control_period_ns)
+        memory, _ = update(memory, 0.0, measured.theta, measured.theta_dot, dt, *constants)
+    torque = saturate(memory.effort, s.max_effort)
+    state = advance(
+        PlantState(x, z[0], v, z[1]), 0.0, torque, seconds(s.period_ns), s.substeps, s.plant
+    )
+    out[0], out[1], out[2], out[3] = state.theta, state.theta_dot, memory.integral, memory.error
+    out[4], out[5], out[6] = memory.measurement, memory.derivative, memory.effort
+
+
+def monodromy_loop(
+    v: float, steps: int, every: int, s: Setting, constants: Any, now: Floats, past: Floats
+) -> int:
+    """Multiply the linearised samples of one period onto ``now`` [7, n] and ``past`` [d, 2, n].
+
+    ``past`` holds angle and rate of the last d samples in a ring. Returns the slot of the oldest.
+    """
+    size = now.shape[1]
+    delay = past.shape[0]
+    z = np.zeros(_INPUTS)
+    above = np.zeros(_OUTPUTS)
+    below = np.zeros(_OUTPUTS)
+    jacobian = np.zeros((_OUTPUTS, _INPUTS))
+    new = np.zeros((_OUTPUTS, size))
+    slot = 0
+    for k in range(steps):
+        x = v * seconds(k * s.period_ns)
+        for column in range(_INPUTS):
+            z[column] = _STEP
+            sample(z, x, v, k % every == 0, s, constants, above)
+            z[column] = -_STEP
+            sample(z, x, v, k % every == 0, s, constants, below)
+            z[column] = 0.0
+            for row in range(_OUTPUTS):
+                jacobian[row, column] = (above[row] - below[row]) / (2.0 * _STEP)
+        for j in range(size):
+            theta, rate = now[0, j], now[1, j]
+            seen_theta, seen_rate = theta, rate
+            if delay:
+                seen_theta, seen_rate = past[slot, 0, j], past[slot, 1, j]
+                past[slot, 0, j], past[slot, 1, j] = theta, rate
+            for row in range(_OUTPUTS):
+                total = jacobian[row, 0] * theta + jacobian[row, 1] * rate
+                total += jacobian[row, 2] * seen_theta + jacobian[row, 3] * seen_rate
+                for column in range(4, _INPUTS):
+                    total += jacobian[row, column] * now[column - 2, j]
+                new[row, j] = total
+        now[:, :] = new
+        if delay:
+            slot = (slot + 1) % delay
+    return slot
+
+
+@cache
+def _compiled(controller: str) -> Callable[..., int]:
+    if controller not in LAWS:
+        raise PlanError(
+            f"controller {controller!r}: no Floquet multipliers; there are {', '.join(LAWS)}"
+        )
+    law = LAWS[controller][0]
+    return compiled(monodromy_loop, f"monodromy_{controller}", update=law)
+
+
+def floquet(plan: RunPlan) -> Floquet:
+    """Return a plan's multipliers, its hip prescribed at its initial speed.
+
+    The period is rounded to whole control periods and the speed with it. A hip that is not shaken (speed,
+    amplitude or wave number 0) gives one control period. Raises PlanError for a law without a twin.
+    """
+    setting = setting_of(plan)
+    plant = setting.plant._replace(prescribed=True)
+    setting = setting._replace(plant=plant, max_effort=float("inf"))
+    every = max(1, round(setting.control_period_ns / setting.period_ns))
+    control_period = seconds(every * setting.period_ns)
+    speed = abs(setting.initial.x_dot)
+    steps = every
+    if speed * plant.wavenumber * abs(plant.amplitude) > 0.0:
+        steps = max(1, round(2.0 * pi / (plant.wavenumber * speed) / control_period)) * every
+        if steps > _MOST_STEPS:
+            raise PlanError(f"{steps} samples in one period of the hip: it hardly moves")
+        speed = 2.0 * pi / (plant.wavenumber * seconds(steps * setting.period_ns))
+    delay = setting.delay_steps
+    size = _OUTPUTS + 2 * delay
+    identity = np.eye(size)
+    now = np.ascontiguousarray(identity[:_OUTPUTS])
+    past = np.ascontiguousarray(identity[_OUTPUTS:].reshape(delay, 2, size))
+    slot = _compiled(plan.controller_name)(
+        speed, steps, every, setting, constants_of(plan), now, past
+    )
+    matrix = np.vstack([now, np.roll(past, -slot, axis=0).reshape(2 * delay, size)])
+    period = seconds(steps * setting.period_ns)
+    if not np.all(np.isfinite(matrix)):
+        return Floquet(np.full(size, np.inf), period, float("inf"), float("inf"))
+    multipliers = np.linalg.eigvals(matrix)
+    radius = float(np.max(np.abs(multipliers)))
+    return Floquet(multipliers, period, radius, radius ** (1.0 / period))

@@ -1,0 +1,180 @@
+"""The trunk linearised about the upright, hip prescribed, and the sampled loop around it.
+
+``theta'' = a theta + b tau`` with a = g / l and b = 1 / (m l^2), taken from the plant's own equations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import expm
+
+from trunk_control.pid import Gains
+from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_sim.plant import PlantParameters, PlantState, accelerations
+
+Complexes = npt.NDArray[np.complex128]
+_SMALL = 1e-6  # rad: the error of the difference quotient is of the order of its square
+
+
+class Linear(NamedTuple):
+    """``theta'' = a theta + b tau - c theta'``; ``lag``: time constant of the torque, s."""
+
+    a: float  # 1/s^2
+    b: float  # 1/(kg m^2)
+    c: float = 0.0  # 1/s, damping that is declared, not the plant's
+    lag: float = 0.0  # s
+
+    def matrices(self) -> tuple[Floats, Floats]:
+        """Return A, B of the states (theta, theta'), with a lag (theta, theta', tau)."""
+        a = np.array([[0.0, 1.0, 0.0], [self.a, -self.c, self.b], [0.0, 0.0, 0.0]])
+        if self.lag > 0.0:
+            a[2, 2] = -1.0 / self.lag
+            return a, np.array([[0.0], [0.0], [1.0 / self.lag]])
+        return a[:2, :2], a[:2, 2:]
+
+
+def linearise(plant: PlantParameters) -> Linear:
+    """Return the plant's linearisation at theta = 0 with a hip that moves uniformly on level ground."""
+    p = plant._replace(prescribed=True, as_printed=False, amplitude=0.0)
+
+    def response(theta: float, torque: float) -> float:
+        return accelerations(PlantState(0.0, theta, 0.0, 0.0), 0.0, torque, p)[1]
+
+    slope = (response(_SMALL, 0.0) - response(-_SMALL, 0.0)) / (2.0 * _SMALL)
+    return Linear(slope, response(0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A sampled PID loop around the linearised trunk: period h, torque held, angle seen late.
+
+    ``delay`` counts whole periods. ``rate``: the derivative is the measured rate, otherwise it is the
+    difference of two samples of the angle.
+    """
+
+    plant: Linear
+    gains: Gains
+    h: float  # s
+    rate: bool = True
+    delay: int = 0
+
+    def matrix(self) -> Floats:
+        """Return the map of one period, on (plant, delayed angles and rates, integral, last angle)."""
+        a, b = self.plant.matrices()
+        n = len(a)
+        held = expm(np.block([[a, b], [np.zeros((1, n + 1))]]) * self.h)
+        size = n + 2 * self.delay + 2
+        angle, speed = np.zeros(size), np.zeros(size)
+        angle[n + 2 * (self.delay - 1) if self.delay else 0] = 1.0
+        speed[n + 2 * (self.delay - 1) + 1 if self.delay else 1] = 1.0
+        integral, last = np.eye(size)[-2], np.eye(size)[-1]
+        kp, ki, kd = self.gains
+        summed = integral - self.h * angle
+        derivative = -speed if self.rate else (last - angle) / self.h
+        torque = -kp * angle + ki * summed + kd * derivative
+        step = np.zeros((size, size))
+        step[:n, :n] = held[:n, :n]
+        step[:n] += np.outer(held[:n, n], torque)
+        for k in range(self.delay):
+            source = n + 2 * (k - 1) if k else 0
+            step[n + 2 * k, source] = step[n + 2 * k + 1, source + 1] = 1.0
+        step[-2], step[-1] = summed, angle
+        return step
+
+    def radius(self) -> float:
+        """Return the largest modulus of the map's eigenvalues; the loop is stable below 1.
+
+        An integral without gain is left out: its eigenvalue 1 moves nothing.
+        """
+        step = self.matrix()
+        if self.gains.i == 0.0:
+            keep = [k for k in range(len(step)) if k != len(step) - 2]
+            step = step[np.ix_(keep, keep)]
+        return float(np.max(np.abs(np.linalg.eigvals(step))))
+
+    @property
+    def stable(self) -> bool:
+        """True where every disturbance dies out."""
+        return self.radius() < 1.0 - 1e-12
+
+    def response(self, frequency: Floats) -> Complexes:
+        """Return the loop's frequency response L(e^(j w h)) at w in rad/s, the loop cut at the torque."""
+        a, b = self.plant.matrices()
+        n = len(a)
+        held = expm(np.block([[a, b], [np.zeros((1, n + 1))]]) * self.h)
+        kp, ki, kd = self.gains
+        values = np.empty(len(frequency), dtype=complex)
+        for k, w in enumerate(frequency):
+            z = np.exp(1j * w * self.h)
+            x = np.linalg.solve(z * np.eye(n) - held[:n, :n], held[:n, n])
+            derivative = x[1] if self.rate else x[0] * (1.0 - 1.0 / z) / self.h
+            values[k] = (
+                kp * x[0] + ki * self.h * z / (z - 1.0) * x[0] + kd * derivative
+            ) * z**-self.delay
+        return values
+
+
+class Margins(NamedTuple):
+    """How far a sampled loop is from instability."""
+
+    gain_up: float  # factor on all gains at which it loses stability; infinite where it never does
+    gain_down: float  # the same, downwards; 0 where it never does
+    phase_deg: float
+    modulus: float  # 1 / peak sensitivity: the smallest distance of L from -1
+    delay: float  # s, the largest that it tolerates, in whole periods
+
+
+def margins(loop: Loop) -> Margins:
+    """Return a stable loop's margins. Raises ValueError where it is not stable.
+
+    Gains and delay are found by bisection or counting on the loop's own eigenvalues, the phase at the
+    crossings of a frequency response on a grid of 4000 points up to the Nyquist frequency.
+    """
+    if not loop.stable:
+        raise ValueError("the loop is unstable: it has no margins")
+    nyquist = np.pi / loop.h
+    grid: Floats = np.geomspace(1e-3 * nyquist, 0.9999 * nyquist, 4000).astype(np.float64)
+    response = loop.response(grid)
+    crossing = np.flatnonzero(np.diff(np.sign(np.abs(response) - 1.0)))
+    phase = np.abs(np.degrees(np.angle(-response[crossing])))
+    return Margins(
+        _edge(loop, 1.0, 1e4),
+        _edge(loop, 1.0, 1e-4),
+        float(np.min(phase)) if len(phase) else np.inf,
+        float(np.min(np.abs(1.0 + response))),
+        largest_delay(loop) * loop.h,
+    )
+
+
+def largest_delay(loop: Loop, limit: int = 400) -> int:
+    """Return how many periods of delay the loop tolerates on top of its own, up to a limit."""
+    for extra in range(1, limit + 1):
+        if not _delayed(loop, extra).stable:
+            return extra - 1
+    return limit
+
+
+def _delayed(loop: Loop, extra: int) -> Loop:
+    return Loop(loop.plant, loop.gains, loop.h, loop.rate, loop.delay + extra)
+
+
+def _edge(loop: Loop, inside: float, outside: float) -> float:
+    """Return the factor on all gains at which stability ends, on the way from 1 to ``outside``."""
+
+    def stable(factor: float) -> bool:
+        gains = Gains(*(factor * gain for gain in loop.gains))
+        return Loop(loop.plant, gains, loop.h, loop.rate, loop.delay).stable
+
+    steps = np.geomspace(inside, outside, 200)
+    unstable = next((float(f) for f in steps[1:] if not stable(float(f))), None)
+    if unstable is None:
+        return np.inf if outside > 1.0 else 0.0
+    good = float(steps[list(steps).index(unstable) - 1])
+    for _ in range(50):
+        middle = (good * unstable) ** 0.5
+        good, unstable = (middle, unstable) if stable(middle) else (good, middle)
+    return good

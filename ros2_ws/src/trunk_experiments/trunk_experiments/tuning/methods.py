@@ -1,0 +1,123 @@
+"""Gains for an unstable, undamped plant: pole placement, LQR, and a relay experiment that says Ku and Tu."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import pi, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import expm, solve_continuous_are
+from scipy.signal import place_poles
+
+from trunk_control.pid import Gains
+from trunk_msgs_util.recording.joint_arrays import Floats
+
+from ..plans.files import PlanError
+from .linear import Linear
+
+
+class TuningError(PlanError):
+    """A tuning that cannot be: why, and what to give instead."""
+
+
+def _with_integral(plant: Linear) -> tuple[Floats, Floats]:
+    """Return A, B of the states (integral of theta, theta, theta')."""
+    a = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, plant.a, -plant.c]])
+    return a, np.array([[0.0], [0.0], [plant.b]])
+
+
+def by_poles(plant: Linear, poles: Sequence[float]) -> Gains:
+    """Return the PID gains that put the poles of the loop in continuous time, 1/s.
+
+    Three distinct poles left of zero, or two for a PD (Ki = 0). Raises TuningError for others.
+    """
+    if len(poles) not in (2, 3) or len(set(poles)) < len(poles) or max(poles) >= 0.0:
+        raise TuningError(f"poles {list(poles)}: give two or three distinct negative numbers, 1/s")
+    a, b = _with_integral(plant)
+    skip = 3 - len(poles)
+    k = place_poles(a[skip:, skip:], b[skip:], np.array(poles)).gain_matrix[0].tolist()
+    i, p, d = [0.0] * skip + k
+    return Gains(p, i, d)
+
+
+def by_lqr(plant: Linear, integral: float, angle: float, rate: float, torque: float) -> Gains:
+    """Return the LQR gains with integral action, weights by the largest acceptable values.
+
+    They minimise ``integral (I^2/I_0^2 + e^2/e_0^2 + e'^2/w_0^2 + u^2/u_0^2) dt``: I_0 in rad s,
+    e_0 in rad, w_0 in rad/s, u_0 in N m, each positive.
+    """
+    if min(integral, angle, rate, torque) <= 0.0:
+        raise TuningError("the weights' values must be greater than 0")
+    a, b = _with_integral(plant)
+    q = np.diag([integral**-2, angle**-2, rate**-2])
+    r = np.array([[torque**-2]])
+    i, p, d = np.linalg.solve(r, b.T @ solve_continuous_are(a, b, q, r))[0].tolist()
+    return Gains(p, i, d)
+
+
+class Ultimate(NamedTuple):
+    """What a relay experiment found, and what the characteristic polynomial says."""
+
+    gain: float  # Ku = 4 d / (pi amplitude), N m/rad: the describing function's
+    period: float  # Tu of the limit cycle, s
+    amplitude: float  # rad
+    exact_gain: float  # Routh: where pure P loses stability, N m/rad
+    exact_period: float  # s
+
+
+def ultimate(plant: Linear) -> tuple[float, float]:
+    """Return the gain [N m/rad] and period [s] at which pure P ends being stable.
+
+    With a lag T and damping c, ``T s^3 + (1 + T c) s^2 + (c - T a) s + (b K - a)`` has an imaginary
+    pair at ``w^2 = (c - T a) / T`` and ``b K = a + (1 + T c) w^2``. Raises TuningError where there is
+    none: without a lag or with too little damping pure P is stable for no gain or for all.
+    """
+    if plant.lag <= 0.0 or plant.c <= plant.lag * plant.a:
+        raise TuningError(
+            "no ultimate gain: it takes an actuator lag > 0 s and a damping > "
+            f"{plant.lag * plant.a / plant.b:.4g} N m s/rad (lag x m g l); declare both"
+        )
+    square = plant.c / plant.lag - plant.a
+    return (plant.a + (1.0 + plant.lag * plant.c) * square) / plant.b, 2.0 * pi / sqrt(square)
+
+
+def relay(plant: Linear, amplitude: float, step: float = 1e-4, cycles: int = 60) -> Ultimate:
+    """Return what a relay of +-``amplitude`` N m in place of the controller makes the trunk do.
+
+    Astrom and Hagglund's experiment on the linear plant, torque exact between steps of ``step`` s; the
+    last cycles of ``cycles`` are measured. Raises TuningError where no limit cycle settles.
+    """
+    exact_gain, exact_period = ultimate(plant)
+    a, b = plant.matrices()
+    n = len(a)
+    held = expm(np.block([[a, b], [np.zeros((1, n + 1))]]) * step)
+    phi, gamma = held[:n, :n], held[:n, n]
+    state = np.zeros(n)
+    # Inside what the relay can hold against gravity, near where the describing function expects it.
+    state[0] = 2.0 * amplitude / (pi * exact_gain)
+    crossings: list[float] = []
+    peaks: list[float] = []
+    peak = 0.0
+    for k in range(round(cycles * exact_period / step)):
+        before = state[0]
+        state = phi @ state + gamma * (-amplitude if before > 0.0 else amplitude)
+        peak = max(peak, abs(state[0]))
+        if not peak < 100.0 * amplitude / exact_gain:
+            raise TuningError("the relay's oscillation grows without bound: no limit cycle")
+        if before <= 0.0 < state[0]:
+            crossings.append((k + before / (before - state[0])) * step)
+            peaks.append(peak)
+            peak = 0.0
+    periods = np.diff(crossings)[-5:]
+    if len(periods) < 5 or np.ptp(periods) > 0.01 * float(np.mean(periods)):
+        raise TuningError("the relay's oscillation does not settle to a limit cycle")
+    swing = float(np.mean(peaks[-5:]))
+    gain = 4.0 * amplitude / (pi * swing)
+    return Ultimate(gain, float(np.mean(periods)), swing, exact_gain, exact_period)
+
+
+def ziegler_nichols(gain: float, period: float) -> Gains:
+    """Return Table 1's PID: ``Kp = 0.6 Ku, Ti = Tu / 2, Td = Tu / 8``."""
+    kp = 0.6 * gain
+    return Gains(kp, kp / (period / 2.0), kp * period / 8.0)

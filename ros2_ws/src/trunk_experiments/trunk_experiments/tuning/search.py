@@ -1,0 +1,142 @@
+"""Gains, or fuzzy rules and ranges, found by seeded differential evolution on whole simulated runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace as with_values
+from math import log10
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import differential_evolution
+
+from trunk_control.rule_tables import ALPHA_LABELS, INPUT_LABELS
+from trunk_msgs_util.parameters.declarations import Value, build, values_of
+from trunk_msgs_util.recording.joint_arrays import Floats
+
+from ..batch.closed_loop import Batch
+from ..plans.nodes import NODES
+from ..plans.plan import RunPlan
+
+FAILED = 1e9  # the cost of a run that diverges, or has no such metric
+_HALF = (
+    len(INPUT_LABELS) // 2 + 1
+)  # a table is its own mirror image both ways: a quarter decides it
+_CELLS = _HALF * _HALF
+
+
+class Found(NamedTuple):
+    """The best parameters, their cost and what the search cost."""
+
+    values: dict[str, Value]
+    cost: float
+    start_cost: float
+    runs: int
+
+
+class Space(NamedTuple):
+    """What is searched: bounds of a vector, which entries are whole numbers, and its meaning."""
+
+    bounds: list[tuple[float, float]]
+    integrality: list[bool]
+    start: list[float]
+    values: Callable[[Floats], dict[str, Value]]
+
+
+def gains_space(config: Any) -> Space:
+    """Return the gains p, i, d from a tenth to ten times the present ones, as powers of ten."""
+    now = [max(float(values_of(config)[f"gains.{name}"]), 1e-3) for name in "pid"]  # type: ignore[arg-type]
+    start = [log10(value) for value in now]
+
+    def values(x: Floats) -> dict[str, Value]:
+        return {f"gains.{name}": float(10.0**v) for name, v in zip("pid", x, strict=True)}
+
+    return Space([(s - 1.0, s + 1.0) for s in start], [False] * 3, start, values)
+
+
+def fuzzy_space(config: Any) -> Space:
+    """Return the ranges of Kp and Kd, the universes, and all three tables, symmetric in e and e_dot."""
+    now = values_of(config)
+    names: tuple[str, ...] = ("gains.p_min", "gains.p_max", "gains.d_min", "gains.d_max")
+    names += ("fuzzy.error_range", "fuzzy.rate_range")
+    start = [log10(float(now[name])) for name in names]  # type: ignore[arg-type]
+    bounds = [(s - 0.5, s + 0.5) for s in start]
+    tables = {"rules.kp": ("S", "B"), "rules.kd": ("S", "B"), "rules.alpha": ALPHA_LABELS}
+    for name, labels in tables.items():
+        rows: Any = now[name]
+        quarter = [row.split()[:_HALF] for row in rows[:_HALF]]
+        start += [float(labels.index(label)) for row in quarter for label in row]
+        bounds += [(0.0, len(labels) - 1.0)] * _CELLS
+
+    def values(x: Floats) -> dict[str, Value]:
+        found: dict[str, Value] = {
+            name: float(10.0**v) for name, v in zip(names, x[: len(names)], strict=True)
+        }
+        for low, high in (("gains.p_min", "gains.p_max"), ("gains.d_min", "gains.d_max")):
+            pair: list[Any] = sorted([found[low], found[high]])
+            found[low], found[high] = pair
+        cells = x[len(names) :].round().astype(int).reshape(3, _HALF, _HALF)
+        for (name, labels), quarter in zip(tables.items(), cells.tolist(), strict=True):
+            found[name] = _mirrored([[labels[c] for c in row] for row in quarter])
+        return found
+
+    return Space(bounds, [False] * len(names) + [True] * 3 * _CELLS, start, values)
+
+
+def _mirrored(quarter: list[list[str]]) -> tuple[str, ...]:
+    rows = [" ".join(row + row[-2::-1]) for row in quarter]
+    return tuple(rows + rows[-2::-1])
+
+
+def search(
+    plans: Sequence[RunPlan],
+    metric: str,
+    generations: int,
+    population: int,
+    seed: int,
+    progress: Callable[[int, float], None],
+) -> Found:
+    """Return the parameters of the plans' controller with the smallest mean metric over the plans.
+
+    The same seed gives the same result. ``progress`` hears the generation and the best cost so far.
+    """
+    first = plans[0]
+    config = first.controller
+    space = fuzzy_space(config) if first.controller_name == "fuzzy_pid" else gains_space(config)
+    batch = Batch()
+    runs = 0
+
+    def cost(x: Floats) -> float:
+        nonlocal runs
+        tried = build(NODES[first.controller_name].config, {**values_of(config), **space.values(x)})
+        total = 0.0
+        for plan in plans:
+            runs += 1
+            found = batch.run(with_values(plan, controller=tried)).metrics()
+            value = None if found is None else getattr(found, metric)
+            total += FAILED if value is None else abs(float(value))
+        return total / len(plans)
+
+    generation = 0
+
+    def heard(x: Floats, convergence: float = 0.0) -> None:
+        nonlocal generation
+        generation += 1
+        progress(generation, cost(x))
+
+    start = np.array(space.start)
+    start_cost = cost(start)
+    found = differential_evolution(
+        cost,
+        space.bounds,
+        maxiter=generations,
+        popsize=population,
+        seed=seed,
+        x0=start,
+        integrality=space.integrality,
+        polish=False,
+        tol=0.0,
+        callback=heard,
+    )
+    best = start if start_cost <= found.fun else found.x
+    return Found(space.values(best), min(start_cost, float(found.fun)), start_cost, runs)

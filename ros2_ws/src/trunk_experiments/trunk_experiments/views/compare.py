@@ -1,0 +1,98 @@
+"""Runs side by side: metrics, parameters that differ, where each parts from the first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+
+from ..analysis.metrics import QUANTITIES, metrics
+from ..plans.nodes import CONTROLLERS
+from ..replay.diff import RunDiff, diff
+from .run_view import RunView, labels
+
+if TYPE_CHECKING:
+    from trunk_msgs_util.parameters.declarations import Value
+
+
+class Row(NamedTuple):
+    """A metric of every run; ``best``: the runs (by index) that have the least of it."""
+
+    key: str
+    values: tuple[float | None, ...]
+    best: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What `compare` found. Parameters: by ``role.name``, one value per run, None where it has none."""
+
+    names: tuple[str, ...]
+    rows: tuple[Row, ...]
+    parameters: Mapping[str, tuple[Value | None, ...]]
+    diffs: tuple[RunDiff, ...]  # of the second run and the following against the first
+
+
+def best_of(values: Sequence[float | None]) -> tuple[int, ...]:
+    """Return the indices of the least magnitude: all that tie, none where nothing is to choose."""
+    magnitudes = [abs(value) for value in values if value is not None]
+    if not magnitudes or len(values) < 2:
+        return ()
+    least = min(magnitudes)
+    return tuple(i for i, v in enumerate(values) if v is not None and abs(v) == least)
+
+
+def metrics_of(view: RunView) -> dict[str, float | None]:
+    """Return a run's metrics. Raises RecordingError, naming the file, where its data allow none."""
+    try:
+        return metrics(view.table).as_dict()
+    except ValueError as error:
+        raise RecordingError(f"{view.path}: {error}; record a run that is whole") from None
+
+
+def metric_rows(views: Sequence[RunView]) -> tuple[Row, ...]:
+    """Return the rows of the table of metrics."""
+    found = [metrics_of(view) for view in views]
+    rows = []
+    for key in found[0]:
+        values = tuple(run[key] for run in found)
+        judged = key in QUANTITIES and QUANTITIES[key].judged
+        rows.append(Row(key, values, best_of(values) if judged else ()))
+    return tuple(rows)
+
+
+def differing_parameters(views: Sequence[RunView]) -> dict[str, tuple[Value | None, ...]]:
+    """Return the parameters that are not the same in all runs.
+
+    Controllers stand in one another's place, whatever the node is called; the recorder decides nothing.
+    """
+    runs = []
+    for view in views:
+        values: dict[str, Value] = {}
+        for node, parameters in view.parameters.items():
+            role = "controller" if node in CONTROLLERS else node
+            if role != "recorder":
+                values |= {f"{role}.{name}": value for name, value in parameters.items()}
+        if view.controllers:
+            values["controller"] = ", ".join(view.controllers)
+        runs.append(values)
+    names = sorted({name for values in runs for name in values})
+    table = {name: tuple(values.get(name) for values in runs) for name in names}
+    return {name: row for name, row in table.items() if any(value != row[0] for value in row)}
+
+
+def divergence(first: Recording, other: Recording) -> RunDiff:
+    """Return where a run parts from the first; two laws have no ``~/state`` in common to be compared."""
+    return diff(first, other, terms=first.controllers == other.controllers)
+
+
+def compare(views: Sequence[RunView]) -> Comparison:
+    """Compare runs; the first is what the others' first divergence is told against."""
+    return Comparison(
+        names=tuple(labels(views)),
+        rows=metric_rows(views),
+        parameters=differing_parameters(views),
+        diffs=tuple(divergence(views[0].recording, view.recording) for view in views[1:]),
+    )

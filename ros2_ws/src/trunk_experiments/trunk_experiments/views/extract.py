@@ -1,0 +1,153 @@
+"""Parts of a recorded run in other formats: tables of numbers, and a smaller MCAP."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from importlib import import_module
+from math import inf
+from pathlib import Path
+
+import numpy as np
+from mcap.writer import Writer
+
+from trunk_msgs_util import topics as names
+from trunk_msgs_util.recording.file import STAMPED, RecordingFile
+from trunk_msgs_util.recording.joint_arrays import Integers
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.split import Messages, unaligned
+from trunk_msgs_util.recording.whole_file import whole_file
+from trunk_msgs_util.recording.writer import END, PROVENANCE
+from trunk_msgs_util.units import NANOSECONDS
+
+from ..analysis.run_table import CSV_COLUMNS, RunTable
+
+COLUMNS = (*CSV_COLUMNS, "alpha")
+
+
+def window(table: RunTable, start: float = -inf, end: float = inf) -> RunTable:
+    """Return the rows with ``start <= t <= end``, in s."""
+    first = int(np.searchsorted(table.t, start, side="left"))
+    last = int(np.searchsorted(table.t, end, side="right"))
+    return replace(table, **{name: getattr(table, name)[first:last] for name in COLUMNS})
+
+
+def write_parquet(table: RunTable, path: Path) -> None:
+    """Write `COLUMNS` as Parquet, doubles to the last bit."""
+    pyarrow = import_module("pyarrow")  # untyped, and 0.2 s to import
+    parquet = import_module("pyarrow.parquet")
+    columns = {name: np.ascontiguousarray(getattr(table, name)) for name in COLUMNS}
+    with whole_file(path) as part, part.open("wb") as file:
+        parquet.write_table(pyarrow.table(columns), file, compression="zstd")
+
+
+def write_npz(table: RunTable, path: Path) -> None:
+    """Write `COLUMNS` as a compressed NumPy archive, one array each."""
+    with (
+        whole_file(path) as part,
+        part.open("wb") as file,
+    ):  # given a name, NumPy would put .npz behind it
+        np.savez_compressed(file, **{name: getattr(table, name) for name in COLUMNS})
+
+
+def write_mcap(
+    recording: Recording,
+    path: Path,
+    start: float = -inf,
+    end: float = inf,
+    topics: Collection[str] = (),
+) -> int:
+    """Copy messages with ``start <= stamp <= end`` in s, byte for byte; return their number.
+
+    Stamps are the headers', or else log times. ``topics`` are absolute or relative, all without
+    any. Parameters that were set before the window are copied as well: they hold in it. The end
+    record calls what is not all of the run incomplete. Raises RecordingError for unknown topics.
+    """
+    wanted = _chosen(recording, topics)
+    first, last = _ns(start), _ns(end)
+    parameters = recording.topic(names.RUN_PARAMETERS)
+    count = 0
+    with whole_file(path) as part, part.open("wb") as file:
+        writer = Writer(file, enable_data_crcs=True)
+        writer.start("ros2", f"trunk_msgs_util export of {recording.library}")
+        if recording.provenance:
+            writer.add_metadata(PROVENANCE, recording.provenance)
+        channels: dict[tuple[int, int], int] = {}
+        schemas: dict[tuple[str, bytes], int] = {}
+        for source, messages in recording.copies(wanted):
+            number = unaligned(messages.data, "<u2")[messages.start - 22]
+            stamp_ns = _stamps(source, messages, number)
+            is_parameters = np.array(
+                [source.channels[int(c)].topic == parameters for c in np.unique(number)]
+            )[np.searchsorted(np.unique(number), number)]
+            rows = np.flatnonzero(
+                (stamp_ns <= last) & ((stamp_ns >= first) | is_parameters),
+            )
+            for row in rows.tolist():
+                key = (id(source), int(number[row]))
+                if key not in channels:
+                    channels[key] = _channel(writer, source, key[1], schemas)
+                _copy(writer, channels[key], messages, row)
+            count += len(rows)
+        writer.flush()
+        whole = recording.complete and start == -inf and end == inf and not topics
+        reason = f"exported from {recording.path.name}"
+        if not whole:
+            reason += f", t = {start:g} to {end:g} s, {len(wanted)} topics"
+        writer.add_metadata(END, {"complete": str(whole).lower(), "reason": reason})
+        writer.finish()
+    return count
+
+
+def _chosen(recording: Recording, topics: Collection[str]) -> list[str]:
+    chosen = []
+    for name in topics:
+        absolute = name if name.startswith("/") else recording.topic(name)
+        if absolute not in recording.topics:
+            raise RecordingError(
+                f"{recording.path} has no topic {absolute}, only {', '.join(recording.topics)}"
+            )
+        chosen.append(absolute)
+    return chosen or list(recording.topics)
+
+
+def _ns(time: float) -> float:
+    return time if abs(time) == inf else round(time * NANOSECONDS)
+
+
+def _stamps(source: RecordingFile, messages: Messages, number: Integers) -> Integers:
+    """Return each message's stamp in ns."""
+    stamped = {c for c in np.unique(number).tolist() if source.type_of(c) in STAMPED}
+    _, log, start, end = messages
+    found = log.copy()
+    rows = np.flatnonzero(np.isin(number, list(stamped)) & (end - start >= 12))
+    octets = np.frombuffer(messages.data, np.uint8)
+    for order, little in (("<", True), (">", False)):
+        some = rows[(octets[start[rows] + 1] == 1) == little]
+        sec = unaligned(messages.data, f"{order}i4")[start[some] + 4].astype(np.int64)
+        found[some] = sec * NANOSECONDS + unaligned(messages.data, f"{order}u4")[start[some] + 8]
+    return found
+
+
+def _channel(
+    writer: Writer, source: RecordingFile, number: int, schemas: dict[tuple[str, bytes], int]
+) -> int:
+    channel = source.channels[number]
+    schema = source.schemas.get(channel.schema_id)
+    new = 0
+    if schema is not None:
+        key = (schema.name, schema.data)
+        if key not in schemas:
+            schemas[key] = writer.register_schema(schema.name, schema.encoding, schema.data)
+        new = schemas[key]
+    return writer.register_channel(
+        channel.topic, channel.message_encoding, new, dict(channel.metadata)
+    )
+
+
+def _copy(writer: Writer, channel: int, messages: Messages, row: int) -> None:
+    data, log, start, end = messages
+    at = int(start[row])
+    sequence = int.from_bytes(data[at - 20 : at - 16], "little")
+    publish = int.from_bytes(data[at - 8 : at], "little")
+    writer.add_message(channel, int(log[row]), data[at : int(end[row])], publish, sequence)

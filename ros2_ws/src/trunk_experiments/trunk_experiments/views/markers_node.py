@@ -1,0 +1,163 @@
+"""The ``markers`` node: the run as visualization_msgs/MarkerArray, for RViz and Foxglove.
+
+It has no part in the run: it looks at the newest messages at its own pace, nothing waits for it, and it
+leaves no trace in the record.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterable
+
+import rclpy
+from geometry_msgs.msg import Point
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.node import qos
+from trunk_msgs_util.node.conversions import WireReader
+from trunk_msgs_util.node.executor import LoopExecutor
+from trunk_msgs_util.node.ros_parameters import NodeParameters
+from trunk_msgs_util.node.run import EXIT_USAGE, Shutdown
+from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_msgs_util.samples import JointSample
+
+from . import markers
+from .markers import Geometry, Kind, MarkersConfig, Scene, Shape
+
+
+class Newest:
+    """The newest sample of a topic."""
+
+    def __init__(self, node: Node, topic: str) -> None:
+        self.sample: JointSample | None = None
+        self._read = WireReader()
+        node.create_subscription(JointState, topic, self._take, qos.view(), raw=True)
+
+    def _take(self, data: bytes) -> None:
+        self.sample = self._read(data)
+
+    def value(self, field: str, name: str) -> float | None:
+        """Return a named value of ``position`` or ``effort``, None where there is none."""
+        if self.sample is None or name not in self.sample.name:
+            return None
+        values: tuple[float, ...] = getattr(self.sample, field)
+        index = self.sample.name.index(name)
+        return values[index] if index < len(values) else None
+
+
+class MarkersNode(Node):
+    """Publishes the picture of the newest state; the plant's constants come from ``run/parameters``."""
+
+    def __init__(self) -> None:
+        """Declare and check the parameters. Raises ParameterError."""
+        super().__init__("markers", start_parameter_services=False)  # made with the parameters
+        self._parameters_set = NodeParameters(self, MarkersConfig, lambda old, new: None)
+        self._plant: dict[str, object] = {}
+        self._geometry = Geometry()
+        self._truth = Newest(self, topics.GROUND_TRUTH)
+        self._disturbance = Newest(self, topics.DISTURBANCE)
+        self._terms = [Newest(self, topics.controller_state(c)) for c in topics.CONTROLLERS]
+        self._shown: JointSample | None = None
+        self._picture = self.create_publisher(MarkerArray, markers.TOPIC, 1)
+        self.create_subscription(
+            ParameterEvent, topics.RUN_PARAMETERS, self._on_parameters, qos.run_information()
+        )
+
+    @property
+    def config(self) -> MarkersConfig:
+        """The active configuration."""
+        return self._parameters_set.config
+
+    def _on_parameters(self, event: ParameterEvent) -> None:
+        if event.node.endswith("/simulator"):
+            for parameter in (*event.new_parameters, *event.changed_parameters):
+                self._plant[parameter.name] = parameter_value_to_python(parameter.value)
+            self._geometry = Geometry.of(self._plant)
+
+    def show(self) -> None:
+        """Publish the picture where there is a new state."""
+        if self._truth.sample is self._shown:
+            return
+        self._shown = self._truth.sample
+        hip, trunk = self._geometry.joints
+        x, theta = self._truth.value("position", hip), self._truth.value("position", trunk)
+        if x is None or theta is None:
+            return
+        scene = Scene(
+            x,
+            theta,
+            self._truth.value("effort", trunk) or 0.0,
+            self._reference(),
+            self._disturbed(hip),
+            self._disturbed(trunk),
+        )
+        self._picture.publish(self._to_ros(markers.shapes(self._geometry, scene)))
+
+    def _reference(self) -> float | None:
+        """Return the reference of the controller that spoke last."""
+        speaking = [terms for terms in self._terms if terms.sample is not None]
+        latest = max(speaking, key=lambda t: t.sample.stamp_ns if t.sample else -1, default=None)
+        return latest.value("position", "reference") if latest else None
+
+    def _disturbed(self, joint: str) -> bool:
+        values = (self._disturbance.value(field, joint) for field in ("effort", "position"))
+        return any(values)
+
+    def _to_ros(self, picture: Iterable[Shape]) -> MarkerArray:
+        stamp = self.get_clock().now().to_msg()
+        array = MarkerArray()
+        for shape in picture:
+            marker = Marker(ns=shape.name, type=int(shape.kind), action=Marker.DELETE)
+            marker.header.stamp = stamp
+            marker.header.frame_id = self.config.frame
+            if shape.points:
+                _draw(shape, marker)
+            array.markers.append(marker)
+        return array
+
+
+def _draw(shape: Shape, marker: Marker) -> None:
+    marker.action = Marker.ADD
+    marker.pose.orientation.w = 1.0
+    red, green, blue, alpha = shape.color
+    marker.color = ColorRGBA(r=red, g=green, b=blue, a=alpha)
+    points = [Point(x=x, y=y, z=z) for x, y, z in shape.points]
+    scale = marker.scale
+    scale.x = shape.size
+    if shape.kind is Kind.SPHERE:
+        marker.pose.position = points[0]
+        scale.y = scale.z = shape.size
+    else:
+        marker.points = points
+    if shape.kind is Kind.ARROW:
+        scale.y, scale.z = 2.5 * shape.size, 3.0 * shape.size  # the head's diameter and length
+
+
+def main() -> None:
+    """Show the newest state at the set rate until told to stop."""
+    shutdown = Shutdown()
+    try:
+        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+        node = MarkersNode()
+    except (ParameterError, RuntimeError, ValueError) as error:
+        print(f"markers: error: {' '.join(str(error).split())}", file=sys.stderr)
+        rclpy.try_shutdown()
+        sys.exit(EXIT_USAGE)
+    executor = LoopExecutor()
+    executor.add_node(node)
+    while not shutdown.requested:
+        # Messages that come in between do not wake it: the queues hold the newest alone.
+        time.sleep(1.0 / node.config.rate)
+        executor.spin_once(timeout_sec=0.0)
+        node.show()
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.try_shutdown()

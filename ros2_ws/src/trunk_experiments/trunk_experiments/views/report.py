@@ -1,0 +1,148 @@
+"""What a report says in words and tables, computed before any page is written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from trunk_control.config import FuzzyPidConfig
+from trunk_control.rule_tables import INPUT_LABELS
+from trunk_msgs_util.recording.reader import RecordingError
+from trunk_msgs_util.units import seconds
+
+from ..analysis.metrics import QUANTITIES
+from ..replay.doctor import INFO, examine
+from .compare import Row, differing_parameters, metric_rows
+from .report_data import report_data, rule_use
+from .run_view import RunView, labels
+
+
+@dataclass(frozen=True)
+class RuleCell:
+    """A rule of the tables: the labels of its consequents, and how often it fired."""
+
+    kp: str
+    kd: str
+    alpha: str
+    count: int
+    share: float  # of the updates
+
+
+@dataclass(frozen=True)
+class RunSection:
+    """What is said of one run."""
+
+    label: str
+    title: str
+    scenario: str
+    facts: tuple[tuple[str, str], ...]
+    warnings: tuple[str, ...]
+    parameters: Mapping[str, Mapping[str, str]]  # by node
+    provenance: Mapping[str, str]
+    topics: tuple[tuple[str, str, int], ...]  # name, type, messages
+    rules: tuple[tuple[str, tuple[RuleCell, ...]], ...]  # a row per label of e; none for a PID
+
+
+@dataclass(frozen=True)
+class Report:
+    """The whole report."""
+
+    title: str
+    runs: tuple[RunSection, ...]
+    metrics: tuple[Row, ...]
+    no_metrics: str  # why there are none
+    differing: Mapping[str, tuple[str, ...]]
+    data: dict[str, Any]
+
+
+def make_report(views: Sequence[RunView]) -> Report:
+    """Return the report on one run or several."""
+    names = labels(views)
+    try:
+        rows, reason = metric_rows(views), ""
+    except RecordingError as error:
+        rows, reason = (), str(error)
+    differing = differing_parameters(views) if len(views) > 1 else {}
+    return Report(
+        title=" · ".join(names),
+        runs=tuple(_section(view, name) for view, name in zip(views, names, strict=True)),
+        metrics=rows,
+        no_metrics=reason,
+        differing={name: tuple(map(shown, values)) for name, values in differing.items()},
+        data=report_data(views),
+    )
+
+
+def shown(value: object) -> str:
+    """Return a parameter's value as text, in full precision."""
+    if isinstance(value, tuple):
+        return "[" + ", ".join(map(shown, value)) + "]"
+    return "–" if value is None else str(value)
+
+
+def number(value: float | None) -> str:
+    """Return a metric as text."""
+    return "never" if value is None else f"{value:.5g}".replace("-", "−")
+
+
+def quantity_label(key: str) -> tuple[str, str]:
+    """Return a metric's name for people and its unit."""
+    quantity = QUANTITIES.get(key)
+    return (quantity.label, quantity.unit) if quantity else (key, "")
+
+
+def said_of(view: RunView) -> list[str]:
+    """Return what is wrong with a run: what `examine` finds, and what kept its parameters from use."""
+    found = [finding.describe() for finding in examine(view.path) if finding.severity != INFO]
+    return found + [w for w in view.warnings if w not in view.recording.warnings]
+
+
+def _section(view: RunView, label: str) -> RunSection:
+    table, recording = view.table, view.recording
+    state = "complete" if recording.complete else "incomplete"
+    fell = recording.fell_at_ns
+    facts = (
+        ("controller", view.title),
+        ("scenario", recording.provenance.get("scenario", "not recorded")),
+        ("mode", recording.provenance.get("mode", "not recorded")),
+        ("states", f"{len(table.t)} from {table.t[0]:g} s to {table.t[-1]:g} s"),
+        ("file", f"{view.path.name}, {state}"),
+        *((("fell", f"at t = {seconds(fell):g} s"),) if fell is not None else ()),
+    )
+    return RunSection(
+        label=label,
+        title=view.title,
+        scenario=recording.provenance.get("scenario", ""),
+        facts=facts,
+        warnings=tuple(dict.fromkeys(said_of(view))),
+        parameters={
+            node: {name: shown(value) for name, value in values.items()}
+            for node, values in view.parameters.items()
+        },
+        provenance=dict(sorted(recording.provenance.items())),
+        topics=tuple((n, topic.type, topic.count) for n, topic in sorted(recording.topics.items())),
+        rules=_rule_cells(view),
+    )
+
+
+def _rule_cells(view: RunView) -> tuple[tuple[str, tuple[RuleCell, ...]], ...]:
+    config = view.controller
+    if not isinstance(config, FuzzyPidConfig):
+        return ()
+    counts = rule_use(view)
+    updates = max(1, len(view.terms))
+    kp, kd, alpha = (
+        [row.split() for row in rows]
+        for rows in (config.rules_kp, config.rules_kd, config.rules_alpha)
+    )
+    return tuple(
+        (
+            label,
+            tuple(
+                RuleCell(kp[i][j], kd[i][j], alpha[i][j], count, count / updates)
+                for j, count in enumerate(counts[i])
+            ),
+        )
+        for i, label in enumerate(INPUT_LABELS)
+    )

@@ -1,0 +1,222 @@
+"""`RunView`: what pictures, comparisons and reports show of a recorded run, read once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, cast
+
+import numpy as np
+
+from trunk_control.config import FuzzyPidConfig, PidConfig
+from trunk_control.controller_config import ControllerConfig
+from trunk_control.model_config import ComputedTorqueConfig, LqrConfig
+from trunk_msgs_util import topics
+from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.units import seconds
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.disturbance_config import DisturbanceConfig
+from trunk_sim.disturbances import CHANNELS, pulse
+
+from ..analysis.run_table import RunTable
+from ..plans.nodes import CONTROLLERS
+from ..replay.recorded_turns import Turn, recorded_turns
+from ..replay.replay import config_of, timeline_of
+
+if TYPE_CHECKING:
+    from trunk_msgs_util.parameters.declarations import Value
+    from trunk_msgs_util.recording.joint_arrays import Floats, Integers, JointArrays
+
+_TURNS_IN_TITLE = 4  # more of them are not spelled out
+AS_PRINTED, ZIEGLER_NICHOLS = (60.0, 36.0, 400.0), (60.0, 100.0, 9.0)  # N m/rad and so on
+
+
+class Pulse(NamedTuple):
+    """A span of time in which a pulse acts: ``start <= t < end`` in s, magnitude in the channel's unit."""
+
+    start: float
+    end: float
+    channel: str
+    magnitude: float
+
+
+@dataclass(frozen=True)
+class RunView:
+    """A recorded run. A configuration is None where it was not recorded or cannot be used.
+
+    Of several controllers that took turns, ``controller`` is the one whose inference can be shown, else
+    the one with most updates; ``controllers`` has all whose parameters are known.
+    """
+
+    recording: Recording
+    table: RunTable
+    terms: JointArrays  # of ~/state, by stamp; empty where there is none
+    disturbances: JointArrays  # by stamp
+    controller_name: str | None
+    controller: ControllerConfig | None
+    controllers: Mapping[str, ControllerConfig | None]
+    simulator: SimulatorConfig | None
+    disturbance: DisturbanceConfig | None
+    pulses: tuple[Pulse, ...]
+    turns: tuple[Turn, ...]
+    warnings: tuple[str, ...]
+
+    @classmethod
+    def read(cls, recording: Recording) -> RunView:
+        """Return what can be shown of a recording; what cannot is said in ``warnings``.
+
+        Raises RecordingError where there are no true states.
+        """
+        warnings = list(recording.warnings)
+
+        def config(node: str) -> object:
+            try:
+                return config_of(recording, node)
+            except KeyError:
+                return None
+            except ParameterError as error:
+                warnings.append(f"{node}: recorded parameters cannot be used: {error}")
+                return None
+
+        controllers = {
+            one: cast("ControllerConfig | None", config(one) if one in CONTROLLERS else None)
+            for one in recording.controllers
+        }
+        fuzzy = [one for one, c in controllers.items() if isinstance(c, FuzzyPidConfig)]
+        name = fuzzy[0] if fuzzy else recording.controller
+        state = topics.controller_state(name) if name else ""
+        disturbance = cast("DisturbanceConfig | None", config("disturbance"))
+        acting = recording.joints(recording.topic(topics.DISTURBANCE)).by_stamp()
+        return cls(
+            recording=recording,
+            table=RunTable.from_recording(recording),
+            terms=recording.joints(recording.topic(state)).by_stamp(),
+            disturbances=acting,
+            controller_name=name,
+            controller=controllers.get(name or ""),
+            controllers=controllers,
+            simulator=cast("SimulatorConfig | None", config("simulator")),
+            disturbance=disturbance,
+            pulses=tuple(_pulses(recording, acting.stamp_ns)) if disturbance else (),
+            turns=recorded_turns(recording),
+            warnings=tuple(warnings),
+        )
+
+    @property
+    def path(self) -> Path:
+        """The recording's file."""
+        return self.recording.path
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Bounds of the applied torque in N m: the controllers' and the actuator's."""
+        low, high = -inf, inf
+        known = [c for c in self.controllers.values() if c is not None]
+        if known:
+            low = min(c.u_clamp_min for c in known)
+            high = max(c.u_clamp_max for c in known)
+        if self.simulator is not None:
+            low, high = max(low, -self.simulator.max_effort), min(high, self.simulator.max_effort)
+        return low, high
+
+    @property
+    def hip_path(self) -> tuple[float, float]:
+        """Amplitude A in m and wave number k in rad/m of the path ``y = A sin(k x)``."""
+        simulator = self.simulator or SimulatorConfig()
+        return simulator.amplitude, simulator.wavenumber
+
+    @property
+    def parameters(self) -> Mapping[str, Mapping[str, Value]]:
+        """Every node's parameters at the start, without the run's namespace."""
+        return {
+            name.removeprefix(self.recording.namespace).lstrip("/"): values
+            for name, values in self.recording.parameters().items()
+        }
+
+    @property
+    def title(self) -> str:
+        """The controllers in words: ``Fuzzy-PID``, ``PID (60, 36, 9), from 4 s Fuzzy-PID``."""
+        words = {name: _in_words(name, config) for name, config in self.controllers.items()}
+        if not 1 < len(self.turns) <= _TURNS_IN_TITLE:
+            return ", then ".join(words.values()) or "no controller"
+        first, *others = self.turns
+        later = [f"from {turn.start:g} s {words[turn.controller]}" for turn in others]
+        return ", ".join([words[first.controller], *later])
+
+
+def _in_words(name: str, config: ControllerConfig | None) -> str:
+    if isinstance(config, PidConfig):
+        gains = tuple(config.gains)
+        if gains == AS_PRINTED:
+            return "PID (gains as printed)"
+        if gains == ZIEGLER_NICHOLS:
+            return "PID (Ziegler–Nichols)"
+        return "PID ({:g}, {:g}, {:g})".format(*gains)
+    if isinstance(config, FuzzyPidConfig):
+        other = config.rules != FuzzyPidConfig().rules
+        return "Fuzzy-PID (own rules)" if other else "Fuzzy-PID"
+    if isinstance(config, LqrConfig):
+        return "LQR"
+    if isinstance(config, ComputedTorqueConfig):
+        return "Computed torque"
+    return {"lqr": "LQR", "computed_torque": "Computed torque"}.get(name, name)
+
+
+def _pulses(recording: Recording, stamps: Integers) -> list[Pulse]:
+    """Return the windows of the recorded stamps in which a pulse acted, changes of parameters and all."""
+    timeline = timeline_of(recording, "disturbance")
+    signals = timeline.config.signals
+    found: list[Pulse] = []
+    open_since: tuple[int, str, float] | None = None
+    for stamp_ns in stamps.tolist():
+        if timeline.advance(stamp_ns):
+            signals = timeline.config.signals
+        value = pulse(
+            stamp_ns, signals.pulse_starts, signals.pulse_duration, signals.pulse_magnitude
+        )
+        if open_since is not None and value != open_since[2]:
+            start, channel, magnitude = open_since
+            found.append(Pulse(seconds(start), seconds(stamp_ns), channel, magnitude))
+            open_since = None
+        if value != 0.0 and open_since is None:
+            open_since = stamp_ns, CHANNELS[signals.pulse_channel], value
+    if open_since is not None:
+        start, channel, magnitude = open_since
+        found.append(Pulse(seconds(start), seconds(int(stamps[-1])), channel, magnitude))
+    return found
+
+
+def labels(views: Sequence[RunView], name: Callable[[RunView], str] | None = None) -> list[str]:
+    """Return one distinct name per run: the file's, with as much of its path, or a number, as it takes.
+
+    ``name`` gives the names to begin with.
+    """
+    names = [name(view) if name else view.path.stem for view in views]
+    if name is None and len(set(names)) < len(names):
+        names = [f"{view.path.resolve().parent.name}/{view.path.stem}" for view in views]
+    elif len(set(names)) < len(names):
+        names = [f"{n}, {view.path.stem}" for n, view in zip(names, views, strict=True)]
+    if len(set(names)) < len(names):
+        names = [f"{n} #{i}" for i, n in enumerate(names, 1)]
+    return names
+
+
+def same_pulses(views: Sequence[RunView]) -> list[Pulse]:
+    """Return the pulse windows of all runs, each once."""
+    return sorted({p for view in views for p in view.pulses})
+
+
+def off_scale(values: Floats) -> float | None:
+    """Return a half-range that shows all but short spikes, None where the whole fits.
+
+    A derivative of a step makes peaks a hundred times what surrounds them; an axis that holds them
+    shows nothing else.
+    """
+    finite = np.abs(values[np.isfinite(values)])
+    if not len(finite):
+        return None
+    usual = float(np.quantile(finite, 0.985))
+    return 1.25 * usual if 0.0 < 4.0 * usual < float(np.max(finite)) else None

@@ -1,0 +1,152 @@
+"""What every node of the project shares: parameters, run events, diagnostics, a managed life, an end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, Generic, TypeVar
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
+from rclpy.qos import qos_policy_name_from_kind
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+
+from .. import topics
+from ..parameters.config import ManagedConfig
+from ..parameters.declarations import values_of
+from . import qos
+from .conversions import status_to_ros
+from .managed import EXIT_FAILED, ManagedNode
+from .ros_parameters import NodeParameters
+
+Config = TypeVar("Config", bound=ManagedConfig)
+
+_ACKNOWLEDGE_S = 1.0
+
+
+class TrunkNode(ManagedNode, Generic[Config]):
+    """A managed node with a checked configuration, which tells the run's record what happens to it.
+
+    Parameters, run events and diagnostics are there from the beginning; a subclass fills in `set_up`,
+    `activate`, `deactivate` and `tear_down`, which ROS 2's transitions call.
+
+    ``run_stamp_ns`` is the stamp of the last state that the node dealt with; events and changes of
+    parameters carry it. A change applies from the first state with a greater stamp on.
+    """
+
+    def __init__(self, name: str, config_class: type[Config]) -> None:
+        """Declare and check the parameters. Raises ParameterError."""
+        super().__init__(name, start_parameter_services=False)  # they are made with the parameters
+        self.run_stamp_ns = -1  # before the first state
+        self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.linger_s = 0.0  # messages may gather for so long before they are taken
+        self._parameters_set = NodeParameters(self, config_class, self._on_parameters)
+        self._parameters_topic = self.create_publisher(
+            ParameterEvent, topics.RUN_PARAMETERS, qos.run_information()
+        )
+        self._events_topic = self.create_publisher(
+            DiagnosticArray, topics.RUN_EVENTS, qos.run_information()
+        )
+        self._diagnostics_topic = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._parameters_topic.publish(self._parameters_set.event(0))
+        self._diagnostics_timer = self.every(1.0, self._publish_diagnostics)
+        self.keep_permanent()
+
+    def autostart(self) -> None:
+        """Configure and activate, where the parameter ``autostart`` says so. Raises ParameterError."""
+        if self.config.autostart:
+            super().autostart()
+        else:
+            self.get_logger().info("unconfigured: autostart is false")
+
+    def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
+        """Call back periodically by the steady clock: simulated time must not drive what makes it."""
+        return self.create_timer(period_s, callback, clock=self._steady_clock)
+
+    @property
+    def config(self) -> Config:
+        """The active configuration: always what the stored parameters say."""
+        return self._parameters_set.config
+
+    def _on_parameters(self, old: Config, new: Config) -> None:
+        before, after = values_of(old), values_of(new)
+        changed = {name: value for name, value in after.items() if value != before[name]}
+        self.retune(new)
+        if changed:
+            self._parameters_topic.publish(self._parameters_set.event(self.run_stamp_ns, changed))
+
+    def retune(self, config: Config) -> None:
+        """Take a changed configuration; called between two callbacks."""
+
+    def diagnostics(self) -> Mapping[str, object]:
+        """Return what /diagnostics says of this node, beside its counters."""
+        return {}
+
+    def create_subscription(
+        self,
+        msg_type: Any,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos_profile: Any,
+        **more: Any,
+    ) -> Subscription:
+        """Create a subscription that counts publishers whose messages it will never get."""
+
+        def incompatible(event: QoSRequestedIncompatibleQoSInfo) -> None:
+            policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
+            self.counters[f"publishers of {topic} refused for their {policy}"] += (
+                event.total_count_change
+            )
+            self.get_logger().warning(
+                f"a publisher of {topic} is not heard: its {policy} is not what this node asks for"
+            )
+
+        more.setdefault(
+            "event_callbacks", SubscriptionEventCallbacks(incompatible_qos=incompatible)
+        )
+        return super().create_subscription(msg_type, topic, callback, qos_profile, **more)
+
+    def event(self, message: str, level: bytes = DiagnosticStatus.OK, **values: object) -> None:
+        """Put an event on the run's record."""
+        self._events_topic.publish(
+            status_to_ros(
+                self.run_stamp_ns, self.get_fully_qualified_name(), message, values, level
+            )
+        )
+
+    def fail(self, reason: str, **values: object) -> None:
+        """End this node's process with an error that the record and the console name."""
+        self.get_logger().error(reason)
+        self.event("failed", DiagnosticStatus.ERROR, reason=reason, **values)
+        self.exit_code = EXIT_FAILED
+
+    def draining(self) -> bool:
+        """Return True while the node still has something to take in before it closes."""
+        return False
+
+    def _publish_diagnostics(self) -> None:
+        state = "active" if self.active else "inactive" if self.configured else "unconfigured"
+        values = {"lifecycle": state, **self.diagnostics(), **self.counters}
+        level = DiagnosticStatus.WARN if self.counters else DiagnosticStatus.OK
+        message = ", ".join(f"{name} {count}" for name, count in self.counters.items()) or "ok"
+        self._diagnostics_topic.publish(
+            status_to_ros(
+                self.get_clock().now().nanoseconds,
+                self.get_fully_qualified_name(),
+                message,
+                values,
+                level,
+            )
+        )
+
+    def close(self) -> None:
+        """Wait, within a bound, until every reliable reader has what was published; then destroy."""
+        deadline = time.monotonic() + _ACKNOWLEDGE_S
+        for publisher in list(self.publishers):
+            left = max(deadline - time.monotonic(), 0.0)
+            publisher.wait_for_all_acked(Duration(seconds=left))
+        self.destroy_node()

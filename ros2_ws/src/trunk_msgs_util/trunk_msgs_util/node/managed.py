@@ -1,0 +1,149 @@
+"""A managed node whose transitions are four plain methods, and which no request can bring down."""
+
+from __future__ import annotations
+
+import traceback
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+
+from ..parameters.declarations import ParameterError
+
+RCLError = rclpy_implementation.RCLError
+EXIT_FAILED = 1
+
+
+class ManagedNode(LifecycleNode):
+    """ROS 2's lifecycle, with what a subclass has to do in `set_up`, `activate`, `deactivate`, `tear_down`.
+
+    What is made before `keep_permanent` is called outlives a cleanup.
+    """
+
+    def __init__(self, name: str, **arguments: Any) -> None:
+        super().__init__(name, **arguments)
+        self.configured = False
+        self.active = False
+        self.counters: Counter[str] = Counter()
+        self.exit_code: int | None = None  # set: the node is done and its process ends
+        self._refusal: ParameterError | None = None
+        self._permanent: set[int] = set()
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
+
+    def keep_permanent(self) -> None:
+        """Keep the topics, services and timers that are there now for the node's whole life."""
+        self._permanent = {id(entity) for entity in self._entities()}
+
+    def event(self, message: str) -> None:
+        """Put an event on the run's record."""
+
+    def stopping(self) -> None:
+        """Say what is to be said when the process is told to end; called once."""
+
+    def set_up(self) -> None:
+        """Make topics, services, files: from unconfigured to inactive. Raises ParameterError."""
+
+    def activate(self) -> None:
+        """Begin, or go on."""
+
+    def deactivate(self) -> None:
+        """Hold; what is there is kept."""
+
+    def tear_down(self) -> None:
+        """Give up what `set_up` made; topics, services and timers go by themselves."""
+
+    def starts_active(self) -> bool:
+        """Return True where a node that starts by itself is active at once."""
+        return True
+
+    def autostart(self) -> None:
+        """Configure and activate. Raises ParameterError where a parameter does not allow it."""
+        if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
+            if self._refusal is not None:
+                raise self._refusal
+        elif self.starts_active():
+            self.trigger_activate()
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Set up, and put it on the run's record; a parameter may refuse: unconfigured, then."""
+        done = self._transition(self.set_up)
+        if done == TransitionCallbackReturn.SUCCESS:
+            self.configured = True
+            self.event("configured")
+        return done
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin, and put it on the run's record."""
+        self.active = True
+        self.event("activated")
+        return self._transition(self.activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Hold, and put it on the run's record."""
+        self.active = False
+        self.event("deactivated")
+        return self._transition(self.deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Give up everything but the parameters, and put it on the run's record."""
+        self.configured = False
+        done = self._transition(self._clean_up)
+        self.event("cleaned up")
+        return done
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """End the node's process in order, as SIGINT does."""
+        if self.exit_code is None:
+            self.stopping()
+            self.exit_code = 0
+        return TransitionCallbackReturn.SUCCESS
+
+    def _on_change_state(self, request: Any, response: Any) -> Any:
+        """Refuse a transition that the present state does not have; rclpy would raise and end the node."""
+        try:
+            response = self._change_state(request, response)
+        except RCLError:
+            machine, asked = self._state_machine, request.transition
+            labels = {number: label for number, label, *_ in machine.transition_graph}
+            self.get_logger().warning(
+                f"transition refused: {asked.label or labels.get(asked.id, asked.id)}; this node is "
+                f"{machine.current_state[1]}: "
+                f"{' or '.join(label for _, label, *_ in machine.available_transitions)} it"
+            )
+            response.success = False
+        if self._refusal is not None:
+            self.get_logger().error(str(self._refusal))
+            self._refusal = None
+        return response
+
+    def _transition(self, action: Callable[[], None]) -> TransitionCallbackReturn:
+        try:
+            action()
+        except ParameterError as error:
+            self._refusal = error
+            return TransitionCallbackReturn.FAILURE
+        except Exception:  # rclpy would swallow it
+            self.get_logger().fatal(traceback.format_exc())
+            self.exit_code = EXIT_FAILED
+            return TransitionCallbackReturn.ERROR
+        return TransitionCallbackReturn.SUCCESS
+
+    def _entities(self) -> list[Any]:
+        return [*self.publishers, *self.subscriptions, *self.services, *self.timers]
+
+    def _clean_up(self) -> None:
+        self.tear_down()
+        self.counters.clear()
+        made: list[tuple[list[Any], Callable[[Any], bool]]] = [
+            (list(self.timers), self.destroy_timer),
+            (list(self.services), self.destroy_service),
+            (list(self.subscriptions), self.destroy_subscription),
+            (list(self.publishers), self.destroy_publisher),
+        ]
+        for entities, destroy in made:
+            for entity in entities:
+                if id(entity) not in self._permanent:
+                    destroy(entity)

@@ -1,0 +1,243 @@
+"""The ``recorder`` node: every topic of a run, as it came over the wire, into one MCAP file."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.subscription import Subscription
+from rclpy.utilities import get_rmw_implementation_identifier
+from sensor_msgs.msg import JointState
+
+from .. import provenance, topics
+from ..parameters.config import RecorderConfig
+from ..parameters.declarations import ParameterError
+from ..recording.schemas import RunEvent, parse_event
+from ..recording.writer import PROVENANCE, RecordingWriter
+from ..samples import JointSample
+from ..units import LAST_STAMP_NS, NANOSECONDS
+from . import qos
+from .base import TrunkNode
+from .conversions import sample_to_wire
+from .run import main_for
+
+_MESSAGES: dict[str, type[Any]] = {
+    topics.JOINT_STATE_TYPE: JointState,
+    topics.PARAMETER_EVENT_TYPE: ParameterEvent,
+    topics.DIAGNOSTIC_ARRAY_TYPE: DiagnosticArray,
+}
+# Every recorded type begins with a stamp, right behind the four bytes of encapsulation.
+_STAMP = struct.Struct("<iI")
+# What happened to the nodes, the recorder's own turns among it, is written while it is inactive too.
+_ALWAYS = (topics.RUN_PARAMETERS, topics.RUN_EVENTS)
+# Told to end, it goes on until nothing has come for this long.
+_QUIET_S = 0.3
+_TELL_EVERY = 50
+# In lock-step nothing waits for the recorder, within its window: waking it for each message would cost
+# the loop more than the recording does.
+_LINGER_S = 0.01
+
+
+class RecorderNode(TrunkNode[RecorderConfig]):
+    """Subscribes to the evidence as serialized bytes and writes them unchanged."""
+
+    def __init__(self) -> None:
+        super().__init__("recorder", RecorderConfig)
+        self._writer: RecordingWriter | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        self._last_message = time.monotonic()
+        self._end: RunEvent | None = None
+        self._counts: Counter[str] = Counter()
+        self._written_ns = dict.fromkeys(self.config.lockstep_topics, -1)
+        self._told_ns = -1
+        self._runs = 1
+        self.run_stamp_ns = -1
+        self._matched: dict[str, Subscription] = {}
+
+    def set_up(self) -> None:
+        """Open the file. Raises ParameterError where it cannot be written, or is there already."""
+        config = self.config
+        self._forget()
+        self._path = Path(
+            config.output or time.strftime("trunk_%Y%m%dT%H%M%SZ.mcap", time.gmtime())
+        )
+        try:
+            self._writer = RecordingWriter(
+                self._path, compression=config.compression, overwrite=config.overwrite
+            )
+        except OSError as error:
+            raise ParameterError("output", str(self._path), f"a file to write ({error})") from None
+        self._begin_file(self._writer)
+        self._progress = self.create_publisher(JointState, topics.RECORDER_PROGRESS, qos.evidence())
+        self._flush_timer = self.every(config.flush_interval, self._flush)
+        if config.lockstep:
+            self.linger_s = _LINGER_S
+            self._progress_timer = self.every(0.02, self._tell_progress)
+        self.get_logger().info(f"recording to {self._path}")
+
+    def _begin_file(self, writer: RecordingWriter) -> None:
+        config = self.config
+        told = provenance.gather(
+            scenario=config.scenario,
+            controller=" ".join(config.controllers),
+            mode=config.mode,
+            rmw=get_rmw_implementation_identifier(),
+        )
+        try:
+            writer.add_metadata(PROVENANCE, told)
+        except OSError as error:
+            self._disk_failed(error)
+        self._channels = {
+            topic: writer.channel(self.resolve_topic_name(topic), type_name)
+            for topic, type_name in topics.evidence_types(config.controllers).items()
+        }
+        self._flush()
+
+    def activate(self) -> None:
+        """Subscribe, at the first time: what was said before comes too, from the publishers' history."""
+        if not self._matched:
+            for topic, type_name in topics.evidence_types(self.config.controllers).items():
+                self._subscribe(topic, type_name)
+            self._ready_timer = self.every(0.02, self._announce)
+
+    def _announce(self) -> None:
+        """Say ready once somebody publishes on each topic of the loop that the plant waits for."""
+        wanted = self.config.lockstep_topics if self.config.lockstep else ()
+        if all(self._matched[topic].get_publisher_count() for topic in wanted):
+            self._ready_timer.cancel()
+            self.event("ready", answers="recorder")
+
+    def tear_down(self) -> None:
+        """Finish the file."""
+        self._finish()
+
+    def _subscribe(self, topic: str, type_name: str) -> None:
+        profile = qos.run_information() if topic in _ALWAYS else qos.evidence()
+        self._matched[topic] = self.create_subscription(
+            _MESSAGES[type_name], topic, self._callback(topic), profile, raw=True
+        )
+
+    def _callback(self, topic: str) -> Callable[[bytes], None]:
+        writer, channel = self._writer, self._channels[topic]
+        assert writer is not None  # for the type: `set_up` made it
+        on_message = {
+            topics.RUN_EVENTS: self._on_event,
+            topics.GROUND_TRUTH: self._on_truth,
+        }.get(topic)
+        lockstep = self.config.lockstep
+
+        def write(data: bytes) -> None:
+            try:
+                sec, nanosec = _STAMP.unpack_from(data, 4)
+            except struct.error:
+                self.counters["messages too short to be any"] += 1
+                return
+            stamp_ns = min(sec * NANOSECONDS + nanosec, LAST_STAMP_NS)
+            log_time = max(stamp_ns, 0) if lockstep else time.time_ns()
+            if not (self.active or topic in _ALWAYS):
+                self.counters["messages not recorded while inactive"] += 1
+                return
+            try:
+                writer.write(channel, log_time, log_time, data)
+            except OSError as error:
+                self._disk_failed(error)
+                return
+            self._counts[topic] += 1
+            self._written_ns[topic] = stamp_ns
+            self._last_message = time.monotonic()
+            if on_message is not None:
+                on_message(data)
+
+        return write
+
+    def _on_truth(self, data: bytes) -> None:
+        before_ns, self.run_stamp_ns = self.run_stamp_ns, self._written_ns[topics.GROUND_TRUTH]
+        self._runs += self.run_stamp_ns < before_ns
+        if self._counts[topics.GROUND_TRUTH] % _TELL_EVERY == 0 and self.config.lockstep:
+            self._tell_progress()
+
+    def _tell_progress(self) -> None:
+        """Tell the simulator up to which stamp every topic of the loop is in the file."""
+        written_ns = min(self._written_ns[topic] for topic in self.config.lockstep_topics)
+        if written_ns != self._told_ns:  # it runs back where the simulator begins anew
+            self._told_ns = written_ns
+            self._progress.publish(sample_to_wire(JointSample(written_ns, ("recorder",))))
+
+    def _on_event(self, data: bytes) -> None:
+        try:
+            event = parse_event(data)
+        except ValueError:
+            self.counters["events malformed"] += 1
+            return
+        if event.node.endswith("/simulator") and event.message in ("finished", "stopped", "failed"):
+            if event.message == "finished" and not event.values.get("states", "").isdecimal():
+                self.counters["events malformed"] += 1
+                return
+            self._end = event
+
+    def _flush(self) -> None:
+        try:
+            if self._writer is not None:
+                self._writer.flush()
+        except OSError as error:
+            self._disk_failed(error)
+
+    def _disk_failed(self, error: OSError) -> None:
+        if self.exit_code is None:
+            self.fail(f"{self._path}: cannot write: {error.strerror}; the recording ends here")
+
+    def diagnostics(self) -> dict[str, object]:
+        """Return what is written, and where."""
+        if self._writer is None:
+            return {"messages": 0}
+        return {"file": self._path, "messages": self._counts.total()}
+
+    def draining(self) -> bool:
+        """Return True while messages are still coming in."""
+        return time.monotonic() - self._last_message < _QUIET_S
+
+    def verdict(self) -> tuple[bool, str]:
+        """Return whether the run is whole in the file, and why."""
+        if self._end is None:
+            return False, "the recorder was stopped before the run was finished"
+        reason = self._end.values.get("reason", self._end.message)
+        if self._end.message != "finished":
+            return False, reason
+        if self._runs > 1:
+            return False, f"{self._runs} runs are in it: the simulator was started anew"
+        states = int(self._end.values["states"])
+        wanted = (
+            self.config.lockstep_topics
+            if self.config.lockstep
+            else (topics.GROUND_TRUTH, topics.JOINT_STATES)
+        )
+        for topic in wanted:
+            if self._counts[topic] < states:
+                return False, f"{topic}: {self._counts[topic]} of {states} messages were recorded"
+        return True, reason
+
+    def _finish(self) -> None:
+        if self._writer is None:
+            return
+        complete, reason = self.verdict()
+        try:
+            self._writer.finish(complete=complete, reason=reason)
+        except OSError as error:
+            self._disk_failed(error)
+        self._writer = None
+
+    def close(self) -> None:
+        """Take in what is under way, finish the file, then end."""
+        self._finish()
+        super().close()
+
+
+main = main_for(RecorderNode, "recorder")

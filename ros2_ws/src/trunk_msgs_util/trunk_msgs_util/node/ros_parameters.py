@@ -1,0 +1,263 @@
+"""ROS parameters from declarations: declared, checked, changed as a whole, never half."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
+from typing import Any, Generic, TypeVar
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    ParameterEvent,
+    SetParametersResult,
+)
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.parameter_service import ParameterService
+
+from ..parameters.declarations import (
+    Declaration,
+    ParameterError,
+    Value,
+    build,
+    check,
+    declarations,
+    unknown_name,
+    values_of,
+)
+from .conversions import stamp_to_ros
+
+Config = TypeVar("Config")
+
+_TYPES = {
+    "bool": Parameter.Type.BOOL,
+    "integer": Parameter.Type.INTEGER,
+    "double": Parameter.Type.DOUBLE,
+    "string": Parameter.Type.STRING,
+    "integer array": Parameter.Type.INTEGER_ARRAY,
+    "double array": Parameter.Type.DOUBLE_ARRAY,
+    "string array": Parameter.Type.STRING_ARRAY,
+}
+# Declared by rclpy itself in every node.
+_OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+
+
+def descriptor(declaration: Declaration) -> ParameterDescriptor:
+    """Return what ``ros2 param describe`` shows of a declaration."""
+    unit = f" [{declaration.unit}]" if declaration.unit else ""
+    message = ParameterDescriptor(
+        name=declaration.name,
+        type=_TYPES[declaration.kind].value,
+        description=declaration.description + unit,
+        additional_constraints=declaration.allowed(),
+        read_only=declaration.fixed,
+    )
+    low = declaration.minimum if declaration.minimum is not None else declaration.above
+    high = declaration.maximum
+    if low is not None or high is not None:
+        if declaration.kind == "double":
+            message.floating_point_range = [
+                FloatingPointRange(
+                    from_value=-math.inf if low is None else float(low),
+                    to_value=math.inf if high is None else float(high),
+                )
+            ]
+        elif declaration.kind == "integer":
+            message.integer_range = [
+                IntegerRange(
+                    from_value=-(2**63) if low is None else int(low),
+                    to_value=2**63 - 1 if high is None else int(high),
+                    step=1,
+                )
+            ]
+    return message
+
+
+def to_ros(declaration: Declaration, value: Value) -> Parameter:
+    """Return a checked value as a ROS parameter of the declared type."""
+    return Parameter(
+        declaration.name,
+        _TYPES[declaration.kind],
+        list(value) if isinstance(value, tuple) else value,
+    )
+
+
+class NodeParameters(Generic[Config]):
+    """A node's configuration, always equal to its stored ROS parameters."""
+
+    def __init__(
+        self, node: Node, config_class: type[Config], on_change: Callable[[Config, Config], None]
+    ) -> None:
+        """Declare everything. Raises ParameterError for a bad value; warns of unknown names."""
+        self._node = node
+        self._class = config_class
+        self._declared = declarations(config_class)
+        self._on_change = on_change
+        # rclpy names overrides that nothing declares nowhere else.
+        self._overrides: Mapping[str, object] = getattr(node, "_parameter_overrides", {})
+        self.config = build(config_class, self._take_overrides())
+        for name, value in values_of(self.config).items():
+            self._declare(self._declared[name], value)
+        node.add_pre_set_parameters_callback(self._coerce)
+        node.add_on_set_parameters_callback(self._judge)
+        node.add_post_set_parameters_callback(self._apply)
+        _Services(node, self.refusal)
+
+    def _take_overrides(self) -> dict[str, object]:
+        """Return what files and command line say, of whatever type it is."""
+        given: dict[str, object] = {}
+        for name, declaration in self._declared.items():
+            untyped = self._node.declare_parameter(
+                name, descriptor=ParameterDescriptor(dynamic_typing=True)
+            )
+            self._node.undeclare_parameter(name)
+            if untyped.value is not None:
+                given[name] = untyped.value
+            elif name in self._overrides and declaration.kind.endswith("array"):
+                given[name] = ()  # YAML's [] has no type in ROS 2 and arrives as "not set"
+        for name in self._overrides:
+            # Files for a set of nodes name, under "/**", much that a node does not have; a near miss
+            # is more likely a slip.
+            if name not in self._declared and not name.startswith(_OF_RCLPY):
+                close = get_close_matches(name, list(self._declared), n=1, cutoff=0.85)
+                if close:
+                    self._node.get_logger().warning(
+                        f"parameter {name!r} is ignored: no such parameter; did you mean {close[0]!r}?"
+                    )
+        return given
+
+    def _declare(self, declaration: Declaration, value: Value) -> None:
+        described = descriptor(declaration)
+        ros_value = to_ros(declaration, value)
+        if value == ():  # an empty list has no type of its own: declare the type, then set it
+            self._node.declare_parameter(declaration.name, ros_value.type_, ignore_override=True)
+            self._node.set_parameters([ros_value])
+            self._node.set_descriptor(declaration.name, described)
+        else:
+            self._node.declare_parameter(
+                declaration.name, ros_value.value, described, ignore_override=True
+            )
+
+    def _coerce(self, changes: list[Parameter]) -> list[Parameter]:
+        """Take integers for doubles, as at start; leave what is wrong for `_judge` to refuse."""
+        return [self._coerced(change) for change in changes]
+
+    def _coerced(self, change: Parameter) -> Parameter:
+        declaration = self._declared.get(change.name)
+        if declaration is None:
+            return change
+        try:
+            return to_ros(declaration, check(declaration, change.value))
+        except ParameterError:
+            return change
+
+    def _candidate(self, changes: Sequence[Parameter]) -> Any:
+        values: dict[str, object] = dict(values_of(self.config))
+        values.update({p.name: p.value for p in changes if p.name in self._declared})
+        return build(self._class, values)
+
+    def refusal(self, changes: Sequence[Parameter]) -> str:
+        """Return why these changes are refused as a set, every wrong value by its name; empty: they fit.
+
+        Linked values are checked together, once each is right by itself.
+        """
+        errors = []
+        for change in changes:
+            try:
+                self._check(change)
+            except ParameterError as error:
+                errors.append(str(error))
+        if not errors:
+            try:
+                self._candidate(changes)
+            except ParameterError as error:
+                errors.append(str(error))
+        return "; ".join(errors)
+
+    def _check(self, change: Parameter) -> None:
+        declaration = self._declared.get(change.name)
+        if declaration is not None:
+            if declaration.fixed:
+                now = self._node.get_parameter(change.name).value
+                raise ParameterError(
+                    change.name,
+                    change.value,
+                    f"fixed at start, to {now!r}; start the node with another value",
+                )
+            check(declaration, change.value)
+        elif not self._node.has_parameter(change.name):  # rclpy has some of its own
+            raise ParameterError(
+                change.name, change.value, unknown_name(change.name, self._declared)
+            )
+
+    def _judge(self, changes: list[Parameter]) -> SetParametersResult:
+        """Accept or refuse the changes; here come those of this process, which pass no service."""
+        reason = self.refusal(changes)
+        return SetParametersResult(successful=not reason, reason=reason)
+
+    def _apply(self, changes: list[Parameter]) -> None:
+        old, self.config = self.config, self._candidate(changes)
+        self._on_change(old, self.config)
+
+    def event(self, stamp_ns: int, changed: Mapping[str, Value] | None = None) -> ParameterEvent:
+        """Return the full configuration as a message, or only what changed."""
+        message = ParameterEvent(
+            stamp=stamp_to_ros(stamp_ns), node=self._node.get_fully_qualified_name()
+        )
+        values = values_of(self.config) if changed is None else changed
+        listed = [
+            to_ros(self._declared[name], value).to_parameter_msg() for name, value in values.items()
+        ]
+        if changed is None:
+            message.new_parameters = listed
+        else:
+            message.changed_parameters = listed
+        return message
+
+
+class _Services(ParameterService):
+    """A node's parameter services: rclpy's, but what is refused is refused in our words.
+
+    rclpy judges types, ranges and fixed values by the descriptors before any callback is asked, and not
+    every reason of its own names the parameter; a type that ROS 2 does not know would end the node.
+    """
+
+    def __init__(self, node: Node, refusal: Callable[[Sequence[Parameter]], str]) -> None:
+        self._refusal = refusal
+        super().__init__(node)
+
+    def _set_parameters_callback(
+        self, request: SetParameters.Request, response: SetParameters.Response
+    ) -> SetParameters.Response:
+        response.results = [self._set([message]) for message in request.parameters]
+        return response
+
+    def _set_parameters_atomically_callback(
+        self, request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
+    ) -> SetParametersAtomically.Response:
+        response.result = self._set(request.parameters)
+        return response
+
+    def _set(self, messages: Sequence[ParameterMessage]) -> SetParametersResult:
+        known = {kind.value for kind in Parameter.Type}
+        strange = [message for message in messages if message.value.type not in known]
+        if strange:
+            reason = "; ".join(
+                f"parameter {message.name!r}: {message.value.type} is no type of a parameter"
+                for message in strange
+            )
+            return SetParametersResult(successful=False, reason=reason)
+        changes = [Parameter.from_parameter_msg(message) for message in messages]
+        reason = self._refusal(changes)
+        if reason:
+            return SetParametersResult(successful=False, reason=reason)
+        result = self._get_node().set_parameters_atomically(changes)
+        if not result.successful:  # of a parameter that is rclpy's own
+            names = ", ".join(repr(change.name) for change in changes)
+            result.reason = f"parameter {names}: {result.reason}"
+        return result

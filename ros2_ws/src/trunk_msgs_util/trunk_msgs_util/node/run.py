@@ -1,0 +1,110 @@
+"""A process that runs nodes: begun with one line for a user's mistake, ended in order."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from collections.abc import Callable, Mapping
+from types import FrameType
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.logging import LoggingSeverity, set_logger_level
+from rclpy.signals import SignalHandlerOptions
+
+from ..parameters.declarations import ParameterError
+from . import middleware
+from .base import TrunkNode
+from .executor import LoopExecutor
+
+EXIT_USAGE = 2
+_DRAIN_S = 0.7
+
+
+class Shutdown:
+    """SIGINT and SIGTERM, turned into a flag: nodes end between two callbacks, never inside one."""
+
+    def __init__(self) -> None:
+        self.requested = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._request)
+
+    def _request(self, number: int, frame: FrameType | None) -> None:
+        self.requested = True
+
+    def ended(self) -> None:
+        """Ignore what else comes: the interpreter, ending, would take it for a reason to die of."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
+
+def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str) -> int:
+    """Run nodes in one executor until one of them is done, or they are told to stop.
+
+    Return the process's exit code: 0 after SIGINT, SIGTERM or a finished run; 1 where a node failed; 2,
+    with one line on stderr and no traceback, where a parameter or an argument is wrong. The nodes are
+    closed in the reverse order of the mapping: the recorder stands first.
+    """
+    shutdown = Shutdown()
+    middleware.prepare()
+    # rcl would say in words of its own what our one line says.
+    set_logger_level("rcl", LoggingSeverity.FATAL)
+    try:
+        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    except (
+        RuntimeError,
+        ValueError,
+    ) as error:  # RCLError and kin: a bad --ros-args argument or file
+        return _usage_error(program, str(error))
+    nodes: list[TrunkNode[Any]] = []
+    try:
+        for name, create in creators.items():
+            program = name
+            nodes.append(create())
+            nodes[-1].autostart()
+    except ParameterError as error:
+        for node in reversed(nodes):
+            node.close()
+        rclpy.try_shutdown()
+        return _usage_error(program, str(error))
+    executor = LoopExecutor(linger_s=min(node.linger_s for node in nodes))
+    for node in nodes:
+        executor.add_node(node)
+    try:
+        while not shutdown.requested and all(node.exit_code is None for node in nodes):
+            executor.spin_once(timeout_sec=0.1)
+    except ExternalShutdownException:
+        pass
+    _end(nodes, executor)
+    shutdown.ended()
+    return max(node.exit_code or 0 for node in nodes)
+
+
+def _end(nodes: list[TrunkNode[Any]], executor: LoopExecutor) -> None:
+    for node in reversed(nodes):
+        if node.exit_code is None:
+            node.stopping()
+    deadline = time.monotonic() + _DRAIN_S
+    while any(node.draining() for node in nodes) and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.02)
+    executor.shutdown()
+    for node in reversed(nodes):
+        node.close()
+    rclpy.try_shutdown()
+
+
+def _usage_error(name: str, text: str) -> int:
+    line = " ".join(text.split())
+    print(f"{name}: error: {line}", file=sys.stderr, flush=True)
+    return EXIT_USAGE
+
+
+def main_for(create: Callable[[], TrunkNode[Any]], name: str) -> Callable[[], None]:
+    """Return the ``main`` of a node's executable."""
+
+    def main() -> None:
+        sys.exit(run_nodes({name: create}, name))
+
+    return main

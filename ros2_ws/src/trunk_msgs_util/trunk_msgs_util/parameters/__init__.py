@@ -1,0 +1,1 @@
+"""What a parameter is: declarations, files, and the settings that nodes share. No ROS."""

@@ -1,0 +1,76 @@
+"""What every node declares, and every parameter of the recorder, declared once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .. import topics
+from .declarations import parameter
+
+
+@dataclass(frozen=True)
+class ManagedConfig:
+    """What every node declares: all are managed (lifecycle) nodes."""
+
+    autostart: bool = parameter(
+        "autostart",
+        True,
+        "Configure and activate at start; false: wait for someone to do it, as with `ros2 lifecycle set`",
+        fixed=True,
+    )
+
+
+@dataclass(frozen=True)
+class RecorderConfig(ManagedConfig):
+    """Parameters of the ``recorder`` node."""
+
+    output: str = parameter(
+        "output",
+        "",
+        "File to write; empty: trunk_<UTC time>.mcap in the working directory",
+        fixed=True,
+    )
+    overwrite: bool = parameter("overwrite", False, "Replace the file where it exists", fixed=True)
+    controllers: tuple[str, ...] = parameter(
+        "controllers",
+        topics.CONTROLLERS,
+        "Controllers whose ~/state is recorded",
+        element=str,
+        fixed=True,
+    )
+    compression: str = parameter(
+        "compression",
+        "zstd",
+        "Compression of the chunks",
+        choices=("zstd", "lz4", "none"),
+        fixed=True,
+    )
+    flush_interval: float = parameter(
+        "flush_interval",
+        0.5,
+        "A chunk is finished at least this often: all that a killed recorder can lose",
+        unit="s",
+        above=0.0,
+        maximum=1.0,
+        fixed=True,
+    )
+    scenario: str = parameter("scenario", "", "Name of the scenario, for the record", fixed=True)
+    mode: str = parameter(
+        "mode",
+        "real_time",
+        "How the run keeps time, for the record; lock-step stamps the log with simulated time",
+        choices=("real_time", "lockstep"),
+        fixed=True,
+    )
+    lockstep_topics: tuple[str, ...] = parameter(
+        "lockstep.topics",
+        (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.EFFORT_COMMAND),
+        "Topics that carry one message per step; the plant waits until they are written",
+        element=str,
+        fixed=True,
+    )
+
+    @property
+    def lockstep(self) -> bool:
+        """True in lock-step, where the recorder tells the plant how far it has come."""
+        return self.mode == "lockstep"

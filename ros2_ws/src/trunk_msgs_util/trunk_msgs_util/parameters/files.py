@@ -1,0 +1,187 @@
+"""ROS 2 parameter files, read and written without ROS, with the meaning that rcl gives them.
+
+A file maps node names to ``ros__parameters``; in a node's name ``*`` stands for one token and ``**`` for
+any number. Layers are applied in the order given, later ones win: inside a layer, sections apply in the
+order of the file.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ..recording.whole_file import whole_file
+from .declarations import Value, unknown_name
+
+
+class ParameterFileError(ValueError):
+    """A parameter file that cannot be used: the file, the place, what to do."""
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML in which ``1e3`` is a number, as rcl reads it, and a key may stand only once."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            if key_node.value in seen:
+                raise yaml.constructor.ConstructorError(
+                    problem=f"{key_node.value!r} stands twice", problem_mark=key_node.start_mark
+                )
+            seen.add(key_node.value)
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
+        return mapping
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"),
+    list("-+.0123456789"),
+)
+
+
+@dataclass(frozen=True)
+class Section:
+    """One node's entry: the name's pattern as written, and values by dotted parameter name."""
+
+    pattern: str
+    values: Mapping[str, object]
+
+    def matches(self, node: str) -> bool:
+        """Return True where the pattern covers the fully qualified node name."""
+        pattern = self.pattern if self.pattern.startswith("/") else "/" + self.pattern
+        parts = re.split(r"(/\*\*|/\*)", pattern)
+        expressions = {"/**": r"(/\w+)*", "/*": r"/\w+"}
+        return bool(re.fullmatch("".join(expressions.get(p, re.escape(p)) for p in parts), node))
+
+    @property
+    def last_token(self) -> str:
+        """The node's base name, or a wildcard."""
+        return self.pattern.rsplit("/", 1)[-1]
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A parameter file's content, or values from a command line; ``source`` names it in errors."""
+
+    source: str
+    sections: Sequence[Section]
+
+    def within(self, namespace: str) -> Layer:
+        """Return the layer with its relative node names (``pid``, not ``/pid``) in the namespace.
+
+        rcl takes ``pid`` for ``/pid``: this is for a file that is resolved here and not handed to nodes.
+        """
+        return Layer(
+            self.source,
+            tuple(
+                s
+                if s.pattern.startswith(("/", "*"))
+                else Section(f"{namespace}/{s.pattern}", s.values)
+                for s in self.sections
+            ),
+        )
+
+
+def _flatten(values: Mapping[Any, Any], prefix: str = "") -> dict[str, object]:
+    flat: dict[str, object] = {}
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict):
+            flat.update(_flatten(value, name + "."))
+        else:
+            flat[name] = value
+    return flat
+
+
+def _sections(tree: Any, source: str, path: str = "") -> Iterable[Section]:
+    if not isinstance(tree, dict):
+        raise ParameterFileError(f"{source}: {path or 'the file'} is not a mapping of node names")
+    for key, below in tree.items():
+        if key == "ros__parameters":
+            if not isinstance(below, dict):
+                raise ParameterFileError(f"{source}: {path}: ros__parameters is not a mapping")
+            yield Section(path, _flatten(below))
+        else:
+            yield from _sections(below, source, f"{path.rstrip('/')}/{key}" if path else str(key))
+
+
+def parse(text: str, source: str) -> Layer:
+    """Return the layer in a file's text. Raises ParameterFileError naming the source and the line."""
+    try:
+        tree = yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else "?"
+        raise ParameterFileError(f"{source}: line {line}: {error.problem}") from None
+    except yaml.YAMLError as error:
+        raise ParameterFileError(f"{source}: not YAML: {' '.join(str(error).split())}") from None
+    sections = tuple(_sections(tree, source))
+    if not sections:
+        raise ParameterFileError(
+            f"{source}: no ros__parameters in it; see any shipped parameter file"
+        )
+    return Layer(source, sections)
+
+
+def read(path: Path) -> Layer:
+    """Return the layer in a parameter file. Raises ParameterFileError naming file and line."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ParameterFileError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ParameterFileError(f"{path}: not a text file; give a ROS 2 parameter file") from None
+    return parse(text, str(path))
+
+
+def resolve(node: str, layers: Iterable[Layer], declared: Iterable[str]) -> dict[str, object]:
+    """Return what the layers say of a node (fully qualified name), of the names that it declares."""
+    names = set(declared)
+    values: dict[str, object] = {}
+    for layer in layers:
+        for section in layer.sections:
+            if section.matches(node):
+                values.update({k: v for k, v in section.values.items() if k in names})
+    return values
+
+
+def check_names(layers: Iterable[Layer], nodes: Mapping[str, Iterable[str]]) -> None:
+    """Refuse misspelt parameters: each must be declared by a node that its section can mean.
+
+    ``nodes``: the declared parameter names by node base name. Sections of other projects' nodes pass.
+    Raises ParameterFileError naming the file, the section and the parameter.
+    """
+    declared = {node: set(names) for node, names in nodes.items()}
+    everything = set().union(*declared.values())
+    for layer in layers:
+        for section in layer.sections:
+            token = section.last_token
+            if token not in declared and "*" not in token:
+                continue
+            known = declared.get(token, everything)
+            for name in section.values:
+                if name not in known:
+                    raise ParameterFileError(
+                        f"{layer.source}: {section.pattern}: parameter {name!r}: "
+                        f"{unknown_name(name, known)}"
+                    )
+
+
+def write(path: Path, nodes: Mapping[str, Mapping[str, Value]]) -> None:
+    """Write one section per node, each value exactly (floats by their shortest round-trip text)."""
+    tree = {
+        node: {
+            "ros__parameters": {
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in values.items()
+            }
+        }
+        for node, values in nodes.items()
+    }
+    with whole_file(path) as part:
+        part.write_text(yaml.safe_dump(tree, sort_keys=False, width=100), encoding="utf-8")

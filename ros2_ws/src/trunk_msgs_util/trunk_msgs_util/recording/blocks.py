@@ -1,0 +1,176 @@
+"""The blocks of an MCAP file, in order, as far as the file is sound and no further.
+
+A block is what holds messages: a chunk, or a run of messages that stand outside chunks.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from io import BytesIO
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
+
+import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+
+from .chunk import MAX_CHUNK, chunk_records
+from .split import HEAD, Content, record_offsets, split
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+MAGIC = b"\x89MCAP0\r\n"
+BLOCKS = (Opcode.CHUNK, Opcode.MESSAGE)
+
+_CRC = struct.Struct("<I")
+_RUN = 1 << 20  # bytes of messages outside chunks that are read at a time
+# These may be longer than `MAX_CHUNK`; nothing here reads what is in them.
+_SKIPPED = (Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX)
+# What stands before the end of the data; of other kinds only a damaged record can be.
+_DATA = (
+    Opcode.HEADER,
+    Opcode.SCHEMA,
+    Opcode.CHANNEL,
+    Opcode.MESSAGE,
+    Opcode.CHUNK,
+    Opcode.MESSAGE_INDEX,
+    Opcode.ATTACHMENT,
+    Opcode.METADATA,
+    Opcode.DATA_END,
+)
+_INDEX_HEAD = struct.Struct("<HI")  # channel, bytes of the entries
+
+
+class DamageError(ValueError):
+    """The file is not sound from some byte on."""
+
+
+class ChecksumError(DamageError):
+    """The file is whole, but something in it was altered."""
+
+
+class Record(NamedTuple):
+    """A record, or a run of messages outside chunks with their heads (``opcode`` is MESSAGE)."""
+
+    offset: int  # in the file; of the chunk, for what stands in one
+    opcode: int
+    body: bytes  # empty for attachments and indexes
+    end: int
+
+    @property
+    def stream(self) -> ReadDataStream:
+        """What mcap's records read themselves from."""
+        return ReadDataStream(BytesIO(self.body))
+
+
+def name_of(opcode: int) -> str:
+    """Return what a record of this kind is called."""
+    return Opcode(opcode).name if opcode in Opcode._value2member_map_ else f"record {opcode:#x}"
+
+
+def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Record]:
+    """Yield the records of a file of ``size`` bytes that stands at ``start``: behind its magic.
+
+    From a later ``start`` the checksum of the data cannot be judged, and is not.
+    Raises DamageError at a record that the file does not hold whole or that is too long to be read,
+    and ChecksumError behind the data where they do not have the checksum that they were written
+    with.
+    """
+    crc = zlib.crc32(MAGIC)
+    offset = start
+    in_data = True
+    while offset < size:
+        head = file.read(HEAD.size)
+        if len(head) < HEAD.size:
+            raise DamageError(f"ends at byte {size}, in a record's head at byte {offset}")
+        opcode, length = HEAD.unpack(head)
+        end = offset + HEAD.size + length
+        if end > size:
+            raise DamageError(
+                f"ends at byte {size}, inside the {name_of(opcode)} record at byte {offset}"
+            )
+        if in_data and opcode not in _DATA:
+            raise DamageError(f"a {name_of(opcode)} record among the data, at byte {offset}")
+        in_data = in_data and opcode != Opcode.DATA_END
+        if opcode in _SKIPPED:
+            first = file.read(min(length, _INDEX_HEAD.size))
+            if opcode == Opcode.MESSAGE_INDEX and not _is_index(first, length):
+                raise DamageError(f"no message index, as it claims, at byte {offset}")
+            yield Record(offset, opcode, b"", end)
+            crc = _skip(file, length - len(first), zlib.crc32(first, zlib.crc32(head, crc)))
+        else:
+            if length > MAX_CHUNK:
+                raise DamageError(
+                    f"the {name_of(opcode)} record at byte {offset} claims {length} bytes, "
+                    f"more than the {MAX_CHUNK} that are read"
+                )
+            body = file.read(length)
+            if opcode == Opcode.MESSAGE:
+                body = _run(file, head + body, size - end)
+                end = offset + len(body)
+                head = b""
+            if opcode == Opcode.DATA_END:
+                (expected,) = _CRC.unpack(body[:4].ljust(4, b"\x00"))
+                if start == len(MAGIC) and expected not in (0, crc):
+                    raise ChecksumError(f"the checksum of the first {offset} bytes is wrong")
+            crc = zlib.crc32(body, zlib.crc32(head, crc))
+            yield Record(offset, opcode, body, end)
+        if opcode == Opcode.FOOTER:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise DamageError(f"ends at byte {size}, without the closing magic at byte {end}")
+            return
+        offset = end
+    raise DamageError(f"ends at byte {size}, without a footer")
+
+
+def _is_index(first: bytes, length: int) -> bool:
+    """Return True where a message index is as long as it says: a chunk misnamed so is not."""
+    return (
+        len(first) == _INDEX_HEAD.size and _INDEX_HEAD.unpack(first)[1] == length - _INDEX_HEAD.size
+    )
+
+
+def _skip(file: BinaryIO, length: int, crc: int) -> int:
+    """Read over some bytes and return the checksum continued over them."""
+    while length > 0:
+        piece = file.read(min(length, _RUN))
+        crc = zlib.crc32(piece, crc)
+        length -= max(len(piece), 1)
+    return crc
+
+
+def _run(file: BinaryIO, first: bytes, left: int) -> bytes:
+    """Return a message record and the whole message records behind it, about `_RUN` bytes."""
+    data = first + file.read(min(_RUN, left))
+    offsets, end = record_offsets(data)
+    others = np.flatnonzero(np.frombuffer(data, np.uint8)[offsets] != Opcode.MESSAGE)
+    if len(others):
+        end = int(offsets[others[0]])
+    file.seek(end - len(data), 1)
+    return data[:end]
+
+
+def damaged(record: Record, error: Exception) -> DamageError:
+    """Return what to raise where a record's body makes no sense."""
+    what = str(error) or type(error).__name__
+    return DamageError(
+        f"the {name_of(record.opcode)} record at byte {record.offset} is damaged ({what})"
+    )
+
+
+def content_of(record: Record) -> Content:
+    """Return the content of a block. Raises DamageError."""
+    try:
+        return split(chunk_records(record.body) if record.opcode == Opcode.CHUNK else record.body)
+    except Exception as error:  # whatever damaged bytes make of a decompressor
+        raise damaged(record, error) from None
+
+
+def read_block(file: BinaryIO, offset: int, end: int) -> Record:
+    """Return a block that `records` has yielded before."""
+    file.seek(offset)
+    data = file.read(end - offset)
+    if data[:1] == bytes([Opcode.CHUNK]):
+        return Record(offset, Opcode.CHUNK, data[HEAD.size :], end)
+    return Record(offset, Opcode.MESSAGE, data, end)

@@ -1,0 +1,120 @@
+"""A file known by its summary and indexes alone: instant, whatever its length; nothing is checked."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, BinaryIO
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, ChunkIndex, Schema
+
+from .blocks import Record, content_of, read_block, records
+from .file import Block, RecordingFile, Topic
+from .split import HEAD, Content
+from .summary import Summary, message_indexes, read_summary
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def glance(path: Path, topics: dict[str, Topic]) -> RecordingFile | None:
+    """Return what the file's summary says of it, with ``topics`` filled as a scan would.
+
+    Topics' sizes are those of their first and last chunk's messages where these are all equal, and
+    else 0. None where the summary does not say all of it or does not fit the file.
+    """
+    found: dict[str, Topic] = {}
+    try:
+        with path.open("rb") as file:
+            size = path.stat().st_size
+            summary = read_summary(file, size)
+            if summary is None or not _fits(summary):
+                return None
+            recording = RecordingFile(path, found)
+            file.seek(8)
+            for record in records(file, size):
+                recording.take_record(record)
+                break  # the header
+            _describe(recording, summary, file)
+            _measure(recording, summary, file)
+    except Exception:  # whatever a damaged summary makes of its reader: the file is to be scanned
+        return None
+    if any(name in topics and topics[name].count for name in found):
+        return None  # topics go on from a file before: their gaps are not known here
+    topics.update(found)
+    return recording
+
+
+def _fits(summary: Summary) -> bool:
+    """Return whether the summary is whole and its chunks stand one behind the other."""
+    statistics = summary.statistics
+    if statistics is None or summary.footer.summary_crc not in (0, summary.crc):
+        return False
+    end = 8
+    for chunk in summary.chunks:
+        if chunk.chunk_start_offset < end or not chunk.message_index_offsets:
+            return False
+        end = chunk.chunk_start_offset + chunk.chunk_length + chunk.message_index_length
+    return (
+        end <= summary.start
+        and statistics.chunk_count == len(summary.chunks) > 0
+        and statistics.channel_count == len(summary.channels)
+        and statistics.metadata_count == len(summary.metadata)
+    )
+
+
+def _describe(recording: RecordingFile, summary: Summary, file: BinaryIO) -> None:
+    """Take in schemas, channels, metadata records and where the chunks are."""
+    described: list[Schema | Channel] = [*summary.schemas, *summary.channels]
+    for item in described:
+        recording.take_described(item)
+    for index in summary.metadata:
+        file.seek(index.offset)
+        data = file.read(index.length)
+        if data[0] != Opcode.METADATA:
+            raise ValueError("no metadata where the index says")
+        end = index.offset + index.length
+        recording.take_record(Record(index.offset, data[0], data[HEAD.size :], end))
+    for chunk in summary.chunks:
+        end = chunk.chunk_start_offset + chunk.chunk_length
+        channels = frozenset(chunk.message_index_offsets)
+        recording.blocks.append(Block(chunk.chunk_start_offset, end, channels))
+
+
+def _measure(recording: RecordingFile, summary: Summary, file: BinaryIO) -> None:
+    """Fill in the topics: counts and log times by the indexes, stamps by first and last chunks."""
+    counts: dict[int, int] = {}
+    for chunk in summary.chunks:
+        for channel, (log, _) in message_indexes(file, chunk).items():
+            if len(log):
+                counts[channel] = counts.get(channel, 0) + len(log)
+                topic = recording.topics[recording.channels[channel].topic]
+                topic.take_log(log)
+    statistics = summary.statistics
+    if statistics is None or counts != {
+        channel: count for channel, count in statistics.channel_message_counts.items() if count
+    }:
+        raise ValueError("statistics and indexes do not agree")
+    contents: dict[int, Content] = {}
+    for channel in counts:
+        holding = [c for c in summary.chunks if channel in c.message_index_offsets]
+        ends = [_content(file, chunk, contents).channels[channel] for chunk in _ends(holding)]
+        topic = recording.topics[recording.channels[channel].topic]
+        before = topic.count
+        topic.take_stamps(ends[0], ends[-1])
+        sizes = {int(n) for messages in ends for n in messages.end - messages.start}
+        topic.count = before + counts[channel]
+        topic.size = counts[channel] * sizes.pop() if len(sizes) == 1 and not before else 0
+
+
+def _ends(chunks: list[ChunkIndex]) -> tuple[ChunkIndex, ChunkIndex]:
+    return chunks[0], chunks[-1]
+
+
+def _content(file: BinaryIO, chunk: ChunkIndex, known: dict[int, Content]) -> Content:
+    at = chunk.chunk_start_offset
+    if at not in known:
+        record = read_block(file, at, at + chunk.chunk_length)
+        if record.opcode != Opcode.CHUNK:
+            raise ValueError("no chunk where the index says")
+        known[at] = content_of(record)
+    return known[at]

@@ -1,0 +1,271 @@
+"""XCDR1, little-endian, of sensor_msgs/JointState messages whose layout stays the same.
+
+A layout (frame, names, number of values) fixes every byte of a message but its stamp and its
+values: one precomputed struct packs it, and one NumPy type reads thousands of joined messages at
+once. Bytes are those of Fast CDR and of rosbags. Padding is written as zeros and ignored when read:
+Fast CDR leaves in it what the buffer held before. Big-endian messages are not read here.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..samples import JointSample
+from ..units import NANOSECONDS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+_ENCAPSULATION = b"\x00\x01\x00\x00"  # CDR, little-endian, no options
+_ORIGIN = len(_ENCAPSULATION)  # alignment counts from here
+# rmw_serialize leaves such a tail: room for alignments that empty arrays turn out not to need.
+_MAX_TRAILING = 16
+
+
+class _Plan:
+    """The struct format of a layout, written field by field, and its constant pieces."""
+
+    def __init__(self) -> None:
+        self.format = "<4siI"
+        self.at = 8  # from the origin, behind the stamp
+        self.pieces: list[list[bytes]] = [[]]  # what stands before each group of doubles
+        self.piece_offsets: list[int] = []
+        self.double_offsets: list[int] = []
+
+    def align(self, size: int) -> None:
+        padding = -self.at % size
+        self.format += f"{padding}x"
+        self.at += padding
+
+    def constant(self, data: bytes) -> None:
+        self.format += f"{len(data)}s"
+        self.pieces[-1].append(data)
+        self.piece_offsets.append(_ORIGIN + self.at)
+        self.at += len(data)
+
+    def count(self, value: int) -> None:
+        self.align(4)
+        self.constant(struct.pack("<I", value))
+
+    def string(self, text: str) -> None:
+        data = text.encode() + b"\x00"
+        self.count(len(data))
+        self.constant(data)
+
+    def doubles(self, count: int) -> None:
+        self.count(count)
+        if count:  # an empty sequence is not aligned
+            self.align(8)
+        self.format += f"{count}d"
+        self.double_offsets.append(_ORIGIN + self.at)
+        self.pieces.append([])
+        self.at += 8 * count
+
+
+@dataclass(frozen=True)
+class JointStateLayout:
+    """What is constant in a stream of JointState messages: names, and numbers of values."""
+
+    name: tuple[str, ...]
+    position: int = 0
+    velocity: int = 0
+    effort: int = 0
+    frame_id: str = ""
+
+    @cached_property
+    def _plan(self) -> _Plan:
+        plan = _Plan()
+        plan.string(self.frame_id)
+        plan.count(len(self.name))
+        for name in self.name:
+            plan.string(name)
+        for count in (self.position, self.velocity, self.effort):
+            plan.doubles(count)
+        return plan
+
+    @cached_property
+    def _struct(self) -> struct.Struct:
+        return struct.Struct(self._plan.format)
+
+    @cached_property
+    def _pieces(self) -> tuple[tuple[bytes, ...], ...]:
+        return tuple(tuple(group) for group in self._plan.pieces)
+
+    @cached_property
+    def _counts(self) -> tuple[int, int, int]:
+        return self.position, self.velocity, self.effort
+
+    @property
+    def size(self) -> int:
+        """Length of a message in bytes."""
+        return self._struct.size
+
+    @cached_property
+    def dtype(self) -> np.dtype[Any]:
+        """The whole message: sec, nanosec, position[n], velocity[n], effort[n]."""
+        doubles = [("<f8", (count,)) for count in self._counts]
+        return np.dtype(
+            {
+                "names": ["sec", "nanosec", "position", "velocity", "effort"],
+                "formats": ["<i4", "<u4", *doubles],
+                "offsets": [_ORIGIN, _ORIGIN + 4, *self._plan.double_offsets],
+                "itemsize": self.size,
+            }
+        )
+
+    @cached_property
+    def _constant_spans(self) -> list[tuple[int, NDArray[np.uint8]]]:
+        """Offsets and values of all bytes that are the same in every message of this layout."""
+        pieces = [piece for group in self._pieces for piece in group]
+        # The encapsulation's two bytes of options may hold anything.
+        spans = [(0, _ENCAPSULATION[:2]), *zip(self._plan.piece_offsets, pieces, strict=True)]
+        joined: list[tuple[int, bytes]] = []
+        for at, piece in spans:
+            if joined and joined[-1][0] + len(joined[-1][1]) == at:
+                joined[-1] = (joined[-1][0], joined[-1][1] + piece)
+            else:
+                joined.append((at, piece))
+        return [(at, np.frombuffer(piece, np.uint8)) for at, piece in joined]
+
+    def pack(self, sample: JointSample) -> bytes:
+        """Return the message. Raises ValueError where the sample does not have this layout."""
+        stamp_ns, name, position, velocity, effort = sample
+        if name != self.name or (len(position), len(velocity), len(effort)) != self._counts:
+            raise ValueError(f"a sample of {name!r} does not have the layout {self!r}")
+        sec, nanosec = divmod(stamp_ns, NANOSECONDS)
+        before_position, before_velocity, before_effort, _ = self._pieces
+        try:
+            return self._struct.pack(
+                _ENCAPSULATION,
+                sec,
+                nanosec,
+                *before_position,
+                *position,
+                *before_velocity,
+                *velocity,
+                *before_effort,
+                *effort,
+            )
+        except struct.error as error:
+            raise ValueError(f"the sample at {stamp_ns} ns cannot be packed: {error}") from None
+
+    def unpack(self, data: bytes) -> JointSample:
+        """Return the sample. Raises ValueError where the message does not have this layout."""
+        if not self.size <= len(data) <= self.size + _MAX_TRAILING or data[:2] != b"\x00\x01":
+            raise ValueError(f"a message of {len(data)} bytes does not have the layout {self!r}")
+        _, sec, nanosec, *rest = self._struct.unpack_from(data)
+        values: list[tuple[float, ...]] = []
+        for pieces, count in zip(self._pieces, self._counts, strict=False):
+            end = len(pieces)
+            if tuple(rest[:end]) != pieces:
+                raise ValueError(f"the message does not have the layout {self!r}")
+            values.append(tuple(rest[end : end + count]))
+            del rest[: end + count]
+        return JointSample(sec * NANOSECONDS + nanosec, self.name, *values)
+
+    def decode(self, messages: Sequence[bytes]) -> NDArray[Any]:
+        """Return messages as an array of `dtype`. Raises ValueError unless all have this layout."""
+        size = self.size
+        joined = b"".join([message[:size] for message in messages])
+        if len(joined) != size * len(messages):
+            raise ValueError("messages of different sizes")
+        return self._checked(np.frombuffer(joined, f"V{size}"))
+
+    def decode_at(self, data: bytes, start: NDArray[np.int64]) -> NDArray[Any]:
+        """Return the messages that begin at some bytes of ``data`` as an array of `dtype`.
+
+        A view where they stand in equal distances, and else a copy. Raises ValueError unless all
+        have this layout.
+        """
+        size = self.size
+        if start[-1] + size > len(data):
+            raise ValueError("messages of different sizes")
+        step = int(start[1] - start[0]) if len(start) > 1 else size
+        if step > 0 and (np.diff(start) == step).all():
+            whole: NDArray[np.void] = np.ndarray(
+                (len(start),), f"V{size}", data, int(start[0]), (step,)
+            )
+        else:
+            everywhere: NDArray[np.void] = np.ndarray(
+                (len(data) - size + 1,), f"V{size}", data, 0, (1,)
+            )
+            whole = everywhere[start]
+        return self._checked(whole)
+
+    def _checked(self, whole: NDArray[np.void]) -> NDArray[Any]:
+        octets = np.lib.stride_tricks.as_strided(
+            whole.view(np.dtype([("first", "u1"), ("", f"V{self.size - 1}")]))["first"],
+            (len(whole), self.size),
+            (*whole.strides, 1),
+        )
+        for at, values in self._constant_spans:
+            if not (octets[:, at : at + len(values)] == values).all():
+                raise ValueError("messages of different layouts")
+        return whole.view(self.dtype)
+
+    @classmethod
+    def parse(cls, data: bytes) -> JointStateLayout:
+        """Return a message's layout. Raises ValueError where it is malformed or big-endian."""
+        if data[:2] != b"\x00\x01":
+            raise ValueError("not a little-endian CDR message")
+        cursor = _Cursor(data)
+        cursor.take(8, 4)  # the stamp
+        frame_id = cursor.string()
+        name = tuple(cursor.string() for _ in range(cursor.count()))
+        position, velocity, effort = (cursor.doubles() for _ in range(3))
+        if len(data) - cursor.at > _MAX_TRAILING:
+            raise ValueError(f"{len(data) - cursor.at} bytes too many")
+        return cls(name, position, velocity, effort, frame_id)
+
+
+class _Cursor:
+    """Reads the parts of a message that decide its layout, never past its end."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self.at = _ORIGIN
+
+    def take(self, size: int, alignment: int) -> bytes:
+        start = self.at + (_ORIGIN - self.at) % alignment
+        self.at = start + size
+        if self.at > len(self.data):
+            raise ValueError(f"a message of {len(self.data)} bytes ends before byte {self.at}")
+        return self.data[start : self.at]
+
+    def count(self) -> int:
+        return int.from_bytes(self.take(4, 4), "little")
+
+    def string(self) -> str:
+        data = self.take(self.count(), 1)
+        if data[-1:] != b"\x00":
+            raise ValueError("a string without its terminator")
+        return data[:-1].decode()
+
+    def doubles(self) -> int:
+        count = self.count()
+        if count:
+            self.take(8 * count, 8)
+        return count
+
+
+@lru_cache(maxsize=256)
+def _layout(name: tuple[str, ...], position: int, velocity: int, effort: int) -> JointStateLayout:
+    return JointStateLayout(name, position, velocity, effort)
+
+
+@lru_cache(maxsize=256)
+def shared(layout: JointStateLayout) -> JointStateLayout:
+    """Return an equal layout whose plan is made once for all chunks of a stream."""
+    return layout
+
+
+def layout_of(sample: JointSample) -> JointStateLayout:
+    """Return the layout that packs the sample, made once for all samples of its kind."""
+    return _layout(sample.name, len(sample.position), len(sample.velocity), len(sample.effort))

@@ -1,0 +1,294 @@
+"""`Recording`: what a run's MCAP file or rosbag2 folder says, as far as it is sound."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from .. import topics as names
+from .bag_folder import METADATA, bag_folder
+from .file import RecordingError, RecordingFile, Topic
+from .glance import glance
+from .joint_arrays import JointArrays, concatenate, decode
+from .schemas import ParameterChange, RunEvent, parse_event, parse_parameter_event
+from .writer import DIGESTS, END, PROVENANCE
+
+if TYPE_CHECKING:
+    from ..parameters.declarations import Value
+    from .split import Content, Messages
+
+__all__ = ["Recording", "RecordingError", "Topic"]
+
+Parsed = TypeVar("Parsed")
+
+# Decompressed chunks that are kept for the next topic: a run of a minute is decompressed once.
+_KEPT = 64 << 20
+# From here on `Recording.glance` does not read all: what is shorter is scanned in no time.
+_GLANCE = 32 << 20
+_OURS = "trunk_msgs_util"  # begins the library's name in files that must have an end record
+
+
+class Recording:
+    """A run's file or files, scanned once; messages are read when they are asked for.
+
+    ``warnings`` says what is missing or damaged, and from which byte on. Nothing behind the first
+    damaged byte counts.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.topics: dict[str, Topic] = {}
+        self.provenance: dict[str, str] = {}
+        self.digests: dict[str, str] = {}
+        self.end: dict[str, str] | None = None
+        self.warnings: list[str] = []
+        self.checked = True  # every record was read and is sound
+        self._sound = True
+        self._files: list[RecordingFile] = []
+        self._kept: OrderedDict[tuple[int, int], Content] = OrderedDict()
+
+    @classmethod
+    def open(
+        cls, path: str | Path, progress: Callable[[int, int], None] = lambda _done, _of: None
+    ) -> Recording:
+        """Scan a file or a folder; ``progress`` is told bytes read and bytes in all.
+
+        Raises RecordingError where it is not there, not readable, or not MCAP.
+        """
+        return cls(path)._opened(progress)
+
+    @classmethod
+    def glance(
+        cls, path: str | Path, progress: Callable[[int, int], None] = lambda _done, _of: None
+    ) -> Recording:
+        """Open a recording by its summary and indexes; ``checked`` is False where that was enough.
+
+        Files of less than `_GLANCE` bytes, and those without a sound summary, are scanned.
+        Raises as `open` does.
+        """
+        recording = cls(path)
+        recording.checked = False
+        return recording._opened(progress)
+
+    def _opened(self, progress: Callable[[int, int], None]) -> Recording:
+        try:
+            self._scan(progress)
+        except OSError as error:
+            raise RecordingError(
+                f"{self.path}: {error.strerror}: give an MCAP file that can be read"
+            ) from None
+        return self
+
+    def _scan(self, progress: Callable[[int, int], None]) -> None:
+        files, counted = [self.path], None
+        is_bag = self.path.is_dir()
+        if is_bag:
+            files, counted = bag_folder(self.path)
+        sizes = [path.stat().st_size for path in files]
+        glances = not self.checked and sum(sizes) >= _GLANCE
+        self.checked = True
+        for i, path in enumerate(files):
+            glanced = glance(path, self.topics) if glances else None
+            if glanced is not None:
+                self.checked = False
+            file = glanced or RecordingFile(path, self.topics)
+            if glanced is None:
+                file.scan(partial(_tell, progress, sum(sizes[:i]), sum(sizes)))
+            self._files.append(file)
+            self._sound &= file.sound
+            self.provenance.update(file.metadata[PROVENANCE])
+            self.digests.update(file.metadata.get(DIGESTS, {}))
+            self.end = file.metadata.get(END, self.end)
+            if file.warning:
+                self.warnings.append(f"{path.name}: {file.warning}" if is_bag else file.warning)
+                if path != files[-1]:
+                    self.warnings.append(f"{len(files) - i - 1} files behind it are not read")
+                break
+        self._judge(is_bag, counted)
+
+    def _judge(self, is_bag: bool, counted: int | None) -> None:
+        """Warn where nothing says that the run is whole."""
+        found = sum(topic.count for topic in self.topics.values())
+        if counted is not None and counted != found:
+            self._sound = False
+            self.warnings.append(f"{METADATA} counts {counted} messages, its files hold {found}")
+        library = self._files[0].library
+        if self.end is not None:
+            if self.end.get("complete") != "true":
+                self.warnings.append(f"incomplete: {self.end.get('reason', 'no reason given')}")
+        elif library.startswith(_OURS) or not library:
+            self.warnings.append(f"no {END} record: the recorder was not ended in order")
+        elif is_bag and counted is None:
+            self.warnings.append(f"no {METADATA}: the recorder was not ended in order")
+        else:
+            self.warnings.append(
+                f"recorded by {library}: no {END} record says whether the run is whole"
+            )
+
+    @property
+    def files(self) -> list[Path]:
+        """The MCAP files that were read; more than one for a split bag."""
+        return [file.path for file in self._files]
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return sum(path.stat().st_size for path in self.files)
+
+    @property
+    def library(self) -> str:
+        """What wrote the first file, by its own word."""
+        return self._files[0].library
+
+    @property
+    def complete(self) -> bool:
+        """True where the recorder says that the whole run is in the file, and nothing was altered."""
+        return self._sound and self.end is not None and self.end.get("complete") == "true"
+
+    def altered_topics(self) -> list[str]:
+        """Return the topics whose messages are not those that the recorder wrote, by its digests."""
+        found = {topic: hashlib.blake2b(digest_size=16) for topic in self.digests}
+        for block in self.blocks(self.digests):
+            for topic, messages in block.items():
+                found[topic].update(b"".join(messages.bytes()))
+        return sorted(t for t, digest in self.digests.items() if found[t].hexdigest() != digest)
+
+    @property
+    def namespace(self) -> str:
+        """The namespace of the run, as ``/robot``; empty for the root."""
+        suffix = f"/{names.GROUND_TRUTH}"
+        return next((t.removesuffix(suffix) for t in self.topics if t.endswith(suffix)), "")
+
+    def topic(self, relative: str) -> str:
+        """Return the absolute name of a relative topic or node."""
+        return f"{self.namespace}/{relative}"
+
+    @property
+    def controller(self) -> str | None:
+        """The node whose ``~/state`` was recorded; of several the one with most messages."""
+        counts = self._controllers()
+        return max(counts, key=lambda name: counts[name], default=None)
+
+    @property
+    def controllers(self) -> list[str]:
+        """All nodes whose ``~/state`` was recorded, in the order in which the run was planned."""
+        counts = self._controllers()
+        planned = self.provenance.get("controller", "").split()
+        return sorted(
+            counts, key=lambda name: planned.index(name) if name in planned else len(planned)
+        )
+
+    def _controllers(self) -> dict[str, int]:
+        prefix, suffix = self.topic(""), "/state"
+        return {
+            name.removeprefix(prefix).removesuffix(suffix): topic.count
+            for name, topic in self.topics.items()
+            if topic.count and name.startswith(prefix) and name.endswith(suffix)
+        }
+
+    @property
+    def fell_at_ns(self) -> int | None:
+        """When the trunk fell, by the run's events; None where they do not say so."""
+        return next((e.stamp_ns for e in self.events() if e.message == "fell"), None)
+
+    def blocks(self, topics: Iterable[str]) -> Iterator[dict[str, Messages]]:
+        """Yield the messages of some topics, block by block in the file's order.
+
+        One pass: each block is decompressed once for all of the topics. A topic of which a block
+        has nothing is not in its dictionary.
+        """
+        asked = list(topics)
+        for file, content in self._contents(asked):
+            found = {topic: content.messages(file.numbers(topic)) for topic in asked}
+            yield {topic: messages for topic, messages in found.items() if messages is not None}
+
+    def copies(self, topics: Iterable[str]) -> Iterator[tuple[RecordingFile, Messages]]:
+        """Yield the messages of some topics together, in the file's order, with their file.
+
+        A message's head of 22 bytes (channel 2, sequence 4, log time 8, publish time 8) stands
+        before its data.
+        """
+        asked = list(topics)
+        for file, content in self._contents(asked):
+            messages = content.messages([c for topic in asked for c in file.numbers(topic)])
+            if messages is not None:
+                yield file, messages
+
+    def _contents(self, topics: list[str]) -> Iterator[tuple[RecordingFile, Content]]:
+        """Yield the blocks that have messages of some topics, each read once."""
+        for number, file in enumerate(self._files):
+            every = {channel for topic in topics for channel in file.numbers(topic)}
+            with file.path.open("rb") as stream:
+                for block in file.blocks:
+                    if every.isdisjoint(block.channels):
+                        continue
+                    key = (number, block.offset)
+                    content = self._kept.get(key) or file.content(stream, block)
+                    self._keep(key, content)
+                    yield file, content
+
+    def _keep(self, key: tuple[int, int], content: Content) -> None:
+        self._kept[key] = content
+        self._kept.move_to_end(key)
+        # Offsets take about as much as short messages do.
+        while sum(2 * len(kept.data) for kept in self._kept.values()) > _KEPT:
+            self._kept.popitem(last=False)
+
+    def messages(self, topic: str) -> Iterator[tuple[list[int], list[bytes]]]:
+        """Yield ``(log times in ns, messages)`` of a topic, block by block, in the file's order."""
+        for block in self.blocks([topic]):
+            yield block[topic].log_time_ns.tolist(), block[topic].bytes()
+
+    def joints(self, topic: str) -> JointArrays:
+        """Return all messages of a JointState topic (absolute name), none for an unknown topic.
+
+        Raises RecordingError where they are not JointState messages.
+        """
+        return self.joints_of([topic])[topic]
+
+    def joints_of(self, topics: Iterable[str]) -> Mapping[str, JointArrays]:
+        """Return all messages of some JointState topics, read in one pass. Raises as `joints`."""
+        parts: dict[str, list[JointArrays]] = {topic: [] for topic in topics}
+        for block in self.blocks(parts):
+            for topic, messages in block.items():
+                try:
+                    parts[topic].append(decode(messages))
+                except (ValueError, OverflowError) as error:
+                    raise RecordingError(
+                        f"{self.path}: {topic} cannot be read as JointState: {error}"
+                    ) from None
+        return {topic: concatenate(parts.pop(topic)) for topic in list(parts)}
+
+    def _parsed(self, relative: str, parse: Callable[[bytes], Parsed]) -> list[Parsed]:
+        topic = self.topic(relative)
+        try:
+            return [parse(data) for _, messages in self.messages(topic) for data in messages]
+        except ValueError as error:
+            raise RecordingError(f"{self.path}: {topic} cannot be read: {error}") from None
+
+    def _parameter_events(self) -> list[ParameterChange]:
+        return self._parsed(names.RUN_PARAMETERS, parse_parameter_event)
+
+    def parameters(self) -> dict[str, dict[str, Value]]:
+        """Return every node's first full set of parameters, by its fully qualified name."""
+        found: dict[str, dict[str, Value]] = {}
+        for event in self._parameter_events():
+            if event.new:
+                found.setdefault(event.node, event.new)
+        return found
+
+    def parameter_changes(self) -> list[ParameterChange]:
+        """Return what changed in the run; each change applies to states with a greater stamp."""
+        return [event for event in self._parameter_events() if event.changed]
+
+    def events(self) -> list[RunEvent]:
+        """Return the events of the run in the file's order."""
+        return self._parsed(names.RUN_EVENTS, parse_event)
+
+
+def _tell(progress: Callable[[int, int], None], before: int, of: int, done: int) -> None:
+    progress(before + done, of)

@@ -1,0 +1,183 @@
+"""A whole, indexed file out of a broken one: everything that can still be read, and what was lost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, Metadata, Schema
+from mcap.writer import Writer
+
+from .blocks import BLOCKS, ChecksumError, DamageError, Record, content_of, damaged, records
+from .file import check_magic
+from .reader import RecordingError
+from .split import Content
+from .summary import read_summary
+from .whole_file import whole_file
+from .writer import DIGESTS, END
+
+LIBRARY = "trunk_msgs_util recover"
+
+
+@dataclass
+class Recovery:
+    """What was saved and what was lost."""
+
+    messages: dict[str, int] = field(default_factory=dict)  # by topic
+    lost: list[str] = field(default_factory=list)  # a line each
+
+    @property
+    def count(self) -> int:
+        """All messages that were saved."""
+        return sum(self.messages.values())
+
+
+def recover(path: Path, output: Path, overwrite: bool = False) -> Recovery:
+    """Write all that can be read of an MCAP file as a finished one, and return what came of it.
+
+    Damaged chunks are left out; behind damage that hides where the next record begins, the file's
+    own index is asked for it. The end record says "complete: false" and why. Raises RecordingError
+    where nothing can be read, FileExistsError, and OSError.
+    """
+    recovery = Recovery()
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        check_magic(path, file, size)
+        if output.exists() and output.samefile(path):
+            raise FileExistsError(f"{output} is the broken file itself: choose another name")
+        with whole_file(output, overwrite=overwrite) as part:
+            with part.open("wb") as target:
+                _Copy(file, size, target, recovery).run()
+            if not recovery.count:
+                raise RecordingError(f"{path}: no message can be read: nothing was recovered")
+    return recovery
+
+
+class _Copy:
+    """Schemas and channels keep what they say, and get new numbers."""
+
+    def __init__(self, file: BinaryIO, size: int, target: BinaryIO, recovery: Recovery) -> None:
+        self._file, self._size, self._recovery = file, size, recovery
+        self._writer = Writer(target, enable_data_crcs=True)
+        self._schemas: dict[int, int] = {0: 0}
+        self._channels: dict[int, tuple[int, str]] = {}
+        self._end: dict[str, str] | None = None
+        self._seen = 8  # all before this byte was read or given up
+
+    def run(self) -> None:
+        self._writer.start("ros2", LIBRARY)
+        self._described()
+        start = 8
+        while start < self._size:
+            start = self._stretch(start)
+        self._writer.flush()
+        told = self._end or {}
+        lost = "; ".join(self._recovery.lost) or "nothing"
+        before = "complete" if told.get("complete") == "true" else told.get("reason", "no end")
+        reason = f"recovered; it was: {before}; lost: {lost}"
+        self._writer.add_metadata(END, {"complete": "false", "recovered": "true", "reason": reason})
+        self._writer.finish()
+
+    def _described(self) -> None:
+        """Know schemas and channels by the summary, should the chunk that has them be lost."""
+        try:
+            summary = read_summary(self._file, self._size)
+        except ValueError:
+            return
+        if summary is not None and summary.footer.summary_crc == summary.crc:
+            for schema in summary.schemas:
+                self._describe(schema)
+            for channel in summary.channels:
+                self._describe(channel)
+
+    def _describe(self, item: Schema | Channel) -> None:
+        if isinstance(item, Schema):
+            if item.id not in self._schemas:
+                number = self._writer.register_schema(item.name, item.encoding, item.data)
+                self._schemas[item.id] = number
+        elif item.id not in self._channels:
+            schema = self._schemas.get(item.schema_id, 0)
+            number = self._writer.register_channel(
+                item.topic, item.message_encoding, schema, item.metadata
+            )
+            self._channels[item.id] = (number, item.topic)
+
+    def _stretch(self, start: int) -> int:
+        """Copy from a byte on; return where to go on behind damage, or the file's size."""
+        self._file.seek(start)
+        try:
+            for record in records(self._file, self._size, start):
+                at = self._file.tell()
+                try:
+                    self._take(record)
+                except DamageError as error:
+                    self._recovery.lost.append(str(error))
+                self._file.seek(at)
+                self._seen = record.end
+        except ChecksumError as error:
+            self._recovery.lost.append(f"{error}, but its records can be read")
+        except DamageError as error:
+            self._recovery.lost.append(str(error))
+            return self._next_chunk()
+        return self._size
+
+    def _next_chunk(self) -> int:
+        """Return where the index has a chunk behind the damage."""
+        try:
+            summary = read_summary(self._file, self._size)
+        except ValueError:
+            return self._size
+        starts = [chunk.chunk_start_offset for chunk in summary.chunks] if summary else []
+        following = min((at for at in starts if at > self._seen), default=self._size)
+        self._seen = following
+        return following
+
+    def _take(self, record: Record) -> None:
+        if record.opcode in BLOCKS:
+            content = content_of(record)
+            for opcode, body in content.others:
+                self._take_other(Record(record.offset, opcode, body, record.end))
+            self._messages(content, record)
+        else:
+            self._take_other(record)
+
+    def _take_other(self, record: Record) -> None:
+        try:
+            if record.opcode == Opcode.SCHEMA:
+                self._describe(Schema.read(record.stream))
+            elif record.opcode == Opcode.CHANNEL:
+                self._describe(Channel.read(record.stream))
+            elif record.opcode == Opcode.METADATA:
+                metadata = Metadata.read(record.stream)
+                if metadata.name == END:
+                    self._end = metadata.metadata
+                elif metadata.name != DIGESTS or not self._recovery.lost:
+                    # Digests are of the whole run: with a loss they would accuse what is left.
+                    self._writer.flush()
+                    self._writer.add_metadata(metadata.name, metadata.metadata)
+        except Exception as error:  # whatever a damaged record makes of its reader
+            raise damaged(record, error) from None
+
+    def _messages(self, content: Content, record: Record) -> None:
+        found = content.messages(content.channels)
+        if found is None:
+            return
+        unknown = content.channels.keys() - self._channels.keys()
+        if unknown:
+            raise DamageError(
+                f"the record at byte {record.offset} has messages of an unknown channel"
+            )
+        data = content.data
+        for start, end in zip(found.start.tolist(), found.end.tolist(), strict=True):
+            head = start - 22
+            number, topic = self._channels[int.from_bytes(data[head : head + 2], "little")]
+            self._writer.add_message(
+                number,
+                int.from_bytes(data[head + 6 : head + 14], "little"),
+                data[start:end],
+                int.from_bytes(data[head + 14 : start], "little"),
+                int.from_bytes(data[head + 2 : head + 6], "little"),
+            )
+            self._recovery.messages[topic] = self._recovery.messages.get(topic, 0) + 1

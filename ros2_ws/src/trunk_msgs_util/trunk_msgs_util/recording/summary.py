@@ -1,0 +1,112 @@
+"""What stands at an MCAP file's end: statistics and indexes, read without the messages."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass, field
+from io import BytesIO
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, ChunkIndex, Footer, MetadataIndex, Schema, Statistics
+
+from .blocks import MAGIC, Record
+from .chunk import MAX_CHUNK
+from .split import HEAD, record_offsets
+
+if TYPE_CHECKING:
+    from .joint_arrays import Integers
+
+_FOOTER = HEAD.size + 20
+_INDEX_HEAD = struct.Struct("<BQHI")  # opcode, length, channel, length of the entries
+
+
+@dataclass
+class Summary:
+    """The summary section; ``start`` is where it begins."""
+
+    start: int
+    footer: Footer
+    crc: int  # of what the footer's checksum is about
+    schemas: list[Schema] = field(default_factory=list)
+    channels: list[Channel] = field(default_factory=list)
+    statistics: Statistics | None = None
+    chunks: list[ChunkIndex] = field(default_factory=list)
+    metadata: list[MetadataIndex] = field(default_factory=list)
+
+
+def read_summary(file: BinaryIO, size: int) -> Summary | None:
+    """Return the summary of a file of ``size`` bytes, None where it ends without one.
+
+    Raises ValueError where what is there makes no sense; its checksum is not judged.
+    """
+    at = size - len(MAGIC) - _FOOTER
+    if at < len(MAGIC):
+        return None
+    file.seek(at)
+    tail = file.read()
+    if not tail.endswith(MAGIC) or HEAD.unpack_from(tail) != (Opcode.FOOTER, 20):
+        return None
+    footer = Footer.read(ReadDataStream(BytesIO(tail[HEAD.size : _FOOTER])))
+    start = footer.summary_start
+    if not start:
+        return None
+    if not len(MAGIC) <= start <= at or at - start > MAX_CHUNK:
+        raise ValueError(f"the footer says that the summary begins at byte {start}")
+    file.seek(start)
+    data = file.read(at - start)
+    crc = zlib.crc32(tail[: _FOOTER - 4], zlib.crc32(data))
+    summary = Summary(start, footer, crc)
+    offsets, end = record_offsets(data)
+    if end != len(data):
+        raise ValueError("a record of the summary goes beyond it")
+    ends = [*offsets.tolist()[1:], end]
+    for offset, until in zip(offsets.tolist(), ends, strict=True):
+        record = Record(start + offset, data[offset], data[offset + HEAD.size : until], until)
+        try:
+            _take(summary, record)
+        except Exception as error:  # whatever a damaged record makes of its reader
+            raise ValueError(f"the summary's record at byte {record.offset}: {error}") from None
+    return summary
+
+
+def _take(summary: Summary, record: Record) -> None:
+    if record.opcode == Opcode.SCHEMA:
+        summary.schemas.append(Schema.read(record.stream))
+    elif record.opcode == Opcode.CHANNEL:
+        summary.channels.append(Channel.read(record.stream))
+    elif record.opcode == Opcode.STATISTICS:
+        summary.statistics = Statistics.read(record.stream)
+    elif record.opcode == Opcode.CHUNK_INDEX:
+        summary.chunks.append(ChunkIndex.read(record.stream))
+    elif record.opcode == Opcode.METADATA_INDEX:
+        summary.metadata.append(MetadataIndex.read(record.stream))
+
+
+def message_indexes(file: BinaryIO, index: ChunkIndex) -> dict[int, tuple[Integers, Integers]]:
+    """Return (log times in ns, offsets in the chunk's records) by channel, of one chunk.
+
+    Raises ValueError where they do not stand where the chunk's index says.
+    """
+    first = index.chunk_start_offset + index.chunk_length
+    if index.message_index_length > MAX_CHUNK:
+        raise ValueError(f"message indexes of {index.message_index_length} bytes")
+    file.seek(first)
+    data = file.read(index.message_index_length)
+    found = {}
+    for channel, offset in index.message_index_offsets.items():
+        at = offset - first
+        if not 0 <= at <= len(data) - _INDEX_HEAD.size:
+            raise ValueError(f"the message index at byte {offset} is not behind its chunk")
+        opcode, length, told, size = _INDEX_HEAD.unpack_from(data, at)
+        begin = at + _INDEX_HEAD.size
+        if opcode != Opcode.MESSAGE_INDEX or told != channel or length != size + 6 or size % 16:
+            raise ValueError(f"there is no index of channel {channel} at byte {offset}")
+        if begin + size > len(data):
+            raise ValueError(f"the message index at byte {offset} is too long")
+        entries = np.frombuffer(data, "<i8", size // 8, begin).reshape(-1, 2)
+        found[channel] = (entries[:, 0], entries[:, 1])
+    return found
