@@ -6,7 +6,6 @@ from math import pi
 
 import pytest
 
-from trunk_control.computed_torque import Model
 from trunk_experiments.batch.closed_loop import Batch
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline import steps
@@ -17,7 +16,7 @@ FILES = ["profile_walking", "plant_adult_trunk", "gains_adult_trunk"]
 
 
 def test_the_plant_follows_from_the_fractions():
-    p = make_plan("fig6", "pid", FILES).simulator.plant
+    p = make_plan("fig6", "pid", FILES).simulator.body
     assert p.trunk_mass == pytest.approx(0.678 * 70.0)
     assert p.length == pytest.approx(0.626 * (0.818 - 0.530) * 1.75)
     assert p.hip_mass == pytest.approx(0.322 * 70.0)
@@ -25,7 +24,7 @@ def test_the_plant_follows_from_the_fractions():
 
 
 def test_the_gains_are_those_of_tune():
-    plant = linearise(make_plan("fig6", "pid", FILES).simulator.plant)
+    plant = linearise(make_plan("fig6", "pid", FILES).simulator.body)
     pid = make_plan("fig6", "pid", FILES).controller.gains
     assert pid == pytest.approx(by_poles(plant, (-12.0, -8.0, -2.0)), rel=1e-5)
     lqr = make_plan("fig6", "lqr", FILES).controller
@@ -38,7 +37,7 @@ def test_the_gains_are_those_of_tune():
 
 def test_the_model_of_computed_torque_is_the_plant():
     plan = make_plan("fig6", "computed_torque", FILES)
-    assert plan.controller.model == Model(*plan.simulator.plant[:7])
+    assert plan.controller.model == plan.simulator.body
 
 
 @pytest.mark.parametrize("controller", ["pid", "fuzzy_pid", "lqr"])

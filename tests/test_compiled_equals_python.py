@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from itertools import product
 from math import pi
-from types import FunctionType
 
 import numpy as np
 import pytest
 
 from trunk_control import computed_torque, fuzzy, fuzzy_pid, lqr, pid, reference
-from trunk_control.config import FuzzyPidConfig
 from trunk_control.controller_config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_experiments.batch.compiled import compiled
+from trunk_msgs_util.mechanics import Body
 from trunk_sim import disturbances, integrator, plant, plant_as_printed
-
-numba = pytest.importorskip("numba")
 
 MODULES = (
     plant,
@@ -30,30 +29,22 @@ MODULES = (
 )
 
 
-def compiled(modules) -> dict[str, object]:
-    """Return a jitted twin of every function of the modules, by name: the same code objects, with
-    their global names bound to one another's twins. Each compiles at its first call."""
-    originals = [
-        value
-        for module in modules
-        for value in vars(module).values()
-        if isinstance(value, FunctionType) and value.__module__ == module.__name__
-    ]
-    twins = {}
-    for function in originals:
-        namespace = dict(function.__globals__)
-        twin = FunctionType(function.__code__, namespace, function.__name__)
-        twins[function] = (numba.njit(twin), namespace)
-    for _, namespace in twins.values():
-        for name, value in namespace.items():
-            if isinstance(value, FunctionType) and value in twins:
-                namespace[name] = twins[value][0]
-    return {function.__name__: twin for function, (twin, _) in twins.items()}
+class Twins:
+    """The compiled twin of every function of the modules, by name. Each compiles at its first call."""
+
+    def __init__(self) -> None:
+        self._made = {}
+
+    def __getitem__(self, name: str):
+        if name not in self._made:
+            found = [vars(module)[name] for module in MODULES if name in vars(module)]
+            self._made[name] = compiled(found[0])
+        return self._made[name]
 
 
 @pytest.fixture(scope="module")
 def twin():
-    return compiled(MODULES)
+    return Twins()
 
 
 def bits(value) -> list[str]:
@@ -70,9 +61,7 @@ def arrays(record):
 def plants(count: int, seed: int):
     rng = np.random.default_rng(seed)
     for k in range(count):
-        parameters = plant.PlantParameters(
-            *rng.uniform(0.1, 5.0, 6).tolist(), bool(k % 2), k % 5 == 0
-        )
+        parameters = Body(*rng.uniform(0.1, 5.0, 6).tolist(), bool(k % 2), k % 5 == 0)
         state = plant.PlantState(*rng.uniform(-4.0, 4.0, 4).tolist())
         yield state, *rng.normal(0.0, 30.0, 2).tolist(), parameters
 
@@ -200,7 +189,7 @@ def test_computed_torque_update(twin):
     rng = np.random.default_rng(11)
     for k, (*sample, gains, law) in enumerate(pid_inputs(2000, 12, LAWS[-2])):
         hip = computed_torque.Hip(*rng.normal(0.0, 2.0, 2).tolist())
-        model = computed_torque.Model(*rng.uniform(0.1, 5.0, 6).tolist(), bool(k % 2))
+        model = Body(*rng.uniform(0.1, 5.0, 6).tolist(), bool(k % 2))
         arguments = (*sample, hip, gains, model, law)
         expected = computed_torque.computed_torque_update(*arguments)
         assert bits(twin["computed_torque_update"](*arguments)) == bits(expected)

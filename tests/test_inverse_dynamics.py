@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trunk_control.computed_torque import Hip, Model, inverse_dynamics
-from trunk_sim.plant import PlantParameters, PlantState, accelerations
+from trunk_msgs_util.mechanics import Body, inverse_dynamics
+from trunk_sim.plant import PlantState, accelerations
 
 
 @pytest.mark.parametrize("prescribed", [False, True], ids=["passive", "prescribed"])
@@ -16,8 +16,8 @@ def test_inverse_dynamics_invert_the_plant(prescribed):
         constants = (*rng.uniform(0.1, 5.0, 6).tolist(), prescribed)
         x, theta, x_dot, theta_dot = rng.uniform(-4.0, 4.0, 4).tolist()
         wanted = float(rng.normal(0.0, 30.0))
-        inertia, bias = inverse_dynamics(Hip(x, x_dot), theta, theta_dot, Model(*constants))
+        inertia, bias = inverse_dynamics(x, theta, x_dot, theta_dot, Body(*constants))
         torque = inertia * wanted + bias
         state = PlantState(x, theta, x_dot, theta_dot)
-        _, found = accelerations(state, 0.0, torque, PlantParameters(*constants))
+        _, found = accelerations(state, 0.0, torque, Body(*constants))
         assert found == pytest.approx(wanted, rel=1e-9, abs=1e-9 * (1.0 + abs(bias) / inertia))

@@ -7,15 +7,15 @@ from math import inf, pi
 import numpy as np
 import pytest
 
+from trunk_control.controller import Controller
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_control.pid_law import PidConfig
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_msgs_util.samples import JointSample
-
-controllers = pytest.importorskip("trunk_control.controller")
-configs = pytest.importorskip("trunk_control.config")
-simulation = pytest.importorskip("trunk_sim.simulation")
-plants = pytest.importorskip("trunk_sim.config")
-disturbances = pytest.importorskip("trunk_sim.disturbances")
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.disturbances import Disturbance
+from trunk_sim.simulation import Simulation
 
 PAPER = {
     "update_rate": 1000.0,
@@ -28,21 +28,21 @@ STEP = {"reference_profile": "step", "reference_value": pi / 4.0}
 
 
 def pid(p=60.0, i=100.0, d=9.0, **options):
-    return controllers.PidController(configs.PidConfig(p=p, i=i, d=d, **PAPER, **options))
+    return Controller(PidConfig(p=p, i=i, d=d, **PAPER, **options))
 
 
 def fuzzy_pid(**options):
-    return controllers.FuzzyPidController(configs.FuzzyPidConfig(**PAPER, **options))
+    return Controller(FuzzyPidConfig(**PAPER, **options))
 
 
 def run(controller, steps=10_000) -> RunTable:
-    plant = simulation.Simulation(plants.SimulatorConfig(update_rate=1000.0, substeps=10))
+    plant = Simulation(SimulatorConfig(update_rate=1000.0, substeps=10))
     rows = []
     for _ in range(steps + 1):
         truth: JointSample = plant.truth()
         answer = controller.update(truth.stamp_ns, truth.position[1], truth.velocity[1])
         rows.append((truth.stamp_ns / 1e9, truth.position[1], answer.reference, answer.effort))
-        plant.step(answer.effort, disturbances.Disturbance())
+        plant.step(answer.effort, Disturbance())
     t, theta, reference, torque = np.array(rows).T
     unused = dict.fromkeys(RunTable.__dataclass_fields__, np.full(t.shape, np.nan))
     return RunTable(**{**unused, "t": t, "theta": theta, "reference": reference, "torque": torque})

@@ -12,7 +12,7 @@ from trunk_experiments.plans.turns import parse_swap
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.doctor import examine
 from trunk_experiments.replay.explain import explain
-from trunk_experiments.replay.like import plan_like
+from trunk_experiments.replay.record import RecordedRun
 from trunk_experiments.replay.verify import DIVERGES, VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.plots import overview
@@ -71,8 +71,7 @@ def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
     assert [turn["start"] for turn in report_data([view])["runs"][0]["turns"]] == starts
     assert [explain(recording, start).took_over for start in starts] == [False, True, True]
     assert examine(path) == []  # nothing is missing between two turns
-    rebuilt, happenings = plan_like(recording)
-    record_offline(rebuilt, again, happenings=happenings)
+    record_offline(RecordedRun(recording).plan(), again)
     assert diff(recording, Recording.open(again)).identical
 
 

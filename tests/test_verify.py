@@ -9,9 +9,8 @@ import pytest
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.like import plan_like
+from trunk_experiments.replay.record import RecordedRun
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
-from trunk_experiments.runs.offline import Happenings
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
@@ -198,15 +197,14 @@ CHANGES = {
 
 
 def test_changes_during_a_run_are_replayed_and_rebuilt(whole, tmp_path):
-    plan, _ = plan_like(Recording.open(whole))
+    plan = RecordedRun.open(whole).plan()
     changed = tmp_path / "changed.mcap"
-    record_offline(plan, changed, happenings=Happenings(CHANGES))
+    record_offline(replace(plan, changes=CHANGES), changed)
     recording = Recording.open(changed)
     assert not diff(Recording.open(whole), recording).identical
     assert verify(recording).exit_code == VERIFIED
-    plan, happenings = plan_like(recording)
     again = tmp_path / "again.mcap"
-    record_offline(plan, again, happenings=happenings)
+    record_offline(RecordedRun(recording).plan(), again)
     assert diff(recording, Recording.open(again)).identical
 
 

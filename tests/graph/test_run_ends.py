@@ -89,7 +89,7 @@ def test_a_run_that_failed_fails_once(arguments: Any, lockstep: str) -> None:
     arguments(f"lockstep.enabled:={lockstep}", "wait_for:=[effort_command,recorder]")
     events: list[str] = []
     node = started(events)
-    node._simulation.state = PlantState(0.0, inf, 0.0, 0.0)
+    node._simulation.take_on(PlantState(0.0, inf, 0.0, 0.0), 0.0)
     node._on_command(sample_to_wire(JointSample(0, ("trunk",), effort=(1.0,))))
     # In real time twenty steps are due at once.
     node._pacing.tick(time.monotonic_ns() + 20 * node.period_ns)

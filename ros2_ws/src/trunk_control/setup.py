@@ -1,3 +1,4 @@
+from runpy import run_path
 from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
@@ -5,6 +6,7 @@ from setuptools import find_packages, setup
 manifest = ElementTree.parse("package.xml")
 name = manifest.findtext("name")
 maintainer = manifest.find("maintainer")
+laws = run_path(f"{name}/laws.py")["MODULES"]
 
 setup(
     name=name,
@@ -21,11 +23,6 @@ setup(
     ],
     zip_safe=False,
     entry_points={
-        "console_scripts": [
-            "pid = trunk_control.executables:pid",
-            "fuzzy_pid = trunk_control.executables:fuzzy_pid",
-            "lqr = trunk_control.executables:lqr",
-            "computed_torque = trunk_control.executables:computed_torque",
-        ],
+        "console_scripts": [f"{law} = trunk_control.executables:{law}" for law in laws],
     },
 )

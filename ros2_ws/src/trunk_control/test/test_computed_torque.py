@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_control.computed_torque import Hip, Model, computed_torque_update, inverse_dynamics
-from trunk_control.config import PidConfig
-from trunk_control.controller import hip_index, hip_seen
-from trunk_control.model_config import ComputedTorqueConfig
-from trunk_control.model_controller import ComputedTorqueController
+from trunk_control.computed_torque import Hip, computed_torque_update
+from trunk_control.computed_torque_law import ComputedTorqueConfig
+from trunk_control.controller import Controller, hip_index, hip_seen
 from trunk_control.pid import DERIVATIVE_FROM_RATE, Gains, PidLaw, PidState
+from trunk_control.pid_law import PidConfig
+from trunk_msgs_util.mechanics import Body, inverse_dynamics
 
 ANGLE = st.floats(-pi, pi)
 SPEED = st.floats(-5.0, 5.0)
@@ -23,17 +23,20 @@ LAW = PidLaw(derivative=DERIVATIVE_FROM_RATE)
 @given(ANGLE, SPEED, ANGLE, SPEED)
 def test_a_heavy_hip_leaves_the_prescribed_model(x, x_dot, theta, theta_dot):
     # A hip of infinite mass falls along its path by itself; without gravity it coasts.
-    heavy = Model(hip_mass=1e12, gravity=0.0, amplitude=0.0)
+    heavy = Body(hip_mass=1e12, gravity=0.0, amplitude=0.0)
     prescribed = heavy._replace(prescribed=True)
     hip = Hip(x, x_dot)
-    free, given_ = (inverse_dynamics(hip, theta, theta_dot, m) for m in (heavy, prescribed))
+    free, given_ = (
+        inverse_dynamics(hip.position, theta, hip.velocity, theta_dot, m)
+        for m in (heavy, prescribed)
+    )
     assert free == pytest.approx(given_, abs=1e-9)
 
 
 @given(ANGLE)
 def test_a_level_path_leaves_the_cart_and_pole(theta):
-    model = Model(amplitude=0.0)
-    inertia, bias = inverse_dynamics(Hip(3.0, 1.0), theta, 0.0, model)
+    model = Body(amplitude=0.0)
+    inertia, bias = inverse_dynamics(3.0, theta, 1.0, 0.0, model)
     total = model.hip_mass + model.trunk_mass
     expected = model.trunk_mass * (model.hip_mass + model.trunk_mass * sin(theta) ** 2) / total
     assert inertia == pytest.approx(expected)
@@ -43,10 +46,10 @@ def test_a_level_path_leaves_the_cart_and_pole(theta):
 @given(ANGLE, SPEED, ANGLE, SPEED)
 def test_terms_are_the_gains_times_the_inertia(x, x_dot, theta, theta_dot):
     hip, gains = Hip(x, x_dot), Gains(100.0, 10.0, 20.0)
-    inertia, bias = inverse_dynamics(hip, theta, theta_dot, Model())
+    inertia, bias = inverse_dynamics(hip.position, theta, hip.velocity, theta_dot, Body())
     assert inertia > 0.0
     state, terms = computed_torque_update(
-        PidState(), 0.3, theta, theta_dot, 0.01, hip, gains, Model(), LAW
+        PidState(), 0.3, theta, theta_dot, 0.01, hip, gains, Body(), LAW
     )
     wanted = 100.0 * (0.3 - theta) + 10.0 * state.integral - 20.0 * theta_dot
     assert terms.effort == pytest.approx(inertia * wanted + bias, abs=1e-9)
@@ -63,14 +66,14 @@ def test_a_bad_sample_holds_the_command(bad, value):
         return  # large angles and places are angles and places
     state = PidState(effort=2.5, started=True)
     held, terms = computed_torque_update(
-        state, 0.0, theta, theta_dot, 0.01, Hip(x, x_dot), Gains(1.0, 0.0, 1.0), Model(), LAW
+        state, 0.0, theta, theta_dot, 0.01, Hip(x, x_dot), Gains(1.0, 0.0, 1.0), Body(), LAW
     )
     assert held is state
     assert terms.effort == 2.5
 
 
 def test_an_infinite_angle_is_held():
-    controller = ComputedTorqueController(ComputedTorqueConfig())
+    controller = Controller(ComputedTorqueConfig())
     before = controller.update(0, 0.1, 0.0, hip=Hip(0.0, 1.0))
     for bad in ((inf, 0.0), (nan, 0.0), (0.1, inf)):
         assert controller.update(10_000_000, *bad).effort == before.effort

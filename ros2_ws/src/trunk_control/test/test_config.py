@@ -6,9 +6,9 @@ from math import inf, nan, pi
 
 import pytest
 
-from trunk_control.config import FuzzyPidConfig, PidConfig
 from trunk_control.controller_config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES
 from trunk_control.fuzzy_pid import GainBox
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.pid import (
     ANTIWINDUP_BACK_CALCULATION,
     ANTIWINDUP_CONDITIONAL_INTEGRATION,
@@ -19,6 +19,7 @@ from trunk_control.pid import (
     Gains,
     PidLaw,
 )
+from trunk_control.pid_law import PidConfig
 from trunk_control.rule_tables import ALPHA_AS_PRINTED
 from trunk_msgs_util.parameters.declarations import ParameterError, build, values_of
 

@@ -9,12 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trunk_control.config import FuzzyPidConfig, PidConfig
-from trunk_control.controller import FuzzyPidController, PidController
+from trunk_control.computed_torque_law import ComputedTorqueConfig
+from trunk_control.controller import Controller
+from trunk_control.decide import NO_TERMS
 from trunk_control.fuzzy_pid import fuzzy_pid_update
-from trunk_control.model_config import ComputedTorqueConfig, LqrConfig
-from trunk_control.model_controller import ComputedTorqueController, LqrController
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_control.lqr_law import LqrConfig
 from trunk_control.pid import PidState, pid_update
+from trunk_control.pid_law import PidConfig
 from trunk_msgs_util.units import period_ns
 
 MS = 1_000_000
@@ -22,10 +24,10 @@ FREE = {"u_clamp_max": 1e9, "u_clamp_min": -1e9, "antiwindup_strategy": "none"}
 every = pytest.mark.parametrize(
     ("make", "config"),
     [
-        (PidController, PidConfig(**FREE)),
-        (FuzzyPidController, FuzzyPidConfig(**FREE)),
-        (LqrController, LqrConfig(**FREE)),
-        (ComputedTorqueController, ComputedTorqueConfig(**FREE)),
+        (Controller, PidConfig(**FREE)),
+        (Controller, FuzzyPidConfig(**FREE)),
+        (Controller, LqrConfig(**FREE)),
+        (Controller, ComputedTorqueConfig(**FREE)),
     ],
     ids=["pid", "fuzzy_pid", "lqr", "computed_torque"],
 )
@@ -62,14 +64,14 @@ def test_command_is_held_between_due_instants(make, config):
     state = controller.state
     for k in range(1, 10):
         held = controller.update(k * MS, 0.3 + k, -k)
-        assert (held.effort, held.fresh, held.terms) == (due.effort, False, None)
+        assert (held.effort, held.fresh, held.terms) == (due.effort, False, NO_TERMS)
         assert controller.state == state
     assert controller.update(10 * MS, 0.4, 0.1).fresh
 
 
 def test_dt_is_taken_from_the_stamps():
     config = PidConfig(**FREE, derivative_mode="error", update_rate=200.0)
-    controller, expected = PidController(config), PidState()
+    controller, expected = Controller(config), PidState()
     stamps = [0, 5, 13, 20, 45]
     for i, stamp in enumerate(stamps):
         dt = (stamp - stamps[i - 1]) * MS / 1e9 if i else 0.005  # at first the period
@@ -80,7 +82,7 @@ def test_dt_is_taken_from_the_stamps():
 
 def test_fuzzy_controller_runs_its_law():
     config = FuzzyPidConfig(**FREE)
-    controller, expected = FuzzyPidController(config), PidState()
+    controller, expected = Controller(config), PidState()
     for k in range(5):
         sample = (0.0, 0.1 * k, -0.5 * k)
         expected, terms = fuzzy_pid_update(
@@ -97,8 +99,14 @@ def test_reference_comes_from_the_profile_or_from_outside(make, config):
     controller = make(config)
     given = [controller.update(k * 5 * MS, 0.0, 0.0).reference for k in range(3)]
     assert given == [0.0, 0.0, 0.5]
-    answer = controller.update(15 * MS, 0.2, 0.0, reference=-0.25)
+    # A message counts where the profile asks for one, and no longer.
+    assert controller.update(15 * MS, 0.2, 0.0, reference=-0.25).reference == 0.5
+    controller.retune(replace(config, reference_profile="topic", reference_value=0.125))
+    assert controller.update(20 * MS, 0.2, 0.0).reference == 0.125
+    answer = controller.update(25 * MS, 0.2, 0.0, reference=-0.25)
     assert (answer.reference, answer.terms.error) == (-0.25, -0.45)
+    controller.retune(config)
+    assert controller.update(30 * MS, 0.2, 0.0, reference=-0.25).reference == 0.5
 
 
 @every
@@ -137,7 +145,7 @@ def test_a_sample_that_is_not_finite_is_skipped(make, config, mode):
         last = spared.update(5 * k * MS, angle, 1.0)
         assert disturbed.update(5 * k * MS, angle, 1.0) == last
     answer = disturbed.update(10 * MS, nan, 1.0)
-    assert (answer.effort, answer.fresh, answer.terms) == (last.effort, False, None)
+    assert (answer.effort, answer.fresh, answer.held) == (last.effort, False, True)
     for k, angle in ((3, 0.4), (4, 0.5)):
         assert disturbed.update(5 * k * MS, angle, 1.0) == spared.update(5 * k * MS, angle, 1.0)
 
@@ -157,7 +165,7 @@ GAIN = st.floats(1e-3, 1e3)
 @settings(max_examples=50, deadline=None)
 def test_retuning_a_pid_is_bumpless(p, i, d, angle, rate):
     config = PidConfig(**FREE)
-    check_bumpless(PidController(config), replace(config, p=p, i=i, d=d), angle, rate)
+    check_bumpless(Controller(config), replace(config, p=p, i=i, d=d), angle, rate)
 
 
 @given(GAIN, GAIN, st.floats(-1.0, 1.0), st.floats(-4.0, 4.0), st.sampled_from(["linear", "log"]))
@@ -173,7 +181,7 @@ def test_retuning_a_fuzzy_pid_is_bumpless(p_max, d_max, angle, rate, consequents
         alpha_centers=(1.0, 2.0, 3.0, 7.0),
         consequents=consequents,
     )
-    check_bumpless(FuzzyPidController(config), new, angle, rate)
+    check_bumpless(Controller(config), new, angle, rate)
 
 
 def check_bumpless(controller, new, angle, rate):

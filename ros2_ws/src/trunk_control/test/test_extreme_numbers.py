@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite, isnan
+from math import inf, isfinite
 from sys import float_info
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_control.computed_torque import Hip, Model, computed_torque_update
-from trunk_control.config import FuzzyPidConfig, PidConfig
-from trunk_control.controller import FuzzyPidController, PidController
+from trunk_control.computed_torque import Hip, computed_torque_update
+from trunk_control.computed_torque_law import ComputedTorqueConfig
+from trunk_control.controller import Controller
 from trunk_control.fuzzy_pid import GainBox, fuzzy_pid_update
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.lqr import lqr_update
-from trunk_control.model_config import ComputedTorqueConfig, LqrConfig
-from trunk_control.model_controller import ComputedTorqueController, LqrController
+from trunk_control.lqr_law import LqrConfig
 from trunk_control.pid import (
     ANTIWINDUP_BACK_CALCULATION,
     Gains,
@@ -24,6 +24,8 @@ from trunk_control.pid import (
     pid_update,
     retune,
 )
+from trunk_control.pid_law import PidConfig
+from trunk_msgs_util.mechanics import Body
 
 TINY, HUGE = 5e-324, float_info.max
 anything = st.floats()  # infinities, NaN and subnormal numbers too
@@ -62,7 +64,7 @@ boxes = st.builds(
     st.tuples(positive, positive),
     st.tuples(positive, positive),
 )
-models = st.builds(Model, positive, positive, positive, not_negative, number, number, st.booleans())
+models = st.builds(Body, positive, positive, positive, not_negative, number, number, st.booleans())
 
 
 def pid_step(data):
@@ -96,7 +98,7 @@ def test_every_command_is_a_number_within_its_limits(make_step, data):
         assert isfinite(terms.effort)
         assert law.u_min <= terms.effort <= law.u_max
         assert all(map(isfinite, state))
-        assert isnan(terms.unsaturated) == (state is before), "held, and marked as such"
+        assert terms.held == (state is before)
 
 
 @given(states, gains, gains)
@@ -113,7 +115,7 @@ def test_an_overflow_holds_the_last_command_within_the_present_limits():
     law = PidLaw(2, u_min=-50.0, u_max=50.0)
     after, terms = pid_update(state, 1e300, 0.0, -1e300, 0.01, Gains(1e9, 0.0, 1e9), law)
     assert terms.effort == 50.0 == after.effort  # with one its sign is known
-    assert not isnan(terms.unsaturated)
+    assert not terms.held
     after, terms = pid_update(state, 1e300, 0.0, 1e300, 0.01, Gains(1e9, 0.0, 1e9), law)
     assert after is state  # inf - inf
     assert terms.effort == 50.0
@@ -129,10 +131,10 @@ def test_back_calculation_with_an_integral_gain_that_vanishes_in_a_product():
 @pytest.mark.parametrize(
     ("controller", "config"),
     [
-        (PidController, PidConfig),
-        (FuzzyPidController, FuzzyPidConfig),
-        (LqrController, LqrConfig),
-        (ComputedTorqueController, ComputedTorqueConfig),
+        (Controller, PidConfig),
+        (Controller, FuzzyPidConfig),
+        (Controller, LqrConfig),
+        (Controller, ComputedTorqueConfig),
     ],
 )
 def test_a_held_command_follows_the_limits_at_once(controller, config):

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trunk_control.config import FuzzyPidConfig
 from trunk_control.fuzzy import FuzzyRules, fired_rules, infer, locate, logarithmic_value
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 
 PRINTED = FuzzyPidConfig().rules
 

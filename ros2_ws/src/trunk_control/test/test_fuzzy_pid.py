@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trunk_control.config import FuzzyPidConfig
 from trunk_control.fuzzy import infer
 from trunk_control.fuzzy_pid import GainBox, fuzzy_pid_update, inferred_gains
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.pid import Gains, PidLaw, PidState, pid_update
 
 RULES = FuzzyPidConfig().rules

@@ -11,11 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trunk_control.computed_torque import Hip
-from trunk_control.config import FuzzyPidConfig, PidConfig
-from trunk_control.controller import FuzzyPidController, PidController, Seen, handover_law
-from trunk_control.model_config import ComputedTorqueConfig, LqrConfig
-from trunk_control.model_controller import ComputedTorqueController, LqrController
+from trunk_control.computed_torque_law import ComputedTorqueConfig
+from trunk_control.controller import Controller
+from trunk_control.decide import handover_law
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_control.lqr_law import LqrConfig
 from trunk_control.pid import PidLaw
+from trunk_control.pid_law import PidConfig
 from trunk_control.schedule import active_at, turn
 from trunk_msgs_util.parameters.declarations import ParameterError
 
@@ -23,10 +25,10 @@ MS = 1_000_000
 every = pytest.mark.parametrize(
     ("make", "config"),
     [
-        (PidController, PidConfig()),
-        (FuzzyPidController, FuzzyPidConfig()),
-        (LqrController, LqrConfig()),
-        (ComputedTorqueController, ComputedTorqueConfig(i=1.0)),
+        (Controller, PidConfig()),
+        (Controller, FuzzyPidConfig()),
+        (Controller, LqrConfig()),
+        (Controller, ComputedTorqueConfig(i=1.0)),
     ],
     ids=["pid", "fuzzy_pid", "lqr", "computed_torque"],
 )
@@ -38,7 +40,8 @@ def taking_over(make, config, position=0.125):
     """Return a controller that saw a state and becomes active before the next."""
     controller = make(config)
     controller.deactivate()
-    controller.activate(Seen(0, position))
+    controller.see(0, position)
+    controller.activate()
     return controller
 
 
@@ -67,8 +70,8 @@ def test_the_commands_after_it_stay_near(make, config, mode):
 
 
 def test_what_no_integral_takes_up_comes_in_bounded_steps():
-    config = PidConfig(i=0.0, d=0.0, handover_step=2.0)
-    controller = taking_over(PidController, config)
+    config = PidConfig(i=0.0, d=0.0, handover_step=2.0, reference_profile="topic")
+    controller = taking_over(Controller, config)
     commands = [20.0]
     for k in range(1, 12):
         commands.append(controller.update(5 * k * MS, 0.0, 0.0, 0.1, effort=20.0).effort)
@@ -78,8 +81,8 @@ def test_what_no_integral_takes_up_comes_in_bounded_steps():
 
 
 def test_the_limits_of_the_command_stand_above_the_handover():
-    config = PidConfig(u_clamp_max=10.0, u_clamp_min=-10.0)
-    controller = taking_over(PidController, config)
+    config = PidConfig(u_clamp_max=10.0, u_clamp_min=-10.0, reference_profile="topic")
+    controller = taking_over(Controller, config)
     assert controller.update(5 * MS, 0.0, 0.0, 0.5, effort=90.0).effort == 10.0
     # At the law's own limit it has met the law: nothing holds the way down.
     assert controller.update(10 * MS, 0.0, 0.0, -0.5, effort=10.0).effort == -10.0
@@ -108,16 +111,16 @@ def test_afresh_where_no_state_was_seen(make, config):
 
 
 def test_activating_an_active_controller_changes_nothing():
-    controller = PidController(PidConfig())
+    controller = Controller(PidConfig())
     first = controller.update(0, 0.1, 0.0)
-    controller.activate(Seen(0, 0.1))
+    controller.activate()
     state = controller.state
     assert not controller.takes_over
     assert state.effort == first.effort
 
 
 def test_a_reset_ends_the_handover():
-    controller = taking_over(PidController, PidConfig(i=0.0))
+    controller = taking_over(Controller, PidConfig(i=0.0, reference_profile="topic"))
     controller.update(5 * MS, 0.0, 0.0, 0.1, effort=20.0)
     controller.reset()
     assert controller.update(10 * MS, 0.0, 0.0, 0.1, effort=20.0).effort == pytest.approx(6.0)
@@ -135,11 +138,11 @@ def test_turns():
     ]
     assert active_at((), 5)
     assert not active_at((10,), 9)
-    assert turn(times, -1, 0) is True
-    assert turn(times, 0, 39) is None
-    assert turn(times, 39, 41) is False
-    assert turn(times, 41, 100) is True
-    assert turn((), -1, 0) is None
+    assert turn(times, -1, 0) == 1
+    assert turn(times, 0, 39) == 0
+    assert turn(times, 39, 41) == -1
+    assert turn(times, 41, 100) == 1
+    assert turn((), -1, 0) == 0
 
 
 @pytest.mark.parametrize("times", [(1.0, 1.0), (2.0, 1.0)])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_are
 
 from trunk_control.lqr import lqr_update
-from trunk_control.model_config import LqrConfig
+from trunk_control.lqr_law import LqrConfig
 from trunk_control.pid import DERIVATIVE_FROM_RATE, Gains, PidLaw, PidState, pid_update
 
 ANGLE = st.floats(-pi, pi)

@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
+from typing import Any
 
 from trunk_msgs_util.parameters.config import ManagedConfig
 from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 from trunk_msgs_util.units import nanoseconds, period_ns
 
 from .pid import PidLaw
-from .reference import CONSTANT, PROFILES, ReferenceProfile
+from .reference import PROFILES, ReferenceProfile
 
+REFERENCE_PROFILES = (*PROFILES, "topic")  # in the order of their kinds
 DERIVATIVE_MODES = ("error", "measurement", "rate")
 ANTIWINDUP_STRATEGIES = ("none", "conditional_integration", "back_calculation")
 
@@ -41,7 +43,7 @@ class ControllerConfig(ManagedConfig):
         "reference.profile",
         "constant",
         "Shape of the reference; topic: the newest message on the reference topic, before it the value",
-        choices=(*PROFILES, "topic"),
+        choices=REFERENCE_PROFILES,
     )
     reference_value: float = parameter(
         "reference.value",
@@ -194,6 +196,11 @@ class ControllerConfig(ManagedConfig):
         return 0.0
 
     @property
+    def constants(self) -> tuple[Any, ...]:
+        """What the law's functions take beside the sample: each law says it."""
+        raise NotImplementedError
+
+    @property
     def law(self) -> PidLaw:
         """What stays fixed while gains move."""
         return PidLaw(
@@ -211,9 +218,7 @@ class ControllerConfig(ManagedConfig):
     def reference(self) -> ReferenceProfile:
         """The profile that `reference_at` evaluates."""
         return ReferenceProfile(
-            CONSTANT
-            if self.reference_profile == "topic"
-            else PROFILES.index(self.reference_profile),
+            REFERENCE_PROFILES.index(self.reference_profile),
             self.reference_value,
             self.reference_initial,
             nanoseconds(self.reference_step_time),

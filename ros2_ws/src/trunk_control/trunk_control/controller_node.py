@@ -1,8 +1,10 @@
-"""The shell that all controller nodes share: states in, effort commands and terms out."""
+"""The node of any law: states in, effort commands and terms out."""
 
 from __future__ import annotations
 
+import sys
 import time
+from functools import partial
 from math import isfinite
 
 from sensor_msgs.msg import JointState
@@ -12,34 +14,35 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
+from trunk_msgs_util.node.run import run_nodes
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import seconds
 
-from .controller import Answer, Controller, Seen, hip_seen
+from .controller import Controller, hip_seen
 from .controller_config import ControllerConfig
+from .decide import Answer, Reading, state_record
 from .joint_places import JointPlaces
-from .schedule import turn
+from .law import Law
+from .laws import law_named
 
 
 class ControllerNode(TrunkNode[ControllerConfig]):
     """Answers each state that is due with a command that carries the state's stamp."""
 
-    def __init__(
-        self, name: str, config_class: type[ControllerConfig], controller: type[Controller]
-    ) -> None:
-        super().__init__(name, config_class)
-        self._controller = controller(self.config)
-        self._controller.deactivate()
+    def __init__(self, law: Law) -> None:
+        super().__init__(law.name, law.config)
+        self._controller = Controller(self.config)
         self._places = JointPlaces(self.config.joint, self.config.hip)
-        self._turns_ns = self.config.active_times_ns
+        self._scheduled = bool(self.config.active_times)
         self._read_state = WireReader()
         self._read_reference = WireReader()
         self._forget()
 
     def _forget(self) -> None:
         self.run_stamp_ns = -1
-        self._seen: Seen | None = None  # the last state
-        self._reference: float | None = None  # from the topic
+        self._controller.forget()
+        self._controller.deactivate()
+        self._reference: float | None = None  # the newest from the topic
         self._commensurate_known = False
         self._updates = 0
         self._diagnosed = (time.monotonic(), 0)
@@ -60,11 +63,11 @@ class ControllerNode(TrunkNode[ControllerConfig]):
 
     def starts_active(self) -> bool:
         """Return True where no schedule says when this controller's turns are."""
-        return not self._turns_ns
+        return not self._scheduled
 
     def activate(self) -> None:
         """Answer states, beginning with the torque that acts where the plant moves already."""
-        self._controller.activate(self._seen)
+        self._controller.activate()
 
     def deactivate(self) -> None:
         """Leave the plant to another controller; states are followed on."""
@@ -73,10 +76,12 @@ class ControllerNode(TrunkNode[ControllerConfig]):
     def retune(self, config: ControllerConfig) -> None:
         """Take changed parameters between two samples, without a jump in the command."""
         self._controller.retune(config)
+        if config.reference_profile != "topic":
+            self._reference = None  # a topic that is asked again has to say it anew
 
     def _announce(self) -> None:
         """Say ready once there is a turn to come and the simulator is matched in both directions."""
-        if not (self.active or self._turns_ns):
+        if not (self.active or self._scheduled):
             return
         if self._command.get_subscription_count() and self._states.get_publisher_count():
             self._ready_timer.cancel()
@@ -105,19 +110,25 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             self.counters["states out of order"] += 1
         if self.config.lockstep and not self._commensurate(stamp_ns - self.run_stamp_ns):
             return
-        before_ns = self.run_stamp_ns
-        if before_ns < 0 < stamp_ns:
+        if self.run_stamp_ns < 0 < stamp_ns:
             self._join(stamp_ns)
-        if self._turns_ns:
-            self._take_turns(before_ns, stamp_ns)
-        self.run_stamp_ns = stamp_ns
-        self._seen = Seen(stamp_ns, position)
-        if not self.active:
-            return
         effort = message.effort[places.joint] if places.joint < len(message.effort) else 0.0
-        answer = self._controller.update(
-            stamp_ns, position, velocity, self._reference, hip, effort if isfinite(effort) else 0.0
+        answer = self._controller.decide(
+            Reading(
+                stamp_ns,
+                position,
+                velocity,
+                hip,
+                effort if isfinite(effort) else 0.0,
+                self._reference is not None,
+                self._reference or 0.0,
+            )
         )
+        if answer.active != self.active:
+            self._take_turn(answer.active)
+        self.run_stamp_ns = stamp_ns
+        if not answer.active:
+            return
         if answer.held:
             self.counters["updates held: the law gave no finite number"] += 1
         if answer.fresh or self.config.lockstep:
@@ -132,14 +143,12 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         if self.active:
             self.event("activated")
 
-    def _take_turns(self, before_ns: int, stamp_ns: int) -> None:
-        """Become active or inactive where the schedule says so between the last state and this one."""
-        wanted = turn(self._turns_ns, before_ns, stamp_ns)
-        if wanted is not None and wanted != self.active:
-            if wanted:
-                self.trigger_activate()
-            else:
-                self.trigger_deactivate()
+    def _take_turn(self, active: bool) -> None:
+        """Make the node's life follow what the schedule has decided between the last state and this one."""
+        if active:
+            self.trigger_activate()
+        else:
+            self.trigger_deactivate()
 
     def _commensurate(self, step_ns: int) -> bool:
         """Refuse, at the second state, a plant whose rate is no multiple of this controller's."""
@@ -160,11 +169,10 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             sample_to_wire(JointSample(stamp_ns, (self.config.joint,), effort=(answer.effort,)))
         )
         self._updates += 1
-        terms = answer.terms
-        if terms is not None:
-            if terms.effort != terms.unsaturated:
+        if answer.fresh:
+            if answer.terms.effort != answer.terms.unsaturated:
                 self.counters["commands limited"] += 1
-            values = (answer.reference, measurement, *terms)
+            values = state_record(answer, measurement)
             self._terms.publish(
                 sample_to_wire(JointSample(stamp_ns, topics.STATE_NAMES, position=values))
             )
@@ -200,3 +208,8 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             "time": f"{seconds(max(self.run_stamp_ns, 0)):.3f}",
             "rate": f"{(self._updates - updates) / max(now - before, 1e-9):.1f}",
         }
+
+
+def main(name: str) -> None:
+    """Run the node of the law with this name."""
+    sys.exit(run_nodes({name: partial(ControllerNode, law_named(name))}, name))

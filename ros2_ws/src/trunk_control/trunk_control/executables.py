@@ -1,10 +1,18 @@
-"""The executables: what `ros2 run` starts, quick to load and orderly to end from its first moment on."""
+"""The executables: what `ros2 run` starts, quick to load and orderly to end from its first moment on.
+
+There is one for each law of the registry: `pid`, `fuzzy_pid` and so on.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from trunk_msgs_util.node import early_signals
 
-pid = early_signals.node("trunk_control.pid_node")
-fuzzy_pid = early_signals.node("trunk_control.fuzzy_pid_node")
-lqr = early_signals.node("trunk_control.lqr_node")
-computed_torque = early_signals.node("trunk_control.computed_torque_node")
+from .laws import CONTROLLERS
+
+
+def __getattr__(name: str) -> Callable[[], None]:
+    if name not in CONTROLLERS:
+        raise AttributeError(f"no executable {name!r}; there are {', '.join(CONTROLLERS)}")
+    return early_signals.node("trunk_control.controller_node", name)

@@ -6,7 +6,7 @@ Names follow ros-controls' control_toolbox where it has one.
 
 from __future__ import annotations
 
-from math import inf, nan, sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 DERIVATIVE_ON_ERROR = 0  # D = (e_k - e_{k-1}) / h: the paper's eq. 13, kicks on reference steps
@@ -66,8 +66,9 @@ class Terms(NamedTuple):
     ki: float
     kd: float
     alpha: float  # kp^2 / (ki kd); 0 where it does not exist
-    unsaturated: float  # N m; NaN where the last command is held
+    unsaturated: float  # N m
     effort: float  # N m, after the limits
+    held: bool  # True: nothing finite came in or out; the state is the old one, the command its
 
 
 def error_derivative(
@@ -150,7 +151,7 @@ def combine(
         return held(state, gains, alpha, law)
     return (
         PidState(integral, error, measurement, derivative, effort, True),
-        Terms(error, derivative, p_term, i_term, d_term, kp, ki, kd, alpha, u, effort),
+        Terms(error, derivative, p_term, i_term, d_term, kp, ki, kd, alpha, u, effort, False),
     )
 
 
@@ -168,10 +169,8 @@ def limited(effort: float, law: PidLaw) -> float:
 
 
 def held(state: PidState, gains: Gains, alpha: float, law: PidLaw) -> tuple[PidState, Terms]:
-    """Return the unchanged state and terms that repeat the last command, within the present limits.
-
-    Nothing new is known: ``unsaturated`` is NaN, and by that alone compiled code knows a held command.
-    """
+    """Return the unchanged state and terms that repeat the last command, within the present limits."""
+    effort = limited(state.effort, law)
     return state, Terms(
         state.error,
         state.derivative,
@@ -182,8 +181,9 @@ def held(state: PidState, gains: Gains, alpha: float, law: PidLaw) -> tuple[PidS
         gains.i,
         gains.d,
         alpha,
-        nan,
-        limited(state.effort, law),
+        state.effort,
+        effort,
+        True,
     )
 
 

@@ -10,7 +10,7 @@ from math import pi, sin
 from typing import NamedTuple
 
 PROFILES = ("constant", "step", "sine", "sequence")
-CONSTANT, STEP, SINE, SEQUENCE = range(4)
+CONSTANT, STEP, SINE, SEQUENCE, TOPIC = range(5)
 
 
 class ReferenceProfile(NamedTuple):
@@ -35,8 +35,9 @@ def reference_at(t_ns: int, p: ReferenceProfile) -> float:
         step       initial before step_time, value from it on
         sine       value + amplitude sin(2 pi frequency t)
         sequence   initial before times[0], then values[i] from times[i] on
+        topic      value, until a message has come
     """
-    if p.kind == CONSTANT:
+    if p.kind == CONSTANT or p.kind == TOPIC:
         return p.value
     if p.kind == STEP:
         return p.value if t_ns >= p.step_time else p.initial

@@ -2,12 +2,22 @@
 
 Several controllers whose turns fit together take over from one another at the same state, without a
 word between them: the same in real time, in lock-step and in an offline run.
+
+Pure: functions of integers, which CPython runs and numba compiles unchanged.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Sequence
+
+
+def turns_begun(times_ns: Sequence[int], stamp_ns: int) -> int:
+    """Return how many of the ascending times are at or before a stamp."""
+    count = 0
+    for time_ns in times_ns:
+        if time_ns <= stamp_ns:
+            count += 1
+    return count
 
 
 def active_at(times_ns: Sequence[int], stamp_ns: int) -> bool:
@@ -15,11 +25,11 @@ def active_at(times_ns: Sequence[int], stamp_ns: int) -> bool:
 
     ``times_ns`` ascend; the state at a time belongs to the turn that begins. Empty: always active.
     """
-    return not times_ns or bisect_right(times_ns, stamp_ns) % 2 == 1
+    return len(times_ns) == 0 or turns_begun(times_ns, stamp_ns) % 2 == 1
 
 
-def turn(times_ns: Sequence[int], before_ns: int, stamp_ns: int) -> bool | None:
-    """Return what the schedule asks for between two states: True to activate, None for nothing."""
-    if bisect_right(times_ns, before_ns) == bisect_right(times_ns, stamp_ns):
-        return None
-    return active_at(times_ns, stamp_ns)
+def turn(times_ns: Sequence[int], before_ns: int, stamp_ns: int) -> int:
+    """Return what the schedule asks for between two states: 1 to activate, -1 to deactivate, 0 nothing."""
+    if len(times_ns) == 0 or turns_begun(times_ns, before_ns) == turns_begun(times_ns, stamp_ns):
+        return 0
+    return 1 if active_at(times_ns, stamp_ns) else -1

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from trunk_control.laws import CONTROLLERS, law_named
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.batch import closed_loop, compiled
@@ -16,6 +17,8 @@ from trunk_experiments.batch.check import first_difference, random_plan
 from trunk_experiments.batch.closed_loop import Batch
 from trunk_experiments.plans.files import PlanError
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.timeline import Change
+from trunk_experiments.plans.turns import Swap
 from trunk_msgs_util.recording.reader import Recording
 
 
@@ -32,7 +35,7 @@ def test_random_runs_have_the_same_bits(batch):
 
 def test_random_runs_are_of_all_kinds():
     plans = [random_plan(index) for index in range(60)]
-    assert {plan.controller_name for plan in plans} == set(closed_loop.LAWS)
+    assert {plan.controller_name for plan in plans} == set(CONTROLLERS)
     assert {plan.controller.reference_profile for plan in plans} >= {"step", "sine", "sequence"}
     assert any(plan.simulator.delay_steps for plan in plans)
     assert any(plan.controller.update_rate < plan.simulator.update_rate for plan in plans)
@@ -43,24 +46,41 @@ def test_random_runs_are_of_all_kinds():
 
 def test_the_comparison_sees_one_changed_bit(batch, monkeypatch):
     plan = random_plan(0)
-    loop = closed_loop.compiled_loop(plan.controller_name)
+    loop = closed_loop.compiled_loop(tuple(plan.controllers))
 
-    def off(setting, constants, noise, out):
-        finite = loop(setting, constants, noise, out)
+    def off(surroundings, memories, participants, noise, out):
+        result = loop(surroundings, memories, participants, noise, out)
         out[closed_loop.THETA, 7] *= 1.0 + 2.0**-52
-        return finite
+        return result
 
-    monkeypatch.setattr(closed_loop, "compiled_loop", lambda name: off)
+    monkeypatch.setattr(closed_loop, "compiled_loop", lambda names: off)
     assert "step 7: theta is" in first_difference(plan, batch)
 
 
 def test_the_same_loop_runs_in_cpython(batch):
-    plan = make_plan("fig8", "pid", everywhere={"duration": 0.05})
+    plan = make_plan("fig8", "pid", everywhere={"duration": 0.05}, swaps=[Swap(0.02, "lqr")])
     expected = batch.run(plan).table
     out = closed_loop.np.empty((closed_loop.ROWS, len(expected.t)))
-    setting, constants = closed_loop.setting_of(plan), closed_loop.constants_of(plan)
-    closed_loop.run_loop(setting, constants, closed_loop._NO_NOISE, out)
+    loop = closed_loop.loop_of(*(law_named(name).update for name in plan.controllers))
+    surroundings, chains = closed_loop.surroundings_of(plan), closed_loop.chains_of(plan)
+    assert loop(surroundings, *chains, closed_loop._NO_NOISE, out) == (51, False)
     assert out[closed_loop.THETA].tolist() == expected.theta.tolist()
+
+
+def test_a_fall_ends_the_run_where_the_plan_says_so(batch):
+    settings = ["simulator.fall.stop=true", "simulator.fall.angle=0.6", "pid.gains.i=0.0"]
+    plan = make_plan("fig8", "pid", settings=settings)
+    outcome = batch.run(plan)
+    assert outcome.diverged_at is None
+    assert 2 < len(outcome.table.t) < 10_001
+    assert abs(outcome.table.theta[-1]) > 0.6 >= abs(outcome.table.theta[-2])
+    assert first_difference(plan, batch) is None
+
+
+def test_controllers_that_take_over_have_the_same_bits(batch):
+    swaps = [Swap(0.3, "computed_torque"), Swap(0.7, "pid"), Swap(0.9, "fuzzy_pid")]
+    plan = make_plan("fig8", "pid", everywhere={"duration": 1.1}, swaps=swaps)
+    assert first_difference(plan, batch) is None
 
 
 @pytest.mark.parametrize("controller", ["pid", "fuzzy_pid"])
@@ -79,26 +99,23 @@ def test_divergence_is_told(batch):
     assert 0.0 < outcome.diverged_at < 1.0
 
 
-def test_an_end_and_a_compiled_law_are_needed(batch):
+def test_what_a_compiled_loop_cannot_model_is_refused_by_name(batch):
     plan = make_plan("fig6", "pid")
     with pytest.raises(PlanError, match="duration is 0"):
         batch.run(replace(plan, simulator=replace(plan.simulator, duration=0.0)))
-    with pytest.raises(
-        PlanError, match="'lpv' has no compiled loop; there are pid, fuzzy_pid, lqr"
-    ):
-        batch.run(replace(plan, controller_name="lpv"))
-
-
-def test_a_twin_with_bindings_needs_a_name():
-    with pytest.raises(ValueError, match="needs a name"):
-        compiled.compiled(closed_loop.run_loop, update=closed_loop.fuzzy_pid_update)
+    with pytest.raises(PlanError, match=r"pid: reference\.profile is 'topic', but nobody"):
+        batch.run(plan.with_controller(replace(plan.controller, reference_profile="topic")))
+    with pytest.raises(PlanError, match="simulator: parameters and turns that change by hand"):
+        batch.run(replace(plan, changes={"simulator": [Change(5, {"plant.length": 2.0})]}))
+    with pytest.raises(PlanError, match=r"active\.times: no controller would act at t = 0 s"):
+        batch.run(plan.with_controller(replace(plan.controller, active_times=(1.0,))))
 
 
 def test_fingerprints_tell_the_laws_apart_and_stay():
-    pid = compiled.fingerprint(closed_loop.run_loop, update=closed_loop.pid_update)
-    fuzzy = compiled.fingerprint(closed_loop.run_loop, update=closed_loop.fuzzy_pid_update)
-    assert pid != fuzzy
-    assert compiled.fingerprint(closed_loop.run_loop) == pid
+    pid, fuzzy_pid = (closed_loop.loop_of(law_named(name).update) for name in ("pid", "fuzzy_pid"))
+    assert compiled.fingerprint(pid) != compiled.fingerprint(fuzzy_pid)
+    again = closed_loop.loop_of(law_named("pid").update)
+    assert compiled.fingerprint(pid) == compiled.fingerprint(again)
 
 
 def test_without_a_folder_to_write_it_compiles_all_the_same(tmp_path, monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -13,7 +14,6 @@ from trunk_experiments.cli import trunk
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.replay.explain import explain
-from trunk_experiments.runs.offline import Happenings
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 
@@ -92,8 +92,8 @@ def test_an_instant_between_updates_is_that_of_the_held_command(short_run):
 
 def test_the_first_update_after_a_reset(tmp_path):
     plan = make_plan("fig8", "pid", settings=["pid.update_rate=100.0", "simulator.duration=0.6"])
-    reset = Happenings({"pid": [Change(503_000_000, None)]})
-    record_offline(plan, tmp_path / "run.mcap", happenings=reset)
+    plan = replace(plan, changes={"pid": [Change(503_000_000, None)]})
+    record_offline(plan, tmp_path / "run.mcap")
     found = explain(Recording.open(tmp_path / "run.mcap"), 0.505)
     assert found.update == 0.504
     assert found.windup.before == 0.0

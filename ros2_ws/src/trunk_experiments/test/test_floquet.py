@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from trunk_experiments.batch.closed_loop import Batch
-from trunk_experiments.plans.files import PlanError
 from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_experiments.tuning.floquet import floquet
 
@@ -77,8 +74,3 @@ def test_a_sampled_pd_loop_by_hand():
     # The integral is summed although its gain is 0: a multiplier 1 that moves nothing.
     others = sorted(np.abs(floquet(made).multipliers))[:-1]
     assert others[-1] == pytest.approx(expected, rel=1e-6)
-
-
-def test_a_law_without_a_twin_is_told():
-    with pytest.raises(PlanError, match="'lpv': no Floquet multipliers; there are pid"):
-        floquet(replace(plan("pid"), controller_name="lpv"))

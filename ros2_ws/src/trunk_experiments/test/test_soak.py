@@ -41,7 +41,7 @@ class Record:
 @pytest.fixture
 def record(monkeypatch):
     config = SimpleNamespace(joints=("hip", "trunk"), max_effort=1.9)
-    monkeypatch.setattr(soak, "config_of", lambda recording, node: config)
+    monkeypatch.setattr(soak.RecordedRun, "config", lambda run, node: config)
     made = Record()
     made.applied = np.minimum(made.applied, 1.9)
     return made

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from trunk_control.config import PidConfig
-from trunk_control.controller import PidController, Seen
+from dataclasses import replace
+
+from trunk_control.controller import Controller
+from trunk_control.pid_law import PidConfig
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import ACTIVATED, DEACTIVATED, RESET, Change, Timeline
 from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_experiments.runs.offline import Happenings, steps
+from trunk_experiments.runs.offline import steps
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.reader import Recording
 
@@ -19,7 +21,7 @@ def test_of_two_values_between_the_same_states_the_later_one_holds():
         Change(5, {"gains.p": 3.0}),
     ]
     timeline = Timeline(PidConfig(), changes)
-    controller = PidController(timeline.config)
+    controller = Controller(timeline.config)
     assert timeline.advance(5, controller)
     assert controller.config.p == 9.0
     assert timeline.advance(6, controller)
@@ -29,8 +31,8 @@ def test_of_two_values_between_the_same_states_the_later_one_holds():
 
 def test_turns_between_the_same_states_end_as_the_last_one_says():
     turns = [Change(5, None, what) for what in (DEACTIVATED, ACTIVATED, RESET)]
-    timeline = Timeline(PidConfig(), turns, lambda stamp_ns: Seen(stamp_ns, 0.1))
-    controller = PidController(timeline.config)
+    timeline = Timeline(PidConfig(), turns, lambda stamp_ns: 0.1)
+    controller = Controller(timeline.config)
     timeline.advance(6, controller)
     assert controller.active
     assert not controller.takes_over  # the reset came after
@@ -38,9 +40,10 @@ def test_turns_between_the_same_states_end_as_the_last_one_says():
 
 def test_what_is_changed_before_the_first_state_acts_on_it(tmp_path):
     plan = make_plan("fig6", "pid", everywhere={"duration": 0.1})
-    before = Happenings({"simulator": [Change(-1, {"sensor.position_bias": 0.125})]})
-    first, biased = next(steps(plan)), next(steps(plan, before))
+    changes = {"simulator": [Change(-1, {"sensor.position_bias": 0.125})]}
+    changed = replace(plan, changes=changes)
+    first, biased = next(steps(plan)), next(steps(changed))
     assert biased.measured.position[1] - first.measured.position[1] == 0.125
     path = tmp_path / "run.mcap"
-    record_offline(plan, path, happenings=before)
+    record_offline(changed, path)
     assert verify(Recording.open(path)).exit_code == VERIFIED

@@ -10,8 +10,8 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trunk_control.config import FuzzyPidConfig
-from trunk_control.model_config import LqrConfig
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_control.lqr_law import LqrConfig
 from trunk_control.pid import Gains
 from trunk_experiments.commands.tune import command
 from trunk_experiments.plans.plan import make_plan
@@ -19,13 +19,13 @@ from trunk_experiments.runs.offline import steps
 from trunk_experiments.tuning.linear import Linear, Loop, largest_delay, linearise, margins
 from trunk_experiments.tuning.methods import TuningError, by_lqr, by_poles, relay, ultimate
 from trunk_experiments.tuning.search import fuzzy_space, gains_space
-from trunk_sim.plant import PlantParameters
+from trunk_msgs_util.mechanics import Body
 
-PLANT = linearise(PlantParameters())
+PLANT = linearise(Body())
 
 
 def test_linearise_gives_the_textbook_pendulum():
-    found = linearise(PlantParameters(trunk_mass=2.0, length=0.5, gravity=9.0))
+    found = linearise(Body(trunk_mass=2.0, length=0.5, gravity=9.0))
     assert (found.a, found.b) == (pytest.approx(18.0), pytest.approx(2.0))
 
 

@@ -6,16 +6,17 @@ from math import inf, nan, pi
 
 import pytest
 
+from trunk_msgs_util.mechanics import Body
 from trunk_msgs_util.parameters.declarations import ParameterError, build, values_of
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import Disturbance, disturbance_at
-from trunk_sim.plant import PlantParameters, PlantState
+from trunk_sim.plant import PlantState
 
 
 def test_defaults_are_those_of_the_model():
     config = SimulatorConfig()
-    assert config.plant == PlantParameters(2.0, 0.5, 1.0, 9.81, 1.0, 1.0, False)
+    assert config.body == Body(2.0, 0.5, 1.0, 9.81, 1.0, 1.0, False)
     assert config.initial_state == PlantState(0.0, pi / 6.0, 1.0, 0.0)
     assert (config.max_effort, config.delay_steps) == (inf, 0)
     assert config.sensor == (0.0, 0.0, 0.0, 0.0)
@@ -45,7 +46,7 @@ def test_every_parameter_reaches_the_plant():
         "initial.velocity": [3.0, 4.0],
     }
     config = build(SimulatorConfig, values)
-    assert config.plant == PlantParameters(3.0, 4.0, 5.0, 6.0, 7.0, 8.0, True)
+    assert config.body == Body(3.0, 4.0, 5.0, 6.0, 7.0, 8.0, True)
     assert config.initial_state == PlantState(1.0, 2.0, 3.0, 4.0)
 
 

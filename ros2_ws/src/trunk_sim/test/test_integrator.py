@@ -7,14 +7,15 @@ from math import log2, pi
 
 import pytest
 
+from trunk_msgs_util.mechanics import Body
 from trunk_sim.integrator import advance, rk4_step
-from trunk_sim.plant import PlantParameters, PlantState, energy
+from trunk_sim.plant import PlantState, energy
 
-PLANT = PlantParameters()
+PLANT = Body()
 START = PlantState(0.0, pi / 6.0, 1.0, 0.0)
 
 
-def run(steps: int, duration: float, p: PlantParameters = PLANT) -> PlantState:
+def run(steps: int, duration: float, p: Body = PLANT) -> PlantState:
     return advance(START, 0.5, 1.5, duration, steps, p)
 
 
@@ -32,7 +33,7 @@ def test_global_error_has_order_four(prescribed):
 
 def test_constant_acceleration_is_integrated_exactly():
     # No gravity, a straight path, a given hip: theta'' = torque / (m l^2), a quadratic in t.
-    p = PlantParameters(gravity=0.0, amplitude=0.0, prescribed=True)
+    p = Body(gravity=0.0, amplitude=0.0, prescribed=True)
     state = rk4_step(PlantState(0.25, 0.5, 1.5, -2.0), 0.0, 3.0, 0.5, p)
     assert state == pytest.approx((1.0, 0.5 - 1.0 + 0.5 * 6.0 * 0.25, 1.5, 1.0), rel=1e-15)
 

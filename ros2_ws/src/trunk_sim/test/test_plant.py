@@ -8,7 +8,8 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trunk_sim.plant import PlantParameters, PlantState, accelerations, energy
+from trunk_msgs_util.mechanics import Body
+from trunk_sim.plant import PlantState, accelerations, energy
 
 
 class Lagrangian:
@@ -76,7 +77,7 @@ def between(low: float, high: float):
 
 states = st.builds(PlantState, between(-20, 20), between(-7, 7), between(-5, 5), between(-15, 15))
 parameters = st.builds(
-    PlantParameters,
+    Body,
     hip_mass=between(0.2, 20),
     trunk_mass=between(0.1, 5),
     length=between(0.2, 3),
@@ -103,7 +104,7 @@ def test_accelerations_follow_from_the_lagrangian(lagrangian, prescribed, state,
 @pytest.mark.parametrize("prescribed", [False, True], ids=["passive", "prescribed"])
 def test_accelerations_at_the_papers_initial_state(lagrangian, prescribed):
     state = PlantState(0.0, 0.5235987755982988, 1.0, 0.0)
-    p = PlantParameters(prescribed=prescribed)
+    p = Body(prescribed=prescribed)
     expected = lagrangian.accelerations(state, 0.0, 0.0, p)
     assert accelerations(state, 0.0, 0.0, p) == pytest.approx(expected, rel=TOLERANCE)
 
@@ -117,7 +118,7 @@ def test_energy_is_that_of_the_lagrangian(lagrangian, state, p):
 
 
 def test_flat_path_is_the_textbook_cart_and_pole():
-    p = PlantParameters(amplitude=0.0)
+    p = Body(amplitude=0.0)
     state = PlantState(3.0, 0.4, 0.7, -1.2)
     x_ddot, theta_ddot = accelerations(state, 2.0, 0.0, p)
     total, moment = sp.Rational(5, 2), sp.Rational(1, 2)
@@ -129,6 +130,6 @@ def test_flat_path_is_the_textbook_cart_and_pole():
 
 
 def test_defaults_are_the_papers_table_5():
-    p = PlantParameters()
+    p = Body()
     assert (p.hip_mass, p.trunk_mass, p.length) == (2.0, 0.5, 1.0)
     assert (p.gravity, p.amplitude, p.wavenumber, p.prescribed) == (9.81, 1.0, 1.0, False)

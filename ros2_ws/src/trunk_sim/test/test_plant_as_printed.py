@@ -7,12 +7,13 @@ from math import inf
 import numpy as np
 import pytest
 
+from trunk_msgs_util.mechanics import Body
 from trunk_msgs_util.parameters.declarations import ParameterError, build
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.integrator import advance
-from trunk_sim.plant import PlantParameters, PlantState, accelerations, energy
+from trunk_sim.plant import PlantState, accelerations, energy
 
-PRINTED = PlantParameters(as_printed=True)
+PRINTED = Body(as_printed=True)
 
 
 def states(count):
@@ -44,7 +45,7 @@ def test_they_solve_the_printed_matrices():
 def test_at_rest_only_gravity_is_turned_over():
     for x, theta, *_ in states(200):
         still = PlantState(x, theta, 0.0, 0.0)
-        up = PlantParameters(gravity=-9.81)
+        up = Body(gravity=-9.81)
         expected = accelerations(still, 1.0, 2.0, up)
         assert accelerations(still, 1.0, 2.0, PRINTED) == pytest.approx(
             expected, rel=1e-9, abs=1e-9
@@ -63,7 +64,7 @@ def test_the_upright_trunk_needs_no_controller():
 
 def test_energy_is_not_conserved():
     state = PlantState(0.0, 0.5, 1.0, 0.0)
-    up = PlantParameters(gravity=-9.81)  # whatever gravity's sign
+    up = Body(gravity=-9.81)  # whatever gravity's sign
     drift = {}
     for name, p in (("derived", up), ("printed", PRINTED)):
         now = state
@@ -81,4 +82,4 @@ def test_only_the_printed_case_is_offered(name):
     with pytest.raises(ParameterError, match="derived, as_printed"):
         build(SimulatorConfig, {"plant.equations": "literal"})
     config = build(SimulatorConfig, {"plant.equations": "as_printed", "max_effort": inf})
-    assert config.plant.as_printed
+    assert config.body.as_printed

@@ -7,24 +7,25 @@ import pytest
 
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
-from trunk_sim.sensors import DelayLine, NoiseStream, SensorParameters, measure
+from trunk_sim.sensors import DelayLine, NoiseStream
+from trunk_sim.step import SensorParameters, sense
 
 STATE = PlantState(1.0, 0.25, 0.5, -2.0)
 
 
 def test_perfect_sensors_show_the_true_state():
-    assert measure(STATE, Disturbance(), 1.7, -0.4, SensorParameters()) == STATE
+    assert sense(STATE, Disturbance(), 1.7, -0.4, SensorParameters()) == STATE
 
 
 def test_bias_and_noise_act_on_the_trunk():
     parameters = SensorParameters(0.5, 0.25, 0.125, -1.0)
-    seen = measure(STATE, Disturbance(), 2.0, -4.0, parameters)
+    seen = sense(STATE, Disturbance(), 2.0, -4.0, parameters)
     assert seen == (1.0, 0.25 + 0.125 + 0.5 * 2.0, 0.5, -2.0 - 1.0 + 0.25 * -4.0)
 
 
 def test_offsets_act_on_positions_and_efforts_on_nothing():
     disturbance = Disturbance(hip_force=9.0, trunk_torque=9.0, hip_offset=0.5, trunk_offset=1.75)
-    seen = measure(STATE, disturbance, 0.0, 0.0, SensorParameters())
+    seen = sense(STATE, disturbance, 0.0, 0.0, SensorParameters())
     assert seen == (1.5, 2.0, 0.5, -2.0)
 
 

@@ -10,7 +10,8 @@ import pytest
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.integrator import advance
-from trunk_sim.simulation import DivergedError, Simulation, saturate
+from trunk_sim.simulation import DivergedError, Simulation
+from trunk_sim.step import saturate
 
 QUIET = Disturbance()
 
@@ -32,7 +33,7 @@ def test_step_integrates_over_the_period_with_every_input():
     config = SimulatorConfig(update_rate=60.0, substeps=4)
     simulation = Simulation(config)
     simulation.step(2.0, Disturbance(hip_force=3.0, trunk_torque=-0.5, trunk_offset=1.0))
-    expected = advance(config.initial_state, 3.0, 1.5, 16_666_667e-9, 4, config.plant)
+    expected = advance(config.initial_state, 3.0, 1.5, 16_666_667e-9, 4, config.body)
     assert simulation.state == pytest.approx(expected, rel=1e-15)
 
 
@@ -138,4 +139,4 @@ def test_retune_changes_the_plant_and_keeps_the_state():
     assert simulation.measure(QUIET).position[1] == simulation.state.theta + 0.5
     state = simulation.state
     simulation.step(2.0, QUIET)
-    assert simulation.state == advance(state, 0.0, 1.0, 0.005, 1, heavy.plant)
+    assert simulation.state == advance(state, 0.0, 1.0, 0.005, 1, heavy.body)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf, pi
 
+from trunk_msgs_util.mechanics import Body
+from trunk_msgs_util.parameters.body import body_parameter
 from trunk_msgs_util.parameters.config import ManagedConfig
 from trunk_msgs_util.parameters.declarations import ParameterError, parameter
-from trunk_msgs_util.units import nanoseconds, period_ns
+from trunk_msgs_util.units import nanoseconds, period_ns, seconds
 
-from .plant import PlantParameters, PlantState
-from .sensors import SensorParameters
+from .plant import PlantState
+from .step import Plant, SensorParameters
 
 _JOINTS = ("hip", "trunk")
 EQUATIONS = ("derived", "as_printed")
@@ -56,46 +58,19 @@ class SimulatorConfig(ManagedConfig):
         fixed=True,
     )
     joints: tuple[str, ...] = joints_parameter()
-    hip_mass: float = parameter(
-        "plant.hip_mass", 2.0, "Mass M of the hip", unit="kg", above=0.0, maximum=1e6
-    )
-    trunk_mass: float = parameter(
-        "plant.trunk_mass", 0.5, "Mass m of the trunk", unit="kg", above=0.0, maximum=1e6
-    )
-    length: float = parameter(
-        "plant.length",
-        1.0,
-        "Distance l from hip to centre of mass",
-        unit="m",
-        above=0.0,
-        maximum=1e3,
-    )
-    gravity: float = parameter(
-        "plant.gravity", 9.81, "Gravity g", unit="m/s^2", minimum=0.0, maximum=1e3
-    )
+    hip_mass: float = body_parameter("plant.hip_mass", "hip_mass")
+    trunk_mass: float = body_parameter("plant.trunk_mass", "trunk_mass")
+    length: float = body_parameter("plant.length", "length")
+    gravity: float = body_parameter("plant.gravity", "gravity")
     equations: str = parameter(
         "plant.equations",
         "derived",
         "derived from the paper's Lagrangian, or as_printed: its misprinted eq. 12, wrong physics",
         choices=EQUATIONS,
     )
-    amplitude: float = parameter(
-        "path.amplitude",
-        1.0,
-        "Amplitude A of the path A sin(kx)",
-        unit="m",
-        minimum=-1e3,
-        maximum=1e3,
-    )
-    wavenumber: float = parameter(
-        "path.wavenumber", 1.0, "Wave number k of the path", unit="rad/m", minimum=0.0, maximum=1e3
-    )
-    hip_mode: str = parameter(
-        "hip.mode",
-        "passive",
-        "passive: the hip rolls freely on its path; prescribed: it keeps its horizontal speed",
-        choices=("passive", "prescribed"),
-    )
+    amplitude: float = body_parameter("path.amplitude", "amplitude")
+    wavenumber: float = body_parameter("path.wavenumber", "wavenumber")
+    hip_mode: str = body_parameter("hip.mode", "hip_mode")
     initial_position: tuple[float, ...] = parameter(
         "initial.position",
         (0.0, pi / 6.0),
@@ -252,9 +227,9 @@ class SimulatorConfig(ManagedConfig):
         return period_ns(self.update_rate)
 
     @property
-    def plant(self) -> PlantParameters:
-        """The plant's constants."""
-        return PlantParameters(
+    def body(self) -> Body:
+        """The constants of hip, trunk and path."""
+        return Body(
             self.hip_mass,
             self.trunk_mass,
             self.length,
@@ -263,6 +238,13 @@ class SimulatorConfig(ManagedConfig):
             self.wavenumber,
             self.hip_mode == "prescribed",
             self.equations == "as_printed",
+        )
+
+    @property
+    def plant(self) -> Plant:
+        """What `act` takes in beside the trunk, the effort and the disturbance."""
+        return Plant(
+            self.body, seconds(self.period_ns), self.substeps, self.max_effort, self.fall_angle
         )
 
     @property

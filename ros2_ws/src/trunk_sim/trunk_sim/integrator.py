@@ -5,11 +5,13 @@ Pure: runs in CPython and compiles with numba unchanged.
 
 from __future__ import annotations
 
-from .plant import PlantParameters, PlantState, accelerations
+from trunk_msgs_util.mechanics import Body
+
+from .plant import PlantState, accelerations
 
 
 def rk4_step(
-    state: PlantState, hip_force: float, torque: float, h: float, p: PlantParameters
+    state: PlantState, hip_force: float, torque: float, h: float, body: Body
 ) -> PlantState:
     """Return the state after one step of ``h`` seconds, the inputs [N, N m] held over it.
 
@@ -17,15 +19,17 @@ def rk4_step(
     """
     x, theta, v, w = state
     half = 0.5 * h
-    a1, b1 = accelerations(state, hip_force, torque, p)
+    a1, b1 = accelerations(state, hip_force, torque, body)
     v2, w2 = v + half * a1, w + half * b1
-    a2, b2 = accelerations(PlantState(x + half * v, theta + half * w, v2, w2), hip_force, torque, p)
+    a2, b2 = accelerations(
+        PlantState(x + half * v, theta + half * w, v2, w2), hip_force, torque, body
+    )
     v3, w3 = v + half * a2, w + half * b2
     a3, b3 = accelerations(
-        PlantState(x + half * v2, theta + half * w2, v3, w3), hip_force, torque, p
+        PlantState(x + half * v2, theta + half * w2, v3, w3), hip_force, torque, body
     )
     v4, w4 = v + h * a3, w + h * b3
-    a4, b4 = accelerations(PlantState(x + h * v3, theta + h * w3, v4, w4), hip_force, torque, p)
+    a4, b4 = accelerations(PlantState(x + h * v3, theta + h * w3, v4, w4), hip_force, torque, body)
     sixth = h / 6.0
     return PlantState(
         x + sixth * (v + 2.0 * (v2 + v3) + v4),
@@ -41,10 +45,10 @@ def advance(
     torque: float,
     period: float,
     substeps: int,
-    p: PlantParameters,
+    body: Body,
 ) -> PlantState:
     """Return the state after one control period, integrated in ``substeps`` equal RK4 steps."""
     h = period / substeps
     for _ in range(substeps):
-        state = rk4_step(state, hip_force, torque, h, p)
+        state = rk4_step(state, hip_force, torque, h, body)
     return state

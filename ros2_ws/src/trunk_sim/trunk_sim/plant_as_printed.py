@@ -10,15 +10,17 @@ Pure: runs in CPython and compiles with numba unchanged.
 
 from __future__ import annotations
 
-from math import cos, sin
+from math import cos, nan, sin
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .plant import PlantParameters, PlantState
+    from trunk_msgs_util.mechanics import Body
+
+    from .plant import PlantState
 
 
 def accelerations_as_printed(
-    state: PlantState, hip_force: float, torque: float, p: PlantParameters
+    state: PlantState, hip_force: float, torque: float, body: Body
 ) -> tuple[float, float]:
     """Return ``(x_ddot, theta_ddot)`` in m/s^2 and rad/s^2 of ``Z'' = M^-1 (V Z' - G - U)``.
 
@@ -31,20 +33,26 @@ def accelerations_as_printed(
         G = | m g l sin th | -(M+m) g cos x |,     U = | -tau | -F |
 
     The torque enters as -U with U = -tau: the paper's negative gains in its eq. 12 are our positive
-    ones. F [N] acts on the hip. The path is ``y = sin x``, whatever ``p`` says of it.
+    ones. F [N] acts on the hip. The path is ``y = sin x``, whatever ``body``
+    says of it. NaN where the motion is too large to be solved in floats.
     """
     x, theta, x_dot, theta_dot = state
+    angles = x + theta
+    if angles - angles != 0.0:
+        return nan, nan
     sin_x, cos_x = sin(x), cos(x)
     sin_theta, cos_theta = sin(theta), cos(theta)
-    mass = p.hip_mass + p.trunk_mass
-    moment = p.trunk_mass * p.length
+    mass = body.hip_mass + body.trunk_mass
+    moment = body.trunk_mass * body.length
     m11 = moment * (cos_theta - cos_x * sin_theta)
-    m12 = moment * p.length
+    m12 = moment * body.length
     m21 = mass * (1.0 + cos_x * cos_x)
     v11 = moment * sin_x * sin_theta * x_dot
     v21 = -mass * sin_x * cos_x * x_dot
     v22 = -moment * (sin_theta + cos_theta) * cos_x * theta_dot
-    r1 = v11 * x_dot - moment * p.gravity * sin_theta + torque
-    r2 = v21 * x_dot + v22 * theta_dot + mass * p.gravity * cos_x + hip_force
+    r1 = v11 * x_dot - moment * body.gravity * sin_theta + torque
+    r2 = v21 * x_dot + v22 * theta_dot + mass * body.gravity * cos_x + hip_force
     determinant = m11 * m11 - m12 * m21  # negative: the printed rows are those of M, swapped
+    if determinant == 0.0:  # too small for a float
+        return nan, nan
     return (m11 * r1 - m12 * r2) / determinant, (m11 * r2 - m21 * r1) / determinant

@@ -1,4 +1,4 @@
-"""Sensors: delay, bias, seeded noise and the disturbance's offset on the measured trunk and hip.
+"""What the sensors remember and draw: past states for the delay, seeded noise.
 
 Pure: no ROS, no clock; the noise is a function of the seed and the step alone.
 """
@@ -6,52 +6,10 @@ Pure: no ROS, no clock; the noise is a function of the seed and the step alone.
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
 
 import numpy as np
 
-from .disturbances import Disturbance
 from .plant import PlantState
-
-
-class SensorParameters(NamedTuple):
-    """Standard deviations and biases of the measured trunk angle [rad] and rate [rad/s]."""
-
-    position_noise: float = 0.0
-    velocity_noise: float = 0.0
-    position_bias: float = 0.0
-    velocity_bias: float = 0.0
-
-
-class Measurement(NamedTuple):
-    """What the sensors say: m, rad, m/s, rad/s."""
-
-    x: float
-    theta: float
-    x_dot: float
-    theta_dot: float
-
-
-def measure(
-    state: PlantState,
-    disturbance: Disturbance,
-    position_sample: float,
-    velocity_sample: float,
-    p: SensorParameters,
-) -> Measurement:
-    """Return ``true + offset + bias + sigma n`` for the trunk, with standard normal samples n.
-
-    ``state`` is the true state that the sensors see now, already delayed. The hip carries its offset alone.
-    """
-    return Measurement(
-        state.x + disturbance.hip_offset,
-        state.theta
-        + disturbance.trunk_offset
-        + p.position_bias
-        + p.position_noise * position_sample,
-        state.x_dot,
-        state.theta_dot + p.velocity_bias + p.velocity_noise * velocity_sample,
-    )
 
 
 class DelayLine:

@@ -11,10 +11,10 @@ from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.disturbances import CHANNELS
 from trunk_sim.simulation import DivergedError
 
-from ..plans.nodes import NODES
+from ..plans.nodes import CONTROLLERS, NODES
 from ..plans.plan import RunPlan, make_plan
 from ..runs.offline import Step, steps
-from .closed_loop import LAWS, Batch, Outcome
+from .closed_loop import Batch, Outcome
 
 _STEPS = 250
 
@@ -89,7 +89,7 @@ def random_plan(index: int) -> RunPlan:
         "antiwindup_strategy": pick(*ANTIWINDUP_STRATEGIES),
         "tracking_time_constant": sometimes(uniform(0.0, 0.5), 0.0),
     }
-    name = pick(*LAWS)
+    name = pick(*CONTROLLERS)
     if name != "fuzzy_pid":
         controller.update({f"gains.{gain}": float(uniform(0.0, 400.0)) for gain in "pid"})
     else:
@@ -99,9 +99,8 @@ def random_plan(index: int) -> RunPlan:
     disturbed = build(NODES["disturbance"].config, disturbance)
     return RunPlan(
         scenario=f"random {index}",
-        controller_name=name,
         simulator=build(NODES["simulator"].config, simulator),
-        controller=build(NODES[name].config, controller),
+        controllers={name: build(NODES[name].config, controller)},
         disturbance=disturbed if disturbed.active else None,
         recorder=make_plan("demo", name).recorder,
     )
@@ -130,7 +129,7 @@ def _table_difference(plan: RunPlan, outcome: Outcome, taken: list[Step]) -> str
     columns: list[list[float]] = []
     for step in taken:
         terms = step.answer.terms
-        if terms is not None:
+        if step.answer.fresh:
             held = [step.answer.reference, terms.kp, terms.ki, terms.kd, terms.alpha]
         torque = min(max(step.answer.effort, -limit), limit)
         columns.append(

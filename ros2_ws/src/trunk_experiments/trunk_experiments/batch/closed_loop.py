@@ -1,146 +1,180 @@
-"""One closed-loop run as one loop over scalar functions: compiled for batches, the bits of `offline.steps`.
+"""One closed-loop run as one loop over pure functions: compiled for batches, the bits of `offline.steps`.
 
-The loop is glue: plant, sensors, disturbances, reference and control law are the functions that the
-nodes run. It is ordinary Python as well, so that what numba compiles can be stepped through.
+The loop composes `sense`, `decide` and `act`, which the nodes run, and holds no arithmetic of its own. It is
+ordinary Python as well, so that what numba compiles can be stepped through.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, lru_cache
-from math import isfinite, isnan, nan
-from typing import Any, NamedTuple
+from math import nan
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from trunk_control.fuzzy_pid import fuzzy_pid_update
-from trunk_control.lqr import lqr_update
-from trunk_control.pid import PidState, Terms, pid_update
-from trunk_control.reference import ReferenceProfile, reference_at
+from trunk_control.computed_torque import Hip
+from trunk_control.controller import hip_index, setting_of
+from trunk_control.decide import Answer, Memory, Reading, Seen, Setting, decide, fresh_memory
+from trunk_control.law import Update
+from trunk_control.laws import CONTROLLERS, law_named
 from trunk_msgs_util.recording.joint_arrays import Floats
-from trunk_msgs_util.units import NANOSECONDS, seconds, step_count
+from trunk_msgs_util.units import NANOSECONDS, step_count
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
-from trunk_sim.integrator import advance
-from trunk_sim.plant import PlantParameters, PlantState
-from trunk_sim.sensors import SensorParameters, measure
-from trunk_sim.simulation import saturate
+from trunk_sim.plant import PlantState
+from trunk_sim.step import Measurement, Plant, SensorParameters, act, at_rest, saturate, sense
 
 from ..analysis.metrics import Metrics, metrics
 from ..analysis.run_table import RunTable
 from ..plans.files import PlanError
-from ..plans.plan import RunPlan
+from ..plans.plan import RunPlan, check_turns
+from ..runs.offline import check
 from .compiled import compiled, fingerprint
 
-# Rows of a run's result. The first four are the state; the last eight are RunTable's in its order.
+# Rows of a run's result. The first four are the state; all are RunTable's, in its order.
 X, THETA, X_DOT, THETA_DOT, MEASURED, REFERENCE, TORQUE, KP, KI, KD, ALPHA = range(11)
 ROWS = 11
 
-Update = Callable[..., tuple[PidState, Terms]]
-
-# Each law's update and what it takes after (state, reference, measurement, rate, dt).
-LAWS: dict[str, tuple[Update, Callable[[Any], tuple[Any, ...]]]] = {
-    "pid": (pid_update, lambda config: (config.gains, config.law)),
-    "fuzzy_pid": (
-        fuzzy_pid_update,
-        lambda config: (_with_arrays(config.rules), config.box, config.law),
-    ),
-    "lqr": (lqr_update, lambda config: (config.gains, config.gravity_torque, config.law)),
-}
-_START = PidState()  # constants: numba's named tuples know no default values
-_QUIET = Disturbance()
-update: Update = pid_update  # bound to another law's in that law's twin
+_QUIET = Disturbance()  # constants: numba's named tuples know no default values
+_STILL = Hip()
 
 
-class Setting(NamedTuple):
-    """What surrounds the control law in one run."""
+class Surroundings(NamedTuple):
+    """What surrounds the controllers in one run."""
 
     initial: PlantState
-    plant: PlantParameters
+    plant: Plant
     sensor: SensorParameters
-    profile: ReferenceProfile
     signals: Signals
     disturbed: bool  # False: nothing disturbs, whatever ``signals`` says
     delay_steps: int
-    joint: int  # 0: the controller measures the hip, 1: the trunk
-    substeps: int
     period_ns: int
-    control_period_ns: int
-    max_effort: float  # N m
+    fall_stop: bool
 
 
-def run_loop(setting: Setting, constants: Any, noise: Floats, out: Floats) -> int:
-    """Fill ``out`` [ROWS, N + 1] with a run of N steps and return how many of its states are finite.
+class Participant(NamedTuple):
+    """A controller in the loop: what `decide` takes, and whose motion it reads (0: hip, 1: trunk)."""
 
-    ``constants`` are the law's; ``noise`` [N + 1, 2] are standard normal samples, its last row standing
-    for all that follow. Fewer than N + 1 finite states: the plant diverged in the step after the last,
-    and the columns from there on are not written.
+    setting: Setting
+    constants: Any
+    joint: int
+    hip: int  # -1: the law does not use it
+
+
+# A list in pairs, ``(first, (second, ()))``: each law's constants are of a type of their own.
+Chain = tuple[Any, ...]
+Decided = tuple[Chain, Answer]
+
+
+def reading_of(
+    stamp_ns: int, measured: Measurement, effort: float, joint: int, hip: int
+) -> Reading:
+    """Return a measured state as a controller reads it that looks at these joints."""
+    motion = _STILL
+    if hip == 0:
+        motion = Hip(measured.x, measured.x_dot)
+    elif hip == 1:
+        motion = Hip(measured.theta, measured.theta_dot)
+    if joint == 0:
+        return Reading(stamp_ns, measured.x, measured.x_dot, motion, effort, False, 0.0)
+    return Reading(stamp_ns, measured.theta, measured.theta_dot, motion, effort, False, 0.0)
+
+
+def decide_by(update: Update, others: Callable[..., Decided] | None) -> Callable[..., Decided]:
+    """Return the function that decides for a law's controller and then for the ``others``.
+
+    It takes ``(memories, participants, stamp_ns, measured, effort)``, memories and participants as
+    `Chain`, and returns the next memories and the answer of the one whose turn it is.
     """
-    s = setting
-    last = out.shape[1] - 1
-    period = seconds(s.period_ns)
-    due_after_ns = s.control_period_ns - s.control_period_ns // 1000  # as a Controller has it
-    state = s.initial
-    memory = _START
-    started = False
-    last_ns = 0
-    reference, kp, ki, kd, alpha = nan, nan, nan, nan, nan
-    for k in range(last + 1):
-        stamp_ns = k * s.period_ns
-        acting = disturbance_at(stamp_ns, s.signals) if s.disturbed else _QUIET
-        out[X, k], out[THETA, k], out[X_DOT, k], out[THETA_DOT, k] = state
-        seen = max(k - s.delay_steps, 0)
-        delayed = PlantState(out[X, seen], out[THETA, seen], out[X_DOT, seen], out[THETA_DOT, seen])
-        row = min(k, len(noise) - 1)
-        measured = measure(delayed, acting, noise[row, 0], noise[row, 1], s.sensor)
-        position, rate = measured.theta, measured.theta_dot
-        if s.joint == 0:
-            position, rate = measured.x, measured.x_dot
-        if not started or stamp_ns - last_ns >= due_after_ns:
-            dt = seconds(stamp_ns - last_ns if started else s.control_period_ns)
-            wanted = reference_at(stamp_ns, s.profile)
-            memory, terms = update(memory, wanted, position, rate, dt, *constants)
-            if not isnan(terms.unsaturated):  # not held
-                started = True
-                last_ns = stamp_ns
-                reference = wanted
-                kp, ki, kd, alpha = terms.kp, terms.ki, terms.kd, terms.alpha
-        torque = saturate(memory.effort, s.max_effort)
-        out[MEASURED, k] = measured.theta
-        out[REFERENCE, k] = reference
-        out[TORQUE, k] = torque
-        out[KP, k], out[KI, k], out[KD, k], out[ALPHA, k] = kp, ki, kd, alpha
-        if k < last:
-            state = advance(
-                state,
-                acting.hip_force,
-                torque + acting.trunk_torque,
-                period,
-                s.substeps,
-                s.plant,
+
+    def last(
+        memories: Chain, participants: Chain, stamp_ns: int, measured: Measurement, effort: float
+    ) -> Decided:
+        one = participants[0]
+        reading = reading_of(stamp_ns, measured, effort, one.joint, one.hip)
+        memory, answer = decide(memories[0], reading, one.setting, one.constants, update)
+        return (memory, ()), answer
+
+    if others is None:
+        return last
+
+    def first(
+        memories: Chain, participants: Chain, stamp_ns: int, measured: Measurement, effort: float
+    ) -> Decided:
+        one = participants[0]
+        reading = reading_of(stamp_ns, measured, effort, one.joint, one.hip)
+        memory, answer = decide(memories[0], reading, one.setting, one.constants, update)
+        rest, other = others(memories[1], participants[1], stamp_ns, measured, effort)
+        return (memory, rest), answer if answer.active else other
+
+    return first
+
+
+def loop_of(*updates: Update) -> Callable[..., tuple[int, bool]]:
+    """Return the loop of a run with these laws, in the order of its participants.
+
+    ``loop(surroundings, memories, participants, noise, out)`` fills ``out`` [ROWS, N + 1] with a run of N
+    steps and returns how many states there are, and True where the plant diverged in the step after the
+    last of them. A run that ends with a fall has fewer than N + 1, too. The columns behind are not
+    written. ``noise`` [N + 1, 2] are standard normal samples, its last row standing for all that follow.
+    """
+    decide_all: Callable[..., Decided] | None = None
+    for update in reversed(updates):
+        decide_all = decide_by(update, decide_all)
+    if decide_all is None:
+        raise ValueError("a loop needs a law")
+
+    def loop(
+        surroundings: Surroundings,
+        memories: Chain,
+        participants: Chain,
+        noise: Floats,
+        out: Floats,
+    ) -> tuple[int, bool]:
+        s = surroundings
+        last = out.shape[1] - 1
+        trunk = at_rest(s.initial, s.plant)
+        reference, kp, ki, kd, alpha = nan, nan, nan, nan, nan
+        for k in range(last + 1):
+            stamp_ns = k * s.period_ns
+            acting = disturbance_at(stamp_ns, s.signals) if s.disturbed else _QUIET
+            state = trunk.state
+            out[X, k], out[THETA, k], out[X_DOT, k], out[THETA_DOT, k] = state
+            seen = max(k - s.delay_steps, 0)
+            delayed = PlantState(
+                out[X, seen], out[THETA, seen], out[X_DOT, seen], out[THETA_DOT, seen]
             )
-            if not (
-                isfinite(state.x)
-                and isfinite(state.theta)
-                and isfinite(state.x_dot)
-                and isfinite(state.theta_dot)
-            ):
-                return k + 1
-    return last + 1
+            row = min(k, len(noise) - 1)
+            measured = sense(delayed, acting, noise[row, 0], noise[row, 1], s.sensor)
+            memories, answer = decide_all(memories, participants, stamp_ns, measured, trunk.effort)
+            if answer.fresh:
+                reference, terms = answer.reference, answer.terms
+                kp, ki, kd, alpha = terms.kp, terms.ki, terms.kd, terms.alpha
+            out[MEASURED, k] = measured.theta
+            out[REFERENCE, k] = reference
+            out[TORQUE, k] = saturate(answer.effort, s.plant.max_effort)
+            out[KP, k], out[KI, k], out[KD, k], out[ALPHA, k] = kp, ki, kd, alpha
+            if s.fall_stop and trunk.fallen:
+                return k + 1, False
+            if k < last:
+                trunk = act(trunk, answer.effort, acting, s.plant)
+                if trunk.diverged:
+                    return k + 1, True
+        return last + 1, False
+
+    loop.__name__ = loop.__qualname__ = "_".join(["loop", *(one.__module__ for one in updates)])
+    return loop
 
 
 @cache
-def compiled_loop(controller: str) -> Callable[[Setting, Any, Floats, Floats], int]:
-    """Return `run_loop`, compiled with a controller's law. Raises PlanError for one without a twin."""
-    if controller not in LAWS:
-        raise PlanError(
-            f"controller {controller!r} has no compiled loop; there are {', '.join(LAWS)}"
-        )
-    return compiled(run_loop, f"run_loop_{controller}", update=LAWS[controller][0])
+def compiled_loop(laws: tuple[str, ...]) -> Callable[..., tuple[int, bool]]:
+    """Return `loop_of` the named laws, compiled."""
+    return compiled(loop_of(*(law_named(name).update for name in laws)))
 
 
 def loops_fingerprint() -> str:
     """Return a hash of all sources that decide a compiled run's numbers."""
-    return "-".join(fingerprint(run_loop, update=law) for law, _ in LAWS.values())
+    return "-".join(fingerprint(loop_of(law_named(name).update)) for name in CONTROLLERS)
 
 
 class Outcome(NamedTuple):
@@ -161,53 +195,82 @@ class Batch:
         self._out = np.empty((ROWS, 0))
 
     def run(self, plan: RunPlan) -> Outcome:
-        """Run a plan by compiled code. Raises PlanError for a plan without an end or a compiled loop."""
+        """Run a plan by compiled code. Raises PlanError for one that a compiled loop cannot model."""
+        check(plan)
+        check_turns(plan)
+        if plan.changes:
+            raise PlanError(
+                f"{', '.join(plan.changes)}: parameters and turns that change by hand while the run goes "
+                "on are not compiled: give active.times, or use simulate"
+            )
         simulator = plan.simulator
-        if not simulator.duration:
-            raise PlanError("simulator: duration is 0: an offline run needs an end; set it in s")
-        loop = compiled_loop(plan.controller_name)
+        loop = compiled_loop(tuple(plan.controllers))
         states = step_count(simulator.duration, simulator.update_rate) + 1
         if self._out.shape[1] != states:
             self._out = np.empty((ROWS, states))
-        finite = loop(setting_of(plan), constants_of(plan), _noise(plan, states), self._out)
+        memories, participants = chains_of(plan)
+        count, diverged = loop(
+            surroundings_of(plan), memories, participants, _noise(plan, states), self._out
+        )
         t = _times(states, simulator.period_ns)
-        table = RunTable(t[:finite], *self._out[:, :finite])
-        return Outcome(table, float(t[finite - 1]) if finite < states else None)
+        table = RunTable(t[:count], *self._out[:, :count])
+        return Outcome(table, float(t[count - 1]) if diverged else None)
 
 
-def setting_of(plan: RunPlan) -> Setting:
-    """Return what surrounds the control law in a plan's run."""
-    simulator, controller, disturbance = plan.simulator, plan.controller, plan.disturbance
+def surroundings_of(plan: RunPlan) -> Surroundings:
+    """Return what surrounds the controllers in a plan's run."""
+    simulator, disturbance = plan.simulator, plan.disturbance
+    plant = simulator.plant
     # None instead of False: the branch is known when the loop is compiled, and goes; a third of the time
     # with it, for a sine and a cosine of one angle are then computed together.
-    prescribed: Any = simulator.plant.prescribed or None
-    return Setting(
+    known: Any = {
+        "prescribed": plant.body.prescribed or None,
+        "as_printed": plant.body.as_printed or None,
+    }
+    return Surroundings(
         simulator.initial_state,
-        simulator.plant._replace(prescribed=prescribed),
+        plant._replace(body=plant.body._replace(**known)),
         simulator.sensor,
-        _with_arrays(controller.reference),
-        _quiet() if disturbance is None else _with_arrays(disturbance.signals),
+        _quiet() if disturbance is None else with_arrays(disturbance.signals),
         disturbance is not None,
         simulator.delay_steps,
-        simulator.joints.index(controller.joint),
-        simulator.substeps,
         simulator.period_ns,
-        controller.period_ns,
-        simulator.max_effort,
+        simulator.fall_stop,
     )
 
 
-def constants_of(plan: RunPlan) -> tuple[Any, ...]:
-    """Return what a plan's control law takes beside the sample."""
-    constants: tuple[Any, ...] = LAWS[plan.controller_name][1](plan.controller)
-    return constants
+def chains_of(plan: RunPlan) -> tuple[Chain, Chain]:
+    """Return the memories at the start, and the participants, of a plan's controllers."""
+    memories: Chain = ()
+    participants: Chain = ()
+    joints = plan.simulator.joints
+    for config in reversed(list(plan.controllers.values())):
+        setting = setting_of(config)
+        hip = hip_index(config, joints)
+        memory: Memory = fresh_memory(not config.active_times, Seen(-1, 0.0), setting.law)
+        memories = (memory, memories)
+        participants = (
+            Participant(
+                setting._replace(
+                    profile=with_arrays(setting.profile),
+                    turns_ns=cast("Sequence[int]", np.array(setting.turns_ns, dtype=np.int64)),
+                ),
+                tuple(with_arrays(one) for one in config.constants),
+                joints.index(config.joint),
+                -1 if hip is None else hip,
+            ),
+            participants,
+        )
+    return memories, participants
 
 
 _INTEGERS = {"pulse_starts", "times"}  # fields of ns
 
 
-def _with_arrays(record: Any) -> Any:
+def with_arrays(record: Any) -> Any:
     """Return a named tuple with its tuples as arrays, so that their lengths are no part of its type."""
+    if not hasattr(record, "_fields"):
+        return record
     return record._make(
         np.array(value, dtype=np.int64 if name in _INTEGERS else np.float64)
         if isinstance(value, tuple)
@@ -218,7 +281,7 @@ def _with_arrays(record: Any) -> Any:
 
 @cache
 def _quiet() -> Signals:
-    none: Signals = _with_arrays(Signals(0, (), 0, 0.0, 0, 0.0, 0.0, 0.0, 0, 0.0, (), ()))
+    none: Signals = with_arrays(Signals(0, (), 0, 0.0, 0, 0.0, 0.0, 0.0, 0, 0.0, (), ()))
     return none
 
 

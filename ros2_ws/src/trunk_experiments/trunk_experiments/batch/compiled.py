@@ -1,57 +1,67 @@
-"""Compiled twins of pure functions: the same code objects, compiled by numba, nothing written twice.
+"""Pure functions compiled by numba, as they stand: nothing is written twice.
 
-A twin is made of a function and of all functions of this project that it calls, found through its
-global names, each bound to the others' twins. Compiled code gives the bits of CPython: no fast-math,
-no fused multiply-add, sines from the same C library. What differs is how trouble shows: a division by
-zero or a sine of infinity gives inf or NaN where CPython raises.
+numba lets a function of ours be called from compiled code once it is registered (`register_jitable`):
+CPython still runs the function itself, compiled code its translation. `compiled` registers a function
+and every function of this project that it calls, found through its global names and, for a function that
+a factory has built, its closure; then it compiles it. A law is handed to such a factory as an argument.
+
+Compiled code gives the bits of CPython: no fast-math, no fused multiply-add, sines from the same C library.
+What differs is how a division by zero shows: inf or NaN where CPython raises; the pure functions divide by
+nothing that can be zero.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from types import CodeType, FunctionType
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numba
+from numba.extending import register_jitable
 
 _OURS = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
+# Without numba's count of references (_nrt): to keep it for the arrays in the named tuples that pass from
+# function to function took half of a run's time. So compiled code uses the arrays that it is given, which
+# the caller keeps alive, and makes none: numba refuses a function that does.
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "_nrt": False}
+_registered: set[FunctionType] = set()
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def compiled(function: Function, name: str = "", **bindings: Callable[..., Any]) -> Function:
-    """Return the compiled twin of a function; it compiles at its first call, or comes from disk.
+def compiled(function: Function) -> Function:
+    """Return a function's compiled twin; it compiles at its first call, or comes from disk.
 
-    ``bindings`` replace functions that its module knows by a global name; a twin with bindings needs a
-    ``name`` of its own. The machine code is kept in `cache_folder`.
+    The machine code is kept in `cache_folder`, under the fingerprint of all sources that it is made of:
+    numba's own cache looks at the age of one source file only. Where no folder can be written, nothing
+    is kept.
     """
-    if bindings and not name:
-        raise ValueError("a twin with bindings needs a name")
-    copies = _copies(function, bindings)
-    twins: dict[Any, Any] = {  # inline: passing rule tables by value costs as much as using them
-        original: numba.njit(copy, forceinline=True, **_OPTIONS)
-        for original, copy in copies.items()
-        if original is not function
-    }
-    for copy in copies.values():
-        for label, value in list(copy.__globals__.items()):
-            if isinstance(value, FunctionType) and value in twins:
-                copy.__globals__[label] = twins[value]
-    top = copies[cast(FunctionType, function)]
-    top.__name__ = top.__qualname__ = name or top.__name__
-    return cast(Function, _cached(top, fingerprint(function, **bindings)))
+    for callee in _reached(function):
+        if callee is not function and callee not in _registered:
+            # inline: passing rule tables by value costs as much as using them
+            register_jitable(forceinline=True, **_OPTIONS)(callee)
+            _registered.add(callee)
+    config: Any = numba.config
+    folder = config.CACHE_DIR
+    config.CACHE_DIR = str(cache_folder() / fingerprint(function))
+    try:
+        twin: Function = numba.njit(function, cache=True, **_OPTIONS)
+    except (RuntimeError, OSError):
+        twin = numba.njit(function, **_OPTIONS)
+    finally:
+        config.CACHE_DIR = folder
+    return twin
 
 
-def fingerprint(function: Callable[..., Any], **bindings: Callable[..., Any]) -> str:
+def fingerprint(function: Callable[..., Any]) -> str:
     """Return a hash of the source files that a twin is made of and of numba's version."""
     names = {Path(__file__)}  # the options are a part of it
-    names |= {Path(original.__code__.co_filename) for original in _copies(function, bindings)}
+    names |= {Path(reached.__code__.co_filename) for reached in _reached(function)}
     digest = hashlib.sha256(version("numba").encode())
     for path in sorted(names, key=lambda path: (path.name, str(path))):
         digest.update(_contents(path))
@@ -69,43 +79,26 @@ def _contents(path: Path) -> bytes:
     return path.read_bytes()
 
 
-def _copies(function: Any, bindings: dict[str, Any]) -> dict[FunctionType, FunctionType]:
-    """Return copies, with namespaces of their own, of a function and of all of ours that it calls."""
-    found: dict[FunctionType, FunctionType] = {}
+def _reached(function: Any) -> list[FunctionType]:
+    """Return a function and all of this project's that it calls, directly or not."""
+    found: list[FunctionType] = []
     waiting = [function]
     while waiting:
-        original = waiting.pop()
-        if original in found:
-            continue
-        bound = bindings if original.__module__ == function.__module__ else {}
-        namespace = {**original.__globals__, **bound}
-        found[original] = FunctionType(
-            original.__code__, namespace, original.__name__, original.__defaults__
-        )
-        for label in _names(original.__code__):
-            value = namespace.get(label)
-            if isinstance(value, FunctionType) and value.__module__.split(".")[0] in _OURS:
-                waiting.append(value)
+        one = waiting.pop()
+        if one not in found:
+            found.append(one)
+            waiting += _called(one)
     return found
+
+
+def _called(function: FunctionType) -> Iterator[FunctionType]:
+    values = [function.__globals__.get(name) for name in _names(function.__code__)]
+    values += [cell.cell_contents for cell in function.__closure__ or ()]
+    for value in values:
+        if isinstance(value, FunctionType) and value.__module__.split(".")[0] in _OURS:
+            yield value
 
 
 def _names(code: CodeType) -> tuple[str, ...]:
     inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
     return (*code.co_names, *(name for one in inner for name in _names(one)))
-
-
-def _cached(top: FunctionType, key: str) -> Any:
-    """Return the function's dispatcher, cached under a key; uncached where no folder can be written.
-
-    Numba's own cache looks at the age of one source file, but a twin is made of several: each set of
-    sources has a folder to itself.
-    """
-    config: Any = numba.config
-    folder = config.CACHE_DIR
-    config.CACHE_DIR = str(cache_folder() / key)
-    try:
-        return numba.njit(top, cache=True, **_OPTIONS)
-    except (RuntimeError, OSError):
-        return numba.njit(top, **_OPTIONS)
-    finally:
-        config.CACHE_DIR = folder

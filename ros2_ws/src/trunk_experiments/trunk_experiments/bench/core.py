@@ -17,9 +17,9 @@ from time import perf_counter
 from typing import Any
 
 from trunk_control import rule_tables
-from trunk_control.config import FuzzyPidConfig
 from trunk_control.fuzzy import infer
 from trunk_control.fuzzy_pid import fuzzy_pid_update
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.pid import DERIVATIVE_ON_MEASUREMENT, Gains, PidLaw, PidState, pid_update
 
 FUZZY_GOAL = 2000.0  # at least: pyfuzzylite's time over that of one inference

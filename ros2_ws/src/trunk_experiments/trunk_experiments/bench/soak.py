@@ -18,7 +18,7 @@ from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
 
-from ..replay.replay import config_of
+from ..replay.record import RecordedRun
 from ..replay.verify import VERIFIED, verify
 
 SETTLED_S = 60.0
@@ -79,7 +79,7 @@ def steps_of(recording: Recording) -> Steps:
 
     Raises ValueError where the run has fewer than two states.
     """
-    config: SimulatorConfig = config_of(recording, "simulator")
+    config: SimulatorConfig = RecordedRun(recording).config("simulator")
     trunk = config.joints[1]
     joints = {
         name: recording.joints(recording.topic(name)).by_stamp()

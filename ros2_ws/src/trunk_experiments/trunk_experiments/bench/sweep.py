@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from trunk_control import rule_tables
-from trunk_control.config import FuzzyPidConfig
 from trunk_control.fuzzy_pid import fuzzy_pid_update
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.pid import PidState
 
 from ..batch.closed_loop import Batch

@@ -8,8 +8,6 @@ from typing import Any
 
 import click
 
-from trunk_msgs_util.recording.reader import Recording
-
 from ..plans.files import PlanError
 from .common import plan_of, plan_options
 
@@ -35,15 +33,14 @@ def command(output: Path, force: bool, like: Path | None, **options: Any) -> Non
 
     SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.
     """
-    from ..replay.like import plan_like
+    from ..replay.record import RecordedRun
     from ..runs.offline_recording import record_offline
 
-    happenings = None
     if like is not None:
-        plan, happenings = plan_like(Recording.open(like))
+        plan = RecordedRun.open(like).plan()
     elif options["scenario"] is None:
         raise PlanError("give a SCENARIO, or --like RUN.mcap")
     else:
         plan = plan_of(**options)
-    states = record_offline(plan, output, overwrite=force, happenings=happenings)
+    states = record_offline(plan, output, overwrite=force)
     click.echo(f"{output}: {states} states, {plan.scenario}, {plan.turns}")

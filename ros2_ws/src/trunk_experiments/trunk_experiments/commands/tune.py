@@ -199,7 +199,7 @@ def _linear(controller: str, options: dict[str, Any]) -> tuple[RunPlan, Linear]:
 
     _check_output(options)
     plan = _plan(controller, options["params"], options["settings"], options["rate"])
-    return plan, linearise(plan.simulator.plant)
+    return plan, linearise(plan.simulator.body)
 
 
 def _check_output(options: dict[str, Any]) -> None:
@@ -242,7 +242,7 @@ def _write(
 def _say_margins(plan: RunPlan, config: Any, plant: Linear | None) -> None:
     from ..tuning.linear import Loop, linearise, margins
 
-    linear = plant or linearise(plan.simulator.plant)
+    linear = plant or linearise(plan.simulator.body)
     if plan.controller_name == "computed_torque":
         linear = linear._replace(a=0.0, b=1.0)
     corners = {"gains": config.gains} if hasattr(config, "gains") else _corners(config)

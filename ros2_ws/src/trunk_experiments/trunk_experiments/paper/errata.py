@@ -16,7 +16,8 @@ import sympy as sp  # type: ignore[import-untyped]
 
 from trunk_control.pid import Gains
 from trunk_control.rule_tables import INPUT_LABELS, KD_AS_PRINTED
-from trunk_sim.plant import PlantParameters, PlantState, accelerations
+from trunk_msgs_util.mechanics import Body
+from trunk_sim.plant import PlantState, accelerations
 
 from ..tuning.linear import Loop, linearise
 
@@ -138,8 +139,8 @@ def _gravity() -> tuple[bool, str]:
     ]
     turned = all(sp.simplify(a + b) == 0 for a, b in zip(derived, printed, strict=True))
     lean = 0.01
-    falls = accelerations(PlantState(pi / 2, lean, 0.0, 0.0), 0.0, 0.0, PlantParameters())[1]
-    prints = PlantParameters(as_printed=True)
+    falls = accelerations(PlantState(pi / 2, lean, 0.0, 0.0), 0.0, 0.0, Body())[1]
+    prints = Body(as_printed=True)
     rises = accelerations(PlantState(pi / 2, lean, 0.0, 0.0), 0.0, 0.0, prints)[1]
     return turned and falls > 0.0 > rises, (
         f"derived G = {derived}, the printed one is its negative; leaning by {lean:g} rad the trunk "
@@ -166,9 +167,7 @@ def _equation_12() -> tuple[bool, str]:
         x, theta, x_dot, theta_dot = rng.uniform(-2.0, 2.0, 4).tolist()
         a, v, g = (np.asarray(part, dtype=float) for part in parts(x, theta, x_dot, theta_dot))
         u = np.array([[0.0], [3.0]])
-        truth = np.array(
-            accelerations(PlantState(x, theta, x_dot, theta_dot), 0.0, 3.0, PlantParameters())
-        )
+        truth = np.array(accelerations(PlantState(x, theta, x_dot, theta_dot), 0.0, 3.0, Body()))
         right = max(right, float(np.max(np.abs(np.linalg.solve(a, u - v - g)[:, 0] - truth))))
         wrong = max(wrong, float(np.max(np.abs(np.linalg.solve(a, v - g - u)[:, 0] - truth))))
     return right < 1e-9 < wrong, (
@@ -178,7 +177,7 @@ def _equation_12() -> tuple[bool, str]:
 
 
 def _negative_gains() -> tuple[bool, str]:
-    lin = linearise(PlantParameters())
+    lin = linearise(Body())
 
     def fastest(gain: float) -> float:
         return float(np.max(np.roots([1.0, 0.0, lin.b * gain - lin.a]).real))
@@ -241,7 +240,7 @@ def _pulse() -> tuple[bool, str]:
 
 
 def _no_ultimate_gain() -> tuple[bool, str]:
-    lin = linearise(PlantParameters())
+    lin = linearise(Body())
     weight = lin.a / lin.b
     gains = np.geomspace(1.02 * weight, 1e4, 60)
     real = max(float(np.max(np.abs(np.roots([1.0, 0.0, lin.b * k - lin.a]).real))) for k in gains)

@@ -32,30 +32,45 @@ from trunk_sim.disturbance_config import DisturbanceConfig
 
 from .files import PlanError, find_file, parse_setting, scenario_layers
 from .nodes import CONTROLLERS, NODES, declared_names
+from .timeline import Change, Timeline
 from .turns import Swap, turns_of
 
 
 @dataclass(frozen=True)
 class RunPlan:
-    """Everything that decides a run; ``disturbance`` is None where nothing disturbs.
+    """Everything that decides a run: resolved configurations, and what happens when.
 
-    ``successors`` are the controllers that take turns with the first, by their ``active.times``.
+    Plans, offline runs, replays, runs like a recorded one and sweeps share it.
     """
 
     scenario: str
-    controller_name: str
     simulator: SimulatorConfig
-    controller: ControllerConfig
-    disturbance: DisturbanceConfig | None
+    controllers: Mapping[str, ControllerConfig]  # by node name, the first to act first
+    disturbance: DisturbanceConfig | None  # None: nothing disturbs
     recorder: RecorderConfig
     warnings: tuple[str, ...] = ()
     namespace: str = ""  # of all nodes: empty, or "/name"
-    successors: Mapping[str, ControllerConfig] = field(default_factory=dict)
+    # What came from outside while a recorded run went on: changes by node, references [rad] by stamp.
+    changes: Mapping[str, Sequence[Change]] = field(default_factory=dict)
+    references: Mapping[int, float] = field(default_factory=dict)
 
     @property
-    def controllers(self) -> dict[str, ControllerConfig]:
-        """The configurations of all controllers, the first to act first."""
-        return {self.controller_name: self.controller, **self.successors}
+    def controller_name(self) -> str:
+        """The controller that acts first."""
+        return next(iter(self.controllers))
+
+    @property
+    def controller(self) -> ControllerConfig:
+        """The configuration of the controller that acts first."""
+        return self.controllers[self.controller_name]
+
+    def with_controller(self, config: ControllerConfig) -> RunPlan:
+        """Return the plan with another configuration of the controller that acts first."""
+        return with_values(self, controllers={**self.controllers, self.controller_name: config})
+
+    def timeline(self, node: str) -> Timeline:
+        """Return a node's configuration and what becomes of it."""
+        return Timeline(self.configs[node], self.changes.get(node, ()))
 
     @property
     def turns(self) -> str:
@@ -128,14 +143,12 @@ def make_plan(
     return _checked(
         RunPlan(
             scenario=name,
-            controller_name=controller,
             simulator=with_values(
                 simulator,
                 wait_for=(*participants, "recorder"),
                 controllers=tuple(node for node, c in controllers.items() if c.active_times),
             ),
-            controller=controllers.pop(controller),
-            successors=controllers,
+            controllers=controllers,
             disturbance=disturbance if disturbance.active else None,
             recorder=with_values(
                 _build("recorder", layers, namespace),
@@ -204,11 +217,11 @@ def _checked(plan: RunPlan) -> RunPlan:
                     f"{name}: joint {joint!r} is none of the simulator's "
                     f"joints: {', '.join(plan.simulator.joints)}"
                 )
-    _check_turns(plan)
+    check_turns(plan)
     return with_values(plan, warnings=tuple(_advice(plan)))
 
 
-def _check_turns(plan: RunPlan) -> None:
+def check_turns(plan: RunPlan) -> None:
     """Raise PlanError where not exactly one controller acts at each time of the run."""
     end = plan.simulator.duration or inf
     turns = {name: c.active_times_ns for name, c in plan.controllers.items()}
@@ -226,7 +239,7 @@ def _advice(plan: RunPlan) -> Iterable[str]:
 
     ``Kd h < 2 m l^2 M / (M + m)``: the torque of one sample must not overturn the rate that it damps.
     """
-    plant = plan.simulator.plant
+    plant = plan.simulator.body
     inertia = plant.trunk_mass * plant.length**2
     if not plant.prescribed:
         inertia *= plant.hip_mass / (plant.hip_mass + plant.trunk_mass)

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from itertools import compress, pairwise
 from typing import Any, Protocol
 
-from trunk_control.controller import Controller, Seen
+from trunk_control.controller import Controller
 from trunk_control.controller_config import ControllerConfig
 from trunk_msgs_util.parameters.declarations import Value, build, values_of
-from trunk_msgs_util.recording.reader import Recording
-
-from .nodes import CONTROLLERS
 
 RESET, ACTIVATED, DEACTIVATED = "reset", "activated", "deactivated"
 
@@ -43,9 +39,12 @@ class Timeline:
         self,
         config: Any,
         changes: Iterable[Change] = (),
-        seen: Callable[[int], Seen | None] = lambda _stamp_ns: None,
+        seen: Callable[[int], float | None] = lambda _stamp_ns: None,
     ) -> None:
-        """``seen`` returns what a controller saw at a stamp, where it becomes active after it."""
+        """``seen`` returns the angle [rad] that a controller saw at a stamp, after which it became active.
+
+        A controller that is shown every state does not need it.
+        """
         self.config = config
         self._seen = seen
         # The next one last; those between the same two states in their order.
@@ -66,7 +65,10 @@ class Timeline:
                     target.reset()
             elif isinstance(target, Controller):
                 if change.event == ACTIVATED:
-                    target.activate(self._seen(change.stamp_ns))
+                    position = self._seen(change.stamp_ns)
+                    if position is not None:
+                        target.see(change.stamp_ns, position)
+                    target.activate()
                 else:
                     target.deactivate()
         return applied
@@ -76,26 +78,3 @@ def begins_active(config: ControllerConfig, changes: Iterable[Change]) -> bool:
     """Return True where a controller acts from the first state on, and no event is there to say so."""
     told = any(change.event == ACTIVATED for change in changes)
     return config.autostart and not config.active_times and not told
-
-
-def changes_of(recording: Recording, node: str) -> list[Change]:
-    """Return a node's changes of parameters and resets, and a controller's turns."""
-    name = recording.topic(node)
-    changes = [
-        Change(change.stamp_ns, change.changed)
-        for change in recording.parameter_changes()
-        if change.node == name
-    ]
-    # The plant's own turns are pauses: simulated time stands still in them.
-    wanted = (RESET, ACTIVATED, DEACTIVATED) if node in CONTROLLERS else (RESET,)
-    events = [
-        Change(event.stamp_ns, None, event.message)
-        for event in recording.events()
-        if event.node == name and event.message in wanted
-    ]
-    # A controller that joins a run under way says so a second time: it is active from there on.
-    stays = [
-        not (one.event == after.event == ACTIVATED and one.stamp_ns < after.stamp_ns)
-        for one, after in pairwise(events)
-    ]
-    return [*changes, *compress(events, [*stays, True])]

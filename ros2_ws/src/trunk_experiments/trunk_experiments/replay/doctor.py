@@ -16,7 +16,8 @@ from trunk_msgs_util.units import period_ns as period_of
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
-from ..plans.timeline import DEACTIVATED, changes_of
+from ..plans.timeline import DEACTIVATED
+from .record import RecordedRun
 
 __all__ = ["ERROR", "INFO", "WARNING", "Finding", "examine"]
 
@@ -118,7 +119,9 @@ def _turns(recording: Recording, controller: str | None, stamps: Integers) -> li
     """Return the stamps of each of a controller's turns: it has nothing to say between them."""
     ends = [
         change.stamp_ns
-        for change in (changes_of(recording, controller) if controller in CONTROLLERS else ())
+        for change in (
+            RecordedRun(recording).changes(controller) if controller in CONTROLLERS else ()
+        )
         if change.event == DEACTIVATED
     ]
     return np.split(stamps, np.searchsorted(stamps, sorted(ends), side="right"))

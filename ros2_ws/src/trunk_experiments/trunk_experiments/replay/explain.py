@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from trunk_control.config import FuzzyPidConfig
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.fuzzy import fired_rules
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.pid import PidState, Terms
 from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util import topics
@@ -18,7 +18,8 @@ from trunk_sim.disturbances import Disturbance
 from ..analysis.run_table import RunTable
 from ..plans.nodes import CONTROLLERS
 from .bits import same
-from .replay import DrivenController, Messages, in_turn
+from .record import JointTable, RecordedRun
+from .replay import DrivenController, acting_at, in_turn
 
 
 class Rule(NamedTuple):
@@ -106,14 +107,15 @@ def explain(recording: Recording, at: float) -> Explanation:
 
     Raises RecordingError where the run has no such command or its controller is not known.
     """
-    names = [name for name in recording.controllers if name in CONTROLLERS]
+    run = RecordedRun(recording)
+    names = [name for name in run.controllers if name in CONTROLLERS]
     if not names:
         raise RecordingError(
             f"{recording.path}: no controller of {', '.join(CONTROLLERS)} was recorded: "
             "there is no torque to explain"
         )
     for name in names:
-        if recording.topic(name) not in recording.parameters():
+        if name not in run.parameters:
             raise RecordingError(
                 f"{recording.path}: no parameters of {name} recorded: record them too"
             )
@@ -123,12 +125,12 @@ def explain(recording: Recording, at: float) -> Explanation:
             f"{recording.path} lasts from t = {table.t[0]:g} s to t = {table.t[-1]:g} s: "
             f"give --at a time in it, not {at:g}"
         )
-    commands = Messages(recording, topics.EFFORT_COMMAND)
+    commands = run.table(topics.EFFORT_COMMAND)
     # Of several that took turns, whoever updated last.
     updates = {
         name: found
         for name in names
-        if (found := _last_update(recording, name, nanoseconds(at), commands)) is not None
+        if (found := _last_update(run, name, nanoseconds(at), commands)) is not None
     }
     if not updates:
         raise RecordingError(
@@ -151,7 +153,7 @@ def explain(recording: Recording, at: float) -> Explanation:
         rules=_rules(terms, config) if isinstance(config, FuzzyPidConfig) else (),
         limits=(config.u_clamp_min, config.u_clamp_max),
         windup=_windup(update),
-        disturbance=_acting(recording, update.stamp_ns),
+        disturbance=acting_at(run.table(topics.DISTURBANCE), update.stamp_ns),
         true_angle=float(table.theta[at_update]),
         took_over=update.took_over,
         recorded=commands.get(update.stamp_ns, "effort")[0],
@@ -159,12 +161,12 @@ def explain(recording: Recording, at: float) -> Explanation:
     )
 
 
-def _last_update(recording: Recording, name: str, at_ns: int, commands: Messages) -> _Update | None:
+def _last_update(run: RecordedRun, name: str, at_ns: int, commands: JointTable) -> _Update | None:
     """Return a controller's last update at or before a stamp; None where there is none."""
-    driven = DrivenController(recording, name)
+    driven = DrivenController(run, name)
     found: _Update | None = None
     last_ns = 0
-    for stamp_ns in in_turn(commands.stamps, recording.controllers):
+    for stamp_ns in in_turn(commands.stamps, run.controllers):
         if stamp_ns > at_ns:
             break
         state = driven.state(stamp_ns)
@@ -173,7 +175,7 @@ def _last_update(recording: Recording, name: str, at_ns: int, commands: Messages
         before, takes_over = driven.controller.state, driven.controller.takes_over
         answer = driven.answer(stamp_ns)
         config = driven.timeline.config
-        if answer.terms is not None:
+        if answer.fresh:
             # Not started: the first update of all, or the first after a reset.
             period_ns = stamp_ns - last_ns if before.started else config.period_ns
             last_ns = stamp_ns
@@ -216,12 +218,3 @@ def _windup(update: _Update) -> Windup:
         used = terms.i_term / terms.ki
     strategy = update.config.antiwindup_strategy
     return Windup(strategy, before, increment, used, update.after.integral)
-
-
-def _acting(recording: Recording, stamp_ns: int) -> Disturbance:
-    messages = Messages(recording, topics.DISTURBANCE)
-    if stamp_ns not in messages:
-        return Disturbance()
-    force, torque = messages.get(stamp_ns, "effort")
-    hip, trunk = messages.get(stamp_ns, "position")
-    return Disturbance(force, torque, hip, trunk)

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from itertools import pairwise, takewhile
+from itertools import takewhile
+
+import numpy as np
 
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
 from ..plans.timeline import DEACTIVATED
 from .bits import ulps
+from .record import RecordedRun
 from .replay import (
     ACTIVE_CONTROLLERS,
+    Checked,
     Difference,
-    Messages,
-    config_of,
-    in_turn,
     replay_controllers,
     replay_disturbance,
     replay_plant,
@@ -39,17 +41,12 @@ class Part:
     wrong_steps: int = 0
     first: list[Difference] = field(default_factory=list)
 
-    def check(self, replay: Iterable[tuple[int, list[Difference]]]) -> None:
-        """Take in all steps of a replay."""
-        for _, found in replay:
-            self.take(found)
-
-    def take(self, found: list[Difference]) -> None:
-        """Take in one step."""
-        self.steps += 1
-        if found:
+    def take(self, checked: Checked) -> None:
+        """Take in some steps."""
+        self.steps += checked.steps
+        if checked.found:
             self.wrong_steps += 1
-            self.first = self.first or found
+            self.first = self.first or list(checked.found)
 
 
 @dataclass
@@ -94,39 +91,41 @@ def describe(difference: Difference) -> str:
 
 def verify(recording: Recording) -> Verdict:
     """Return the verdict on a recording; damage and gaps are obstacles, never passed over."""
+    return verdict_on(RecordedRun(recording))
+
+
+def verdict_on(run: RecordedRun) -> Verdict:
+    """Return the verdict on a recorded run, as `verify`."""
+    recording = run.recording
     verdict = Verdict()
     verdict.obstacles += recording.warnings
     verdict.altered = recording.altered_topics()
     if recording.end is None:
         verdict.obstacles.append("no end marker: the recorder did not finish this file")
-    mode = recording.provenance.get("mode", "")
-    if not mode:
+    if not run.mode:
         verdict.obstacles.append("no provenance: the mode of the run is not known")
-    controllers = recording.controllers
-    if not controllers or not set(controllers) <= set(CONTROLLERS):
-        found = ", ".join(controllers) or "none"
+    if not run.controllers or not set(run.controllers) <= set(CONTROLLERS):
+        found = ", ".join(run.controllers) or "none"
         verdict.obstacles.append(f"no known controller's state is recorded (found: {found})")
         return verdict
-    nodes = {*controllers, "simulator"} | (
-        {"disturbance"} if _count(recording, topics.DISTURBANCE) else set()
+    nodes = {*run.controllers, "simulator"} | (
+        {"disturbance"} if run.count(topics.DISTURBANCE) else set()
     )
-    missing = nodes - {name.rsplit("/", 1)[-1] for name in recording.parameters()}
+    missing = nodes - set(run.parameters)
     if missing:
         verdict.obstacles.append(f"no parameters recorded of {', '.join(sorted(missing))}")
         return verdict
-    exact_time = mode in ("lockstep", "offline")
     try:
-        period_ns = config_of(recording, "simulator").period_ns
-        verdict.obstacles += _gaps(recording, period_ns, exact_time)
-        until_ns = _recorded_until_ns(recording)
+        verdict.obstacles += _gaps(run, run.config("simulator").period_ns)
+        until_ns = _recorded_until_ns(run)
         if until_ns is not None:
             verdict.obstacles.append(
                 f"the recorder was inactive from t = {seconds(until_ns):g} s: what came after is not judged"
             )
-        _recompute(recording, controllers, exact_time, verdict, until_ns)
+        verdict.parts += _recomputed(run, until_ns)
     except ParameterError as error:
         verdict.obstacles.append(f"recorded parameters cannot be used: {error}")
-    if not exact_time:
+    if not run.exact:
         verdict.notes.append(
             "real-time run: its states depend on the wall clock and are not recomputed"
         )
@@ -134,91 +133,92 @@ def verify(recording: Recording) -> Verdict:
     return verdict
 
 
-def _recorded_until_ns(recording: Recording) -> int | None:
+def _recorded_until_ns(run: RecordedRun) -> int | None:
     """Return the last stamp before the recorder became inactive; None where the run had ended by then."""
-    node = recording.topic("recorder")
-    turns = [e for e in recording.events() if e.node == node and e.message == DEACTIVATED]
-    stamps = Messages(recording, topics.EFFORT_COMMAND).stamps
-    if turns and turns[0].stamp_ns < max(stamps, default=0):
+    node = run.recording.topic("recorder")
+    turns = [e for e in run.events if e.node == node and e.message == DEACTIVATED]
+    stamps = run.table(topics.EFFORT_COMMAND).stamp_ns
+    if turns and len(stamps) and turns[0].stamp_ns < stamps.max():
         return turns[0].stamp_ns
     return None
 
 
-def _recompute(
-    recording: Recording,
-    controllers: list[str],
-    exact: bool,
-    verdict: Verdict,
-    until_ns: int | None,
-) -> None:
-    def judged(stamp_ns: int) -> bool:
-        return until_ns is None or stamp_ns <= until_ns
+def _recomputed(run: RecordedRun, until_ns: int | None) -> list[Part]:
+    def judged(replay: Iterable[Checked]) -> Iterable[Checked]:
+        return takewhile(lambda one: until_ns is None or one.stamp_ns <= until_ns, replay)
 
-    parts = {name: Part(f"commands of {name}") for name in controllers}
+    parts = {name: Part(f"commands of {name}") for name in run.controllers}
     nobodys = Part("commands without one active controller")
-    for name, stamp_ns, found in replay_controllers(recording, controllers):
-        if not judged(stamp_ns):
-            break
-        parts.get(name, nobodys).take(found)
-    verdict.parts += [*parts.values(), *([nobodys] if nobodys.steps else [])]
+    for checked in judged(replay_controllers(run, run.controllers)):
+        parts.get(checked.controller, nobodys).take(checked)
+    found = [*parts.values(), *([nobodys] if nobodys.steps else [])]
     replays = {}
-    if _count(recording, topics.DISTURBANCE):
-        replays["disturbances"] = replay_disturbance(recording)
-    if exact:
-        replays["states of the plant"] = replay_plant(recording)
+    if run.count(topics.DISTURBANCE):
+        replays["disturbances"] = replay_disturbance(run)
+    if run.exact:
+        replays["states of the plant"] = replay_plant(run)
     for name, replay in replays.items():
         part = Part(name)
-        part.check(takewhile(lambda step: judged(step[0]), replay))
-        verdict.parts.append(part)
+        for checked in judged(replay):
+            part.take(checked)
+        found.append(part)
+    return found
 
 
-def _count(recording: Recording, relative: str) -> int:
-    topic = recording.topics.get(recording.topic(relative))
-    return topic.count if topic else 0
-
-
-def _gaps(recording: Recording, period_ns: int, exact: bool) -> list[str]:
+def _gaps(run: RecordedRun, period_ns: int) -> list[str]:
     """Return what is wrong with the stamps of each topic, and of the topics against one another."""
-    found = []
-    truth = Messages(recording, topics.GROUND_TRUTH).stamps
-    wanted = set(truth)
-    for relative in (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.EFFORT_COMMAND):
-        stamps = Messages(recording, relative).stamps
-        if relative == topics.EFFORT_COMMAND:
-            stamps = list(in_turn(stamps, recording.controllers))
+    truth = run.table(topics.GROUND_TRUTH).stamp_ns
+    found = _missing(topics.GROUND_TRUTH, *_absent_steps(truth, period_ns))
+    for relative in (
+        topics.GROUND_TRUTH,
+        topics.JOINT_STATES,
+        topics.EFFORT_COMMAND,
+        topics.DISTURBANCE,
+    ):
+        if relative == topics.DISTURBANCE and not run.count(relative):
+            continue
+        stamps = run.table(relative).stamp_ns
+        if relative == topics.EFFORT_COMMAND and len(run.controllers) > 1:
+            stamps = np.sort(stamps)  # of several publishers a file keeps no order
         found += _disorder(relative, stamps)
-        if relative == topics.GROUND_TRUTH:
-            absent = sorted(set(range(0, (max(stamps, default=0)) + 1, period_ns)) - set(stamps))
-        elif exact or relative == topics.JOINT_STATES:
-            absent = sorted(wanted - set(stamps))
-        else:
-            absent = []
-        if absent:
-            found.append(
-                f"{relative}: {len(absent)} steps missing, the first at t = {seconds(absent[0]):g} s"
-            )
-    if _count(recording, topics.DISTURBANCE):
-        stamps = Messages(recording, topics.DISTURBANCE).stamps
-        found += _disorder(topics.DISTURBANCE, stamps)
-        absent = sorted(wanted - set(stamps)) if exact else []
-        if absent:
-            found.append(
-                f"{topics.DISTURBANCE}: {len(absent)} steps missing, "
-                f"the first at t = {seconds(absent[0]):g} s"
-            )
-    if not truth:
+        if run.exact or relative == topics.JOINT_STATES:
+            absent = np.setdiff1d(truth, stamps)
+            found += _missing(relative, len(absent), int(absent[0]) if len(absent) else 0)
+    if not len(truth):
         found.append(f"{topics.GROUND_TRUTH}: no messages")
     return found
 
 
-def _disorder(relative: str, stamps: list[int]) -> list[str]:
-    for before, after in pairwise(stamps):
-        if after == before:
-            return [f"{relative}: the stamp t = {seconds(after):g} s stands twice"]
-        if after < before:
-            there_and_back = f"from t = {seconds(before):g} s to t = {seconds(after):g} s"
-            return [f"{relative}: stamps run back, {there_and_back}"]
-    return []
+def _absent_steps(stamps: Integers, period_ns: int) -> tuple[int, int]:
+    """Return how many multiples of the period up to the last stamp are not there, and the first, in ns.
+
+    The work is bounded by the number of stamps, whatever they say.
+    """
+    if not len(stamps):
+        return 0, 0
+    steps = np.unique(stamps[(stamps >= 0) & (stamps % period_ns == 0)] // period_ns)
+    wanted = int(stamps.max()) // period_ns + 1
+    gaps = np.flatnonzero(steps != np.arange(len(steps)))
+    first = int(gaps[0]) if len(gaps) else len(steps)
+    return max(wanted - len(steps), 0), first * period_ns
+
+
+def _missing(relative: str, count: int, first_ns: int) -> list[str]:
+    if not count:
+        return []
+    return [f"{relative}: {count} steps missing, the first at t = {seconds(first_ns):g} s"]
+
+
+def _disorder(relative: str, stamps: Integers) -> list[str]:
+    steps = np.diff(stamps)
+    places = np.flatnonzero(steps <= 0)
+    if not len(places):
+        return []
+    before, after = (int(stamps[places[0] + i]) for i in (0, 1))
+    if after == before:
+        return [f"{relative}: the stamp t = {seconds(after):g} s stands twice"]
+    there_and_back = f"from t = {seconds(before):g} s to t = {seconds(after):g} s"
+    return [f"{relative}: stamps run back, {there_and_back}"]
 
 
 def _platform(recording: Recording) -> list[str]:

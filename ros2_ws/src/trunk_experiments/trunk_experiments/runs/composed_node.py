@@ -4,25 +4,27 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from typing import Any
 
+from trunk_control.laws import CONTROLLERS, law_named
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.run import run_nodes
 
+from ..plans.nodes import NODES
+
 _CLASSES = {
     "recorder": ("trunk_msgs_util.node.recorder_node", "RecorderNode"),
-    "pid": ("trunk_control.pid_node", "PidNode"),
-    "fuzzy_pid": ("trunk_control.fuzzy_pid_node", "FuzzyPidNode"),
-    "lqr": ("trunk_control.lqr_node", "LqrNode"),
-    "computed_torque": ("trunk_control.computed_torque_node", "ComputedTorqueNode"),
     "disturbance": ("trunk_sim.disturbance_node", "DisturbanceNode"),
     "simulator": ("trunk_sim.simulator_node", "SimulatorNode"),
 }
 
 
-def node_class(name: str) -> Callable[[], TrunkNode[Any]]:
-    """Return the class of a node by its name."""
+def node_maker(name: str) -> Callable[[], TrunkNode[Any]]:
+    """Return what makes a node, by its name."""
+    if name in CONTROLLERS:
+        return partial(import_module("trunk_control.controller_node").ControllerNode, law_named(name))
     module, cls = _CLASSES[name]
     found: Callable[[], TrunkNode[Any]] = getattr(import_module(module), cls)
     return found
@@ -32,11 +34,11 @@ def main() -> None:
     """Run the nodes named before ``--ros-args``, the recorder first."""
     split = sys.argv.index("--ros-args") if "--ros-args" in sys.argv else len(sys.argv)
     names = sys.argv[1:split]
-    unknown = [name for name in names if name not in _CLASSES]
+    unknown = [name for name in names if name not in NODES]
     if unknown or not names:
         print(
-            f"composed: error: give nodes, of {', '.join(_CLASSES)}; not {', '.join(unknown) or 'none'}",
+            f"composed: error: give nodes, of {', '.join(NODES)}; not {', '.join(unknown) or 'none'}",
             file=sys.stderr,
         )
         sys.exit(2)
-    sys.exit(run_nodes({name: node_class(name) for name in names}, "composed"))
+    sys.exit(run_nodes({name: node_maker(name) for name in names}, "composed"))

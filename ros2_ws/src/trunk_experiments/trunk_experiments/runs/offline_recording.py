@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from trunk_control.decide import state_record
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
@@ -16,14 +17,12 @@ from trunk_sim.disturbances import disturbance_sample
 from trunk_sim.simulation import DivergedError
 
 from ..plans.nodes import NODES
-from .offline import Happenings, Step, disturbance_source, steps
+from .offline import Step, disturbance_source, steps
 from ..plans.plan import RunPlan
 from ..plans.timeline import ACTIVATED, DEACTIVATED, Change
 
 
-def record_offline(
-    plan: RunPlan, path: Path, overwrite: bool = False, happenings: Happenings | None = None
-) -> int:
+def record_offline(plan: RunPlan, path: Path, overwrite: bool = False) -> int:
     """Run the plan and write its recording; return the number of states.
 
     Raises DivergedError (the file then ends, marked incomplete, with the last finite state), and OSError
@@ -31,10 +30,10 @@ def record_offline(
     """
     diverged = None
     with whole_file(path, overwrite=overwrite) as part, RecordingWriter(part) as writer:
-        run = _OfflineRecorder(plan, writer, happenings or Happenings())
+        run = _OfflineRecorder(plan, writer)
         run.open()
         try:
-            for step in steps(plan, happenings):
+            for step in steps(plan):
                 run.write(step)
         except DivergedError as error:
             diverged = error
@@ -53,15 +52,14 @@ def record_offline(
 class _OfflineRecorder:
     """Says in a recording what the nodes would have said, stamped and logged in simulated time."""
 
-    def __init__(self, plan: RunPlan, writer: RecordingWriter, happenings: Happenings) -> None:
+    def __init__(self, plan: RunPlan, writer: RecordingWriter) -> None:
         self._plan = plan
         self._writer = writer
         self._channels = {
             topic: writer.channel("/" + topic, type_name)
             for topic, type_name in topics.evidence_types(tuple(plan.controllers)).items()
         }
-        self._acting = disturbance_source(plan, happenings)
-        self._happenings = happenings
+        self._acting = disturbance_source(plan)
         self._last_ns = -1
         self.states = 0
 
@@ -93,7 +91,7 @@ class _OfflineRecorder:
         for name, config in plan.configs.items():
             if name != "recorder":
                 self._parameters(0, name, values_of(config), {})
-        for name, changes in self._happenings.changes.items():
+        for name, changes in plan.changes.items():
             for change in changes:
                 self._change(name, change)
         self._event("started", {"rate": str(plan.simulator.update_rate)})
@@ -127,9 +125,8 @@ class _OfflineRecorder:
         self._sample(topics.JOINT_STATES, step.measured)
         command = JointSample(stamp_ns, (controller.joint,), effort=(answer.effort,))
         self._sample(topics.EFFORT_COMMAND, command)
-        if answer.terms is not None:
-            index = joints.index(controller.joint)
-            values = (answer.reference, step.measured.position[index], *answer.terms)
+        if answer.fresh:
+            values = state_record(answer, step.measured.position[joints.index(controller.joint)])
             self._sample(
                 topics.controller_state(step.controller),
                 JointSample(stamp_ns, topics.STATE_NAMES, position=values),

@@ -133,7 +133,7 @@ def plan_of(study: Study, bases: Bases, row: Row) -> RunPlan:
     return replace(
         base.plan,
         simulator=made["simulator"],
-        controller=made["controller"],
+        controllers={base.plan.controller_name: made["controller"]},
         disturbance=disturbance if disturbance.active else None,
     )
 

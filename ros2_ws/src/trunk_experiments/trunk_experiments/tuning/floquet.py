@@ -10,21 +10,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from math import pi
+from math import inf, nan, pi
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from trunk_control.pid import PidState, pid_update
+from trunk_control.computed_torque import Hip
+from trunk_control.law import Sample, Update
+from trunk_control.laws import law_named
+from trunk_control.pid import PidLaw, PidState
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds
 from trunk_sim.disturbances import Disturbance
-from trunk_sim.integrator import advance
 from trunk_sim.plant import PlantState
-from trunk_sim.sensors import SensorParameters, measure
-from trunk_sim.simulation import saturate
+from trunk_sim.step import Plant, SensorParameters, act, at_rest, sense
 
-from ..batch.closed_loop import LAWS, Setting, Update, constants_of, setting_of
+from ..batch.closed_loop import with_arrays
 from ..batch.compiled import compiled
 from ..plans.files import PlanError
 from ..plans.plan import RunPlan
@@ -36,7 +37,25 @@ _MOST_STEPS = 1_000_000  # of a period
 
 _QUIET = Disturbance()
 _SENSOR = SensorParameters(0.0, 0.0, 0.0, 0.0)
-update: Update = pid_update  # bound to another law's in that law's twin
+
+
+class SampledLoop(NamedTuple):
+    """Plant and sampled law, without what a small error does not meet: limits of the actuator, falls."""
+
+    plant: Plant
+    law: PidLaw
+    period_ns: int
+    control_period_ns: int
+
+
+class Workspace(NamedTuple):
+    """Arrays that the linearisation works in: compiled code allocates nothing."""
+
+    z: Floats
+    above: Floats
+    below: Floats
+    jacobian: Floats
+    new: Floats
 
 
 class Floquet(NamedTuple):
@@ -48,106 +67,131 @@ class Floquet(NamedTuple):
     growth: float
 
 
-def sample(
-    z: Floats, x: float, v: float, due: bool, s: Setting, constants: Any, out: Floats
-) -> None:
-    """Write the loop's state one period after ``z``: `_INPUTS` numbers in, `_OUTPUTS` out."""
-    memory = PidState(z[4], z[5], z[6], z[7], z[8], True)
-    measured = measure(PlantState(x, z[2], v, z[3]), _QUIET, 0.0, 0.0, _SENSOR)
-    if due:
-        dt = seconds(s.control_period_ns)
-        memory, _ = update(memory, 0.0, measured.theta, measured.theta_dot, dt, *constants)
-    torque = saturate(memory.effort, s.max_effort)
-    state = advance(
-        PlantState(x, z[0], v, z[1]), 0.0, torque, seconds(s.period_ns), s.substeps, s.plant
-    )
-    out[0], out[1], out[2], out[3] = state.theta, state.theta_dot, memory.integral, memory.error
-    out[4], out[5], out[6] = memory.measurement, memory.derivative, memory.effort
+def monodromy_of(update: Update) -> Callable[..., int]:
+    """Return the function that linearises a loop with this law's update over one period."""
 
+    def sample(
+        z: Floats, x: float, v: float, due: bool, s: SampledLoop, constants: Any, out: Floats
+    ) -> None:
+        """Write the loop's state one period after ``z``: `_INPUTS` numbers in, `_OUTPUTS` out."""
+        memory = PidState(z[4], z[5], z[6], z[7], z[8], True)
+        measured = sense(PlantState(x, z[2], v, z[3]), _QUIET, 0.0, 0.0, _SENSOR)
+        if due:
+            dt = seconds(s.control_period_ns)
+            hip = Hip(measured.x, measured.x_dot)
+            read = Sample(0.0, measured.theta, measured.theta_dot, dt, hip)
+            memory, _ = update(memory, read, constants, s.law)
+        trunk = act(at_rest(PlantState(x, z[0], v, z[1]), s.plant), memory.effort, _QUIET, s.plant)
+        state = trunk.state
+        out[0], out[1], out[2], out[3] = state.theta, state.theta_dot, memory.integral, memory.error
+        if trunk.diverged:
+            out[0], out[1] = nan, nan
+        out[4], out[5], out[6] = memory.measurement, memory.derivative, memory.effort
 
-def monodromy_loop(
-    v: float, steps: int, every: int, s: Setting, constants: Any, now: Floats, past: Floats
-) -> int:
-    """Multiply the linearised samples of one period onto ``now`` [7, n] and ``past`` [d, 2, n].
+    def monodromy_loop(
+        v: float,
+        steps: int,
+        every: int,
+        s: SampledLoop,
+        constants: Any,
+        now: Floats,
+        past: Floats,
+        workspace: Workspace,
+    ) -> int:
+        """Multiply the linearised samples of one period onto ``now`` [7, n] and ``past`` [d, 2, n].
 
-    ``past`` holds angle and rate of the last d samples in a ring. Returns the slot of the oldest.
-    """
-    size = now.shape[1]
-    delay = past.shape[0]
-    z = np.zeros(_INPUTS)
-    above = np.zeros(_OUTPUTS)
-    below = np.zeros(_OUTPUTS)
-    jacobian = np.zeros((_OUTPUTS, _INPUTS))
-    new = np.zeros((_OUTPUTS, size))
-    slot = 0
-    for k in range(steps):
-        x = v * seconds(k * s.period_ns)
-        for column in range(_INPUTS):
-            z[column] = _STEP
-            sample(z, x, v, k % every == 0, s, constants, above)
-            z[column] = -_STEP
-            sample(z, x, v, k % every == 0, s, constants, below)
-            z[column] = 0.0
+        ``past`` holds angle and rate of the last d samples in a ring. Returns the slot of the oldest.
+        """
+        size = now.shape[1]
+        delay = past.shape[0]
+        z, above, below, jacobian, new = workspace
+        slot = 0
+        for k in range(steps):
+            x = v * seconds(k * s.period_ns)
+            for column in range(_INPUTS):
+                z[column] = _STEP
+                sample(z, x, v, k % every == 0, s, constants, above)
+                z[column] = -_STEP
+                sample(z, x, v, k % every == 0, s, constants, below)
+                z[column] = 0.0
+                for row in range(_OUTPUTS):
+                    jacobian[row, column] = (above[row] - below[row]) / (2.0 * _STEP)
+            for j in range(size):
+                theta, rate = now[0, j], now[1, j]
+                seen_theta, seen_rate = theta, rate
+                if delay:
+                    seen_theta, seen_rate = past[slot, 0, j], past[slot, 1, j]
+                    past[slot, 0, j], past[slot, 1, j] = theta, rate
+                for row in range(_OUTPUTS):
+                    total = jacobian[row, 0] * theta + jacobian[row, 1] * rate
+                    total += jacobian[row, 2] * seen_theta + jacobian[row, 3] * seen_rate
+                    for column in range(4, _INPUTS):
+                        total += jacobian[row, column] * now[column - 2, j]
+                    new[row, j] = total
             for row in range(_OUTPUTS):
-                jacobian[row, column] = (above[row] - below[row]) / (2.0 * _STEP)
-        for j in range(size):
-            theta, rate = now[0, j], now[1, j]
-            seen_theta, seen_rate = theta, rate
+                for j in range(size):
+                    now[row, j] = new[row, j]
             if delay:
-                seen_theta, seen_rate = past[slot, 0, j], past[slot, 1, j]
-                past[slot, 0, j], past[slot, 1, j] = theta, rate
-            for row in range(_OUTPUTS):
-                total = jacobian[row, 0] * theta + jacobian[row, 1] * rate
-                total += jacobian[row, 2] * seen_theta + jacobian[row, 3] * seen_rate
-                for column in range(4, _INPUTS):
-                    total += jacobian[row, column] * now[column - 2, j]
-                new[row, j] = total
-        now[:, :] = new
-        if delay:
-            slot = (slot + 1) % delay
-    return slot
+                slot = (slot + 1) % delay
+        return slot
+
+    monodromy_loop.__name__ = monodromy_loop.__qualname__ = f"monodromy_{update.__module__}"
+    return monodromy_loop
+
+
+def workspace_of(size: int) -> Workspace:
+    """Return the arrays for a loop with this many states."""
+    return Workspace(
+        np.zeros(_INPUTS),
+        np.zeros(_OUTPUTS),
+        np.zeros(_OUTPUTS),
+        np.zeros((_OUTPUTS, _INPUTS)),
+        np.zeros((_OUTPUTS, size)),
+    )
 
 
 @cache
 def _compiled(controller: str) -> Callable[..., int]:
-    if controller not in LAWS:
-        raise PlanError(
-            f"controller {controller!r}: no Floquet multipliers; there are {', '.join(LAWS)}"
-        )
-    law = LAWS[controller][0]
-    return compiled(monodromy_loop, f"monodromy_{controller}", update=law)
+    return compiled(monodromy_of(law_named(controller).update))
 
 
 def floquet(plan: RunPlan) -> Floquet:
     """Return a plan's multipliers, its hip prescribed at its initial speed.
 
     The period is rounded to whole control periods and the speed with it. A hip that is not shaken (speed,
-    amplitude or wave number 0) gives one control period. Raises PlanError for a law without a twin.
+    amplitude or wave number 0) gives one control period. Raises PlanError for a period that is too long.
     """
-    setting = setting_of(plan)
-    plant = setting.plant._replace(prescribed=True)
-    setting = setting._replace(plant=plant, max_effort=float("inf"))
-    every = max(1, round(setting.control_period_ns / setting.period_ns))
-    control_period = seconds(every * setting.period_ns)
-    speed = abs(setting.initial.x_dot)
+    simulator, config = plan.simulator, plan.controller
+    plant = simulator.plant
+    body = plant.body._replace(prescribed=True)
+    loop = SampledLoop(
+        plant._replace(body=body, max_effort=inf, fall_angle=inf),
+        config.law,
+        simulator.period_ns,
+        config.period_ns,
+    )
+    every = max(1, round(loop.control_period_ns / loop.period_ns))
+    control_period = seconds(every * loop.period_ns)
+    speed = abs(simulator.initial_state.x_dot)
     steps = every
-    if speed * plant.wavenumber * abs(plant.amplitude) > 0.0:
-        steps = max(1, round(2.0 * pi / (plant.wavenumber * speed) / control_period)) * every
+    if speed * body.wavenumber * abs(body.amplitude) > 0.0:
+        steps = max(1, round(2.0 * pi / (body.wavenumber * speed) / control_period)) * every
         if steps > _MOST_STEPS:
             raise PlanError(f"{steps} samples in one period of the hip: it hardly moves")
-        speed = 2.0 * pi / (plant.wavenumber * seconds(steps * setting.period_ns))
-    delay = setting.delay_steps
+        speed = 2.0 * pi / (body.wavenumber * seconds(steps * loop.period_ns))
+    delay = simulator.delay_steps
     size = _OUTPUTS + 2 * delay
     identity = np.eye(size)
     now = np.ascontiguousarray(identity[:_OUTPUTS])
     past = np.ascontiguousarray(identity[_OUTPUTS:].reshape(delay, 2, size))
+    constants = tuple(with_arrays(one) for one in config.constants)
     slot = _compiled(plan.controller_name)(
-        speed, steps, every, setting, constants_of(plan), now, past
+        speed, steps, every, loop, constants, now, past, workspace_of(size)
     )
     matrix = np.vstack([now, np.roll(past, -slot, axis=0).reshape(2 * delay, size)])
-    period = seconds(steps * setting.period_ns)
+    period = seconds(steps * loop.period_ns)
     if not np.all(np.isfinite(matrix)):
-        return Floquet(np.full(size, np.inf), period, float("inf"), float("inf"))
+        return Floquet(np.full(size, np.inf), period, inf, inf)
     multipliers = np.linalg.eigvals(matrix)
     radius = float(np.max(np.abs(multipliers)))
     return Floquet(multipliers, period, radius, radius ** (1.0 / period))

@@ -13,8 +13,9 @@ import numpy.typing as npt
 from scipy.linalg import expm
 
 from trunk_control.pid import Gains
+from trunk_msgs_util.mechanics import Body
 from trunk_msgs_util.recording.joint_arrays import Floats
-from trunk_sim.plant import PlantParameters, PlantState, accelerations
+from trunk_sim.plant import PlantState, accelerations
 
 Complexes = npt.NDArray[np.complex128]
 _SMALL = 1e-6  # rad: the error of the difference quotient is of the order of its square
@@ -37,7 +38,7 @@ class Linear(NamedTuple):
         return a[:2, :2], a[:2, 2:]
 
 
-def linearise(plant: PlantParameters) -> Linear:
+def linearise(plant: Body) -> Linear:
     """Return the plant's linearisation at theta = 0 with a hip that moves uniformly on level ground."""
     p = plant._replace(prescribed=True, as_printed=False, amplitude=0.0)
 

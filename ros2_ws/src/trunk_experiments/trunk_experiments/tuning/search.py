@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace as with_values
 from math import log10
 from typing import Any, NamedTuple
 
@@ -112,7 +111,7 @@ def search(
         total = 0.0
         for plan in plans:
             runs += 1
-            found = batch.run(with_values(plan, controller=tried)).metrics()
+            found = batch.run(plan.with_controller(tried)).metrics()
             value = None if found is None else getattr(found, metric)
             total += FAILED if value is None else abs(float(value))
         return total / len(plans)

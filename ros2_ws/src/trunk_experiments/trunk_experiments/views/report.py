@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from trunk_control.config import FuzzyPidConfig
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trunk_control.config import FuzzyPidConfig
 from trunk_control.fuzzy import fired_rules, infer
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_sim.config import SimulatorConfig
 
 from .run_view import Pulse, RunView, labels, off_scale

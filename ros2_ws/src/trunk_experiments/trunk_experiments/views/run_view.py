@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from trunk_control.config import FuzzyPidConfig, PidConfig
 from trunk_control.controller_config import ControllerConfig
-from trunk_control.model_config import ComputedTorqueConfig, LqrConfig
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.reader import Recording
@@ -23,15 +23,14 @@ from trunk_sim.disturbances import CHANNELS, pulse
 
 from ..analysis.run_table import RunTable
 from ..plans.nodes import CONTROLLERS
+from ..replay.record import RecordedRun
 from ..replay.recorded_turns import Turn, recorded_turns
-from ..replay.replay import config_of, timeline_of
 
 if TYPE_CHECKING:
     from trunk_msgs_util.parameters.declarations import Value
     from trunk_msgs_util.recording.joint_arrays import Floats, Integers, JointArrays
 
 _TURNS_IN_TITLE = 4  # more of them are not spelled out
-AS_PRINTED, ZIEGLER_NICHOLS = (60.0, 36.0, 400.0), (60.0, 100.0, 9.0)  # N m/rad and so on
 
 
 class Pulse(NamedTuple):
@@ -70,11 +69,12 @@ class RunView:
 
         Raises RecordingError where there are no true states.
         """
+        run = RecordedRun(recording)
         warnings = list(recording.warnings)
 
         def config(node: str) -> object:
             try:
-                return config_of(recording, node)
+                return run.config(node)
             except KeyError:
                 return None
             except ParameterError as error:
@@ -83,7 +83,7 @@ class RunView:
 
         controllers = {
             one: cast("ControllerConfig | None", config(one) if one in CONTROLLERS else None)
-            for one in recording.controllers
+            for one in run.controllers
         }
         fuzzy = [one for one, c in controllers.items() if isinstance(c, FuzzyPidConfig)]
         name = fuzzy[0] if fuzzy else recording.controller
@@ -100,7 +100,7 @@ class RunView:
             controllers=controllers,
             simulator=cast("SimulatorConfig | None", config("simulator")),
             disturbance=disturbance,
-            pulses=tuple(_pulses(recording, acting.stamp_ns)) if disturbance else (),
+            pulses=tuple(_pulses(run, acting.stamp_ns)) if disturbance else (),
             turns=recorded_turns(recording),
             warnings=tuple(warnings),
         )
@@ -148,26 +148,17 @@ class RunView:
 
 
 def _in_words(name: str, config: ControllerConfig | None) -> str:
-    if isinstance(config, PidConfig):
-        gains = tuple(config.gains)
-        if gains == AS_PRINTED:
-            return "PID (gains as printed)"
-        if gains == ZIEGLER_NICHOLS:
-            return "PID (Ziegler–Nichols)"
-        return "PID ({:g}, {:g}, {:g})".format(*gains)
-    if isinstance(config, FuzzyPidConfig):
-        other = config.rules != FuzzyPidConfig().rules
-        return "Fuzzy-PID (own rules)" if other else "Fuzzy-PID"
-    if isinstance(config, LqrConfig):
-        return "LQR"
-    if isinstance(config, ComputedTorqueConfig):
-        return "Computed torque"
-    return {"lqr": "LQR", "computed_torque": "Computed torque"}.get(name, name)
+    """Return a controller's label, and what its law says of its configuration: ``PID (60, 36, 9)``."""
+    if name not in CONTROLLERS:
+        return name
+    law = law_named(name)
+    more = law.describe(config) if law.describe is not None and config is not None else ""
+    return f"{law.label} ({more})" if more else law.label
 
 
-def _pulses(recording: Recording, stamps: Integers) -> list[Pulse]:
+def _pulses(run: RecordedRun, stamps: Integers) -> list[Pulse]:
     """Return the windows of the recorded stamps in which a pulse acted, changes of parameters and all."""
-    timeline = timeline_of(recording, "disturbance")
+    timeline = run.timeline("disturbance")
     signals = timeline.config.signals
     found: list[Pulse] = []
     open_since: tuple[int, str, float] | None = None

@@ -48,7 +48,7 @@ def end_by(end: Callable[[int], None]) -> None:
     unblock()
 
 
-def node(module: str) -> Callable[[], None]:
+def node(module: str, *arguments: str) -> Callable[[], None]:
     """Return the executable of a node: a signal before ``module.main`` takes them ends it with code 0.
 
     That is the code of a node that was told to end later on, too: it has done what it was told.
@@ -56,6 +56,6 @@ def node(module: str) -> Callable[[], None]:
 
     def main() -> None:
         end_by(lambda number: os._exit(0))  # nothing was begun: there is nothing to clean up
-        import_module(module).main()
+        import_module(module).main(*arguments)
 
     return main

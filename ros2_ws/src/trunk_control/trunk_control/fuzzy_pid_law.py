@@ -1,4 +1,4 @@
-"""Every parameter of the ``pid`` and the ``fuzzy_pid`` node, declared once."""
+"""The law ``fuzzy_pid``: its parameters, declared once, and its functions."""
 
 from __future__ import annotations
 
@@ -11,35 +11,11 @@ from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 from . import rule_tables
 from .controller_config import ControllerConfig
 from .fuzzy import FuzzyRules
-from .fuzzy_pid import GainBox
-from .pid import Gains
+from .fuzzy_pid import GainBox, fuzzy_pid_update, inferred_gains
+from .law import Law, Sample
+from .pid import Gains, PidLaw, PidState, Terms
 
 _EVEN_PEAKS = tuple(i / 3.0 for i in range(-3, 4))
-
-
-@dataclass(frozen=True)
-class PidConfig(ControllerConfig):
-    """Parameters of the ``pid`` node. The default gains are Ziegler-Nichols', Ku = 100, Tu = 1.2 s."""
-
-    p: float = parameter(
-        "gains.p", 60.0, "Proportional gain", unit="N m/rad", minimum=0.0, maximum=1e9
-    )
-    i: float = parameter(
-        "gains.i", 100.0, "Integral gain", unit="N m/(rad s)", minimum=0.0, maximum=1e9
-    )
-    d: float = parameter(
-        "gains.d", 9.0, "Derivative gain", unit="N m s/rad", minimum=0.0, maximum=1e9
-    )
-
-    @property
-    def gains(self) -> Gains:
-        """The gains."""
-        return Gains(self.p, self.i, self.d)
-
-    @property
-    def damping_gain(self) -> float:
-        """Kd."""
-        return self.d
 
 
 def _range_gain(name: str, default: float, description: str, unit: str) -> float:
@@ -156,3 +132,31 @@ class FuzzyPidConfig(ControllerConfig):
             rule_tables.centers(self.rules_alpha, self._centers_of("rules.alpha")),
             self.consequents == "log",
         )
+
+    @property
+    def constants(self) -> tuple[FuzzyRules, GainBox]:
+        """The rules and the ranges."""
+        return self.rules, self.box
+
+
+def update(
+    state: PidState, sample: Sample, constants: tuple[FuzzyRules, GainBox], law: PidLaw
+) -> tuple[PidState, Terms]:
+    """Return one update of `fuzzy_pid_update`."""
+    s = sample
+    return fuzzy_pid_update(
+        state, s.reference, s.measurement, s.rate, s.dt, constants[0], constants[1], law
+    )
+
+
+def gains(state: PidState, sample: Sample, constants: tuple[FuzzyRules, GainBox]) -> Gains:
+    """Return the gains that are inferred at the last error and its rate."""
+    return inferred_gains(state.error, state.derivative, constants[0], constants[1])[0]
+
+
+def describe(config: FuzzyPidConfig) -> str:
+    """Return whether the rules are the shipped ones."""
+    return "own rules" if config.rules != FuzzyPidConfig().rules else ""
+
+
+LAW = Law("fuzzy_pid", "Fuzzy-PID", FuzzyPidConfig, update, gains, describe)

@@ -1,0 +1,255 @@
+"""One step of a controller as a pure function: *decide* what a state is answered with.
+
+A controller has no clock of its own: it acts on the stamps of the states that it is given, at most
+at its ``update_rate``, and holds its command in between. One that becomes active while the plant moves
+takes over without a bump: its integral is set so that its first command is the torque that acts.
+
+Turns, due instants, time steps, the reference, taking over and holding are all inside. The nodes, the
+offline run, the replay and the compiled loop compose this function and no arithmetic of their own.
+
+Pure: functions of integers, floats and named tuples, which CPython runs and numba compiles unchanged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from trunk_msgs_util.units import seconds
+
+from .computed_torque import Hip
+from .law import Constants, Law, Sample, Update
+from .pid import Gains, PidLaw, PidState, Terms, limited, retune
+from .reference import TOPIC, ReferenceProfile, reference_at
+from .schedule import turn
+
+
+class Reading(NamedTuple):
+    """A state as one controller reads it."""
+
+    stamp_ns: int
+    position: float  # rad
+    velocity: float  # rad/s
+    hip: Hip = Hip()  # for laws that name the hip's joint
+    effort: float = 0.0  # N m, the torque that acts: from it a controller goes on that takes over
+    told: bool = False  # a reference has come by topic
+    reference: float = 0.0  # rad, the newest such one
+
+
+class Seen(NamedTuple):
+    """The last state that was followed, whether or not it was answered."""
+
+    stamp_ns: int = -1  # below 0: none was yet
+    position: float = 0.0  # rad
+
+
+class Setting(NamedTuple):
+    """What surrounds a law in one controller."""
+
+    law: PidLaw
+    profile: ReferenceProfile
+    turns_ns: Sequence[int]  # active from the 1st, inactive from the 2nd, ...; empty: always active
+    period_ns: int
+    due_after_ns: int  # an update is due so long after the last
+    handover_step: float  # N m
+
+
+class Memory(NamedTuple):
+    """A controller between two states."""
+
+    state: PidState  # the law's
+    sample: Sample  # the law's last
+    active: bool
+    begun: bool  # an update has been made since the last reset
+    updated_ns: int  # when
+    seen: Seen
+    takes_over: bool  # active since the plant moved, and no update yet
+    taken_from: Seen  # the state before
+    moving: bool  # the command has not met the law's own since it took over
+    moved_to: float  # N m, where it is
+
+
+class Answer(NamedTuple):
+    """What a controller makes of one state."""
+
+    active: bool  # False: it is not this controller's turn, and nothing else here counts
+    effort: float  # N m
+    fresh: bool  # True: the law was updated, and the terms are of this update
+    held: bool  # True: an update was due, but nothing finite came in or out
+    reference: float  # rad
+    terms: Terms
+
+
+_SAMPLE = Sample(0.0, 0.0, 0.0, 0.0, Hip(0.0, 0.0))
+_NEVER = Seen(-1, 0.0)
+NO_TERMS = Terms(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
+
+
+def fresh_memory(active: bool, seen: Seen, law: PidLaw) -> Memory:
+    """Return the memory after a reset: no integral, no past, a command of 0 within the limits."""
+    state = PidState(0.0, 0.0, 0.0, 0.0, limited(0.0, law), False)
+    return Memory(state, _SAMPLE, active, False, 0, seen, False, _NEVER, False, 0.0)
+
+
+def activated(memory: Memory, law: PidLaw) -> Memory:
+    """Return the memory of a controller that is to answer from the next state on.
+
+    Afresh; or, where a state was seen before, from the torque that acts. Active already: unchanged.
+    """
+    if memory.active:
+        return memory
+    m = fresh_memory(True, memory.seen, law)
+    takes_over = memory.seen.stamp_ns >= 0
+    return Memory(
+        m.state, m.sample, True, False, 0, m.seen, takes_over, memory.seen, m.moving, m.moved_to
+    )
+
+
+def deactivated(memory: Memory) -> Memory:
+    """Return the memory of a controller that leaves the plant to another."""
+    m = memory
+    return Memory(
+        m.state,
+        m.sample,
+        False,
+        m.begun,
+        m.updated_ns,
+        m.seen,
+        m.takes_over,
+        m.taken_from,
+        m.moving,
+        m.moved_to,
+    )
+
+
+def followed(memory: Memory, stamp_ns: int, position: float) -> Memory:
+    """Return the memory after a state that was seen, not answered."""
+    m = memory
+    return Memory(
+        m.state,
+        m.sample,
+        m.active,
+        m.begun,
+        m.updated_ns,
+        Seen(stamp_ns, position),
+        m.takes_over,
+        m.taken_from,
+        m.moving,
+        m.moved_to,
+    )
+
+
+def retuned(memory: Memory, law: Law, old: Constants, new: Constants, limits: PidLaw) -> Memory:
+    """Return the memory under new constants: the integral is rescaled, so that the command does not jump.
+
+    A command that is held is within the new limits at once.
+    """
+    gains_before = law.gains(memory.state, memory.sample, old)
+    gains_after = law.gains(memory.state, memory.sample, new)
+    state = retune(memory.state, gains_before, gains_after)
+    return memory._replace(state=state._replace(effort=limited(state.effort, limits)))
+
+
+def handover_law(law: PidLaw, effort: float, step: float) -> PidLaw:
+    """Return the law with its limits drawn in to ``effort`` +- ``step`` [N m], never beyond its own."""
+    return PidLaw(
+        law.derivative,
+        law.filter_time,
+        limited(effort - step, law),
+        limited(effort + step, law),
+        law.i_min,
+        law.i_max,
+        law.antiwindup,
+        law.tracking_time_constant,
+    )
+
+
+def decide(
+    memory: Memory, reading: Reading, setting: Setting, constants: Constants, update: Update
+) -> tuple[Memory, Answer]:
+    """Return the next memory and the answer to a state; ``update`` is the law's.
+
+    A stamp that runs back resets the controller: time began anew.
+    """
+    m, r, s = memory, reading, setting
+    wanted = turn(s.turns_ns, m.seen.stamp_ns, r.stamp_ns)
+    if wanted > 0:
+        m = activated(m, s.law)
+    elif wanted < 0:
+        m = deactivated(m)
+    if not m.active:
+        m = followed(m, r.stamp_ns, r.position)
+        return m, Answer(False, m.state.effort, False, False, 0.0, NO_TERMS)
+    if m.begun and r.stamp_ns < m.updated_ns:
+        m = fresh_memory(True, m.seen, s.law)
+    seen = Seen(r.stamp_ns, r.position)
+    if s.profile.kind == TOPIC and r.told:
+        reference = r.reference
+    else:
+        reference = reference_at(r.stamp_ns, s.profile)
+    if m.begun and r.stamp_ns - m.updated_ns < s.due_after_ns:
+        m = followed(m, r.stamp_ns, r.position)
+        return m, Answer(True, m.state.effort, False, False, reference, NO_TERMS)
+    step_ns = s.period_ns
+    if m.begun:
+        step_ns = r.stamp_ns - m.updated_ns
+    elif m.takes_over and r.stamp_ns > m.taken_from.stamp_ns:
+        step_ns = r.stamp_ns - m.taken_from.stamp_ns
+    sample = Sample(reference, r.position, r.velocity, seconds(step_ns), r.hip)
+    state, moving, moved_to = m.state, m.moving, m.moved_to
+    if m.takes_over:
+        moving, moved_to = True, limited(r.effort, s.law)
+        state = taken_over(m.taken_from, sample, moved_to, s.law, constants, update)
+    law = handover_law(s.law, moved_to, s.handover_step) if moving else s.law
+    after, terms = update(state, sample, constants, law)
+    if terms.held:  # dt goes on from the last sample that was finite
+        m = Memory(
+            state,
+            m.sample,
+            True,
+            m.begun,
+            m.updated_ns,
+            seen,
+            m.takes_over,
+            m.taken_from,
+            moving,
+            moved_to,
+        )
+        return m, Answer(True, terms.effort, False, True, reference, terms)
+    if moving:  # the limits are lifted once the command is the one that the law's own would leave
+        moving = terms.effort != limited(terms.unsaturated, s.law)
+        moved_to = terms.effort
+    m = Memory(after, sample, True, True, r.stamp_ns, seen, False, _NEVER, moving, moved_to)
+    return m, Answer(True, terms.effort, True, False, reference, terms)
+
+
+def taken_over(
+    seen: Seen,
+    sample: Sample,
+    effort: float,
+    law: PidLaw,
+    constants: Constants,
+    update: Update,
+) -> PidState:
+    """Return the law's state from which its command goes on from ``effort``: I = (u - u|I=0) / ki.
+
+    The last state ``seen`` gives the derivative its past; a jump of the reference is not in it. What
+    the integral cannot take up (ki = 0, its limits) the command makes up for in bounded steps.
+    """
+    state = PidState(0.0, sample.reference - seen.position, seen.position, 0.0, effort, True)
+    _, terms = update(state, sample, constants, law)
+    if terms.ki > 0.0:
+        integral = (effort - terms.unsaturated) / terms.ki
+        if integral - integral == 0.0:
+            state = PidState(integral, state.error, seen.position, 0.0, effort, True)
+    return state
+
+
+def gains_now(memory: Memory, law: Law, constants: Constants) -> Gains:
+    """Return the gains at the last update."""
+    return law.gains(memory.state, memory.sample, constants)
+
+
+def state_record(answer: Answer, measurement: float) -> tuple[float, ...]:
+    """Return the values of a ``~/state`` record, in the order of ``topics.STATE_NAMES``."""
+    return (answer.reference, measurement, *answer.terms[:-1])

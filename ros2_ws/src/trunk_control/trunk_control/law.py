@@ -1,0 +1,42 @@
+"""What a control law is to everything that runs one: pure functions, parameters, a name and a label."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from .computed_torque import Hip
+from .controller_config import ControllerConfig
+from .pid import Gains, PidLaw, PidState, Terms
+
+
+class Sample(NamedTuple):
+    """What a law is given at one update."""
+
+    reference: float  # rad
+    measurement: float  # rad
+    rate: float  # rad/s, measured
+    dt: float  # s since the update before
+    hip: Hip = Hip()  # as measured, for laws that name the hip's joint
+
+
+Constants = tuple[Any, ...]
+Update = Callable[[PidState, Sample, Constants, PidLaw], tuple[PidState, Terms]]
+
+
+@dataclass(frozen=True)
+class Law:
+    """A control law. Its functions are pure: CPython runs them and numba compiles them unchanged.
+
+    ``update(state, sample, constants, law)`` returns the next state and the terms of one update.
+    ``gains(state, sample, constants)`` returns the gains at the last update and its sample, so that new
+    parameters can be taken without a jump. ``constants`` are the configuration's property of that name.
+    """
+
+    name: str  # of the node, its executable and its parameters' section
+    label: str  # for people
+    config: type[ControllerConfig]
+    update: Update
+    gains: Callable[[PidState, Sample, Constants], Gains]
+    describe: Callable[[Any], str] | None = None  # what the label does not say of a configuration

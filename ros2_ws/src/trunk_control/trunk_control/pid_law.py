@@ -1,0 +1,68 @@
+"""The law ``pid``: its parameters, declared once, and its functions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from trunk_msgs_util.parameters.declarations import parameter
+
+from .controller_config import ControllerConfig
+from .law import Law, Sample
+from .pid import Gains, PidLaw, PidState, Terms, pid_update
+
+AS_PRINTED, ZIEGLER_NICHOLS = Gains(60.0, 36.0, 400.0), Gains(60.0, 100.0, 9.0)
+
+
+@dataclass(frozen=True)
+class PidConfig(ControllerConfig):
+    """Parameters of the ``pid`` node. The default gains are Ziegler-Nichols', Ku = 100, Tu = 1.2 s."""
+
+    p: float = parameter(
+        "gains.p", 60.0, "Proportional gain", unit="N m/rad", minimum=0.0, maximum=1e9
+    )
+    i: float = parameter(
+        "gains.i", 100.0, "Integral gain", unit="N m/(rad s)", minimum=0.0, maximum=1e9
+    )
+    d: float = parameter(
+        "gains.d", 9.0, "Derivative gain", unit="N m s/rad", minimum=0.0, maximum=1e9
+    )
+
+    @property
+    def gains(self) -> Gains:
+        """The gains."""
+        return Gains(self.p, self.i, self.d)
+
+    @property
+    def constants(self) -> tuple[Gains]:
+        """The gains."""
+        return (self.gains,)
+
+    @property
+    def damping_gain(self) -> float:
+        """Kd."""
+        return self.d
+
+
+def update(
+    state: PidState, sample: Sample, constants: tuple[Gains], law: PidLaw
+) -> tuple[PidState, Terms]:
+    """Return one update of `pid_update`."""
+    s = sample
+    return pid_update(state, s.reference, s.measurement, s.rate, s.dt, constants[0], law)
+
+
+def gains(state: PidState, sample: Sample, constants: tuple[Gains]) -> Gains:
+    """Return the gains, which do not depend on the state."""
+    return constants[0]
+
+
+def describe(config: PidConfig) -> str:
+    """Return which gains these are."""
+    if config.gains == AS_PRINTED:
+        return "gains as printed"
+    if config.gains == ZIEGLER_NICHOLS:
+        return "Ziegler–Nichols"
+    return "{:g}, {:g}, {:g}".format(*config.gains)
+
+
+LAW = Law("pid", "PID", PidConfig, update, gains, describe)

@@ -1,0 +1,219 @@
+"""`RecordedRun`: a recording loaded once, for everything that judges, explains or repeats the run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from itertools import compress, pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.parameters.config import RecorderConfig
+from trunk_msgs_util.parameters.declarations import Value, build
+from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
+from trunk_msgs_util.units import seconds
+
+from ..plans.nodes import CONTROLLERS, NODES
+from ..plans.plan import RunPlan
+from ..plans.timeline import ACTIVATED, DEACTIVATED, RESET, Change, Timeline
+
+EXACT_MODES = (
+    "lockstep",
+    "offline",
+)  # time is exact: every state is answered, and can be recomputed
+
+
+class JointTable:
+    """A JointState topic, its rows found by their stamps; of equal stamps the last row counts."""
+
+    def __init__(self, recording: Recording, relative: str) -> None:
+        self.topic = relative
+        arrays = recording.joints(recording.topic(relative))
+        self.names = arrays.names
+        self.stamp_ns: Integers = arrays.stamp_ns
+        self._values: dict[str, Floats] = {
+            quantity: getattr(arrays, quantity) for quantity in ("position", "velocity", "effort")
+        }
+
+    @cached_property
+    def stamps(self) -> list[int]:
+        """All stamps in the file's order, ns."""
+        return [int(stamp) for stamp in self.stamp_ns.tolist()]
+
+    @cached_property
+    def rows(self) -> Mapping[int, int]:
+        """Each stamp's row."""
+        return {stamp: row for row, stamp in enumerate(self.stamps)}
+
+    def __contains__(self, stamp_ns: int) -> bool:
+        return stamp_ns in self.rows
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def get(self, stamp_ns: int, quantity: str) -> list[float]:
+        """Return a message's values of a quantity; KeyError where the stamp is not there."""
+        values: list[float] = self._values[quantity][self.rows[stamp_ns]].tolist()
+        return values
+
+    def values(self, quantity: str) -> Floats:
+        """Return all values of a quantity [N, names], [N, 0] where no message carries it."""
+        return self._values[quantity]
+
+    def rows_of(self, stamps: Integers) -> Integers:
+        """Return the row of each stamp, -1 where there is none."""
+        rows = self.rows
+        return np.fromiter((rows.get(s, -1) for s in stamps.tolist()), np.int64, len(stamps))
+
+
+class RecordedRun:
+    """What a recording says of its run. Each part is read when it is first asked for, and kept.
+
+    Raises RecordingError, where a part is asked for, for messages that cannot be read.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+        self._tables: dict[str, JointTable] = {}
+        self._configs: dict[str, Any] = {}
+
+    @classmethod
+    def open(cls, path: str | Path) -> RecordedRun:
+        """Open a recording. Raises RecordingError."""
+        return cls(Recording.open(path))
+
+    @property
+    def path(self) -> Path:
+        """The recording's file or folder."""
+        return self.recording.path
+
+    @property
+    def mode(self) -> str:
+        """``real_time``, ``lockstep``, ``offline``; empty where it is not known."""
+        return self.recording.provenance.get("mode", "")
+
+    @property
+    def exact(self) -> bool:
+        """True where time was exact: every state was answered, and can be recomputed."""
+        return self.mode in EXACT_MODES
+
+    @cached_property
+    def controllers(self) -> Sequence[str]:
+        """All nodes whose ``~/state`` was recorded, in the order in which the run was planned."""
+        return tuple(self.recording.controllers)
+
+    @cached_property
+    def parameters(self) -> Mapping[str, Mapping[str, Value]]:
+        """Every node's parameters at the start, by its name without the run's namespace."""
+        prefix = self.recording.topic("")
+        return {
+            name.removeprefix(prefix): values
+            for name, values in self.recording.parameters().items()
+        }
+
+    @cached_property
+    def events(self) -> Sequence[RunEvent]:
+        """The run's events in the file's order."""
+        return tuple(self.recording.events())
+
+    @cached_property
+    def _parameter_changes(self) -> Sequence[ParameterChange]:
+        return tuple(self.recording.parameter_changes())
+
+    def count(self, relative: str) -> int:
+        """Return how many messages of a topic there are."""
+        topic = self.recording.topics.get(self.recording.topic(relative))
+        return topic.count if topic else 0
+
+    def table(self, relative: str) -> JointTable:
+        """Return a JointState topic's table."""
+        if relative not in self._tables:
+            self._tables[relative] = JointTable(self.recording, relative)
+        return self._tables[relative]
+
+    def config(self, node: str) -> Any:
+        """Return a node's configuration at the start.
+
+        Raises KeyError where it was not recorded, ParameterError where it cannot be used.
+        """
+        if node not in self._configs:
+            self._configs[node] = build(NODES[node].config, self.parameters[node])
+        return self._configs[node]
+
+    def changes(self, node: str) -> list[Change]:
+        """Return a node's changes of parameters and resets, and a controller's turns."""
+        name = self.recording.topic(node)
+        changes = [
+            Change(change.stamp_ns, change.changed)
+            for change in self._parameter_changes
+            if change.node == name
+        ]
+        # The plant's own turns are pauses: simulated time stands still in them.
+        wanted = (RESET, ACTIVATED, DEACTIVATED) if node in CONTROLLERS else (RESET,)
+        events = [
+            Change(event.stamp_ns, None, event.message)
+            for event in self.events
+            if event.node == name and event.message in wanted
+        ]
+        # A controller that joins a run under way says so a second time: it is active from there on.
+        stays = [
+            not (one.event == after.event == ACTIVATED and one.stamp_ns < after.stamp_ns)
+            for one, after in pairwise(events)
+        ]
+        return [*changes, *compress(events, [*stays, True])]
+
+    def timeline(self, node: str) -> Timeline:
+        """Return a node's configuration at the start and what became of it."""
+        return Timeline(self.config(node), self.changes(node))
+
+    def plan(self) -> RunPlan:
+        """Return the plan of the recorded run, as many steps as were recorded, and what happened in it.
+
+        Raises RecordingError where the recording does not hold what it takes.
+        """
+        controllers = self.controllers
+        if not controllers or not set(controllers) <= set(CONTROLLERS):
+            raise RecordingError(
+                f"{self.path}: no controller of {', '.join(CONTROLLERS)} was recorded: "
+                "it cannot be run again"
+            )
+        states = self.count(topics.GROUND_TRUTH)
+        missing = {*controllers, "simulator"} - set(self.parameters)
+        if missing or not states:
+            what = f"parameters of {', '.join(sorted(missing))}" if missing else "true states"
+            raise RecordingError(f"{self.path}: no {what} recorded: it cannot be run again")
+        simulator = self.config("simulator")
+        plan = RunPlan(
+            scenario=self.recording.provenance.get("scenario", ""),
+            simulator=replace(simulator, duration=seconds((states - 1) * simulator.period_ns)),
+            controllers={name: self.config(name) for name in controllers},
+            disturbance=self.config("disturbance") if "disturbance" in self.parameters else None,
+            recorder=RecorderConfig(controllers=tuple(controllers)),
+        )
+        changes = {name: self.changes(name) for name in plan.configs}
+        return replace(
+            plan,
+            changes={name: found for name, found in changes.items() if found},
+            references=self._references(),
+        )
+
+    def _references(self) -> dict[int, float]:
+        """Return the references that the controllers had: no parameter holds those that came by topic."""
+        found: dict[int, float] = {}
+        for name in self.controllers:
+            told = any(
+                (change.values or {}).get("reference.profile") == "topic"
+                for change in self.changes(name)
+            )
+            if told or self.config(name).reference_profile == "topic":
+                terms = self.table(topics.controller_state(name))
+                values = terms.values("position")
+                if len(terms) and values.shape[1]:
+                    found |= dict(zip(terms.stamps, values[:, 0].tolist(), strict=True))
+        return found

@@ -1,0 +1,127 @@
+"""Mechanics of a trunk whose hip rides a sinusoidal path: the path, and the equations of motion, once.
+
+The hip (mass M) is at ``(x, y)`` with ``y = A sin(k x)``; the trunk's centre of mass (mass m) is at
+``(x + l sin theta, y + l cos theta)``, theta measured from the upward vertical, forward lean positive.
+Derived from the Lagrangian of the paper (its eq. 7); every misprint of its eqs. 8-12 is corrected.
+The plant solves the equations for the accelerations, a controller that rests on a model for the torque.
+
+Pure: scalar functions of floats and named tuples, which CPython runs and numba compiles unchanged.
+"""
+
+from __future__ import annotations
+
+from math import cos, nan, sin
+from typing import NamedTuple
+
+
+class Body(NamedTuple):
+    """Constants of hip, trunk and path (SI units), by default the paper's Table 5 where it prints one."""
+
+    hip_mass: float = 2.0  # M, kg
+    trunk_mass: float = 0.5  # m, kg
+    length: float = 1.0  # l, m, hip to centre of mass
+    gravity: float = 9.81  # g, m/s^2
+    amplitude: float = 1.0  # A, m
+    wavenumber: float = 1.0  # k, rad/m
+    prescribed: bool = False  # True: the hip keeps its horizontal speed whatever the trunk does
+    as_printed: bool = (
+        False  # True: the paper's misprinted equations, wrong physics (the plant alone)
+    )
+
+
+Motion = tuple[float, float, float, float, float, float]
+
+
+def path_height(x: float, amplitude: float, wavenumber: float) -> float:
+    """Return the path's height ``y = A sin(k x)`` in m."""
+    return amplitude * sin(wavenumber * x)
+
+
+def path_slope(x: float, amplitude: float, wavenumber: float) -> float:
+    """Return the path's slope ``y' = A k cos(k x)``."""
+    return amplitude * wavenumber * cos(wavenumber * x)
+
+
+def equations_of_motion(
+    x: float, theta: float, x_dot: float, theta_dot: float, body: Body
+) -> Motion:
+    """Return ``(a11, a12, a22, b1, b2, det)`` of the equations without a force or a torque.
+
+    ::
+
+        a11 x'' + a12 theta'' = b1 + F,     b1 = -(M+m) y' (y'' x'^2 + g) + m l (sin th + y' cos th) th'^2
+        a12 x'' + a22 theta'' = b2 + tau,   b2 = m l sin th (y'' x'^2 + g)
+
+        a11 = (M+m)(1 + y'^2),   a12 = m l (cos th - y' sin th),   a22 = m l^2
+        det = a11 a22 - a12^2 = m l^2 (M (1 + y'^2) + m (sin th + y' cos th)^2)
+
+    with ``y' = A k cos(k x)`` and ``y'' = -A k^2 sin(k x)``. The determinant is given in a form without
+    cancellation, and is positive for positive masses and length. All are NaN where an angle is not
+    finite, for which CPython would raise.
+    """
+    phase = body.wavenumber * x
+    angles = phase + theta
+    if angles - angles != 0.0:
+        return nan, nan, nan, nan, nan, nan
+    slope = body.amplitude * body.wavenumber * cos(phase)
+    curvature = -body.amplitude * body.wavenumber * body.wavenumber * sin(phase)
+    sin_theta = sin(theta)
+    cos_theta = cos(theta)
+    moment = body.trunk_mass * body.length
+    a22 = moment * body.length
+    fall = curvature * x_dot * x_dot + body.gravity
+    mass = body.hip_mass + body.trunk_mass
+    stretch = 1.0 + slope * slope
+    normal = sin_theta + slope * cos_theta
+    return (
+        mass * stretch,
+        moment * (cos_theta - slope * sin_theta),
+        a22,
+        moment * normal * theta_dot * theta_dot - mass * slope * fall,
+        moment * sin_theta * fall,
+        # (cos - y' sin)^2 + (sin + y' cos)^2 = 1 + y'^2
+        a22 * (body.hip_mass * stretch + body.trunk_mass * normal * normal),
+    )
+
+
+def forward_dynamics(
+    x: float,
+    theta: float,
+    x_dot: float,
+    theta_dot: float,
+    hip_force: float,
+    torque: float,
+    body: Body,
+) -> tuple[float, float]:
+    """Return ``(x'', theta'')`` in m/s^2 and rad/s^2 under a force F [N] along x and a torque [N m].
+
+    A prescribed hip keeps its speed, x'' = 0, and only the second row is solved. NaN where the motion
+    is too large to be solved in floats.
+    """
+    a11, a12, a22, b1, b2, determinant = equations_of_motion(x, theta, x_dot, theta_dot, body)
+    b2 = b2 + torque
+    if body.prescribed:
+        return 0.0, b2 / a22 if a22 != 0.0 else nan
+    if determinant == 0.0:  # too small for a float
+        return nan, nan
+    b1 = b1 + hip_force
+    return (a22 * b1 - a12 * b2) / determinant, (a11 * b2 - a12 * b1) / determinant
+
+
+def inverse_dynamics(
+    x: float, theta: float, x_dot: float, theta_dot: float, body: Body
+) -> tuple[float, float]:
+    """Return ``(H, c)`` [kg m^2, N m] of ``tau = H theta'' + c``, the hip's own motion eliminated.
+
+    ::
+
+        H = det / a11,    c = (a12 / a11) b1 - b2
+
+    A prescribed hip leaves ``H = a22`` and ``c = -b2``. NaN where the motion is too large for floats.
+    """
+    a11, a12, a22, b1, b2, determinant = equations_of_motion(x, theta, x_dot, theta_dot, body)
+    if body.prescribed:
+        return a22, -b2
+    if a11 == 0.0:
+        return nan, nan
+    return determinant / a11, a12 / a11 * b1 - b2

@@ -1,0 +1,43 @@
+"""The declarations of a body's constants, once: the plant's own, and those that a controller believes in."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..mechanics import Body
+from .declarations import parameter
+
+_DEFAULTS = Body()
+_WORDS: dict[str, tuple[str, dict[str, Any]]] = {
+    "hip_mass": ("Mass M of the hip", {"unit": "kg", "above": 0.0, "maximum": 1e6}),
+    "trunk_mass": ("Mass m of the trunk", {"unit": "kg", "above": 0.0, "maximum": 1e6}),
+    "length": (
+        "Distance l from hip to centre of mass",
+        {"unit": "m", "above": 0.0, "maximum": 1e3},
+    ),
+    "gravity": ("Gravity g", {"unit": "m/s^2", "minimum": 0.0, "maximum": 1e3}),
+    "amplitude": (
+        "Amplitude A of the path A sin(kx)",
+        {"unit": "m", "minimum": -1e3, "maximum": 1e3},
+    ),
+    "wavenumber": (
+        "Wave number k of the path",
+        {"unit": "rad/m", "minimum": 0.0, "maximum": 1e3},
+    ),
+    "hip_mode": (
+        "passive: the hip rolls freely on its path; prescribed: it keeps its horizontal speed",
+        {"choices": ("passive", "prescribed")},
+    ),
+}
+
+
+def body_parameter(name: str, field: str, believed: bool = False) -> Any:
+    """Return the declaration, under a parameter's ``name``, of a `Body`'s field, or of ``hip_mode``.
+
+    ``believed``: it is what a controller's model says of the body, which may be wrong.
+    """
+    description, limits = _WORDS[field]
+    default = "passive" if field == "hip_mode" else getattr(_DEFAULTS, field)
+    if believed:
+        description = f"{description} (of the controller's model)"
+    return parameter(name, default, description, **limits)

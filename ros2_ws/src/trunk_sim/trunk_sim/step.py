@@ -1,0 +1,113 @@
+"""One step of the plant as two pure functions: *sense* a state, *act* on it.
+
+The simulator node, the offline run, the replay and the compiled loop compose these and no arithmetic of
+their own. Time is not here: a step takes one period, and whoever counts steps knows the stamp.
+
+Pure: scalar functions of floats and named tuples, which CPython runs and numba compiles unchanged.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import NamedTuple
+
+from trunk_msgs_util.mechanics import Body
+
+from .disturbances import Disturbance
+from .integrator import advance
+from .plant import PlantState
+
+
+class SensorParameters(NamedTuple):
+    """Standard deviations and biases of the measured trunk angle [rad] and rate [rad/s]."""
+
+    position_noise: float = 0.0
+    velocity_noise: float = 0.0
+    position_bias: float = 0.0
+    velocity_bias: float = 0.0
+
+
+class Plant(NamedTuple):
+    """The constants of one run's plant: body, integration, actuator and what counts as a fall."""
+
+    body: Body
+    period: float  # s
+    substeps: int
+    max_effort: float  # N m
+    fall_angle: float  # rad
+
+
+class Trunk(NamedTuple):
+    """The trunk between two steps."""
+
+    state: PlantState
+    effort: float  # N m, applied over the step before
+    fallen: bool  # this state or one before it is beyond the fall's angle
+    diverged: (
+        bool  # the step from this state leaves the finite numbers; the state is the last finite one
+    )
+
+
+class Measurement(NamedTuple):
+    """What the sensors say: m, rad, m/s, rad/s."""
+
+    x: float
+    theta: float
+    x_dot: float
+    theta_dot: float
+
+
+def at_rest(state: PlantState, plant: Plant) -> Trunk:
+    """Return the trunk in a state that no torque has led to: at the start, or after a reset."""
+    return Trunk(state, 0.0, abs(state.theta) > plant.fall_angle, False)
+
+
+def saturate(effort: float, limit: float) -> float:
+    """Return the effort in N m, clamped to +- limit."""
+    return limit if effort > limit else -limit if effort < -limit else effort
+
+
+def sense(
+    state: PlantState,
+    disturbance: Disturbance,
+    position_sample: float,
+    velocity_sample: float,
+    p: SensorParameters,
+) -> Measurement:
+    """Return ``true + offset + bias + sigma n`` for the trunk, with standard normal samples n.
+
+    ``state`` is the true state that the sensors see now, already delayed. The hip carries its offset alone.
+    """
+    return Measurement(
+        state.x + disturbance.hip_offset,
+        state.theta
+        + disturbance.trunk_offset
+        + p.position_bias
+        + p.position_noise * position_sample,
+        state.x_dot,
+        state.theta_dot + p.velocity_bias + p.velocity_noise * velocity_sample,
+    )
+
+
+def act(trunk: Trunk, effort: float, disturbance: Disturbance, plant: Plant) -> Trunk:
+    """Return the trunk one period later, the commanded effort [N m] held over it within the limit.
+
+    Where the new state is not finite, the old one stays and is marked ``diverged``.
+    """
+    torque = saturate(effort, plant.max_effort)
+    state = advance(
+        trunk.state,
+        disturbance.hip_force,
+        torque + disturbance.trunk_torque,
+        plant.period,
+        plant.substeps,
+        plant.body,
+    )
+    if not (
+        isfinite(state.x)
+        and isfinite(state.theta)
+        and isfinite(state.x_dot)
+        and isfinite(state.theta_dot)
+    ):
+        return Trunk(trunk.state, trunk.effort, trunk.fallen, True)
+    return Trunk(state, torque, trunk.fallen or abs(state.theta) > plant.fall_angle, False)
