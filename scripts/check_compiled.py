@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import sys
 
-from trunk_experiments.batch.check import first_difference, random_plan
+from trunk_experiments.batch.check import first_difference
 from trunk_experiments.batch.closed_loop import Batch
+from trunk_experiments.batch.random_plans import random_plan
+from trunk_experiments.plans.files import PlanError
 
 
 def main() -> int:
@@ -20,16 +22,22 @@ def main() -> int:
         )
         return 2
     batch = Batch()
-    diverged = 0
+    diverged = refused = 0
     differences = []
     for index in range(int(text)):
         plan = random_plan(index)
         found = first_difference(plan, batch)
-        diverged += batch.run(plan).diverged_at is not None
+        try:
+            diverged += batch.run(plan).diverged_at is not None
+        except PlanError:
+            refused += 1
         if found:
             differences.append(found)
             print(found)
-    print(f"{text} random runs, {diverged} of them diverging: {len(differences)} differ")
+    print(
+        f"{text} random runs, {diverged} of them diverging, {refused} refused by both: "
+        f"{len(differences)} differ"
+    )
     return 1 if differences else 0
 
 

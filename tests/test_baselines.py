@@ -55,3 +55,10 @@ def test_a_hip_joint_that_is_not_there_is_told():
 def test_the_bound_of_the_sampled_loop_counts_the_model_s_inertia():
     plan = make_plan("fig6", "computed_torque", settings=["computed_torque.gains.d=1500"])
     assert "kd = 750" in plan.warnings[0]
+
+
+def test_a_controller_of_another_joint_has_no_plant():
+    with pytest.raises(
+        PlanError, match="pid: joint 'hip': the simulator takes commands for 'trunk'"
+    ):
+        make_plan("fig6", "pid", settings=["pid.joint=hip"])

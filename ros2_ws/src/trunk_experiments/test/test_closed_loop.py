@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from trunk_control.laws import CONTROLLERS, law_named
+from trunk_control.laws import law_named
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.batch import closed_loop, compiled
-from trunk_experiments.batch.check import first_difference, random_plan
+from trunk_experiments.batch.check import first_difference
 from trunk_experiments.batch.closed_loop import Batch
+from trunk_experiments.batch.random_plans import random_plan
 from trunk_experiments.plans.files import PlanError
+from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
+from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_msgs_util.recording.reader import Recording
 
 
@@ -33,15 +37,23 @@ def test_random_runs_have_the_same_bits(batch):
     assert [text for text in differences if text] == []
 
 
-def test_random_runs_are_of_all_kinds():
-    plans = [random_plan(index) for index in range(60)]
-    assert {plan.controller_name for plan in plans} == set(CONTROLLERS)
-    assert {plan.controller.reference_profile for plan in plans} >= {"step", "sine", "sequence"}
-    assert any(plan.simulator.delay_steps for plan in plans)
-    assert any(plan.controller.update_rate < plan.simulator.update_rate for plan in plans)
-    assert any(plan.disturbance is None for plan in plans) != all(
-        plan.disturbance is None for plan in plans
-    )
+# Names, and what decides how the graph waits and when nodes act: turns are drawn as swaps.
+NOT_DRAWN = {"joint", "joints", "wait_for", "controllers", "autostart", "plant.equations"}
+
+
+def test_every_parameter_is_drawn():
+    plans = [random_plan(index) for index in range(300)]
+    seen = defaultdict(set)
+    for plan in plans:
+        for node, config in plan.configs.items():
+            if node != "recorder":
+                for name, value in values_of(config).items():
+                    seen[node, name].add(value)
+    names = {(node, n) for node, kind in NODES.items() for n in declarations(kind.config)}
+    never = {key for key in names if len(seen[key]) < 2 and key[0] != "recorder"}
+    assert {name for _, name in never} <= NOT_DRAWN
+    assert any(len(plan.controllers) > 2 for plan in plans)
+    assert any(plan.simulator.equations == "as_printed" for plan in plans)
 
 
 def test_the_comparison_sees_one_changed_bit(batch, monkeypatch):

@@ -53,12 +53,11 @@ class Surroundings(NamedTuple):
 
 
 class Participant(NamedTuple):
-    """A controller in the loop: what `decide` takes, and whose motion it reads (0: hip, 1: trunk)."""
+    """A controller in the loop: what `decide` takes, and whose motion it reads beside the trunk's."""
 
     setting: Setting
     constants: Any
-    joint: int
-    hip: int  # -1: the law does not use it
+    hip: int  # 0: the hip's, 1: the trunk's, -1: none
 
 
 # A list in pairs, ``(first, (second, ()))``: each law's constants are of a type of their own.
@@ -66,17 +65,13 @@ Chain = tuple[Any, ...]
 Decided = tuple[Chain, Answer]
 
 
-def reading_of(
-    stamp_ns: int, measured: Measurement, effort: float, joint: int, hip: int
-) -> Reading:
-    """Return a measured state as a controller reads it that looks at these joints."""
+def reading_of(stamp_ns: int, measured: Measurement, effort: float, hip: int) -> Reading:
+    """Return a measured state as a controller reads it that takes the hip for this joint."""
     motion = _STILL
     if hip == 0:
         motion = Hip(measured.x, measured.x_dot)
     elif hip == 1:
         motion = Hip(measured.theta, measured.theta_dot)
-    if joint == 0:
-        return Reading(stamp_ns, measured.x, measured.x_dot, motion, effort, False, 0.0)
     return Reading(stamp_ns, measured.theta, measured.theta_dot, motion, effort, False, 0.0)
 
 
@@ -91,7 +86,7 @@ def decide_by(update: Update, others: Callable[..., Decided] | None) -> Callable
         memories: Chain, participants: Chain, stamp_ns: int, measured: Measurement, effort: float
     ) -> Decided:
         one = participants[0]
-        reading = reading_of(stamp_ns, measured, effort, one.joint, one.hip)
+        reading = reading_of(stamp_ns, measured, effort, one.hip)
         memory, answer = decide(memories[0], reading, one.setting, one.constants, update)
         return (memory, ()), answer
 
@@ -102,7 +97,7 @@ def decide_by(update: Update, others: Callable[..., Decided] | None) -> Callable
         memories: Chain, participants: Chain, stamp_ns: int, measured: Measurement, effort: float
     ) -> Decided:
         one = participants[0]
-        reading = reading_of(stamp_ns, measured, effort, one.joint, one.hip)
+        reading = reading_of(stamp_ns, measured, effort, one.hip)
         memory, answer = decide(memories[0], reading, one.setting, one.constants, update)
         rest, other = others(memories[1], participants[1], stamp_ns, measured, effort)
         return (memory, rest), answer if answer.active else other
@@ -256,7 +251,6 @@ def chains_of(plan: RunPlan) -> tuple[Chain, Chain]:
                     turns_ns=cast("Sequence[int]", np.array(setting.turns_ns, dtype=np.int64)),
                 ),
                 tuple(with_arrays(one) for one in config.constants),
-                joints.index(config.joint),
                 -1 if hip is None else hip,
             ),
             participants,

@@ -211,14 +211,25 @@ def _checked(plan: RunPlan) -> RunPlan:
                 f"{name}: update_rate {control:g} Hz is no integer divisor of the "
                 f"simulator's {plant:g} Hz: its period would not be a whole number of steps"
             )
-        for joint in (controller.joint, controller.hip):
-            if joint is not None and joint not in plan.simulator.joints:
-                raise PlanError(
-                    f"{name}: joint {joint!r} is none of the simulator's "
-                    f"joints: {', '.join(plan.simulator.joints)}"
-                )
+    check_joints(plan)
     check_turns(plan)
     return with_values(plan, warnings=tuple(_advice(plan)))
+
+
+def check_joints(plan: RunPlan) -> None:
+    """Raise PlanError where a controller's joint is not the trunk's, or its hip none of the simulator's."""
+    joints = plan.simulator.joints
+    for name, controller in plan.controllers.items():
+        if controller.hip is not None and controller.hip not in joints:
+            raise PlanError(
+                f"{name}: hip_joint {controller.hip!r} is none of the simulator's joints: "
+                f"{', '.join(joints)}"
+            )
+        if controller.joint != joints[1]:
+            raise PlanError(
+                f"{name}: joint {controller.joint!r}: the simulator takes commands for "
+                f"{joints[1]!r} alone"
+            )
 
 
 def check_turns(plan: RunPlan) -> None:

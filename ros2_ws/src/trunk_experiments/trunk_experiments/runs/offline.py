@@ -7,14 +7,15 @@ from typing import NamedTuple
 
 from trunk_control.controller import Controller, hip_index, hip_seen
 from trunk_control.decide import Answer, Reading
+from trunk_msgs_util.parameters.declarations import Value
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import seconds, step_count
 from trunk_sim.disturbances import Disturbance, disturbance_at
 from trunk_sim.simulation import Simulation
 
 from ..plans.files import PlanError
-from ..plans.plan import RunPlan
-from ..plans.timeline import begins_active
+from ..plans.plan import RunPlan, check_joints
+from ..plans.timeline import ACTIVATED, begins_active
 
 
 class Step(NamedTuple):
@@ -67,14 +68,27 @@ class _Participant:
 
 
 def check(plan: RunPlan) -> None:
-    """Raise PlanError for what a run without a graph cannot do: no end, references from nobody."""
+    """Raise PlanError for what a run without a graph cannot do.
+
+    It needs an end, and nobody is there to publish references or to activate a controller.
+    """
+    check_joints(plan)
     if not plan.simulator.duration:
         raise PlanError("simulator: duration is 0: an offline run needs an end; set it in s")
     for name, config in plan.controllers.items():
-        if config.reference_profile == "topic" and not plan.references:
+        changes = plan.changes.get(name, ())
+        profiles: list[Value | None] = [config.reference_profile]
+        profiles += [(change.values or {}).get("reference.profile") for change in changes]
+        if "topic" in profiles and not plan.references:
             raise PlanError(
                 f"{name}: reference.profile is 'topic', but nobody publishes references to an offline "
                 "run: give another profile, or run the graph"
+            )
+        activated = any(change.event == ACTIVATED for change in changes)
+        if not (config.autostart or config.active_times or activated):
+            raise PlanError(
+                f"{name}: autostart is false, but nobody activates it in an offline run: "
+                "set it to true, or run the graph"
             )
 
 

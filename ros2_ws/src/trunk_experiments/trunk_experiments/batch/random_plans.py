@@ -1,0 +1,168 @@
+"""Random plans over every declared parameter: what compiled code is compared with CPython on.
+
+A value is drawn from its declaration; what a run needs to last a while (masses, limits, times that fall
+into it) is drawn near what it usually is. A new parameter is drawn without a word here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from trunk_control.rule_tables import ALPHA_LABELS, GAIN_CENTERS
+from trunk_msgs_util.parameters.declarations import (
+    Declaration,
+    ParameterError,
+    Value,
+    build,
+    declarations,
+)
+
+from ..plans.nodes import CONTROLLERS, NODES
+from ..plans.plan import RunPlan, make_plan
+from ..plans.turns import Swap, turns_of
+
+STEPS = 250
+_RATES = (60.0, 144.0, 200.0, 333.0, 700.0, 1000.0, 4000.0)  # Hz; of some, periods are no whole ns
+_OFTEN_DEFAULT = 0.4
+# Who acts, in turns; few of many orders, for each is compiled on its own.
+_PARTIES: tuple[tuple[str, ...], ...] = (
+    *((name,) for name in CONTROLLERS),
+    *((name,) for name in CONTROLLERS),
+    CONTROLLERS,
+    CONTROLLERS[1::-1],
+)
+
+
+@dataclass(frozen=True)
+class _Draw:
+    rng: np.random.Generator
+    duration: float  # s
+
+    def pick(self, *values: Any) -> Any:
+        return values[int(self.rng.integers(len(values)))]
+
+    def one(self, d: Declaration, near: float) -> Any:
+        """Return one allowed element, at the size of ``near``."""
+        kind = d.kind.removesuffix(" array")
+        if d.choices:
+            return self.pick(*d.choices)
+        if kind == "bool":
+            return bool(self.rng.integers(2))
+        low = d.minimum if d.minimum is not None else d.above if d.above is not None else -inf
+        high = d.maximum if d.maximum is not None else inf
+        if kind == "integer":
+            return int(self.rng.integers(int(low), int(min(high, max(low + 1, 3.0 * near))) + 1))
+        if d.unit == "s":  # some time of the run
+            return float(np.clip(self.rng.uniform(0.0, 1.2 * self.duration), low, high))
+        if d.above is not None:
+            size = abs(near) if 0.0 < abs(near) < inf else 1.0
+            return float(min(size * 10.0 ** self.rng.uniform(-1.0, 1.0), high))
+        size = abs(near) if 0.0 < abs(near) < inf else 1.0
+        return float(np.clip(self.rng.uniform(-2.0, 2.0) * size, low, high))
+
+    def value(self, d: Declaration) -> Value:
+        """Return an allowed value of a parameter; most often another than the default."""
+        if self.rng.random() < _OFTEN_DEFAULT:
+            return d.default
+        if not d.kind.endswith("array"):
+            near = d.default if isinstance(d.default, int | float) else 0.0
+            return d.default if d.kind == "string" and not d.choices else self.one(d, near)
+        default = d.default if isinstance(d.default, tuple) else ()
+        count = d.length if d.length is not None else int(self.rng.integers(5))
+        if d.name.startswith("rules."):
+            labels = ALPHA_LABELS if d.name == "rules.alpha" else tuple(GAIN_CENTERS)
+            return tuple(" ".join(self.pick(*labels) for _ in range(7)) for _ in range(count))
+        if d.kind != "double array":
+            return d.default
+        near = max((abs(float(v)) for v in default), default=1.0)
+        drawn = [float(self.one(d, near)) for _ in range(count)]
+        ascend = d.name.endswith(("times", "peaks"))
+        return tuple(sorted(drawn) if ascend else drawn)
+
+    def config(self, node: str, **given: Any) -> Any:
+        """Return a node's configuration; what does not fit the rest takes its default."""
+        declared = declarations(NODES[node].config)
+        values = {name: self.value(d) for name, d in declared.items()}
+        values["autostart"] = bool(self.rng.random() > 0.02)
+        values.update(given)
+        while True:
+            try:
+                return build(NODES[node].config, values)
+            except ParameterError as error:
+                group = error.name.split(".")[0]
+                usual = {n: d.default for n, d in declared.items() if n.split(".")[0] == group}
+                if usual.items() <= values.items():
+                    raise
+                values.update(usual)
+
+
+def random_plan(index: int) -> RunPlan:
+    """Return the index-th random plan: some diverge, some fall, in some controllers take over."""
+    rng = np.random.default_rng([1963, index])
+    rate = float(rng.choice(_RATES))
+    draw = _Draw(rng, STEPS / rate)
+    simulator = draw.config("simulator", **_simulator(draw, rate))
+    disturbance = draw.config("disturbance", update_rate=rate, joints=simulator.joints)
+    first, *others = _PARTIES[int(rng.integers(len(_PARTIES)))]
+    times = sorted(rng.uniform(0.0, draw.duration, 4 if others else 0).tolist())
+    order = [*others, first]
+    swaps = [Swap(time, order[i % len(order)]) for i, time in enumerate(times)]
+    turns = turns_of(first, swaps)
+    controllers = {
+        name: replace(
+            draw.config(name, **_controller(draw, name, rate)),
+            active_times=active if swaps else (),
+        )
+        for name, active in turns.items()
+    }
+    return RunPlan(
+        scenario=f"random {index}",
+        simulator=simulator,
+        controllers=controllers,
+        disturbance=disturbance if disturbance.active else None,
+        recorder=make_plan("demo", first).recorder,
+    )
+
+
+def _simulator(draw: _Draw, rate: float) -> dict[str, Value]:
+    """Return the values that keep a run in bounds, or that must fit one another."""
+    printed = draw.rng.random() < 0.1
+    values: dict[str, Value] = {
+        "update_rate": rate,
+        "duration": draw.duration,
+        "substeps": int(draw.rng.integers(1, 5)),
+        "joints": ("hip", "trunk"),
+        "initial.position": tuple(draw.rng.uniform(-2.0, 2.0, 2).tolist()),
+        "initial.velocity": tuple(draw.rng.uniform(-3.0, 3.0, 2).tolist()),
+        "max_effort": draw.pick(inf, float(draw.rng.uniform(5.0, 200.0))),
+        "fall.angle": draw.pick(inf, float(draw.rng.uniform(0.3, 3.0))),
+        "sensor.delay": draw.pick(0.0, float(draw.rng.uniform(0.0, 12.0 / rate))),
+        "plant.equations": "as_printed" if printed else "derived",
+    }
+    for name in ("sensor.position_noise", "sensor.velocity_noise"):
+        values[name] = draw.pick(0.0, float(draw.rng.uniform(0.0, 0.3)))
+    if printed:
+        values.update({"path.amplitude": 1.0, "path.wavenumber": 1.0, "hip.mode": "passive"})
+    return values
+
+
+def _controller(draw: _Draw, name: str, rate: float) -> dict[str, Value]:
+    limit = draw.pick(inf, float(draw.rng.uniform(5.0, 100.0)))
+    profile = draw.pick("constant", "step", "sine", "sequence", "sequence", "topic")
+    if draw.rng.random() < 0.8 and profile == "topic":
+        profile = "step"
+    times = sorted(draw.rng.uniform(0.0, draw.duration, 3).tolist())
+    return {
+        "update_rate": rate / int(draw.rng.integers(1, 6)),
+        "joint": "trunk",
+        **({"hip_joint": draw.pick("hip", "hip", "trunk")} if name == "computed_torque" else {}),
+        "u_clamp_max": limit,
+        "u_clamp_min": -limit,
+        "reference.profile": profile,
+        "reference.times": tuple(times),
+        "reference.values": tuple(draw.rng.uniform(-1.0, 1.0, 3).tolist()),
+    }
