@@ -8,6 +8,7 @@ import pytest
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
+from trunk_experiments.replay import replay
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.record import RecordedRun
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
@@ -19,6 +20,13 @@ from .edited import copied
 
 COMMAND, STATE, TRUTH = "/effort_command", "/joint_states", "/ground_truth/joint_states"
 PARAMETERS = "/run/parameters"
+
+
+@pytest.fixture(autouse=True, params=["step by step", "by stretches"])
+def way(request, monkeypatch):
+    """Judge every file in both ways: all in detail, and with compiled code for what is as recorded."""
+    if request.param == "by stretches":
+        monkeypatch.setattr(replay, "WORTH_COMPILING", 0)
 
 
 @pytest.fixture(scope="module")

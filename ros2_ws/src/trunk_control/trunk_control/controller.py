@@ -56,15 +56,15 @@ class Controller:
 
     def __init__(self, config: ControllerConfig) -> None:
         """Begin active, unless the configuration says when its turns are."""
-        self._law = law_of(config)
+        self.law = law_of(config)
         self._configure(config)
         active = not config.active_times
-        self.memory: Memory = fresh_memory(active, Seen(), self._setting.law)
+        self.memory: Memory = fresh_memory(active, Seen(), self.setting.law)
 
     def _configure(self, config: ControllerConfig) -> None:
         self.config = config
-        self._setting = setting_of(config)
-        self._constants = config.constants
+        self.setting = setting_of(config)
+        self.constants = config.constants
 
     @property
     def active(self) -> bool:
@@ -84,7 +84,7 @@ class Controller:
     def decide(self, reading: Reading) -> Answer:
         """Return the answer to a state."""
         self.memory, answer = decide(
-            self.memory, reading, self._setting, self._constants, self._law.update
+            self.memory, reading, self.setting, self.constants, self.law.update
         )
         return answer
 
@@ -112,7 +112,7 @@ class Controller:
 
     def activate(self) -> None:
         """Begin to answer states: afresh, or from the torque that acts where a state was seen before."""
-        self.memory = activated(self.memory, self._setting.law)
+        self.memory = activated(self.memory, self.setting.law)
 
     def deactivate(self) -> None:
         """Leave the plant to another."""
@@ -120,17 +120,17 @@ class Controller:
 
     def reset(self) -> None:
         """Forget the past: the integral, the last sample and the last stamp."""
-        self.memory = fresh_memory(self.memory.active, self.memory.seen, self._setting.law)
+        self.memory = fresh_memory(self.memory.active, self.memory.seen, self.setting.law)
 
     def forget(self) -> None:
         """Be as new: no state was seen, and whether it is active is as the configuration says."""
-        self.memory = fresh_memory(not self.config.active_times, Seen(), self._setting.law)
+        self.memory = fresh_memory(not self.config.active_times, Seen(), self.setting.law)
 
     def retune(self, config: ControllerConfig) -> None:
         """Take a new configuration between two samples; the integral is rescaled: no jump in the command.
 
         A command that is held is within the new limits at once.
         """
-        old = self._constants
+        old = self.constants
         self._configure(config)
-        self.memory = retuned(self.memory, self._law, old, self._constants, self._setting.law)
+        self.memory = retuned(self.memory, self.law, old, self.constants, self.setting.law)

@@ -252,4 +252,19 @@ def gains_now(memory: Memory, law: Law, constants: Constants) -> Gains:
 
 def state_record(answer: Answer, measurement: float) -> tuple[float, ...]:
     """Return the values of a ``~/state`` record, in the order of ``topics.STATE_NAMES``."""
-    return (answer.reference, measurement, *answer.terms[:-1])
+    terms = answer.terms
+    return (
+        answer.reference,
+        measurement,
+        terms.error,
+        terms.error_rate,
+        terms.p_term,
+        terms.i_term,
+        terms.d_term,
+        terms.kp,
+        terms.ki,
+        terms.kd,
+        terms.alpha,
+        terms.unsaturated,
+        terms.effort,
+    )

@@ -11,9 +11,10 @@ from pathlib import Path
 import pytest
 
 from trunk_control.laws import law_named
+from trunk_experiments import compiled
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.batch import closed_loop, compiled
+from trunk_experiments.batch import closed_loop
 from trunk_experiments.batch.check import first_difference
 from trunk_experiments.batch.closed_loop import Batch
 from trunk_experiments.batch.random_plans import random_plan

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .plant import PlantState
 
@@ -26,6 +27,11 @@ class DelayLine:
     def clear(self) -> None:
         """Forget the past."""
         self._line.clear()
+
+
+def noise_samples(seed: int, steps: int) -> NDArray[np.float64]:
+    """Return the samples of a `NoiseStream`'s first steps [steps, 2]."""
+    return np.random.Generator(np.random.PCG64(seed)).standard_normal((steps, 2))
 
 
 class NoiseStream:

@@ -6,10 +6,10 @@ ordinary Python as well, so that what numba compiles can be stepped through.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache, lru_cache
 from math import nan
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,14 +22,15 @@ from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import NANOSECONDS, step_count
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
 from trunk_sim.plant import PlantState
+from trunk_sim.sensors import noise_samples
 from trunk_sim.step import Measurement, Plant, SensorParameters, act, at_rest, saturate, sense
 
 from ..analysis.metrics import Metrics, metrics
 from ..analysis.run_table import RunTable
+from ..compiled import compiled, fingerprint, pruned, with_arrays
 from ..plans.files import PlanError
 from ..plans.plan import RunPlan, check_turns
 from ..runs.offline import check
-from .compiled import compiled, fingerprint
 
 # Rows of a run's result. The first four are the state; all are RunTable's, in its order.
 X, THETA, X_DOT, THETA_DOT, MEASURED, REFERENCE, TORQUE, KP, KI, KD, ALPHA = range(11)
@@ -215,16 +216,9 @@ class Batch:
 def surroundings_of(plan: RunPlan) -> Surroundings:
     """Return what surrounds the controllers in a plan's run."""
     simulator, disturbance = plan.simulator, plan.disturbance
-    plant = simulator.plant
-    # None instead of False: the branch is known when the loop is compiled, and goes; a third of the time
-    # with it, for a sine and a cosine of one angle are then computed together.
-    known: Any = {
-        "prescribed": plant.body.prescribed or None,
-        "as_printed": plant.body.as_printed or None,
-    }
     return Surroundings(
         simulator.initial_state,
-        plant._replace(body=plant.body._replace(**known)),
+        pruned(simulator.plant),
         simulator.sensor,
         _quiet() if disturbance is None else with_arrays(disturbance.signals),
         disturbance is not None,
@@ -246,31 +240,13 @@ def chains_of(plan: RunPlan) -> tuple[Chain, Chain]:
         memories = (memory, memories)
         participants = (
             Participant(
-                setting._replace(
-                    profile=with_arrays(setting.profile),
-                    turns_ns=cast("Sequence[int]", np.array(setting.turns_ns, dtype=np.int64)),
-                ),
+                with_arrays(setting),
                 tuple(with_arrays(one) for one in config.constants),
                 -1 if hip is None else hip,
             ),
             participants,
         )
     return memories, participants
-
-
-_INTEGERS = {"pulse_starts", "times"}  # fields of ns
-
-
-def with_arrays(record: Any) -> Any:
-    """Return a named tuple with its tuples as arrays, so that their lengths are no part of its type."""
-    if not hasattr(record, "_fields"):
-        return record
-    return record._make(
-        np.array(value, dtype=np.int64 if name in _INTEGERS else np.float64)
-        if isinstance(value, tuple)
-        else value
-        for name, value in zip(record._fields, record, strict=True)
-    )
 
 
 @cache
@@ -287,8 +263,7 @@ def _noise(plan: RunPlan, states: int) -> Floats:
     sensor = plan.simulator.sensor
     if sensor.position_noise == 0.0 and sensor.velocity_noise == 0.0:
         return _NO_NOISE
-    generator = np.random.Generator(np.random.PCG64(plan.simulator.seed))
-    return generator.standard_normal((states, 2))
+    return noise_samples(plan.simulator.seed, states)
 
 
 @lru_cache(maxsize=8)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from math import inf
 from typing import Any, Protocol
 
 from trunk_control.controller import Controller
@@ -49,6 +50,11 @@ class Timeline:
         self._seen = seen
         # The next one last; those between the same two states in their order.
         self._changes = sorted(changes, key=lambda change: change.stamp_ns)[::-1]
+
+    @property
+    def next_ns(self) -> float:
+        """The stamp after which the next change takes effect; infinite where there is none."""
+        return self._changes[-1].stamp_ns if self._changes else inf
 
     def advance(self, stamp_ns: int, target: Tunable | None = None) -> bool:
         """Apply, also to ``target``, what takes effect on the state with this stamp; True if any did."""

@@ -68,8 +68,11 @@ class JointTable:
 
     def rows_of(self, stamps: Integers) -> Integers:
         """Return the row of each stamp, -1 where there is none."""
-        rows = self.rows
-        return np.fromiter((rows.get(s, -1) for s in stamps.tolist()), np.int64, len(stamps))
+        order = np.argsort(self.stamp_ns, kind="stable")
+        known = self.stamp_ns[order]
+        at = np.searchsorted(known, stamps, side="right") - 1
+        found = (at >= 0) & (known[np.maximum(at, 0)] == stamps) if len(known) else at >= 0
+        return np.where(found, order[at] if len(known) else -1, -1)
 
 
 class RecordedRun:

@@ -1,27 +1,31 @@
-"""A recorded run computed again: each command from the recorded states, each state from the commands.
+"""A recorded run's controllers and disturbances computed again: each command from the recorded states.
 
-The pure controller and simulation that the nodes drive are driven by the record; a change of parameters
-or a reset takes effect where the record says that it did. After a difference the record's value is
-taken on, so that one altered value shows as one. Long stretches in which all is equal are passed over by
+The pure functions that the nodes compose are driven by the record; a change of parameters or a reset takes
+effect where the record says that it did. Long stretches in which all is equal are passed over by
 compiled code (`stretches`); what is not equal there is looked at here, step by step.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from typing import NamedTuple
+
+import numpy as np
 
 from trunk_control.controller import Controller, hip_index, hip_seen
 from trunk_control.decide import Answer, Reading, state_record
 from trunk_msgs_util import topics
+from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_sim.disturbances import Disturbance, disturbance_at, disturbance_sample
-from trunk_sim.plant import PlantState
-from trunk_sim.simulation import DivergedError, Simulation
 
+from ..compiled import with_arrays
 from ..plans.timeline import Timeline, begins_active
+from . import stretches
 from .bits import same
 from .record import JointTable, RecordedRun
 
+WORTH_COMPILING = 20_000  # steps: fewer are computed sooner than compiled code is loaded
 ACTIVE_CONTROLLERS = "active controllers"
 
 
@@ -81,6 +85,42 @@ class DrivenController:
         position, velocity = (self.states.get(stamp_ns, q) for q in ("position", "velocity"))
         return position[self.joint], velocity[self.joint]
 
+    @cached_property
+    def _states_matrix(self) -> Floats:
+        joint = [
+            self.states.values(quantity)[:, self.joint] for quantity in ("position", "velocity")
+        ]
+        hip: list[Floats] = [np.zeros(len(self.states))] * 2
+        if self.hip is not None:
+            hip = [
+                self.states.values(quantity)[:, self.hip] for quantity in ("position", "velocity")
+            ]
+        return np.column_stack([*joint, *hip, self.states.values("effort")[:, self.joint]])
+
+    def record(self, commands: JointTable, stamps: Integers) -> stretches.CommandRecord:
+        """Return the record for `pass_over`, a row for each of the commands with these stamps."""
+        return stretches.CommandRecord(
+            stamps,
+            np.ascontiguousarray(commands.values("effort")[commands.rows_of(stamps), 0]),
+            self.states.rows_of(stamps),
+            self.terms.rows_of(stamps),
+            self._states_matrix,
+            np.ascontiguousarray(self.terms.values("position")),
+        )
+
+    def pass_over(self, record: stretches.CommandRecord, first: int, last: int) -> int:
+        """Go on over commands that are as recorded; return the first row that needs a closer look."""
+        controller = self.controller
+        row, controller.memory = stretches.compiled_commands(controller.law.name)(
+            first,
+            last,
+            controller.memory,
+            with_arrays(controller.setting),
+            tuple(with_arrays(one) for one in controller.constants),
+            record,
+        )
+        return row
+
     def turn(self, stamp_ns: int) -> bool:
         """Come to a stamp; return True where the controller is active there."""
         self.timeline.advance(stamp_ns, self.controller)
@@ -105,26 +145,69 @@ class DrivenController:
         )
 
 
-def in_turn(stamps: Sequence[int], controllers: Sequence[str]) -> Sequence[int]:
+def in_turn(stamps: Integers, controllers: Sequence[str]) -> Integers:
     """Return the stamps of commands in their order; of several publishers a file keeps none."""
-    return sorted(stamps) if len(controllers) > 1 else stamps
+    return np.sort(stamps) if len(controllers) > 1 else stamps
 
 
-def replay_controllers(run: RecordedRun, nodes: Sequence[str]) -> Iterator[Checked]:
+def judged(stamps: Integers, until_ns: int | None) -> Integers:
+    """Return the stamps up to the last one that is to be judged."""
+    if until_ns is None:
+        return stamps
+    beyond = np.flatnonzero(stamps > until_ns)
+    return stamps[: beyond[0]] if len(beyond) else stamps
+
+
+def replay_controllers(
+    run: RecordedRun, nodes: Sequence[str], until_ns: int | None = None
+) -> Iterator[Checked]:
     """Yield what differs in each recorded command, and in its terms.
 
     In real time the states that a controller acted on are those that its commands answer.
     """
     driven = {node: DrivenController(run, node) for node in nodes}
     commands = run.table(topics.EFFORT_COMMAND)
-    for stamp_ns in in_turn(commands.stamps, nodes):
+    stamps = judged(in_turn(commands.stamp_ns, nodes), until_ns)
+    records = _records(driven, commands, stamps)
+    row = 0
+    while row < len(stamps):
+        stamp_ns = int(stamps[row])
         active = [node for node, one in driven.items() if one.turn(stamp_ns)]
         if len(active) != 1:
             count = float(len(active))
             yield Checked(stamp_ns, [Difference(stamp_ns, "", ACTIVE_CONTROLLERS, count, 1.0)])
+            row += 1
             continue
-        found = _compared(commands, driven[active[0]], stamp_ns)
-        yield Checked(stamp_ns, found, controller=active[0])
+        name = active[0]
+        if name in records:
+            change_ns = min(one.timeline.next_ns for one in driven.values())
+            last = int(np.searchsorted(stamps, change_ns, side="right"))
+            passed = driven[name].pass_over(records[name], row, last) - row
+            if passed:
+                yield Checked(stamp_ns, (), passed, name)
+                row += passed
+                continue
+        yield Checked(stamp_ns, _compared(commands, driven[name], stamp_ns), controller=name)
+        row += 1
+
+
+def _records(
+    driven: dict[str, DrivenController], commands: JointTable, stamps: Integers
+) -> dict[str, stretches.CommandRecord]:
+    """Return the records to pass over, none where that is not worth it or not possible."""
+    if len(stamps) < WORTH_COMPILING or not (np.diff(stamps) > 0).all():
+        return {}
+    return {
+        name: one.record(commands, stamps)
+        for name, one in driven.items()
+        if _is_whole(one.states, 2)
+        and commands.values("effort").shape[1] == 1
+        and one.terms.values("position").shape[1] == len(topics.STATE_NAMES)
+    }
+
+
+def _is_whole(table: JointTable, joints: int) -> bool:
+    return all(table.values(q).shape[1] == joints for q in ("position", "velocity", "effort"))
 
 
 def _compared(commands: JointTable, driven: DrivenController, stamp_ns: int) -> list[Difference]:
@@ -139,60 +222,42 @@ def _compared(commands: JointTable, driven: DrivenController, stamp_ns: int) -> 
     return found
 
 
-def replay_disturbance(run: RecordedRun) -> Iterator[Checked]:
+def replay_disturbance(run: RecordedRun, until_ns: int | None = None) -> Iterator[Checked]:
     """Yield what differs in each recorded disturbance."""
     timeline = run.timeline("disturbance")
     signals, joints = timeline.config.signals, timeline.config.joints
     messages = run.table(topics.DISTURBANCE)
-    for stamp_ns in messages.stamps:
+    stamps = judged(messages.stamp_ns, until_ns)
+    whole = all(messages.values(q).shape[1] == 2 for q in ("position", "effort"))
+    quick = whole and len(stamps) >= WORTH_COMPILING and bool((np.diff(stamps) > 0).all())
+    matrix = disturbances_matrix(messages) if quick else np.empty((0, 4))
+    row = 0
+    while row < len(stamps):
+        stamp_ns = int(stamps[row])
         if timeline.advance(stamp_ns):
             signals = timeline.config.signals
+        if quick:
+            last = int(np.searchsorted(stamps, timeline.next_ns, side="right"))
+            passed = (
+                stretches.compiled_disturbances()(row, last, with_arrays(signals), stamps, matrix)
+                - row
+            )
+            if passed:
+                yield Checked(stamp_ns, (), passed)
+                row += passed
+                continue
         sample = disturbance_sample(stamp_ns, joints, disturbance_at(stamp_ns, signals))
         found = [
             *compare(messages, stamp_ns, "position", sample.position),
             *compare(messages, stamp_ns, "effort", sample.effort),
         ]
         yield Checked(stamp_ns, found)
+        row += 1
 
 
-def replay_plant(run: RecordedRun) -> Iterator[Checked]:
-    """Yield what differs in each recorded true state and in its measurement.
-
-    For lock-step and offline runs, in which the torque over a step is the command that answers its
-    first state.
-    """
-    timeline = run.timeline("simulator")
-    simulation = Simulation(timeline.config)
-    fell = {event.stamp_ns for event in run.events if event.message == "fell"}
-    marked = "fall.angle" in run.parameters["simulator"]
-    truth = run.table(topics.GROUND_TRUTH)
-    measured = run.table(topics.JOINT_STATES)
-    commands = run.table(topics.EFFORT_COMMAND)
-    disturbances = run.table(topics.DISTURBANCE)
-    timeline.advance(0, simulation)  # what came before the first state acts on it
-    for stamp_ns in truth.stamps:
-        acting = acting_at(disturbances, stamp_ns)
-        found: list[Difference] = []
-        sample = simulation.truth()
-        for quantity in ("position", "velocity", "effort"):
-            found += compare(truth, stamp_ns, quantity, getattr(sample, quantity))
-        if marked and simulation.falls_now != (stamp_ns in fell):
-            mark = float(stamp_ns in fell)
-            found.append(Difference(stamp_ns, topics.RUN_EVENTS, "fell", mark, 1.0 - mark))
-        if found:
-            _take_on(simulation, truth, stamp_ns)
-        if stamp_ns in measured:
-            seen = simulation.measure(acting)
-            for quantity in ("position", "velocity", "effort"):
-                found += compare(measured, stamp_ns, quantity, getattr(seen, quantity))
-        yield Checked(stamp_ns, found)
-        if stamp_ns in commands:
-            # A change stamped k came while state k was the newest: it acts on the step to k + 1.
-            timeline.advance(stamp_ns + 1, simulation)
-            try:
-                simulation.step(commands.get(stamp_ns, "effort")[0], acting)
-            except DivergedError:
-                return
+def disturbances_matrix(messages: JointTable) -> Floats:
+    """Return recorded disturbances [N, 4], in the order of the channels."""
+    return np.ascontiguousarray(np.hstack([messages.values("effort"), messages.values("position")]))
 
 
 def acting_at(disturbances: JointTable, stamp_ns: int) -> Disturbance:
@@ -202,9 +267,3 @@ def acting_at(disturbances: JointTable, stamp_ns: int) -> Disturbance:
     force, torque = disturbances.get(stamp_ns, "effort")
     hip, trunk = disturbances.get(stamp_ns, "position")
     return Disturbance(force, torque, hip, trunk)
-
-
-def _take_on(simulation: Simulation, truth: JointTable, stamp_ns: int) -> None:
-    x, theta = truth.get(stamp_ns, "position")
-    x_dot, theta_dot = truth.get(stamp_ns, "velocity")
-    simulation.take_on(PlantState(x, theta, x_dot, theta_dot), truth.get(stamp_ns, "effort")[1])

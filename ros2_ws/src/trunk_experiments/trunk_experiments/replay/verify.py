@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from itertools import takewhile
 
 import numpy as np
 
@@ -24,8 +23,8 @@ from .replay import (
     Difference,
     replay_controllers,
     replay_disturbance,
-    replay_plant,
 )
+from .replay_plant import PlantReplay
 
 VERIFIED, DIVERGES, UNJUDGED = 0, 1, 2
 # What decides the bits of sin, cos and exp, and of the noise.
@@ -144,22 +143,19 @@ def _recorded_until_ns(run: RecordedRun) -> int | None:
 
 
 def _recomputed(run: RecordedRun, until_ns: int | None) -> list[Part]:
-    def judged(replay: Iterable[Checked]) -> Iterable[Checked]:
-        return takewhile(lambda one: until_ns is None or one.stamp_ns <= until_ns, replay)
-
     parts = {name: Part(f"commands of {name}") for name in run.controllers}
     nobodys = Part("commands without one active controller")
-    for checked in judged(replay_controllers(run, run.controllers)):
+    for checked in replay_controllers(run, run.controllers, until_ns):
         parts.get(checked.controller, nobodys).take(checked)
     found = [*parts.values(), *([nobodys] if nobodys.steps else [])]
-    replays = {}
+    replays: dict[str, Iterable[Checked]] = {}
     if run.count(topics.DISTURBANCE):
-        replays["disturbances"] = replay_disturbance(run)
+        replays["disturbances"] = replay_disturbance(run, until_ns)
     if run.exact:
-        replays["states of the plant"] = replay_plant(run)
+        replays["states of the plant"] = PlantReplay(run, until_ns)
     for name, replay in replays.items():
         part = Part(name)
-        for checked in judged(replay):
+        for checked in replay:
             part.take(checked)
         found.append(part)
     return found

@@ -32,7 +32,7 @@ from trunk_msgs_util.recording.whole_file import whole_file
 
 from ..analysis.metrics import Metrics, metrics
 from ..batch.closed_loop import Batch, loops_fingerprint
-from ..batch.compiled import fingerprint
+from ..compiled import fingerprint
 from ..runs.graph import RunError
 from .design import Bases, design, make_bases, plan_of
 from .study import Study, StudyError

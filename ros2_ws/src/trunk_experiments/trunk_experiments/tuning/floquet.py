@@ -25,8 +25,7 @@ from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
 from trunk_sim.step import Plant, SensorParameters, act, at_rest, sense
 
-from ..batch.closed_loop import with_arrays
-from ..batch.compiled import compiled
+from ..compiled import compiled, with_arrays
 from ..plans.files import PlanError
 from ..plans.plan import RunPlan
 

@@ -1,0 +1,179 @@
+"""A recorded run's plant computed again: each state and its measurement from the commands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.plant import PlantState
+from trunk_sim.sensors import noise_samples
+from trunk_sim.step import Trunk, act, at_rest, sense
+
+from ..compiled import pruned
+from . import replay, stretches
+from .record import JointTable, RecordedRun
+from .replay import Checked, Difference, acting_at, compare, disturbances_matrix, judged
+
+_QUANTITIES = ("position", "velocity", "effort")
+
+
+class PlantReplay:
+    """The plant of a lock-step or offline run: the torque over a step is the command for its first state.
+
+    After a difference the record's value is taken on, so that one altered value shows as one.
+    """
+
+    def __init__(self, run: RecordedRun, until_ns: int | None = None) -> None:
+        self._truth = run.table(topics.GROUND_TRUTH)
+        self._measured = run.table(topics.JOINT_STATES)
+        self._commands = run.table(topics.EFFORT_COMMAND)
+        self._disturbances = run.table(topics.DISTURBANCE)
+        self._stamps = judged(self._truth.stamp_ns, until_ns)
+        self._fell = {event.stamp_ns for event in run.events if event.message == "fell"}
+        self._marked = "fall.angle" in run.parameters["simulator"]
+        self._timeline = run.timeline("simulator")
+        config: SimulatorConfig = self._timeline.config
+        self._delay_steps = config.delay_steps
+        self._noise = noise_samples(config.seed, len(self._stamps))
+        self._steps = self._stamps // config.period_ns
+        self._row = -1  # before the first state
+        self.retune(config)
+        self.reset()
+        self._timeline.advance(0, self)  # what came before the first state acts on it
+        self._row = 0
+
+    def retune(self, config: SimulatorConfig) -> None:
+        """Take new parameters of plant and sensors."""
+        self._plant, self._sensor, self._initial = config.plant, config.sensor, config.initial_state
+
+    def reset(self) -> None:
+        """Put the plant back to its initial state, and let the sensors forget what was before."""
+        self._trunk = at_rest(self._initial, self._plant)
+        self._falls = self._trunk.fallen
+        self._remembered = self._row + 1
+
+    def __iter__(self) -> Iterator[Checked]:
+        """Yield what differs in each recorded true state and in its measurement."""
+        record = self._record()
+        while self._row < len(self._stamps):
+            stamp_ns = int(self._stamps[self._row])
+            if record is not None and (passed := self._pass_over(record)):
+                yield Checked(stamp_ns, (), passed)
+                continue
+            yield Checked(stamp_ns, self._looked_at(stamp_ns))
+            if not self._step(stamp_ns):
+                return
+            self._row += 1
+
+    def _pass_over(self, record: stretches.PlantRecord) -> int:
+        """Go on over states that are as recorded; return how many they were."""
+        before = self._row
+        # A change stamped k came while state k was the newest: it acts on the step to k + 1.
+        last = int(np.searchsorted(self._stamps, self._timeline.next_ns))
+        self._row, self._trunk, self._falls = stretches.compiled_plant()(
+            before,
+            max(last, before),
+            self._trunk,
+            self._falls,
+            self._remembered,
+            self._delay_steps,
+            pruned(self._plant),
+            self._sensor,
+            record,
+        )
+        return self._row - before
+
+    def _looked_at(self, stamp_ns: int) -> list[Difference]:
+        """Return what differs at the present state; go on from what was recorded where anything does."""
+        trunk, found = self._trunk, list[Difference]()
+        x, theta, x_dot, theta_dot = trunk.state
+        for quantity, values in zip(
+            _QUANTITIES, ((x, theta), (x_dot, theta_dot), (0.0, trunk.effort)), strict=True
+        ):
+            found += compare(self._truth, stamp_ns, quantity, values)
+        if self._marked and self._falls != (stamp_ns in self._fell):
+            mark = float(stamp_ns in self._fell)
+            found.append(Difference(stamp_ns, topics.RUN_EVENTS, "fell", mark, 1.0 - mark))
+        if found:
+            effort = self._truth.get(stamp_ns, "effort")[1]
+            self._trunk = Trunk(self._recorded(self._row), effort, trunk.fallen, False)
+        if stamp_ns in self._measured:
+            found += self._sensed(stamp_ns)
+        return found
+
+    def _sensed(self, stamp_ns: int) -> Iterator[Difference]:
+        row = self._row
+        delayed = self._recorded(min(max(row - self._delay_steps, self._remembered), row))
+        step = min(max(int(self._steps[row]), 0), len(self._noise) - 1)
+        position_sample, velocity_sample = self._noise[step].tolist()
+        acting = acting_at(self._disturbances, stamp_ns)
+        seen = sense(delayed, acting, position_sample, velocity_sample, self._sensor)
+        yield from compare(self._measured, stamp_ns, "position", (seen.x, seen.theta))
+        yield from compare(self._measured, stamp_ns, "velocity", (seen.x_dot, seen.theta_dot))
+        yield from compare(self._measured, stamp_ns, "effort", (0.0, self._trunk.effort))
+
+    def _recorded(self, row: int) -> PlantState:
+        position, velocity = (self._truth.values(q)[row].tolist() for q in ("position", "velocity"))
+        return PlantState(position[0], position[1], velocity[0], velocity[1])
+
+    def _step(self, stamp_ns: int) -> bool:
+        """Step to the next state; False where the plant diverges, and there is none."""
+        if stamp_ns not in self._commands:
+            return True
+        self._timeline.advance(stamp_ns + 1, self)
+        command = self._commands.get(stamp_ns, "effort")[0]
+        acting = acting_at(self._disturbances, stamp_ns)
+        after = act(self._trunk, command, acting, self._plant)
+        self._falls = after.fallen and not self._trunk.fallen
+        self._trunk = after
+        return not after.diverged
+
+    def _record(self) -> stretches.PlantRecord | None:
+        """Return the record to pass over; None where that is not worth it or not possible."""
+        stamps = self._stamps
+        whole = all(_is_whole(table) for table in (self._truth, self._measured))
+        if (
+            not whole
+            or not self._marked
+            or len(stamps) < replay.WORTH_COMPILING
+            or not (np.diff(stamps) > 0).all()
+            or not np.array_equal(self._steps, np.arange(len(stamps)))
+            or self._commands.values("effort").shape[1] != 1
+        ):
+            return None
+        disturbances = np.zeros((len(stamps), 4))
+        if len(self._disturbances):
+            if not all(self._disturbances.values(q).shape[1] == 2 for q in ("position", "effort")):
+                return None
+            rows = self._disturbances.rows_of(stamps)
+            disturbances[rows >= 0] = disturbances_matrix(self._disturbances)[rows[rows >= 0]]
+        return stretches.PlantRecord(
+            _by_row(self._truth, stamps),
+            _by_row(self._measured, stamps),
+            np.ascontiguousarray(
+                _filled(self._commands.values("effort"), self._commands.rows_of(stamps))[:, 0]
+            ),
+            disturbances,
+            np.isin(stamps, list(self._fell)).astype(np.int64),
+            self._noise,
+        )
+
+
+def _is_whole(table: JointTable) -> bool:
+    return all(table.values(quantity).shape[1] == 2 for quantity in _QUANTITIES)
+
+
+def _by_row(table: JointTable, stamps: Integers) -> Floats:
+    """Return positions, velocities and efforts [N, 6] at these stamps, NaN where there is no message."""
+    values = np.hstack([table.values(quantity) for quantity in _QUANTITIES])
+    return _filled(values, table.rows_of(stamps))
+
+
+def _filled(values: Floats, rows: Integers) -> Floats:
+    found = np.full((len(rows), values.shape[1]), np.nan)
+    found[rows >= 0] = values[rows[rows >= 0]]
+    return found
