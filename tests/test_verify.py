@@ -216,6 +216,25 @@ def test_changes_during_a_run_are_replayed_and_rebuilt(whole, tmp_path):
     assert diff(recording, Recording.open(again)).identical
 
 
+def test_a_reference_from_a_topic_is_followed_as_long_as_it_was_asked_for(tmp_path):
+    plan = make_plan("fig6", "pid", everywhere={"duration": 0.3, "update_rate": 200.0})
+    told = {"reference.profile": "topic"}
+    let_go = {"reference.profile": "constant"}
+    plan = replace(
+        plan,
+        changes={"pid": [Change(50_000_000, told), Change(200_000_000, let_go)]},
+        references={k * 5_000_000: 0.25 for k in range(61)},
+    )
+    path, again = tmp_path / "run.mcap", tmp_path / "again.mcap"
+    record_offline(plan, path)
+    recording = Recording.open(path)
+    references = RecordedRun(recording).table("pid/state").values("position")[:, 0].tolist()
+    assert references == [0.0] * 11 + [0.25] * 30 + [0.0] * 20
+    assert verify(recording).exit_code == VERIFIED
+    record_offline(RecordedRun(recording).plan(), again)
+    assert diff(recording, Recording.open(again)).identical
+
+
 def test_runs_of_different_controllers_are_told_apart(whole, tmp_path):
     other = tmp_path / "pid.mcap"
     plan = make_plan("fig8", "pid")

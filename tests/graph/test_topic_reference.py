@@ -1,0 +1,71 @@
+"""A reference from a topic holds as long as the profile asks for one, and not a state longer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.node.conversions import stamp_from_ros
+from trunk_msgs_util.samples import JointSample
+
+from .peer import Peer
+from .processes import Children
+
+pytestmark = pytest.mark.graph
+
+PERIOD_NS = 5_000_000
+
+
+@pytest.fixture
+def command(children: Children, peer: Peer) -> Callable[[], float]:
+    """Show a P controller of 60 N m/rad the upright trunk once more, and return its command."""
+    gains = ("gains.p:=60.0", "gains.i:=0.0", "gains.d:=0.0")
+    node = children.node(
+        "pid", *gains, "reference.profile:=topic", "reference.value:=0.1", "update_rate:=200.0"
+    )
+    peer.until_up("pid")
+    show = peer.speaker(topics.JOINT_STATES)
+    heard = peer.hear(topics.EFFORT_COMMAND)
+    stamps = iter(range(0, 10**12, PERIOD_NS))
+
+    def answer() -> float:
+        stamp_ns = next(stamps)
+        upright = JointSample(stamp_ns, ("hip", "trunk"), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
+        show(upright)
+        peer.until(
+            lambda: heard and stamp_from_ros(heard[-1].header.stamp) == stamp_ns,
+            f"an answer to {stamp_ns} ns",
+        )
+        return heard[-1].effort[0]
+
+    yield answer
+    assert node.stop() == 0
+
+
+def test_it_ends_with_its_profile(command: Callable[[], float], peer: Peer) -> None:
+    def take_profile(name: str) -> None:
+        changed = [Parameter("reference.profile", value=name).to_parameter_msg()]
+        (result,) = peer.call(SetParameters, "/pid/set_parameters", parameters=changed).results
+        assert result.successful, result.reason
+
+    tell = peer.speaker(topics.REFERENCE)
+
+    def told(angle: float) -> None:
+        tell(JointSample(0, ("trunk",), position=(angle,)))
+        peer.until(lambda: command() == 60.0 * angle, f"the reference of {angle} rad acts")
+
+    before_any = 60.0 * 0.1
+    assert command() == before_any
+    told(0.5)
+    take_profile("constant")
+    assert command() == before_any
+    assert peer.call(Trigger, "/pid/reset").success
+    assert command() == before_any
+    take_profile("topic")
+    assert command() == before_any
+    told(0.25)
