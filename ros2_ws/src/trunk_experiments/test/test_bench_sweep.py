@@ -18,7 +18,7 @@ def test_mujoco_moves_as_our_plant_on_a_flat_path():
 
 def test_mujoco_must_agree(monkeypatch):
     mujoco = pytest.importorskip("mujoco")
-    monkeypatch.setattr(bench, "MJCF", bench.MJCF.replace('mass="0.5"', 'mass="0.51"'))
+    monkeypatch.setattr(bench, "MJCF", bench.MJCF.replace("{body.trunk_mass}", "0.51"))
     with pytest.raises(BenchError, match="after 1 s MuJoCo's trunk is at"):
         bench.check_mujoco(mujoco)
 

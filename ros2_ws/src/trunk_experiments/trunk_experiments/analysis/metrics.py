@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
     from .run_table import RunTable
 
-SETTLING_BAND = radians(6.0)  # rad
+SETTLING_BAND_DEG = 6.0
+SETTLING_BAND = radians(SETTLING_BAND_DEG)  # rad
 SETTLED_FOR = 1.0  # s that must be left after the settling
 STEADY_STATE = 2.0  # s at the end
 _TOLERANCE = 1e-9  # s, for times that are sums of rounded periods

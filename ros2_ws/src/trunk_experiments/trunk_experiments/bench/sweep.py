@@ -43,16 +43,16 @@ _FEW, _MANY = 20, 80  # runs
 # A cart-pole of the trunk's size: masses in one point, no friction, no contacts.
 MJCF = """
 <mujoco>
-  <option timestep="0.001" gravity="0 0 -9.81" integrator="{integrator}">
+  <option timestep="0.001" gravity="0 0 -{body.gravity}" integrator="{integrator}">
     <flag contact="disable" constraint="disable"/>
   </option>
   <worldbody>
     <body name="hip">
       <joint name="hip" type="slide" axis="1 0 0"/>
-      <inertial pos="0 0 0" mass="2" diaginertia="1e-9 1e-9 1e-9"/>
+      <inertial pos="0 0 0" mass="{body.hip_mass}" diaginertia="1e-9 1e-9 1e-9"/>
       <body name="trunk">
         <joint name="trunk" type="hinge" axis="0 1 0"/>
-        <inertial pos="0 0 1" mass="0.5" diaginertia="1e-9 1e-9 1e-9"/>
+        <inertial pos="0 0 {body.length}" mass="{body.trunk_mass}" diaginertia="1e-9 1e-9 1e-9"/>
       </body>
     </body>
   </worldbody>
@@ -130,7 +130,9 @@ def check_mujoco(mujoco: Any) -> None:
 
 def mujoco_run(mujoco: Any, plan: RunPlan, integrator: str, steps: int) -> float:
     """Return the trunk's last angle in rad of the same loop with MuJoCo's plant, the law in Python."""
-    model = mujoco.MjModel.from_xml_string(MJCF.format(integrator=integrator))
+    model = mujoco.MjModel.from_xml_string(
+        MJCF.format(integrator=integrator, body=plan.simulator.body)
+    )
     data = mujoco.MjData(model)
     initial = plan.simulator.initial_state
     data.qpos[:] = initial.x, initial.theta

@@ -10,10 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import isinf
 
+from ..analysis.metrics import SETTLING_BAND_DEG
 from .runs import Case, Runs
 
 ANGLE = 0.5  # deg: what passes for none, on a figure that spans 30 to 100 degrees
-BAND = 6.0  # deg, the settling band of the metrics
 FALLEN = 90.0  # deg
 FUZZY = ("fuzzy_as_printed", "fuzzy_zhao_1993")
 PRINTED, TABLE_1 = "pid_as_printed", "pid_ziegler_nichols"
@@ -208,8 +208,8 @@ CLAIMS = (
         "It is illustrated clearly in Fig.7 that the PID-fuzzy controllers is balanced the unstable "
         "system as well",
         "the trunk stays up",
-        f"{BAND:g}° RMS over the last 2 s",
-        _within("fig7", FUZZY, "steady_state_error_rms_deg", BAND),
+        f"{SETTLING_BAND_DEG:g}° RMS over the last 2 s",
+        _within("fig7", FUZZY, "steady_state_error_rms_deg", SETTLING_BAND_DEG),
     ),
     Claim(
         "pid-70-80",

@@ -10,7 +10,10 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from math import cos, floor, isfinite, sin, tanh
 
+from trunk_msgs_util.mechanics import Body, path_height
 from trunk_msgs_util.parameters.declarations import parameter
+
+_BODY = Body()
 
 TOPIC = "markers"
 TYPE = "visualization_msgs/msg/MarkerArray"
@@ -65,9 +68,9 @@ class Shape:
 class Geometry:
     """The constants that a picture needs (SI units), by default the plant's."""
 
-    length: float = 1.0  # l, hip to centre of mass
-    amplitude: float = 1.0  # A
-    wavenumber: float = 1.0  # k
+    length: float = _BODY.length  # l, hip to centre of mass
+    amplitude: float = _BODY.amplitude  # A
+    wavenumber: float = _BODY.wavenumber  # k
     joints: tuple[str, str] = ("hip", "trunk")
 
     @classmethod
@@ -86,7 +89,7 @@ class Geometry:
 
     def hip(self, x: float) -> Point:
         """Return where the hip is: on ``z = A sin(k x)``."""
-        return (x, 0.0, self.amplitude * sin(self.wavenumber * x))
+        return (x, 0.0, path_height(x, self.amplitude, self.wavenumber))
 
     def mass(self, x: float, theta: float) -> Point:
         """Return where the trunk's centre of mass is."""

@@ -17,14 +17,17 @@ from matplotlib.gridspec import SubplotSpec
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
+from trunk_msgs_util.mechanics import path_height
+
+from ..analysis.metrics import SETTLING_BAND_DEG
 from .plot_style import COLORS, STYLE, line_style
 from .run_view import RunView, labels, off_scale, same_pulses
 
 BAND, PULSE, REFERENCE, LIMIT = "#7a7a7a", "#E69F00", "#222222", "#B00020"
 TURN = "#555555"
 TURN_LINE: dict[str, Any] = {"color": TURN, "linewidth": 1.0, "linestyle": (0, (5, 2, 1, 2))}
-BAND_DEG = 6.0
 _NAMED_TURNS = 6  # more of them would write over one another
 FIGURES = {
     6: "zero reference",
@@ -84,7 +87,7 @@ def _context_handles(views: Sequence[RunView], limits: bool = True) -> list[Line
     """Return the legend's entries for what is no run: the reference, its band, pulses, limits."""
     found: list[Line2D | Patch] = [
         Line2D([], [], color=REFERENCE, linewidth=1.0, linestyle=(0, (2, 2)), label="reference"),
-        Patch(color=BAND, alpha=0.22, linewidth=0, label=f"reference ±{BAND_DEG:g}°"),
+        Patch(color=BAND, alpha=0.22, linewidth=0, label=f"reference ±{SETTLING_BAND_DEG:g}°"),
     ]
     if same_pulses(views):
         found.append(Patch(color=PULSE, alpha=0.45, linewidth=0, label="pulse acts"))
@@ -149,7 +152,12 @@ def _angle(axes: Axes, views: Sequence[RunView]) -> None:
         if shape not in drawn:  # the band of a shared reference is not laid on itself
             drawn.add(shape)
             axes.fill_between(
-                t, reference - BAND_DEG, reference + BAND_DEG, color=BAND, alpha=0.22, linewidth=0
+                t,
+                reference - SETTLING_BAND_DEG,
+                reference + SETTLING_BAND_DEG,
+                color=BAND,
+                alpha=0.22,
+                linewidth=0,
             )
             axes.plot(t, reference, color=REFERENCE, linewidth=1.0, linestyle=(0, (2, 2)))
         axes.plot(t, np.degrees(view.table.theta), **line_style(i), zorder=3 + 0.01 * i)
@@ -218,11 +226,11 @@ def _path(axes: Axes, views: Sequence[RunView]) -> None:
     margin = 0.25 * max(high - low, 1.0)
     x = np.linspace(low - margin, high + margin, 800)
     for amplitude, wavenumber in sorted({view.hip_path for view in views}):
-        axes.plot(x, amplitude * np.sin(wavenumber * x), color="#888888", linewidth=0.9)
+        axes.plot(x, _heights(x, amplitude, wavenumber), color="#888888", linewidth=0.9)
     for i, view in enumerate(views):
         amplitude, wavenumber = view.hip_path
         traveled = np.linspace(float(view.table.x.min()), float(view.table.x.max()), 800)
-        y = amplitude * np.sin(wavenumber * traveled)
+        y = _heights(traveled, amplitude, wavenumber)
         # Wide below, narrow above: every run's range shows where they overlap.
         width = 2.2 + 2.4 * (len(views) - 1 - i)
         color = COLORS[i % len(COLORS)]
@@ -243,8 +251,11 @@ def _path(axes: Axes, views: Sequence[RunView]) -> None:
 
 
 def _height(view: RunView) -> float:
-    amplitude, wavenumber = view.hip_path
-    return float(amplitude * np.sin(wavenumber * view.table.x[0]))
+    return path_height(float(view.table.x[0]), *view.hip_path)
+
+
+def _heights(x: NDArray[np.floating[Any]], amplitude: float, wavenumber: float) -> list[float]:
+    return [path_height(at, amplitude, wavenumber) for at in x.tolist()]
 
 
 def _phase(axes: Axes, views: Sequence[RunView]) -> None:

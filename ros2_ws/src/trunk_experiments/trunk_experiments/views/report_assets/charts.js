@@ -198,7 +198,7 @@ const makePlaneCharts = () => {
       return [run.columns.theta[row], run.columns.rate[row], runColor(index)];
     }),
   );
-  const height = (run, x) => run.path.amplitude * Math.sin(run.path.wavenumber * x);
+  const height = (run, x) => pathHeight(run.path, x);
   dotChart(
     document.getElementById("plot-path"),
     () => report.runs.map((run, index) => ({

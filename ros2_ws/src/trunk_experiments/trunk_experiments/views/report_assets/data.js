@@ -25,6 +25,9 @@ const report = (() => {
   return data;
 })();
 
+// The hip path's height in m over x in m.
+const pathHeight = (path, x) => path.amplitude * Math.sin(path.wavenumber * x);
+
 // The row that holds at a time: the last stamp at or before it, 0 before the first.
 const rowAt = (times, time) => {
   let low = 0;

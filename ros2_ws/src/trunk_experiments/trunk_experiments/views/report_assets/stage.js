@@ -5,8 +5,8 @@ const makeStage = (run, index) => {
   const context = canvas.getContext("2d");
   const readout = document.getElementById(`readout-${index}`);
   const { t, x, theta, measured, reference, torque } = run.columns;
-  const { amplitude, wavenumber, length } = run.path;
-  const height = (at) => amplitude * Math.sin(wavenumber * at);
+  const { length } = run.path;
+  const height = (at) => pathHeight(run.path, at);
   const extent = x.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
   // A hip that runs far away is followed; otherwise the whole way fits.
   const follows = extent[1] - extent[0] > 9;
