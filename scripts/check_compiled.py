@@ -11,7 +11,7 @@ import sys
 from trunk_experiments.batch.check import first_difference
 from trunk_experiments.batch.closed_loop import Batch
 from trunk_experiments.batch.random_plans import random_plan
-from trunk_experiments.plans.files import PlanError
+from trunk_experiments.errors import PlanError
 
 
 def main() -> int:

@@ -38,10 +38,11 @@ from trunk_experiments.bench.soak import (
 )
 from trunk_experiments.bench.usage import resident_bytes
 from trunk_experiments.commands.common import print_table
-from trunk_experiments.plans.files import PlanError
+from trunk_experiments.errors import RunError
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import RunPlan, make_plan
-from trunk_experiments.runs.graph import RunError, RunFiles, run_graph
+from trunk_experiments.runs.graph import RunFiles, run_graph
+from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.units import seconds
 
@@ -175,7 +176,7 @@ def main(minutes: float, rate: float, output: Path | None) -> None:
             )
             files = RunFiles.for_run(plan, output or Path(folder))
             problems = soak(plan, files.folder)
-        except (PlanError, RunError, ValueError) as error:
+        except (TrunkError, ValueError) as error:
             problems = [str(error)]
     if problems:
         sys.exit(f"check_soak: FAILED: {'; '.join(problems)}")

@@ -6,7 +6,7 @@ import pytest
 
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.plans.files import PlanError
+from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.plans.files import PlanError
+from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.turns import parse_swap
 from trunk_experiments.replay.diff import diff

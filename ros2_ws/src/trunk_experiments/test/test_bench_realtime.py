@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from trunk_experiments.bench import realtime as bench
-from trunk_experiments.bench.core import BenchError
-from trunk_experiments.bench.processes import BenchRunError
+from trunk_experiments.errors import BenchError, BenchRunError
 
 MS = 1_000_000
 EVEN = {k: 5 * k * MS for k in range(101)}  # stamps need not be the instants: 200 Hz

@@ -9,7 +9,7 @@ import pytest
 
 from trunk_control.fuzzy import infer
 from trunk_experiments.bench import sweep as bench
-from trunk_experiments.bench.core import BenchError
+from trunk_experiments.errors import BenchError
 
 
 def test_mujoco_moves_as_our_plant_on_a_flat_path():

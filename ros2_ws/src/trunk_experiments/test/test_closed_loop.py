@@ -18,7 +18,7 @@ from trunk_experiments.batch import closed_loop
 from trunk_experiments.batch.check import first_difference
 from trunk_experiments.batch.closed_loop import Batch
 from trunk_experiments.batch.random_plans import random_plan
-from trunk_experiments.plans.files import PlanError
+from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.plans.files import PlanError, shipped_files
+from trunk_experiments.errors import PlanError
+from trunk_experiments.plans.files import shipped_files
 from trunk_experiments.plans.nodes import CONTROLLERS, NODES
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs import launching

@@ -5,7 +5,8 @@ import math
 import pytest
 
 from trunk_control.rule_tables import KD_AS_PRINTED, KP_AS_PRINTED
-from trunk_experiments.plans.files import SCENARIOS, PlanError, shipped_files
+from trunk_experiments.errors import PlanError
+from trunk_experiments.plans.files import SCENARIOS, shipped_files
 from trunk_experiments.plans.plan import make_plan
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.parameters.files import ParameterFileError, read, resolve

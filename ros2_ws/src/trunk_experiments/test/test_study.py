@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from trunk_experiments.errors import StudyError
 from trunk_experiments.study.design import make_bases
 from trunk_experiments.study.draws import Distribution
 from trunk_experiments.study.file import parse_study, read_study
-from trunk_experiments.study.study import StudyError
 
 HEAD = "scenario: fig6\ncontrollers: [pid]\n"
 DELAY = "vary:\n  delay: {parameter: simulator.sensor.delay, values: [0.0]}\n"

@@ -11,11 +11,11 @@ import pytest
 from click.testing import CliRunner
 
 from trunk_experiments.cli import trunk
+from trunk_experiments.errors import StudyError
 from trunk_experiments.study.compare import FELL, compare_study
 from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.map import panels
 from trunk_experiments.study.results import Results
-from trunk_experiments.study.study import StudyError
 from trunk_experiments.study.sweep import Sweep, processes
 
 STUDY = """

@@ -13,13 +13,13 @@ import pytest
 
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
+from trunk_experiments.errors import StudyError, SweepError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.study import sweep as module
 from trunk_experiments.study.design import design, make_bases, plan_of
 from trunk_experiments.study.file import parse_study, read_study, shipped_studies
-from trunk_experiments.study.study import StudyError
-from trunk_experiments.study.sweep import METRICS, Sweep, SweepError, processes, run_block
+from trunk_experiments.study.sweep import METRICS, Sweep, processes, run_block
 from trunk_msgs_util.recording.reader import Recording
 
 STUDY = """

@@ -10,9 +10,9 @@ import time
 
 import pytest
 
+from trunk_experiments.errors import StudyError
 from trunk_experiments.study.cluster import dask_runner
 from trunk_experiments.study.file import parse_study
-from trunk_experiments.study.study import StudyError
 from trunk_experiments.study.sweep import Sweep, processes
 
 distributed = pytest.importorskip("distributed")

@@ -14,10 +14,11 @@ from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.lqr_law import LqrConfig
 from trunk_control.pid import Gains
 from trunk_experiments.commands.tune import command
+from trunk_experiments.errors import TuningError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline import steps
 from trunk_experiments.tuning.linear import Linear, Loop, largest_delay, linearise, margins
-from trunk_experiments.tuning.methods import TuningError, by_lqr, by_poles, relay, ultimate
+from trunk_experiments.tuning.methods import by_lqr, by_poles, relay, ultimate
 from trunk_experiments.tuning.search import fuzzy_space, gains_space
 from trunk_msgs_util.mechanics import Body
 

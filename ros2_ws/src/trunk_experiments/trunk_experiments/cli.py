@@ -8,6 +8,8 @@ from importlib import import_module
 
 import click
 
+from trunk_msgs_util.errors import EXIT_USAGE, TrunkError
+
 # Verb: module of `commands` that holds it, and one line for the overview (which thus imports nothing).
 _VERBS = {
     "run": ("run", "Run a scenario in the ROS 2 graph and record it."),
@@ -68,8 +70,6 @@ def trunk() -> None:
 
 def main() -> None:
     """Run the command; a user's mistake is one line on stderr, never a traceback."""
-    from .commands.common import run_errors, user_errors
-
     try:
         code = trunk(standalone_mode=False)  # what a verb gave to ctx.exit comes back as a value
         sys.exit(code if isinstance(code, int) else 0)
@@ -83,10 +83,10 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()  # the reader of a pipe went away: nothing more to say
         sys.exit(1)
-    except run_errors() as error:
-        sys.exit(_say(error, 1))
-    except user_errors() as error:
-        sys.exit(_say(error, 2))
+    except TrunkError as error:
+        sys.exit(_say(error, error.exit_code))
+    except OSError as error:
+        sys.exit(_say(error, EXIT_USAGE))
 
 
 def _say(error: Exception, code: int) -> int:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
+from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import seconds
 
@@ -12,8 +15,10 @@ from .sensors import DelayLine, NoiseStream
 from .step import Trunk, act, at_rest, saturate, sense
 
 
-class DivergedError(ArithmeticError):
+class DivergedError(TrunkError, ArithmeticError):
     """The plant's state left the finite numbers: the loop is unstable."""
+
+    exit_code: ClassVar[int] = EXIT_FAILED
 
 
 class Simulation:

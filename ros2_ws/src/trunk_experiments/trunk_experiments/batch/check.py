@@ -7,7 +7,7 @@ import numpy as np
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.simulation import DivergedError
 
-from ..plans.files import PlanError
+from ..errors import PlanError
 from ..plans.plan import RunPlan
 from ..runs.offline import Step, steps
 from .closed_loop import Batch, Outcome

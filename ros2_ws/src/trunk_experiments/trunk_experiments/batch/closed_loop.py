@@ -28,7 +28,7 @@ from trunk_sim.step import Measurement, Plant, SensorParameters, act, at_rest, s
 from ..analysis.metrics import Metrics, metrics
 from ..analysis.run_table import RunTable
 from ..compiled import compiled, fingerprint, pruned, with_arrays
-from ..plans.files import PlanError
+from ..errors import PlanError
 from ..plans.plan import RunPlan, check_turns
 from ..runs.offline import check
 

@@ -22,6 +22,8 @@ from trunk_control.fuzzy_pid import fuzzy_pid_update
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.pid import DERIVATIVE_ON_MEASUREMENT, Gains, PidLaw, PidState, pid_update
 
+from ..errors import BenchError
+
 FUZZY_GOAL = 2000.0  # at least: pyfuzzylite's time over that of one inference
 PID_GOAL = 2.0  # at most: the time of one update over simple-pid's
 FUZZY_TOLERANCE = 1e-12
@@ -34,10 +36,6 @@ _GAINS = Gains(60.0, 100.0, 9.0)
 _LAW = PidLaw(DERIVATIVE_ON_MEASUREMENT, 0.0, -_LIMIT, _LIMIT, -_LIMIT, _LIMIT)
 
 Batch = Callable[[], int]  # does some calls and returns how many
-
-
-class BenchError(RuntimeError):
-    """A library is missing, or does not compute what we compute."""
 
 
 @dataclass(frozen=True)

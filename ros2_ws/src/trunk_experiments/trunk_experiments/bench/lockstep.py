@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
+from ..errors import BenchRunError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan, make_plan
 from ..runs.processes import NodeProcess
-from .processes import BenchRunError, Way
+from .processes import Way
 
 _FINISHED = re.compile(r"finished: (\d+) steps in ([\d.]+) s of wall time")
 _DEADLINE_S = 300.0

@@ -11,10 +11,6 @@ from ..plans.plan import RunPlan
 from ..runs.processes import NodeProcess, stop
 
 
-class BenchRunError(RuntimeError):
-    """A process of a benchmark that did not do its part."""
-
-
 @dataclass(frozen=True)
 class Way:
     """A set of processes: (name, package, arguments), in the order of their start."""

@@ -22,9 +22,9 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import QUANTITIES, JointArrays
 from trunk_msgs_util.recording.reader import Recording
 
+from ..errors import BenchError
 from ..plans.plan import make_plan
 from ..runs.offline_recording import record_offline
-from .core import BenchError
 
 READ_GOAL = 15.0  # at least: our messages per second over those of rosbags
 

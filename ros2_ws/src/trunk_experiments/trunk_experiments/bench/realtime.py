@@ -25,11 +25,11 @@ import numpy as np
 
 from trunk_msgs_util import topics
 
+from ..errors import BenchError, BenchRunError
 from ..plans.nodes import NODES
 from ..plans.plan import make_plan
 from ..runs.processes import NodeProcess
-from .core import BenchError
-from .processes import BenchRunError, Way
+from .processes import Way
 from .usage import processor_seconds
 
 if TYPE_CHECKING:

@@ -25,9 +25,10 @@ from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.pid import PidState
 
 from ..batch.closed_loop import Batch
+from ..errors import BenchError
 from ..plans.plan import RunPlan, make_plan
 from ..study.sweep import worker_pool
-from .core import BenchError, BenchRow, library
+from .core import BenchRow, library
 
 MUJOCO_GOAL = 40.0
 SCIKIT_GOAL = 10_000.0

@@ -1,4 +1,4 @@
-"""What several verbs share: the options that make a plan, tables, and the errors of a user's mistake."""
+"""What several verbs share: the options that make a plan, and tables."""
 
 from __future__ import annotations
 
@@ -10,44 +10,11 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.parameters.files import ParameterFileError
-
-from ..plans.files import PlanError
 from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import parse_swap
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-
-
-def run_errors() -> tuple[type[Exception], ...]:
-    """Return the exceptions that say how a run went wrong."""
-    from trunk_sim.simulation import DivergedError
-
-    from ..bench.processes import BenchRunError
-    from ..live.parameters import LiveParametersError
-    from ..runs.graph import RunError
-
-    return (RunError, DivergedError, BenchRunError, LiveParametersError)
-
-
-def user_errors() -> tuple[type[Exception], ...]:
-    """Return the exceptions that say what a user did wrong, to be shown as one line."""
-    from trunk_msgs_util.recording.reader import RecordingError
-
-    from ..bench.core import BenchError
-    from ..runs.processes import ExecutableError
-
-    return (
-        PlanError,
-        ParameterError,
-        ParameterFileError,
-        RecordingError,
-        BenchError,
-        ExecutableError,
-        OSError,
-    )
 
 
 def plan_options(function: Function, required: bool = True) -> Function:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ..plans.files import PlanError
+from ..errors import PlanError
 
 
 @click.command("map")

@@ -123,7 +123,8 @@ def apply(node: str, file: str, timeout: float, dry_run: bool) -> None:
     """
     from trunk_msgs_util.parameters.files import read
 
-    from ..live.parameters import LiveParametersError, differences, full_name, said_of
+    from ..errors import LiveParametersError
+    from ..live.parameters import differences, full_name, said_of
     from ..plans.files import find_file
 
     layer, name = read(find_file(file)), full_name(node)

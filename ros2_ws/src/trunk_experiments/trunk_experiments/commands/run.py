@@ -11,7 +11,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from trunk_msgs_util.recording.reader import Recording
 
-from ..plans.files import PlanError
+from ..errors import PlanError
 from ..runs.graph import RunFiles, run_graph
 from .common import plan_of, plan_options
 from .metrics import show_metrics

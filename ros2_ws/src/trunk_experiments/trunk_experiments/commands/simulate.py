@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from ..plans.files import PlanError
+from ..errors import PlanError
 from .common import plan_of, plan_options
 
 

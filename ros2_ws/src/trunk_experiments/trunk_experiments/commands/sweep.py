@@ -15,7 +15,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from ..plans.files import PlanError
+from ..errors import PlanError
 
 
 @click.command("sweep")

@@ -11,10 +11,6 @@ from trunk_msgs_util.parameters.declarations import unknown_name
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
 
 
-class LiveParametersError(RuntimeError):
-    """A running node that is not there, does not answer, or refuses."""
-
-
 class Change(NamedTuple):
     """A parameter that a file sets to another value than the node has."""
 

@@ -16,7 +16,7 @@ from rclpy.task import Future
 
 from trunk_msgs_util.node import middleware
 
-from .parameters import LiveParametersError
+from ..errors import LiveParametersError
 
 # A response that is sent before the server has matched the client is lost: then it is asked again.
 _ASK_AGAIN_S = 1.0

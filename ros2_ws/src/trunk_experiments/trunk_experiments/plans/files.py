@@ -10,6 +10,7 @@ import yaml
 
 from trunk_msgs_util.parameters.files import Layer, Section, read
 
+from ..errors import PlanError
 from .nodes import NODES
 
 # The profile on which a shipped scenario rests.
@@ -20,10 +21,6 @@ SCENARIOS: dict[str, str] = {
     "fig9": "profile_paper",
     "demo": "profile_practical",
 }
-
-
-class PlanError(ValueError):
-    """A run that cannot be: what is wrong, its value, what is allowed."""
 
 
 def shipped_files() -> dict[str, Path]:

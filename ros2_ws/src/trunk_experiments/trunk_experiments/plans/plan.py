@@ -30,7 +30,8 @@ from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 
-from .files import PlanError, find_file, parse_setting, scenario_layers
+from ..errors import PlanError
+from .files import find_file, parse_setting, scenario_layers
 from .nodes import CONTROLLERS, NODES, declared_names
 from .timeline import Change, Timeline
 from .turns import Swap, turns_of

@@ -7,7 +7,7 @@ from contextlib import suppress
 from math import isfinite
 from typing import NamedTuple
 
-from .files import PlanError
+from ..errors import PlanError
 from .nodes import CONTROLLERS
 
 

@@ -24,7 +24,9 @@ _CLASSES = {
 def node_maker(name: str) -> Callable[[], TrunkNode[Any]]:
     """Return what makes a node, by its name."""
     if name in CONTROLLERS:
-        return partial(import_module("trunk_control.controller_node").ControllerNode, law_named(name))
+        return partial(
+            import_module("trunk_control.controller_node").ControllerNode, law_named(name)
+        )
     module, cls = _CLASSES[name]
     found: Callable[[], TrunkNode[Any]] = getattr(import_module(module), cls)
     return found

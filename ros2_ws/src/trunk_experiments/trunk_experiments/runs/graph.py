@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import RunEvent
 
+from ..errors import PlanError, RunError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
-from ..plans.files import PlanError
 from .processes import PATIENCE_S, NodeProcess, stop
 
 if TYPE_CHECKING:
@@ -28,10 +28,6 @@ EXIT_FAILED = 1  # of a node that has said why
 SILENCE_S = 5.0  # of a simulator that diagnoses itself every second
 COMPOSED = "composed"
 _WAITING = "{} not active: with autostart false, configure and activate it (ros2 lifecycle set …)"
-
-
-class RunError(RuntimeError):
-    """A run that ended otherwise than it should: who, why."""
 
 
 @dataclass(frozen=True)

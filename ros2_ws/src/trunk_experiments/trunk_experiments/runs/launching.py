@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..errors import PlanError
 from ..plans.nodes import CONTROLLERS, NODES
 from ..plans.plan import RunPlan, checked_namespace, make_plan
-from ..plans.files import PlanError
 from ..plans.turns import parse_swap
 
 RECORDER = "recorder"

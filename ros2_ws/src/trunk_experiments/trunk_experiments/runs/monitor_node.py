@@ -10,8 +10,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from trunk_msgs_util.node import middleware, qos
 from trunk_msgs_util import topics
+from trunk_msgs_util.node import middleware, qos
 
 
 class Monitor:

@@ -13,7 +13,7 @@ from trunk_msgs_util.units import seconds, step_count
 from trunk_sim.disturbances import Disturbance, disturbance_at
 from trunk_sim.simulation import Simulation
 
-from ..plans.files import PlanError
+from ..errors import PlanError
 from ..plans.plan import RunPlan, check_joints
 from ..plans.timeline import ACTIVATED, begins_active
 

@@ -9,17 +9,17 @@ from trunk_control.decide import state_record
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
-from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
-from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.recording.schemas import event, parameter_event
 from trunk_msgs_util.recording.whole_file import whole_file
+from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
+from trunk_msgs_util.samples import JointSample
 from trunk_sim.disturbances import disturbance_sample
 from trunk_sim.simulation import DivergedError
 
 from ..plans.nodes import NODES
-from .offline import Step, disturbance_source, steps
 from ..plans.plan import RunPlan
 from ..plans.timeline import ACTIVATED, DEACTIVATED, Change
+from .offline import Step, disturbance_source, steps
 
 
 def record_offline(plan: RunPlan, path: Path, overwrite: bool = False) -> int:

@@ -14,14 +14,12 @@ from typing import BinaryIO
 
 from trunk_msgs_util.node import early_signals
 
+from ..errors import ExecutableError
+
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None)
 _POLL_S = 0.02
 PATIENCE_S = 4.0  # with a process that was told to end
-
-
-class ExecutableError(RuntimeError):
-    """A node's executable that is not installed."""
 
 
 def find_executable(package: str, executable: str) -> Path:

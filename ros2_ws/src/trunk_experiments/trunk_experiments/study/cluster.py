@@ -7,8 +7,8 @@ from typing import Any
 
 import pyarrow as pa
 
-from .study import StudyError
-from .sweep import Block, Runner, SweepError, run_block
+from ..errors import StudyError, SweepError
+from .sweep import Block, Runner, run_block
 
 _CONNECT_S = 10.0
 _RETRIES = 3  # of a task whose worker was lost; the scheduler itself allows as many losses

@@ -11,8 +11,8 @@ from scipy.stats import bootstrap
 
 from trunk_msgs_util.recording.joint_arrays import Floats
 
+from ..errors import StudyError
 from .results import METRICS, Results
-from .study import StudyError
 
 RESAMPLES = 5000
 CONFIDENCE = 0.95

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.parameters.declarations import (
     Declaration,
     ParameterError,
@@ -23,13 +24,12 @@ from trunk_msgs_util.parameters.declarations import (
     declarations,
     unknown_name,
 )
-from trunk_msgs_util.parameters.files import ParameterFileError
 from trunk_sim.disturbance_config import DisturbanceConfig
 
-from ..plans.files import PlanError
+from ..errors import PlanError, StudyError
 from ..plans.plan import RunPlan, make_plan
 from .draws import stream
-from .study import Contender, Scalar, Study, StudyError, Target, Variable
+from .study import Contender, Scalar, Study, Target, Variable
 
 STRUCTURAL = ("update_rate", "joint")  # checked by `make_plan` against other nodes' values
 SEEDS = {"simulator": "sensor.seed", "disturbance": "noise.seed"}
@@ -158,7 +158,7 @@ def _base(study: Study, contender: Contender, settings: list[str]) -> Base:
             return Base(made, made.disturbance)
         # A plan keeps nothing of a disturbance that does nothing; its sine has amplitude 0 then.
         forced = plan("disturbance.sine.amplitude=1.0").disturbance
-    except (PlanError, ParameterError, ParameterFileError) as error:
+    except TrunkError as error:
         raise StudyError(f"{study.source}: {contender.label}: {error}") from None
     if forced is None:
         raise StudyError(f"{study.source}: {contender.label}: no disturbance node")

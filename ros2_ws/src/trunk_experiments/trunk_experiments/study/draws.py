@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from ..errors import DrawError
+
 # What each needs, and what it may have.
 DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "uniform": (("low", "high"), ()),
@@ -18,10 +20,6 @@ DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "integers": (("low", "high"), ()),
     "choice": (("values",), ()),
 }
-
-
-class DrawError(ValueError):
-    """Numbers that make no distribution."""
 
 
 @dataclass(frozen=True)

@@ -11,20 +11,10 @@ from typing import Any
 import numpy as np
 import yaml
 
+from ..errors import DrawError, StudyError
 from ..plans.nodes import CONTROLLERS
-from .draws import DISTRIBUTIONS, Distribution, DrawError
-from .study import (
-    HOWS,
-    MAX_RUNS,
-    RESERVED,
-    SPACINGS,
-    Contender,
-    Scalar,
-    Study,
-    StudyError,
-    Target,
-    Variable,
-)
+from .draws import DISTRIBUTIONS, Distribution
+from .study import HOWS, MAX_RUNS, RESERVED, SPACINGS, Contender, Scalar, Study, Target, Variable
 
 
 def shipped_studies() -> dict[str, Path]:

@@ -14,8 +14,9 @@ import pyarrow.parquet as pq
 from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..analysis.metrics import Metrics
+from ..errors import StudyError
 from .file import parse_study
-from .study import Study, StudyError
+from .study import Study
 
 FALLEN_DEG = 90.0  # a trunk this far from the vertical lies
 METRICS = tuple(Metrics.__dataclass_fields__)

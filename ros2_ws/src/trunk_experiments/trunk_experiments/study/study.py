@@ -6,7 +6,6 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass
 
-from ..plans.files import PlanError
 from .draws import Distribution
 
 Scalar = bool | int | float | str
@@ -15,10 +14,6 @@ SPACINGS = ("linear", "log")
 MAX_RUNS = 100_000_000
 # Columns of the results beside the variables.
 RESERVED = ("run", "controller", "point", "draw", "seed", "status", "reason", "diverged_at_s")
-
-
-class StudyError(PlanError):
-    """A study that cannot be used: file, place, value, what is allowed."""
 
 
 @dataclass(frozen=True)

@@ -33,17 +33,13 @@ from trunk_msgs_util.recording.whole_file import whole_file
 from ..analysis.metrics import Metrics, metrics
 from ..batch.closed_loop import Batch, loops_fingerprint
 from ..compiled import fingerprint
-from ..runs.graph import RunError
+from ..errors import StudyError, SweepError
 from .design import Bases, design, make_bases, plan_of
-from .study import Study, StudyError
+from .study import Study
 
 METRICS = tuple(Metrics.__dataclass_fields__)
 _PROGRAM = "sources"  # key of a block's metadata
 Progress = Callable[[int], None]  # takes the number of finished runs
-
-
-class SweepError(RunError):
-    """A sweep that went wrong while it ran."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from trunk_sim.plant import PlantState
 from trunk_sim.step import Plant, SensorParameters, act, at_rest, sense
 
 from ..compiled import compiled, with_arrays
-from ..plans.files import PlanError
+from ..errors import PlanError
 from ..plans.plan import RunPlan
 
 _STEP = 1e-6  # of the differences: rad, rad/s, rad s, N m

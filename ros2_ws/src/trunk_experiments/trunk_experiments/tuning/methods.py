@@ -13,12 +13,8 @@ from scipy.signal import place_poles
 from trunk_control.pid import Gains
 from trunk_msgs_util.recording.joint_arrays import Floats
 
-from ..plans.files import PlanError
+from ..errors import TuningError
 from .linear import Linear
-
-
-class TuningError(PlanError):
-    """A tuning that cannot be: why, and what to give instead."""
 
 
 def _with_integral(plant: Linear) -> tuple[Floats, Floats]:

@@ -21,12 +21,12 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.errors import EXIT_USAGE, TrunkError
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import WireReader
 from trunk_msgs_util.node.executor import LoopExecutor
 from trunk_msgs_util.node.ros_parameters import NodeParameters
-from trunk_msgs_util.node.run import EXIT_USAGE, Shutdown
-from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_msgs_util.node.run import Shutdown
 from trunk_msgs_util.samples import JointSample
 
 from . import markers
@@ -147,7 +147,7 @@ def main() -> None:
     try:
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
         node = MarkersNode()
-    except (ParameterError, RuntimeError, ValueError) as error:
+    except (TrunkError, RuntimeError, ValueError) as error:
         print(f"markers: error: {' '.join(str(error).split())}", file=sys.stderr)
         rclpy.try_shutdown()
         sys.exit(EXIT_USAGE)

@@ -14,12 +14,11 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.signals import SignalHandlerOptions
 
-from ..parameters.declarations import ParameterError
+from ..errors import EXIT_USAGE, TrunkError
 from . import middleware
 from .base import TrunkNode
 from .executor import LoopExecutor
 
-EXIT_USAGE = 2
 _DRAIN_S = 0.7
 
 
@@ -57,18 +56,18 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
         RuntimeError,
         ValueError,
     ) as error:  # RCLError and kin: a bad --ros-args argument or file
-        return _usage_error(program, str(error))
+        return _say(program, error, EXIT_USAGE)
     nodes: list[TrunkNode[Any]] = []
     try:
         for name, create in creators.items():
             program = name
             nodes.append(create())
             nodes[-1].autostart()
-    except ParameterError as error:
+    except TrunkError as error:
         for node in reversed(nodes):
             node.close()
         rclpy.try_shutdown()
-        return _usage_error(program, str(error))
+        return _say(program, error, error.exit_code)
     executor = LoopExecutor(linger_s=min(node.linger_s for node in nodes))
     for node in nodes:
         executor.add_node(node)
@@ -95,10 +94,10 @@ def _end(nodes: list[TrunkNode[Any]], executor: LoopExecutor) -> None:
     rclpy.try_shutdown()
 
 
-def _usage_error(name: str, text: str) -> int:
-    line = " ".join(text.split())
+def _say(name: str, error: Exception, exit_code: int) -> int:
+    line = " ".join(str(error).split())
     print(f"{name}: error: {line}", file=sys.stderr, flush=True)
-    return EXIT_USAGE
+    return exit_code
 
 
 def main_for(create: Callable[[], TrunkNode[Any]], name: str) -> Callable[[], None]:

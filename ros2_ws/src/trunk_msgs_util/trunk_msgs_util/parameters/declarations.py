@@ -14,11 +14,13 @@ from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from typing import Any, TypeVar
 
+from ..errors import TrunkError
+
 Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 Config = TypeVar("Config")
 
 
-class ParameterError(ValueError):
+class ParameterError(TrunkError, ValueError):
     """A parameter's name, its value and what is allowed, in one line."""
 
     def __init__(self, name: str, value: object, allowed: str) -> None:

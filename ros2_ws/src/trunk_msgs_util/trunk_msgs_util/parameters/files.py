@@ -15,11 +15,12 @@ from typing import Any
 
 import yaml
 
+from ..errors import TrunkError
 from ..recording.whole_file import whole_file
 from .declarations import Value, unknown_name
 
 
-class ParameterFileError(ValueError):
+class ParameterFileError(TrunkError):
     """A parameter file that cannot be used: the file, the place, what to do."""
 
 

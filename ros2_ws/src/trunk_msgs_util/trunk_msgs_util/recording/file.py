@@ -11,6 +11,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Metadata, Schema
 
 from .. import topics as names
+from ..errors import TrunkError
 from ..units import NANOSECONDS
 from .blocks import (
     BLOCKS,
@@ -41,7 +42,7 @@ STAMPED = (
 )
 
 
-class RecordingError(ValueError):
+class RecordingError(TrunkError):
     """The file cannot be used as a recording: one line that names it and says what to do."""
 
 

@@ -1,0 +1,51 @@
+"""What can go wrong in an experiment; the exit code stands on the class."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
+
+
+class PlanError(TrunkError):
+    """A run that cannot be: what is wrong, its value, what is allowed."""
+
+
+class TuningError(PlanError):
+    """A tuning that cannot be: why, and what to give instead."""
+
+
+class StudyError(PlanError):
+    """A study that cannot be used: file, place, value, what is allowed."""
+
+
+class DrawError(TrunkError):
+    """Numbers that make no distribution."""
+
+
+class ExecutableError(TrunkError):
+    """A node's executable that is not installed."""
+
+
+class BenchError(TrunkError):
+    """A library is missing, or does not compute what we compute."""
+
+
+class RunError(TrunkError):
+    """A run that ended otherwise than it should: who, why."""
+
+    exit_code: ClassVar[int] = EXIT_FAILED
+
+
+class SweepError(RunError):
+    """A sweep that went wrong while it ran."""
+
+
+class BenchRunError(RunError):
+    """A process of a benchmark that did not do its part."""
+
+
+class LiveParametersError(TrunkError):
+    """A running node that is not there, does not answer, or refuses."""
+
+    exit_code: ClassVar[int] = EXIT_FAILED

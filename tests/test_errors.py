@@ -1,0 +1,85 @@
+"""The errors of all packages are one family, and the command line knows its root alone."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from inspect import getmembers, isclass
+from pkgutil import walk_packages
+
+import pytest
+
+from trunk_experiments import cli
+from trunk_experiments.errors import (
+    BenchRunError,
+    LiveParametersError,
+    PlanError,
+    RunError,
+    StudyError,
+    SweepError,
+)
+from trunk_msgs_util.errors import TrunkError
+from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_msgs_util.parameters.files import ParameterFileError
+from trunk_msgs_util.recording.file import RecordingError
+from trunk_sim.simulation import DivergedError
+
+PACKAGES = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
+# These never reach a user: whoever reads a file turns them into a RecordingError that names it.
+INTERNAL = {"DamageError", "ChecksumError", "_Interrupted"}
+
+
+def exceptions():
+    for package in PACKAGES:
+        folder = import_module(package).__path__
+        for module in walk_packages(folder, f"{package}."):
+            if module.name.endswith("__main__"):
+                continue
+            for name, kind in getmembers(import_module(module.name), isclass):
+                if issubclass(kind, BaseException) and kind.__module__.split(".")[0] in PACKAGES:
+                    yield name, kind
+
+
+def test_every_exception_is_of_the_family():
+    pytest.importorskip("rclpy")
+    found = dict(exceptions())
+    assert {"PlanError", "DivergedError", "RecordingError"} <= set(found)
+    strangers = {name for name, kind in found.items() if not issubclass(kind, TrunkError)}
+    assert strangers == INTERNAL
+
+
+ERRORS = [
+    (PlanError("no plan"), 2),
+    (StudyError("no study"), 2),
+    (ParameterError("gains.p", -1.0, "at least 0"), 2),
+    (ParameterFileError("no mapping"), 2),
+    (RecordingError("no file"), 2),
+    (FileExistsError("it exists"), 2),
+    (RunError("it fell silent"), 1),
+    (SweepError("a worker was killed"), 1),
+    (BenchRunError("no answer"), 1),
+    (LiveParametersError("no node"), 1),
+    (DivergedError("the loop is unstable"), 1),
+]
+
+
+@pytest.mark.parametrize(("error", "code"), ERRORS, ids=lambda value: type(value).__name__)
+def test_an_error_is_one_line_and_its_own_exit_code(error, code, monkeypatch, capsys):
+    def verb(standalone_mode):
+        raise error
+
+    monkeypatch.setattr(cli, "trunk", verb)
+    monkeypatch.setattr(sys, "argv", ["trunk"])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == code
+    assert capsys.readouterr().err == f"trunk: error: {error}\n"
+
+
+def test_a_defect_keeps_its_traceback(monkeypatch):
+    def verb(standalone_mode):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(cli, "trunk", verb)
+    with pytest.raises(ZeroDivisionError):
+        cli.main()
