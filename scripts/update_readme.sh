@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Make the generated tables anew: the README's from the declarations, docs/faults.md's from its tests.
+# Make the generated tables anew: from the declarations, and that of docs/faults.md from its tests.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/bootstrap.sh >/dev/null
 source scripts/env.sh
-python -m trunk_experiments.readme README.md
+python -m trunk_experiments.readme README.md docs/recording.md
 python -m tests.faults.matrix docs/faults.md

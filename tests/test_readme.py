@@ -1,17 +1,22 @@
-"""The README's generated tables say what the declarations say."""
+"""The generated tables of the pages say what the declarations say."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from trunk_experiments.readme import refreshed
 
-README = Path(__file__).parents[1] / "README.md"
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+PAGES = {"README.md": 3, "docs/recording.md": 1}  # generated tables of each
 
 
-def test_the_tables_are_those_of_the_declarations():
-    text = README.read_text(encoding="utf-8")
-    assert text.count("<!-- generated: ") == 3
+@pytest.mark.parametrize(("page", "tables"), PAGES.items(), ids=PAGES)
+def test_the_tables_are_those_of_the_declarations(page, tables):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    assert text.count("<!-- generated: ") == tables
     assert refreshed(text) == text, "run scripts/update_readme.sh"
 
 

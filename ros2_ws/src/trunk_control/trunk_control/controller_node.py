@@ -11,6 +11,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
@@ -85,7 +86,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             return
         if self._command.get_subscription_count() and self._states.get_publisher_count():
             self._ready_timer.cancel()
-            self.event("ready", answers=topics.EFFORT_COMMAND)
+            self.event(Event.READY, answers=topics.EFFORT_COMMAND)
 
     def _on_state(self, data: bytes) -> None:
         message = self._read_state(data)
@@ -141,7 +142,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         """
         self.run_stamp_ns = stamp_ns - 1
         if self.active:
-            self.event("activated")
+            self.event(Event.ACTIVATED)
 
     def _take_turn(self, active: bool) -> None:
         """Make the node's life follow what the schedule has decided between the last state and this one."""
@@ -194,7 +195,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._controller.reset()
-        self.event("reset")
+        self.event(Event.RESET)
         response.success = True
         response.message = "integral and past samples are forgotten"
         return response

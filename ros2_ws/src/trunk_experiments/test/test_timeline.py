@@ -7,10 +7,11 @@ from dataclasses import replace
 from trunk_control.controller import Controller
 from trunk_control.pid_law import PidConfig
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.plans.timeline import ACTIVATED, DEACTIVATED, RESET, Change, Timeline
+from trunk_experiments.plans.timeline import Change, Timeline
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_experiments.runs.offline import steps
 from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording
 
 
@@ -30,7 +31,7 @@ def test_of_two_values_between_the_same_states_the_later_one_holds():
 
 
 def test_turns_between_the_same_states_end_as_the_last_one_says():
-    turns = [Change(5, None, what) for what in (DEACTIVATED, ACTIVATED, RESET)]
+    turns = [Change(5, None, what) for what in (Event.DEACTIVATED, Event.ACTIVATED, Event.RESET)]
     timeline = Timeline(PidConfig(), turns, lambda stamp_ns: 0.1)
     controller = Controller(timeline.config)
     timeline.advance(6, controller)

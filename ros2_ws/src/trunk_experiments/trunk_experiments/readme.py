@@ -1,4 +1,4 @@
-"""The README's tables, generated from the declarations; ``scripts/update_readme.sh`` puts them in."""
+"""Generated tables of README.md and docs/recording.md; ``scripts/update_readme.sh`` puts them in."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 
 from .commands.params import markdown
 from .plans.files import shipped_files
@@ -21,6 +22,16 @@ def topics_table() -> str:
     lines += [
         f"| `{name}` | {kind.replace('/msg/', '/')} | {publisher} | {content} |"
         for name, kind, publisher, content in topics.DESCRIPTIONS
+    ]
+    return "\n".join(lines)
+
+
+def events_table() -> str:
+    """Return the events of ``run/events`` as a Markdown table."""
+    lines = ["| event | said by | values | what |", "|---|---|---|---|"]
+    lines += [
+        f"| {event} | {event.said_by} | {', '.join(event.carries)} | {event.meaning} |"
+        for event in Event
     ]
     return "\n".join(lines)
 
@@ -43,14 +54,19 @@ def files_table() -> str:
     return "\n".join(lines)
 
 
-_SECTIONS = {"topics": topics_table, "parameters": parameters_tables, "files": files_table}
+_SECTIONS = {
+    "topics": topics_table,
+    "events": events_table,
+    "parameters": parameters_tables,
+    "files": files_table,
+}
 
 
 def refreshed(text: str) -> str:
-    """Return the README's text with its generated sections made anew."""
+    """Return a page's text with its generated sections made anew."""
     return _SECTION.sub(lambda m: f"{m[1]}{_SECTIONS[m[2]]()}\n{m[3]}", text)
 
 
 if __name__ == "__main__":
-    readme = Path(sys.argv[1])
-    readme.write_text(refreshed(readme.read_text(encoding="utf-8")), encoding="utf-8")
+    for page in map(Path, sys.argv[1:]):
+        page.write_text(refreshed(page.read_text(encoding="utf-8")), encoding="utf-8")

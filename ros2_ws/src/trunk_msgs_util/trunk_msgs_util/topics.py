@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from .events import Event
+
 JOINT_STATES = "joint_states"
 GROUND_TRUTH = "ground_truth/joint_states"
 EFFORT_COMMAND = "effort_command"
@@ -75,10 +77,7 @@ DESCRIPTIONS = (
         RUN_EVENTS,
         DIAGNOSTIC_ARRAY_TYPE,
         "every node",
-        (
-            "configured, activated, deactivated, cleaned up, ready, started, reset, paused, resumed, fell, "
-            "finished, stopped, failed; in simulated time"
-        ),
+        f"{', '.join(Event)}; in simulated time",
     ),
     (
         RECORDER_PROGRESS,

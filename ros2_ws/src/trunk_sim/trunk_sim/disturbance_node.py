@@ -5,6 +5,7 @@ from __future__ import annotations
 from sensor_msgs.msg import JointState
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
@@ -47,7 +48,7 @@ class DisturbanceNode(TrunkNode[DisturbanceConfig]):
             return
         if self._publisher.get_subscription_count() and self._subscription.get_publisher_count():
             self._ready_timer.cancel()
-            self.event("ready", answers=topics.DISTURBANCE)
+            self.event(Event.READY, answers=topics.DISTURBANCE)
 
     def _on_state(self, data: bytes) -> None:
         if not self.active:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 
 from .config import SimulatorConfig
 
@@ -41,14 +42,14 @@ class Participants:
 
     def hear(self, node: str, message: str, values: Mapping[str, str]) -> None:
         """Take in what a node says of itself on ``run/events``."""
-        if message == "ready" and "answers" in values:
+        if message == Event.READY and "answers" in values:
             self._ready.setdefault(values["answers"], set()).add(node)
             self._unready.discard(node)
-        elif message == "activated":
+        elif message == Event.ACTIVATED:
             self._inactive.discard(node)
-        elif message in ("configured", "deactivated", "cleaned up"):
+        elif message in (Event.CONFIGURED, Event.DEACTIVATED, Event.CLEANED_UP):
             self._inactive.add(node)
-            if message != "deactivated":
+            if message != Event.DEACTIVATED:
                 self._unready.add(node)
 
     def missing(self, now: float) -> list[str]:

@@ -11,6 +11,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire, stamp_to_ros
@@ -148,7 +149,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
             return
         self._running = True
         self._started = time.monotonic()
-        self.event("started", rate=self.config.update_rate)
+        self.event(Event.STARTED, rate=self.config.update_rate)
         self._publish_measured()
         self._say_fall()
         self._step_timer.reset()
@@ -199,7 +200,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._step_timer.cancel()
         self._publish_diagnostics()  # the counts of the whole run
         fell = self._simulation.ended_by_fall
-        self._say_finished("finished", "the trunk has fallen" if fell else "finished")
+        self._say_finished(Event.FINISHED, "the trunk has fallen" if fell else "finished")
         wall = time.monotonic() - self._started
         steps = self._simulation.step_index
         self.get_logger().info(f"finished: {steps} steps in {wall:.6f} s of wall time")
@@ -241,12 +242,12 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
     def _say_fall(self) -> None:
         if self._simulation.falls_now:
             angle = self._simulation.state.theta
-            self.event("fell", DiagnosticStatus.WARN, angle=angle, limit=self.config.fall_angle)
+            self.event(Event.FELL, DiagnosticStatus.WARN, angle=angle, limit=self.config.fall_angle)
             self.get_logger().warning(
                 f"the trunk fell at t = {seconds(self.stamp_ns):g} s: angle {angle:.3g} rad"
             )
 
-    def _say_finished(self, message: str, reason: str) -> None:
+    def _say_finished(self, message: Event, reason: str) -> None:
         self.event(message, reason=reason, states=self._simulation.step_index + 1)
 
     def stopping(self) -> None:
@@ -256,9 +257,11 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._running = False
         self._pacing.paused = True  # composed, a recorder may still take in what is under way
         if self._steps is None:
-            self._say_finished("finished", "stopped on request")
+            self._say_finished(Event.FINISHED, "stopped on request")
         else:
-            self._say_finished("stopped", f"stopped at t = {seconds(self.stamp_ns):g} s, too early")
+            self._say_finished(
+                Event.STOPPED, f"stopped at t = {seconds(self.stamp_ns):g} s, too early"
+            )
 
     # What comes in.
 
@@ -299,7 +302,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._simulation.reset()
-        self.event("reset")
+        self.event(Event.RESET)
         response.success = True
         response.message = (
             f"the plant is in its initial state at t = {seconds(self.run_stamp_ns):g} s"
@@ -316,7 +319,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
 
     def _hold(self, hold: bool) -> None:
         if hold != self._pacing.paused:
-            self.event("paused" if hold else "resumed")
+            self.event(Event.PAUSED if hold else Event.RESUMED)
             if hold:
                 self._pacing.paused = True
             else:

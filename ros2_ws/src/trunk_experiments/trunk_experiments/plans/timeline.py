@@ -9,9 +9,8 @@ from typing import Any, Protocol
 
 from trunk_control.controller import Controller
 from trunk_control.controller_config import ControllerConfig
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Value, build, values_of
-
-RESET, ACTIVATED, DEACTIVATED = "reset", "activated", "deactivated"
 
 
 @dataclass(frozen=True)
@@ -20,7 +19,7 @@ class Change:
 
     stamp_ns: int
     values: Mapping[str, Value] | None  # of parameters; None: an event
-    event: str = RESET
+    event: str = Event.RESET
 
 
 class Tunable(Protocol):
@@ -66,11 +65,11 @@ class Timeline:
                 self.config = build(type(self.config), {**values_of(self.config), **change.values})
                 if target is not None:
                     target.retune(self.config)
-            elif change.event == RESET:
+            elif change.event == Event.RESET:
                 if target is not None:
                     target.reset()
             elif isinstance(target, Controller):
-                if change.event == ACTIVATED:
+                if change.event == Event.ACTIVATED:
                     position = self._seen(change.stamp_ns)
                     if position is not None:
                         target.see(change.stamp_ns, position)
@@ -82,5 +81,5 @@ class Timeline:
 
 def begins_active(config: ControllerConfig, changes: Iterable[Change]) -> bool:
     """Return True where a controller acts from the first state on, and no event is there to say so."""
-    told = any(change.event == ACTIVATED for change in changes)
+    told = any(change.event == Event.ACTIVATED for change in changes)
     return config.autostart and not config.active_times and not told

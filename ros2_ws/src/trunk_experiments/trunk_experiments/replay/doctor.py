@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from trunk_msgs_util import topics as names
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.bag_folder import bag_folder
 from trunk_msgs_util.recording.joint_arrays import QUANTITIES, Integers, JointArrays
 from trunk_msgs_util.recording.reader import Recording, RecordingError
@@ -16,7 +17,6 @@ from trunk_msgs_util.units import period_ns as period_of
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
-from ..plans.timeline import DEACTIVATED
 from .record import RecordedRun
 
 __all__ = ["ERROR", "INFO", "WARNING", "Finding", "examine"]
@@ -122,7 +122,7 @@ def _turns(recording: Recording, controller: str | None, stamps: Integers) -> li
         for change in (
             RecordedRun(recording).changes(controller) if controller in CONTROLLERS else ()
         )
-        if change.event == DEACTIVATED
+        if change.event == Event.DEACTIVATED
     ]
     return np.split(stamps, np.searchsorted(stamps, sorted(ends), side="right"))
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.parameters.declarations import Value, build
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
@@ -21,7 +22,7 @@ from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS, NODES
 from ..plans.plan import RunPlan
-from ..plans.timeline import ACTIVATED, DEACTIVATED, RESET, Change, Timeline
+from ..plans.timeline import Change, Timeline
 
 EXACT_MODES = (
     "lockstep",
@@ -158,7 +159,11 @@ class RecordedRun:
             if change.node == name
         ]
         # The plant's own turns are pauses: simulated time stands still in them.
-        wanted = (RESET, ACTIVATED, DEACTIVATED) if node in CONTROLLERS else (RESET,)
+        wanted = (
+            (Event.RESET, Event.ACTIVATED, Event.DEACTIVATED)
+            if node in CONTROLLERS
+            else (Event.RESET,)
+        )
         events = [
             Change(event.stamp_ns, None, event.message)
             for event in self.events
@@ -166,7 +171,7 @@ class RecordedRun:
         ]
         # A controller that joins a run under way says so a second time: it is active from there on.
         stays = [
-            not (one.event == after.event == ACTIVATED and one.stamp_ns < after.stamp_ns)
+            not (one.event == after.event == Event.ACTIVATED and one.stamp_ns < after.stamp_ns)
             for one, after in pairwise(events)
         ]
         return [*changes, *compress(events, [*stays, True])]

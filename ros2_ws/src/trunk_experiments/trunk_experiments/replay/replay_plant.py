@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.plant import PlantState
@@ -33,7 +34,7 @@ class PlantReplay:
         self._commands = run.table(topics.EFFORT_COMMAND)
         self._disturbances = run.table(topics.DISTURBANCE)
         self._stamps = judged(self._truth.stamp_ns, until_ns)
-        self._fell = {event.stamp_ns for event in run.events if event.message == "fell"}
+        self._fell = {event.stamp_ns for event in run.events if event.message == Event.FELL}
         self._marked = "fall.angle" in run.parameters["simulator"]
         self._timeline = run.timeline("simulator")
         config: SimulatorConfig = self._timeline.config
@@ -97,7 +98,7 @@ class PlantReplay:
             found += compare(self._truth, stamp_ns, quantity, values)
         if self._marked and self._falls != (stamp_ns in self._fell):
             mark = float(stamp_ns in self._fell)
-            found.append(Difference(stamp_ns, topics.RUN_EVENTS, "fell", mark, 1.0 - mark))
+            found.append(Difference(stamp_ns, topics.RUN_EVENTS, Event.FELL, mark, 1.0 - mark))
         if found:
             effort = self._truth.get(stamp_ns, "effort")[1]
             self._trunk = Trunk(self._recorded(self._row), effort, trunk.fallen, False)

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trunk_msgs_util import provenance, topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
-from ..plans.timeline import DEACTIVATED
 from .bits import ulps
 from .record import RecordedRun
 from .replay import (
@@ -135,7 +135,7 @@ def verdict_on(run: RecordedRun) -> Verdict:
 def _recorded_until_ns(run: RecordedRun) -> int | None:
     """Return the last stamp before the recorder became inactive; None where the run had ended by then."""
     node = run.recording.topic("recorder")
-    turns = [e for e in run.events if e.node == node and e.message == DEACTIVATED]
+    turns = [e for e in run.events if e.node == node and e.message == Event.DEACTIVATED]
     stamps = run.table(topics.EFFORT_COMMAND).stamp_ns
     if turns and len(stamps) and turns[0].stamp_ns < stamps.max():
         return turns[0].stamp_ns

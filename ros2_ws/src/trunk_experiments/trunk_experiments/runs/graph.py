@@ -12,6 +12,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
+from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import RunEvent
 
@@ -239,12 +240,8 @@ def _read_end(file: Path, simulator: NodeProcess) -> None:
     events: list[RunEvent] = []
     with suppress(RecordingError):  # there may be none yet
         events = Recording.open(file).events()
-    ends = [
-        event
-        for event in events
-        if event.node == "/simulator" and event.message in ("finished", "stopped", "failed")
-    ]
+    ends = [event for event in events if event.node == "/simulator" and event.message in ENDS]
     if not ends:
         raise RunError(f"the run ended because {simulator.describe_end()}")
-    if ends[-1].message != "finished":
+    if ends[-1].message != Event.FINISHED:
         raise RunError(f"simulator: {ends[-1].values.get('reason', ends[-1].message)}")

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import middleware, qos
 
 
@@ -55,13 +56,13 @@ class Monitor:
     def _on_event(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = {v.key: v.value for v in status.values}
-            if status.message == "started":
+            if status.message == Event.STARTED:
                 self.started = True
-            elif status.message == "finished":
+            elif status.message == Event.FINISHED:
                 self.finished = True
-            elif status.message == "ready":
+            elif status.message == Event.READY:
                 self.ready.add(status.name.lstrip("/"))
-            elif status.message in ("failed", "stopped"):
+            elif status.message in (Event.FAILED, Event.STOPPED):
                 self.failure = f"{status.name.lstrip('/')}: {values.get('reason', 'failed')}"
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from trunk_control.controller import Controller, hip_index, hip_seen
 from trunk_control.decide import Answer, Reading
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Value
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import seconds, step_count
@@ -15,7 +16,7 @@ from trunk_sim.simulation import Simulation
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan, check_joints
-from ..plans.timeline import ACTIVATED, begins_active
+from ..plans.timeline import begins_active
 
 
 class Step(NamedTuple):
@@ -84,7 +85,7 @@ def check(plan: RunPlan) -> None:
                 f"{name}: reference.profile is 'topic', but nobody publishes references to an offline "
                 "run: give another profile, or run the graph"
             )
-        activated = any(change.event == ACTIVATED for change in changes)
+        activated = any(change.event == Event.ACTIVATED for change in changes)
         if not (config.autostart or config.active_times or activated):
             raise PlanError(
                 f"{name}: autostart is false, but nobody activates it in an offline run: "

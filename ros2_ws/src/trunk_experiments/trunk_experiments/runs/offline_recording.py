@@ -7,6 +7,7 @@ from pathlib import Path
 
 from trunk_control.decide import state_record
 from trunk_msgs_util import provenance, topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.schemas import event, parameter_event
@@ -18,7 +19,7 @@ from trunk_sim.simulation import DivergedError
 
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
-from ..plans.timeline import ACTIVATED, DEACTIVATED, Change
+from ..plans.timeline import Change
 from .offline import Step, disturbance_source, steps
 
 
@@ -71,7 +72,7 @@ class _OfflineRecorder:
         self._put(topic, sample.stamp_ns, layout_of(sample).pack(sample))
 
     def _event(
-        self, message: str, values: Mapping[str, str], node: str = "simulator", level: int = 0
+        self, message: Event, values: Mapping[str, str], node: str = "simulator", level: int = 0
     ) -> None:
         data = event(self._last_ns, f"/{node}", message, values, level=level)
         self._put(topics.RUN_EVENTS, self._last_ns, data)
@@ -94,7 +95,7 @@ class _OfflineRecorder:
         for name, changes in plan.changes.items():
             for change in changes:
                 self._change(name, change)
-        self._event("started", {"rate": str(plan.simulator.update_rate)})
+        self._event(Event.STARTED, {"rate": str(plan.simulator.update_rate)})
 
     def _parameters(
         self, stamp_ns: int, node: str, new: Mapping[str, Value], changed: Mapping[str, Value]
@@ -117,7 +118,7 @@ class _OfflineRecorder:
         controller = plan.controllers[step.controller]
         joints = plan.simulator.joints
         for name, active in step.turned:
-            self._event(ACTIVATED if active else DEACTIVATED, {}, name)
+            self._event(Event.ACTIVATED if active else Event.DEACTIVATED, {}, name)
         self._sample(topics.GROUND_TRUTH, step.truth)
         if self.states == 0:
             self._disturbance(stamp_ns)
@@ -148,12 +149,12 @@ class _OfflineRecorder:
                 "angle": str(step.truth.position[1]),
                 "limit": str(self._plan.simulator.fall_angle),
             }
-            self._event("fell", values, level=1)
+            self._event(Event.FELL, values, level=1)
 
     def finished(self, reason: str) -> None:
         """Write the event that ends a whole run."""
-        self._event("finished", {"reason": reason, "states": str(self.states)})
+        self._event(Event.FINISHED, {"reason": reason, "states": str(self.states)})
 
     def failed(self, reason: str) -> None:
         """Write the event that ends a run that failed."""
-        self._event("failed", {"reason": reason, "states": str(self.states)}, level=2)
+        self._event(Event.FAILED, {"reason": reason, "states": str(self.states)}, level=2)

@@ -16,6 +16,7 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from .. import topics
+from ..events import Event
 from ..parameters.config import ManagedConfig
 from ..parameters.declarations import values_of
 from . import qos
@@ -110,7 +111,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
         )
         return super().create_subscription(msg_type, topic, callback, qos_profile, **more)
 
-    def event(self, message: str, level: bytes = DiagnosticStatus.OK, **values: object) -> None:
+    def event(self, message: Event, level: bytes = DiagnosticStatus.OK, **values: object) -> None:
         """Put an event on the run's record."""
         self._events_topic.publish(
             status_to_ros(
@@ -121,7 +122,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
     def fail(self, reason: str, **values: object) -> None:
         """End this node's process with an error that the record and the console name."""
         self.get_logger().error(reason)
-        self.event("failed", DiagnosticStatus.ERROR, reason=reason, **values)
+        self.event(Event.FAILED, DiagnosticStatus.ERROR, reason=reason, **values)
         self.exit_code = EXIT_FAILED
 
     def draining(self) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
+from ..events import Event
 from ..parameters.declarations import ParameterError
 
 RCLError = rclpy_implementation.RCLError
@@ -37,7 +38,7 @@ class ManagedNode(LifecycleNode):
         """Keep the topics, services and timers that are there now for the node's whole life."""
         self._permanent = {id(entity) for entity in self._entities()}
 
-    def event(self, message: str) -> None:
+    def event(self, message: Event) -> None:
         """Put an event on the run's record."""
 
     def stopping(self) -> None:
@@ -72,26 +73,26 @@ class ManagedNode(LifecycleNode):
         done = self._transition(self.set_up)
         if done == TransitionCallbackReturn.SUCCESS:
             self.configured = True
-            self.event("configured")
+            self.event(Event.CONFIGURED)
         return done
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin, and put it on the run's record."""
         self.active = True
-        self.event("activated")
+        self.event(Event.ACTIVATED)
         return self._transition(self.activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Hold, and put it on the run's record."""
         self.active = False
-        self.event("deactivated")
+        self.event(Event.DEACTIVATED)
         return self._transition(self.deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Give up everything but the parameters, and put it on the run's record."""
         self.configured = False
         done = self._transition(self._clean_up)
-        self.event("cleaned up")
+        self.event(Event.CLEANED_UP)
         return done
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:

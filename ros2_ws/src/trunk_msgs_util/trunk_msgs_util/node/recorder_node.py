@@ -16,6 +16,7 @@ from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import JointState
 
 from .. import provenance, topics
+from ..events import ENDS, Event
 from ..parameters.config import RecorderConfig
 from ..parameters.declarations import ParameterError
 from ..recording.schemas import RunEvent, parse_event
@@ -113,7 +114,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         wanted = self.config.lockstep_topics if self.config.lockstep else ()
         if all(self._matched[topic].get_publisher_count() for topic in wanted):
             self._ready_timer.cancel()
-            self.event("ready", answers="recorder")
+            self.event(Event.READY, answers="recorder")
 
     def tear_down(self) -> None:
         """Finish the file."""
@@ -177,8 +178,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         except ValueError:
             self.counters["events malformed"] += 1
             return
-        if event.node.endswith("/simulator") and event.message in ("finished", "stopped", "failed"):
-            if event.message == "finished" and not event.values.get("states", "").isdecimal():
+        if event.node.endswith("/simulator") and event.message in ENDS:
+            if event.message == Event.FINISHED and not event.values.get("states", "").isdecimal():
                 self.counters["events malformed"] += 1
                 return
             self._end = event
@@ -209,7 +210,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         if self._end is None:
             return False, "the recorder was stopped before the run was finished"
         reason = self._end.values.get("reason", self._end.message)
-        if self._end.message != "finished":
+        if self._end.message != Event.FINISHED:
             return False, reason
         if self._runs > 1:
             return False, f"{self._runs} runs are in it: the simulator was started anew"

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from .. import topics as names
+from ..events import Event
 from .bag_folder import METADATA, bag_folder
 from .file import RecordingError, RecordingFile, Topic
 from .glance import glance
@@ -193,7 +194,7 @@ class Recording:
     @property
     def fell_at_ns(self) -> int | None:
         """When the trunk fell, by the run's events; None where they do not say so."""
-        return next((e.stamp_ns for e in self.events() if e.message == "fell"), None)
+        return next((e.stamp_ns for e in self.events() if e.message == Event.FELL), None)
 
     def blocks(self, topics: Iterable[str]) -> Iterator[dict[str, Messages]]:
         """Yield the messages of some topics, block by block in the file's order.

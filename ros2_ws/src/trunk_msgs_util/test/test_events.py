@@ -1,0 +1,59 @@
+"""The words of `run/events`: strings to messages and files, and the only ones that nodes say."""
+
+from __future__ import annotations
+
+import ast
+import json
+from pathlib import Path
+
+import pytest
+
+from trunk_msgs_util.events import ENDS, Event
+from trunk_msgs_util.recording import schemas
+
+SOURCES = Path(__file__).parents[2]
+
+
+@pytest.mark.parametrize("event", Event, ids=str)
+def test_an_event_is_its_word(event):
+    word = event.value
+    assert (str(event), f"{event}", f"{event:>12}") == (word, word, f"{word:>12}")
+    assert event == word
+    assert Event(word) is event
+    assert json.dumps([event]) == json.dumps([word])
+    assert schemas.event(7, "/sim", event) == schemas.event(7, "/sim", word)
+    assert schemas.parse_event(schemas.event(7, "/sim", event)).message == event
+
+
+def test_what_ends_a_run_says_why_and_after_how_many_states():
+    assert [event.carries for event in ENDS] == [("reason", "states")] * 3
+
+
+def test_every_event_says_what_it_means():
+    assert all(event.said_by and event.meaning for event in Event)
+    assert len({event.meaning for event in Event}) == len(Event)
+
+
+def said(path):
+    """Yield the events that a source puts on the record, and the names of their values."""
+    for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute):
+            if call.func.attr not in ("event", "_event", "_say_finished") or not call.args:
+                continue
+            words = [node for node in ast.walk(call.args[0]) if isinstance(node, ast.Constant)]
+            assert not [w for w in words if isinstance(w.value, str)], f"{path}: a bare word"
+            for node in ast.walk(call.args[0]):
+                if isinstance(node, ast.Attribute) and node.attr in Event.__members__:
+                    yield Event[node.attr], {keyword.arg for keyword in call.keywords}
+
+
+def test_nodes_say_every_event_and_no_other_word():
+    found = [
+        pair
+        for path in sorted(SOURCES.glob("*/trunk_*/**/*.py"))
+        for pair in said(path)
+        if "/test/" not in str(path)
+    ]
+    assert {event for event, _ in found} == set(Event)
+    for event, keys in found:
+        assert keys - {None, "level"} <= set(event.carries), event

@@ -1,0 +1,88 @@
+"""`Event`: every word that a node says on ``run/events``."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class Event(str, Enum):
+    """The ``message`` of a status on ``run/events``; the node is its ``name``.
+
+    A member is also its word, so that it compares equal to what a message or a file holds. The class
+    is what the standard library calls a StrEnum from Python 3.11 on.
+    """
+
+    said_by: str
+    meaning: str
+    carries: tuple[str, ...]  # keys of the status' values, in order
+
+    CONFIGURED = "configured", "every node", "Its topics, services and files are there"
+    ACTIVATED = "activated", "every node", "It does its work from the next state on"
+    DEACTIVATED = "deactivated", "every node", "It holds from the next state on"
+    CLEANED_UP = "cleaned up", "every node", "It has given up its topics, services and files"
+    READY = (
+        "ready",
+        "controllers, disturbance, recorder",
+        "It is matched with the simulator and answers on the topic `answers`",
+        "answers",
+    )
+    STARTED = (
+        "started",
+        "simulator",
+        "All participants are ready; the first state follows. `rate` in Hz",
+        "rate",
+    )
+    RESET = (
+        "reset",
+        "simulator, controllers",
+        "Plant in its initial state; controller without integral and past samples",
+    )
+    PAUSED = "paused", "simulator", "Simulated time stands still"
+    RESUMED = "resumed", "simulator", "Simulated time goes on"
+    FELL = (
+        "fell",
+        "simulator",
+        "The first state beyond the angle of a fall; `angle`, `limit` in rad",
+        "angle",
+        "limit",
+    )
+    FINISHED = (
+        "finished",
+        "simulator",
+        "The run is whole: `states` of them were published",
+        "reason",
+        "states",
+    )
+    STOPPED = (
+        "stopped",
+        "simulator",
+        "The run was ended before its last state",
+        "reason",
+        "states",
+    )
+    FAILED = (
+        "failed",
+        "every node",
+        "The node ends by an error; `states` of the simulator alone",
+        "reason",
+        "states",
+    )
+
+    def __new__(cls, word: str, said_by: str, meaning: str, *carries: str) -> Event:
+        """Make a member that is its word."""
+        event = str.__new__(cls, word)
+        event._value_ = word
+        event.said_by = said_by
+        event.meaning = meaning
+        event.carries = carries
+        return event
+
+    def __str__(self) -> str:
+        return str(self.value)
+
+    def __format__(self, spec: str) -> str:
+        return format(self.value, spec)
+
+
+# Said by the simulator, each of these ends the run.
+ENDS = (Event.FINISHED, Event.STOPPED, Event.FAILED)
