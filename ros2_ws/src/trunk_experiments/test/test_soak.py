@@ -92,11 +92,18 @@ def test_time_that_was_lost_must_have_been_counted(record):
 def test_growth(slope, grows):
     start = [(float(t), 80_000_000 + 1_000_000 * t) for t in range(20)]
     samples = start + [(float(t), 100_000_000 + slope * t) for t in range(20, 1800)]
-    found = soak.growth("recorder", samples, soak.settled_at(1800.0))
+    found = soak.growth("pid", samples, soak.settled_at(1800.0))
     assert found.ratio == pytest.approx(slope * 1650 / 1e8, rel=0.03)
     problems = soak.problems_of_memory([found])
     assert bool(problems) == grows
-    assert not grows or problems[0].startswith("recorder: memory grew by 3.3% from 95.")
+    assert not grows or problems[0].startswith("pid: memory grew by 3.3% from 95.")
+
+
+@pytest.mark.parametrize(("slope", "grows"), [(0, False), (1900, False), (4000, True)])
+def test_a_recorder_may_grow_by_its_index(slope, grows):
+    samples = [(float(t), 80_000_000 + slope * t) for t in range(1800)]
+    found = soak.growth("recorder", samples, soak.settled_at(1800.0))
+    assert bool(soak.problems_of_memory([found])) == grows
 
 
 def test_a_short_run_settles_in_its_first_half():

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, make_reader
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
 from trunk_msgs_util import topics
@@ -179,3 +181,19 @@ os.kill(os.getpid(), signal.SIGKILL)
     assert recording.joints(TRUTH).stamp_ns.tolist() == list(range(700))
     assert not recording.complete
     assert len(recording.warnings) == 2
+
+
+def test_a_file_has_the_index_of_its_chunks(run_file):
+    path = run_file.write(20, flush_every=5)
+    with path.open("rb") as file:
+        chunks = [
+            record
+            for record in StreamReader(file, emit_chunks=True).records
+            if isinstance(record, Chunk)
+        ]
+        file.seek(0)
+        indexed = make_reader(file).get_summary().chunk_indexes
+    assert len(chunks) == 5
+    assert [(c.message_start_time, c.uncompressed_size) for c in chunks] == [
+        (i.message_start_time, i.uncompressed_size) for i in indexed
+    ]

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
-from .chunk_indices import pack_indices
 from .schemas import definition
 
 if TYPE_CHECKING:
@@ -53,7 +52,6 @@ class RecordingWriter:
         self._writer = Writer(
             self._file, compression=_COMPRESSIONS[compression], enable_data_crcs=True
         )
-        pack_indices(self._writer)
         self._schemas: dict[str, int] = {}
         self._counts: dict[int, int] = {}
         self._digests: dict[int, tuple[str, hashlib.blake2b]] = {}
