@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trunk_msgs_util.recording.split import HEAD, record_offsets, split
+from trunk_msgs_util.recording.messages import HEAD, MessageHead
+from trunk_msgs_util.recording.split import record_offsets, split
 
 
 def walk(data: bytes) -> tuple[list[int], int]:
@@ -27,8 +28,10 @@ def record(opcode: int, body: bytes) -> bytes:
     return HEAD.pack(opcode, len(body)) + body
 
 
-def message(channel: int, log_time_ns: int, data: bytes) -> bytes:
-    return record(5, struct.pack("<HIQQ", channel, 0, log_time_ns, 0) + data)
+def message(
+    channel: int, log_time_ns: int, data: bytes, sequence: int = 0, publish_time_ns: int = 0
+) -> bytes:
+    return record(5, struct.pack("<HIQQ", channel, sequence, log_time_ns, publish_time_ns) + data)
 
 
 lengths = st.integers(0, 40)
@@ -98,3 +101,12 @@ def test_hardly_regular_records_are_no_trap():
     offsets, _ = record_offsets(data)
     assert time.process_time() - start < 2.0
     assert len(offsets) == 301 * 3000
+
+
+def test_a_message_knows_its_head():
+    records = [message(258, 2**40, b"first", 7, 2**50), message(3, 2**41, b"", 2**31, 2**62)]
+    both = split(b"".join(records)).messages([258, 3])
+    assert both.head(0) == MessageHead(258, 7, 2**40, 2**50)
+    assert both.head(1) == MessageHead(3, 2**31, 2**41, 2**62)
+    assert both.channels().tolist() == [258, 3]
+    assert both.offsets().tolist() == [0, len(records[0])]

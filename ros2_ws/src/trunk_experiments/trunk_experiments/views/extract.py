@@ -14,8 +14,8 @@ from mcap.writer import Writer
 from trunk_msgs_util import topics as names
 from trunk_msgs_util.recording.file import STAMPED, RecordingFile
 from trunk_msgs_util.recording.joint_arrays import Integers
+from trunk_msgs_util.recording.messages import Messages, unaligned
 from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.split import Messages, unaligned
 from trunk_msgs_util.recording.whole_file import whole_file
 from trunk_msgs_util.recording.writer import END, PROVENANCE
 from trunk_msgs_util.units import NANOSECONDS
@@ -75,7 +75,7 @@ def write_mcap(
         channels: dict[tuple[int, int], int] = {}
         schemas: dict[tuple[str, bytes], int] = {}
         for source, messages in recording.copies(wanted):
-            number = unaligned(messages.data, "<u2")[messages.start - 22]
+            number = messages.channels()
             stamp_ns = _stamps(source, messages, number)
             is_parameters = np.array(
                 [source.channels[int(c)].topic == parameters for c in np.unique(number)]
@@ -146,8 +146,6 @@ def _channel(
 
 
 def _copy(writer: Writer, channel: int, messages: Messages, row: int) -> None:
-    data, log, start, end = messages
-    at = int(start[row])
-    sequence = int.from_bytes(data[at - 20 : at - 16], "little")
-    publish = int.from_bytes(data[at - 8 : at], "little")
-    writer.add_message(channel, int(log[row]), data[at : int(end[row])], publish, sequence)
+    head = messages.head(row)
+    data = messages.data[messages.start[row] : messages.end[row]]
+    writer.add_message(channel, head.log_time_ns, data, head.publish_time_ns, head.sequence)

@@ -15,7 +15,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
 from .chunk import MAX_CHUNK, chunk_records
-from .split import HEAD, Content, record_offsets, split
+from .messages import HEAD
+from .split import Content, record_offsets, split
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from typing import BinaryIO
 
     from .joint_arrays import Integers
-    from .split import Content, Messages
+    from .messages import Messages
+    from .split import Content
 
 # These types begin with a stamp, right behind the encapsulation.
 STAMPED = (

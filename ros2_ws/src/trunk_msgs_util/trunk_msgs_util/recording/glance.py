@@ -9,7 +9,8 @@ from mcap.records import Channel, ChunkIndex, Schema
 
 from .blocks import Record, content_of, read_block, records
 from .file import Block, RecordingFile, Topic
-from .split import HEAD, Content
+from .messages import HEAD
+from .split import Content
 from .summary import Summary, message_indexes, read_summary
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from .schemas import deserialize, stamp_of
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from .split import Messages
+    from .messages import Messages
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -20,7 +20,8 @@ from .writer import DIGESTS, END, PROVENANCE
 
 if TYPE_CHECKING:
     from ..parameters.declarations import Value
-    from .split import Content, Messages
+    from .messages import Messages
+    from .split import Content
 
 __all__ = ["Recording", "RecordingError", "Topic"]
 
@@ -208,11 +209,7 @@ class Recording:
             yield {topic: messages for topic, messages in found.items() if messages is not None}
 
     def copies(self, topics: Iterable[str]) -> Iterator[tuple[RecordingFile, Messages]]:
-        """Yield the messages of some topics together, in the file's order, with their file.
-
-        A message's head of 22 bytes (channel 2, sequence 4, log time 8, publish time 8) stands
-        before its data.
-        """
+        """Yield the messages of some topics together, in the file's order, with their file."""
         asked = list(topics)
         for file, content in self._contents(asked):
             messages = content.messages([c for topic in asked for c in file.numbers(topic)])

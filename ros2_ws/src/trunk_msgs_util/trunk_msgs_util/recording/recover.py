@@ -169,15 +169,10 @@ class _Copy:
             raise DamageError(
                 f"the record at byte {record.offset} has messages of an unknown channel"
             )
-        data = content.data
-        for start, end in zip(found.start.tolist(), found.end.tolist(), strict=True):
-            head = start - 22
-            number, topic = self._channels[int.from_bytes(data[head : head + 2], "little")]
+        for row, data in enumerate(found.bytes()):
+            head = found.head(row)
+            number, topic = self._channels[head.channel]
             self._writer.add_message(
-                number,
-                int.from_bytes(data[head + 6 : head + 14], "little"),
-                data[start:end],
-                int.from_bytes(data[head + 14 : start], "little"),
-                int.from_bytes(data[head + 2 : head + 6], "little"),
+                number, head.log_time_ns, data, head.publish_time_ns, head.sequence
             )
             self._recovery.messages[topic] = self._recovery.messages.get(topic, 0) + 1

@@ -12,8 +12,8 @@ from .file import RecordingError
 from .joint_arrays import QUANTITIES, Floats, Integers, decode, stamps, structured
 
 if TYPE_CHECKING:
+    from .messages import Messages
     from .reader import Recording
-    from .split import Messages
 
 Column = tuple[str, str]  # quantity, name
 
@@ -38,7 +38,8 @@ def read_series(
 ) -> dict[str, Series]:
     """Return columns of some topics (absolute names), empty ones for unknown topics.
 
-    Raises RecordingError where a topic has other messages than JointState.
+    Raises RecordingError where a topic has other messages than JointState, or not as many as were
+    counted when the recording was opened.
     """
     series = {
         topic: _Filling(recording.topics[topic].count if topic in recording.topics else 0, columns)
@@ -52,6 +53,12 @@ def read_series(
                 raise RecordingError(
                     f"{recording.path}: {topic} cannot be read as JointState: {error}"
                 ) from None
+    for topic, filling in series.items():
+        if filling.found != filling.count:
+            raise RecordingError(
+                f"{recording.path}: {topic} has {filling.found} messages, {filling.count} were "
+                "counted: its index is wrong (trunk doctor) or the file has changed: open it again"
+            )
     return {topic: series.pop(topic).ordered() for topic in list(series)}
 
 
@@ -85,13 +92,16 @@ class _Filling:
     """Columns made at their full length, filled block by block."""
 
     def __init__(self, count: int, columns: Iterable[Column]) -> None:
-        self._at = 0
+        self.count = count
+        self.found = 0
         self._stamp_ns: Integers = np.empty(count, np.int64)
         self._columns: dict[Column, Floats] = {column: np.empty(count) for column in columns}
 
     def take(self, messages: Messages) -> None:
-        rows = slice(self._at, self._at + len(messages))
-        self._at = rows.stop
+        rows = slice(self.found, self.found + len(messages))
+        self.found = rows.stop
+        if self.found > self.count:
+            return  # `read_series` says so
         found = structured(messages)
         if found is None:
             arrays = decode(messages)

@@ -12,43 +12,21 @@ from array import array
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from .messages import HEAD, Messages, data_starts, head_field
+
 if TYPE_CHECKING:
     from .joint_arrays import Integers
 
-HEAD = struct.Struct("<BQ")  # opcode, length of what follows
 _LENGTH = struct.Struct("<Q")
-_MESSAGE_HEAD = 22  # channel 2, sequence 4, log time 8, publish time 8
 _WINDOW = 128  # lengths in which a period is looked for
 _MAX_WALK = 8192
 _OTHERS = 1 << 18  # records that are not messages: all schemas and channels that there can be
-
-
-class Messages(NamedTuple):
-    """Messages in the order of the file; message i is ``data[start[i]:end[i]]``."""
-
-    data: bytes
-    log_time_ns: Integers
-    start: Integers
-    end: Integers
-
-    def bytes(self) -> list[bytes]:
-        """Return each message."""
-        data = self.data
-        spans = zip(self.start.tolist(), self.end.tolist(), strict=True)
-        return [data[start:end] for start, end in spans]
-
-    def first(self) -> Messages:
-        """Return the first message alone."""
-        return Messages(self.data, self.log_time_ns[:1], self.start[:1], self.end[:1])
-
-    def __len__(self) -> int:
-        return len(self.start)
 
 
 @dataclass(frozen=True)
@@ -71,12 +49,6 @@ class Content:
         return Messages(self.data, log[order], start[order], end[order])
 
 
-def unaligned(data: bytes, type_name: str) -> NDArray[Any]:
-    """Return a view in which element i is the value that begins at byte i."""
-    dtype = np.dtype(type_name)
-    return np.ndarray((max(len(data) - dtype.itemsize + 1, 0),), dtype, data, 0, (1,))
-
-
 def split(data: bytes) -> Content:
     """Return the content of a chunk. Raises ValueError where its records make no sense."""
     offsets, end = record_offsets(data)
@@ -96,14 +68,14 @@ def split(data: bytes) -> Content:
         offsets, ends = offsets[is_message], ends[is_message]
     if not len(offsets):
         return content
-    starts = offsets + HEAD.size + _MESSAGE_HEAD
+    starts = data_starts(offsets)
     if (ends < starts).any():
         raise ValueError("a message is too short for its head")
-    log = unaligned(data, "<u8")[offsets + HEAD.size + 6]
+    log = head_field(data, offsets, "log_time")
     if log.max() > np.iinfo(np.int64).max:
         raise ValueError("a log time is beyond the year 2262")
     log = log.astype(np.int64)
-    channel = unaligned(data, "<u2")[offsets + HEAD.size]
+    channel = head_field(data, offsets, "channel")
     for number in np.unique(channel).tolist():
         rows = np.flatnonzero(channel == number)
         content.channels[number] = Messages(data, log[rows], starts[rows], ends[rows])

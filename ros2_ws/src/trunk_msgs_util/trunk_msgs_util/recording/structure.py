@@ -17,11 +17,10 @@ from .blocks import BLOCKS, ChecksumError, DamageError, Record, content_of, reco
 from .chunk import chunk_head
 from .file import check_magic
 from .joint_arrays import Integers
-from .split import HEAD, Content
+from .split import Content
 from .summary import message_indexes, read_summary
 
 ERROR, WARNING, INFO = "error", "warning", "info"
-_MESSAGE_HEAD = HEAD.size + 22
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ class _Walk:
             if record.opcode == Opcode.CHUNK:
                 yield from _chunk(record, content)
                 marks = {
-                    channel: _mark(messages.log_time_ns, messages.start - _MESSAGE_HEAD)
+                    channel: _mark(messages.log_time_ns, messages.offsets())
                     for channel, messages in content.channels.items()
                 }
                 self.chunks[record.offset] = (record.end, marks)

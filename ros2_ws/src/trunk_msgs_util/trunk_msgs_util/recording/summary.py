@@ -15,7 +15,8 @@ from mcap.records import Channel, ChunkIndex, Footer, MetadataIndex, Schema, Sta
 
 from .blocks import MAGIC, Record
 from .chunk import MAX_CHUNK
-from .split import HEAD, record_offsets
+from .messages import HEAD
+from .split import record_offsets
 
 if TYPE_CHECKING:
     from .joint_arrays import Integers

@@ -1,0 +1,81 @@
+"""`Messages`: the message records of a block, with the head that each has before its data."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from .joint_arrays import Integers
+
+HEAD = struct.Struct("<BQ")  # of every record: opcode, length of what follows
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
+_FIELDS = np.dtype(
+    [("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")]
+)
+
+
+class MessageHead(NamedTuple):
+    """What stands before a message's data, in this order; times in ns."""
+
+    channel: int
+    sequence: int
+    log_time_ns: int
+    publish_time_ns: int
+
+
+class Messages(NamedTuple):
+    """Messages in the order of the file; message i is ``data[start[i]:end[i]]``."""
+
+    data: bytes
+    log_time_ns: Integers
+    start: Integers
+    end: Integers
+
+    def bytes(self) -> list[bytes]:
+        """Return each message."""
+        data = self.data
+        spans = zip(self.start.tolist(), self.end.tolist(), strict=True)
+        return [data[start:end] for start, end in spans]
+
+    def first(self) -> Messages:
+        """Return the first message alone."""
+        return Messages(self.data, self.log_time_ns[:1], self.start[:1], self.end[:1])
+
+    def head(self, row: int) -> MessageHead:
+        """Return the head of message ``row``."""
+        at = int(self.start[row]) - _MESSAGE_HEAD.size
+        return MessageHead._make(_MESSAGE_HEAD.unpack_from(self.data, at))
+
+    def channels(self) -> NDArray[Any]:
+        """Return each message's channel [N]."""
+        return head_field(self.data, self.offsets(), "channel")
+
+    def offsets(self) -> Integers:
+        """Return where each message's record begins [N]."""
+        return self.start - (HEAD.size + _MESSAGE_HEAD.size)
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+
+def data_starts(offsets: Integers) -> Integers:
+    """Return where the messages whose records begin at ``offsets`` have their data."""
+    return offsets + (HEAD.size + _MESSAGE_HEAD.size)
+
+
+def head_field(data: bytes, offsets: Integers, name: str) -> NDArray[Any]:
+    """Return one field [N] of the heads of the message records that begin at ``offsets``.
+
+    ``name`` is channel, sequence, log_time or publish_time.
+    """
+    return unaligned(data, _FIELDS)[name][offsets + HEAD.size]
+
+
+def unaligned(data: bytes, dtype: Any) -> NDArray[Any]:
+    """Return a view in which element i is the value that begins at byte i."""
+    dtype = np.dtype(dtype)
+    return np.ndarray((max(len(data) - dtype.itemsize + 1, 0),), dtype, data, 0, (1,))
