@@ -33,7 +33,7 @@ def write_run(path, stamps=range(20), value=float, end=True, provenance=True, pa
         data = parameter_event(0, f"/{node}", {"update_rate": 1000.0}, {})
         writer.write(channels[topics.RUN_PARAMETERS], 0, 0, data)
     for i, k in enumerate(stamps):
-        sample = JointSample(k * MS, ("hip", "trunk"), (0.5, value(k)))
+        sample = JointSample(round(k * MS), ("hip", "trunk"), (0.5, value(k)))
         writer.write(channels[topics.GROUND_TRUTH], i, i, layout_of(sample).pack(sample))
         state = JointSample(i * MS, topics.STATE_NAMES, (1.0,) * len(topics.STATE_NAMES))
         writer.write(channels["pid/state"], i, i, layout_of(state).pack(state))
@@ -82,6 +82,17 @@ def test_what_is_wrong_is_said_with_its_place(tmp_path, options, says):
     found = examine(write_run(tmp_path / "a.mcap", **options))
     assert any(finding.describe().startswith(says) for finding in found), found
     assert exit_code(found) == 1
+
+
+@pytest.mark.parametrize(
+    ("periods", "missing"), [(1.0, 0), (1.49, 0), (1.51, 1), (2.49, 1), (2.51, 2), (3.0, 2)]
+)
+def test_a_gap_is_more_than_one_and_a_half_periods(tmp_path, periods, missing):
+    found = examine(write_run(tmp_path / "a.mcap", stamps=[0, 1, 2, 2 + periods, 3 + periods]))
+    says = (
+        [f"steps are missing behind this stamp: {missing} at a period of 1 ms"] if missing else []
+    )
+    assert [(f.stamp_ns, f.message) for f in found] == [(2 * MS, text) for text in says]
 
 
 def records_of(data):
@@ -155,6 +166,9 @@ def test_recover_saves_all_but_the_damaged_chunk(tmp_path):
     assert not saved.complete
     assert saved.end["recovered"] == "true"
     assert saved.provenance == {"mode": "offline", "scenario": "fig6"}
+    # Digests of the whole run would accuse the messages that are left of having been altered.
+    assert saved.digests == {}
+    assert saved.altered_topics() == []
     assert not [f for f in examine(tmp_path / "b.mcap") if f.byte is not None]
 
 
@@ -179,6 +193,19 @@ def test_recover_finishes_what_was_cut(tmp_path):
     assert [f.message for f in examine(tmp_path / "b.mcap")] == [
         f"incomplete: recovered; it was: no end; lost: {recovery.lost[0]}"
     ]
+
+
+def test_recover_keeps_the_digests_where_no_message_is_lost(tmp_path):
+    path = write_run(tmp_path / "a.mcap")
+    data = bytearray(path.read_bytes())
+    data[next(at for opcode, at, _ in records_of(data) if opcode == 2) + 20] ^= 1  # the footer
+    path.write_bytes(data)
+    assert Recording.open(path).digests
+    recovery = recover(path, tmp_path / "b.mcap")
+    saved = Recording.open(tmp_path / "b.mcap")
+    assert recovery.messages[TRUTH] == 20
+    assert saved.digests == Recording.open(path).digests
+    assert saved.altered_topics() == []
 
 
 def test_recover_refuses_what_it_must(tmp_path):

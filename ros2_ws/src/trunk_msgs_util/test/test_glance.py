@@ -3,6 +3,7 @@ from __future__ import annotations
 import struct
 
 import pytest
+from mcap.opcode import Opcode
 from mcap.writer import IndexType
 
 from trunk_msgs_util.recording import reader as module
@@ -10,6 +11,7 @@ from trunk_msgs_util.recording.file import RecordingFile
 from trunk_msgs_util.recording.glance import glance
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.split import record_offsets
 from trunk_msgs_util.samples import JointSample
 
 from .mcap_files import write_mcap
@@ -65,6 +67,34 @@ def test_short_files_are_scanned(run_file):
 def test_without_an_index_there_is_no_glance(tmp_path, options):
     path = write_mcap(tmp_path / "a.mcap", messages(), **options)
     assert glance(path, {}) is None
+
+
+def statistics_count(data, channel):
+    """Return where the statistics of a file have a channel's count of messages."""
+    start = struct.unpack_from("<Q", data, len(data) - 8 - 20)[0]
+    offsets, _ = record_offsets(data[start:-8])
+    (at,) = (start + at for at in offsets.tolist() if data[start + at] == Opcode.STATISTICS)
+    entries = at + 9 + struct.calcsize("<QHIIIIQQI")
+    size = struct.calcsize("<HQ")
+    return next(
+        at + 2
+        for at in range(entries, len(data), size)
+        if struct.unpack_from("<H", data, at)[0] == channel
+    )
+
+
+def test_counts_that_the_indexes_do_not_have_are_not_believed(tmp_path):
+    """All else of the summary fits, and it has no checksum of its own."""
+    path = write_mcap(tmp_path / "a.mcap", messages(), enable_crcs=False)
+    data = bytearray(path.read_bytes())
+    assert glance(path, {}) is not None
+    at = statistics_count(data, channel=1)
+    assert struct.unpack_from("<Q", data, at) == (300,)
+    for count in (0, 299, 301):
+        struct.pack_into("<Q", data, at, count)
+        path.write_bytes(data)
+        assert glance(path, {}) is None
+    assert Recording.open(path).topics["/a"].count == 300
 
 
 def test_a_summary_that_does_not_fit_is_not_believed(tmp_path):

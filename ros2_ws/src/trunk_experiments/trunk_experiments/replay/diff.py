@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording.joint_arrays import QUANTITIES, JointArrays
+from trunk_msgs_util.recording.joint_arrays import QUANTITIES, Integers, JointArrays
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.units import seconds
 
@@ -84,16 +84,16 @@ def _compare(
     """Return the stamps at which a topic differs, and the first difference."""
     steps: set[int] = set()
     firsts = []
-    for side, one, other in (("A", a, b), ("B", b, a)):
-        lone = np.setdiff1d(one.stamp_ns, other.stamp_ns)
-        doubled = len(one) - len(np.unique(one.stamp_ns))
-        if doubled and len(one) != len(other):
-            lone = np.union1d(lone, one.stamp_ns[:1])
+    keys_a, keys_b = _keys(a.stamp_ns, b.stamp_ns)
+    for run, keys, others, values in (
+        (a, keys_a, keys_b, (1.0, None)),
+        (b, keys_b, keys_a, (None, 1.0)),
+    ):
+        lone = run.stamp_ns[~np.isin(keys, others)]
         if len(lone):
             steps.update(lone.tolist())
-            values = (1.0, None) if side == "A" else (None, 1.0)
-            firsts.append(FirstDifference(int(lone[0]), relative, "message", *values))
-    _, rows_a, rows_b = np.intersect1d(a.stamp_ns, b.stamp_ns, return_indices=True)
+            firsts.append(FirstDifference(int(lone.min()), relative, "message", *values))
+    _, rows_a, rows_b = np.intersect1d(keys_a, keys_b, return_indices=True)
     stamps = a.stamp_ns[rows_a]
     if not len(stamps):
         return steps, min(firsts, key=lambda f: f.stamp_ns, default=None)
@@ -121,6 +121,25 @@ def _compare(
                 )
             )
     return steps, min(firsts, key=lambda f: f.stamp_ns, default=None)
+
+
+def _keys(a: Integers, b: Integers) -> tuple[Integers, Integers]:
+    """Return a number for each message, the same for the n-th with the same stamp in both runs."""
+    stamps, (nth_a, nth_b) = np.union1d(a, b), (_nth(a), _nth(b))
+    depth = max(nth_a.max(initial=0), nth_b.max(initial=0)) + 1
+    return (
+        np.searchsorted(stamps, a) * depth + nth_a,
+        np.searchsorted(stamps, b) * depth + nth_b,
+    )
+
+
+def _nth(stamps: Integers) -> Integers:
+    """Return how many messages with its stamp stand before each message."""
+    order = np.argsort(stamps, kind="stable")
+    rising = stamps[order]
+    found = np.empty(len(stamps), np.int64)
+    found[order] = np.arange(len(stamps)) - np.searchsorted(rising, rising)
+    return found
 
 
 def _parameters(a: Recording, b: Recording) -> list[str]:
