@@ -8,6 +8,9 @@ from typing import Any
 
 import click
 
+from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_msgs_util.recording.file import RecordingError
+
 from ..errors import PlanError
 from .common import plan_of, plan_options
 
@@ -37,10 +40,14 @@ def command(output: Path, force: bool, like: Path | None, **options: Any) -> Non
     from ..runs.offline_recording import record_offline
 
     if like is not None:
-        plan = RecordedRun.open(like).plan()
+        try:
+            plan = RecordedRun.open(like).plan()
+            states = record_offline(plan, output, overwrite=force)
+        except (PlanError, ParameterError) as error:
+            raise RecordingError(f"{like}: it cannot be run again: {error}") from None
     elif options["scenario"] is None:
         raise PlanError("give a SCENARIO, or --like RUN.mcap")
     else:
         plan = plan_of(**options)
-    states = record_offline(plan, output, overwrite=force)
+        states = record_offline(plan, output, overwrite=force)
     click.echo(f"{output}: {states} states, {plan.scenario}, {plan.turns}")

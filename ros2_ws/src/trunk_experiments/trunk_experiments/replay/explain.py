@@ -156,7 +156,7 @@ def explain(recording: Recording, at: float) -> Explanation:
         disturbance=acting_at(run.table(topics.DISTURBANCE), update.stamp_ns),
         true_angle=float(table.theta[at_update]),
         took_over=update.took_over,
-        recorded=commands.get(update.stamp_ns, "effort")[0],
+        recorded=commands.get(update.stamp_ns, "effort", 1)[0],
         applied=float(table.torque[row]),
     )
 

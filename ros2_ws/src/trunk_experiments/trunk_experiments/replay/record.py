@@ -35,6 +35,7 @@ class JointTable:
 
     def __init__(self, recording: Recording, relative: str) -> None:
         self.topic = relative
+        self._where = f"{recording.path}: {recording.topic(relative)}"
         arrays = recording.joints(recording.topic(relative))
         self.names = arrays.names
         self.stamp_ns: Integers = arrays.stamp_ns
@@ -58,10 +59,28 @@ class JointTable:
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
-    def get(self, stamp_ns: int, quantity: str) -> list[float]:
-        """Return a message's values of a quantity; KeyError where the stamp is not there."""
+    def get(self, stamp_ns: int, quantity: str, count: int | None = None) -> list[float]:
+        """Return a message's values of a quantity, one for each name; KeyError without the stamp.
+
+        Raises RecordingError where they are not as many as the names, or as ``count``.
+        """
         values: list[float] = self._values[quantity][self.rows[stamp_ns]].tolist()
+        needed = len(self.names) if count is None else count
+        if not len(values) == len(self.names) == needed:
+            raise RecordingError(
+                f"{self._where}: {len(values)} values of {quantity} for {len(self.names)} names at "
+                f"t = {seconds(stamp_ns):g} s, {needed} are needed: it cannot be computed again"
+            )
         return values
+
+    def index(self, joint: str) -> int:
+        """Return where a joint's values stand. Raises RecordingError where they do not."""
+        if joint not in self.names:
+            there = f"only {', '.join(self.names)}" if len(self) else "and no messages"
+            raise RecordingError(
+                f"{self._where} has no joint {joint!r}, {there}: it cannot be computed again"
+            )
+        return self.names.index(joint)
 
     def values(self, quantity: str) -> Floats:
         """Return all values of a quantity [N, names], [N, 0] where no message carries it."""

@@ -52,7 +52,7 @@ def compare(
     table: JointTable, stamp_ns: int, quantity: str, computed: Sequence[float]
 ) -> Iterator[Difference]:
     """Yield each value of a message whose bits are not the computed ones."""
-    recorded = table.get(stamp_ns, quantity)
+    recorded = table.get(stamp_ns, quantity, len(computed))
     for name, was, now in zip(table.names, recorded, computed, strict=True):
         if not same(was, now):
             yield Difference(stamp_ns, table.topic, f"{quantity}[{name}]", was, now)
@@ -62,7 +62,7 @@ class DrivenController:
     """A recorded controller, driven by its record: by the states, changes and turns that it had."""
 
     def __init__(self, run: RecordedRun, node: str) -> None:
-        """Raise KeyError where its parameters were not recorded."""
+        """Raise KeyError where its parameters were not recorded, RecordingError where no states were."""
         self.states = run.table(topics.JOINT_STATES)
         self.terms = run.table(topics.controller_state(node))
         config, changes = run.config(node), run.changes(node)
@@ -70,7 +70,7 @@ class DrivenController:
         self.controller = Controller(config)
         if not begins_active(config, changes):
             self.controller.deactivate()
-        self.joint = self.states.names.index(config.joint)
+        self.joint = self.states.index(config.joint)
         self.hip = hip_index(config, self.states.names)
 
     def _seen(self, stamp_ns: int) -> float | None:
@@ -264,6 +264,6 @@ def acting_at(disturbances: JointTable, stamp_ns: int) -> Disturbance:
     """Return what the record says disturbed at a stamp; nothing where there is no message."""
     if stamp_ns not in disturbances:
         return Disturbance()
-    force, torque = disturbances.get(stamp_ns, "effort")
-    hip, trunk = disturbances.get(stamp_ns, "position")
+    force, torque = disturbances.get(stamp_ns, "effort", 2)
+    hip, trunk = disturbances.get(stamp_ns, "position", 2)
     return Disturbance(force, torque, hip, trunk)

@@ -11,7 +11,7 @@ from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.joint_arrays import Integers
-from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
@@ -124,6 +124,8 @@ def verdict_on(run: RecordedRun) -> Verdict:
         verdict.parts += _recomputed(run, until_ns)
     except ParameterError as error:
         verdict.obstacles.append(f"recorded parameters cannot be used: {error}")
+    except RecordingError as error:
+        verdict.obstacles.append(str(error).removeprefix(f"{recording.path}: "))
     if not run.exact:
         verdict.notes.append(
             "real-time run: its states depend on the wall clock and are not recomputed"

@@ -163,7 +163,18 @@ def _angle(axes: Axes, views: Sequence[RunView]) -> None:
         axes.plot(t, np.degrees(view.table.theta), **line_style(i), zorder=3 + 0.01 * i)
     axes.set_title("Trunk angle")
     axes.set_ylabel(r"angle $\theta$ (°)")
-    axes.set_xlim(min(v.table.t[0] for v in views), max(v.table.t[-1] for v in views))
+    _whole_time(axes, views)
+
+
+def _whole_time(axes: Axes, views: Sequence[RunView]) -> None:
+    start, end = min(v.table.t[0] for v in views), max(v.table.t[-1] for v in views)
+    if start < end:  # not so for a single state
+        axes.set_xlim(start, end)
+
+
+def _peak(view: RunView) -> float:
+    """Return the greatest magnitude of the torque in N m; 0 where none was recorded."""
+    return float(np.max(np.abs(view.table.torque), initial=0.0, where=~np.isnan(view.table.torque)))
 
 
 def _torque(axes: Axes, views: Sequence[RunView]) -> None:
@@ -178,13 +189,12 @@ def _torque(axes: Axes, views: Sequence[RunView]) -> None:
     axes.set_ylabel(r"torque $\tau$ (N·m)")
     spans = [off_scale(view.table.torque) for view in views]
     wanted = [
-        float(np.nanmax(np.abs(view.table.torque))) if span is None else span
-        for view, span in zip(views, spans, strict=True)
+        _peak(view) if span is None else span for view, span in zip(views, spans, strict=True)
     ]
     if any(span is not None for span in spans):
         limit = max(wanted)
         axes.set_ylim(-limit, limit)
-        peak = max(float(np.nanmax(np.abs(view.table.torque))) for view in views)
+        peak = max(_peak(view) for view in views)
         axes.set_title(
             f"off scale: short peaks up to {peak:,.0f} N·m",
             loc="right",
@@ -211,7 +221,7 @@ def _gains(grid: Sequence[Axes], views: Sequence[RunView]) -> None:
         axes.set_title(f"Gain {symbol}" if column != "alpha" else f"Ratio {symbol}")
         axes.set_ylabel(f"{symbol} ({unit})")
         axes.set_xlabel("time (s)")
-        axes.set_xlim(min(v.table.t[0] for v in views), max(v.table.t[-1] for v in views))
+        _whole_time(axes, views)
         low, high = axes.get_ylim()
         middle = (low + high) / 2.0
         if high - low < 0.2 * abs(middle):  # a constant gain is a line, not a magnified rounding

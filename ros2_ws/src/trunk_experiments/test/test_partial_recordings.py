@@ -1,0 +1,232 @@
+"""Recordings that lack what a verb needs: one line that names the file, never a traceback."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from trunk_experiments.cli import main
+from trunk_experiments.plans.nodes import NODES
+from trunk_msgs_util import topics
+from trunk_msgs_util.parameters.declarations import declarations
+from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
+from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
+from trunk_msgs_util.samples import JointSample
+
+STATE = topics.controller_state("fuzzy_pid")
+
+
+@pytest.fixture(scope="module")
+def whole(short_run):
+    return short_run("fig8", "fuzzy_pid", duration=0.3)
+
+
+def copy(source, path, keep=lambda name, data, index: True, edit=None):
+    """Copy the messages of a run for which ``keep(relative topic, CDR, index)`` is true, edited."""
+    run = Recording.open(source)
+    with RecordingWriter(path) as writer:
+        writer.add_metadata(PROVENANCE, run.provenance)
+        for name, topic in run.topics.items():
+            channel = writer.channel(name, topic.type)
+            index = 0
+            for logs, messages in run.messages(name):
+                for log, data in zip(logs, messages, strict=True):
+                    if keep(name.removeprefix("/"), data, index):
+                        copied = edit(name.removeprefix("/"), data) if edit else data
+                        writer.write(channel, log, log, copied)
+                    index += 1
+    return path
+
+
+def without(*names):
+    return lambda name, data, index: name not in names
+
+
+def without_parameters_of(node):
+    return lambda name, data, index: (
+        name != topics.RUN_PARAMETERS or parse_parameter_event(data).node != f"/{node}"
+    )
+
+
+PARTS = {
+    "no ground truth": without(topics.GROUND_TRUTH),
+    "no joint_states": without(topics.JOINT_STATES),
+    "no commands": without(topics.EFFORT_COMMAND),
+    "no disturbance": without(topics.DISTURBANCE),
+    "no ~/state": without(STATE),
+    "no parameters": without(topics.RUN_PARAMETERS),
+    "no events": without(topics.RUN_EVENTS),
+    "no parameters of the simulator": without_parameters_of("simulator"),
+    "no parameters of the controller": without_parameters_of("fuzzy_pid"),
+    "no parameters of the disturbance": without_parameters_of("disturbance"),
+    "ground truth alone": lambda name, data, index: name == topics.GROUND_TRUTH,
+    "joint_states alone": lambda name, data, index: name == topics.JOINT_STATES,
+    "commands alone": lambda name, data, index: name == topics.EFFORT_COMMAND,
+    "~/state alone": lambda name, data, index: name == STATE,
+    "parameters alone": lambda name, data, index: name == topics.RUN_PARAMETERS,
+    "the first message of each": lambda name, data, index: index == 0,
+    "one state, all parameters": lambda name, data, index: (
+        index == 0 or name == topics.RUN_PARAMETERS
+    ),
+    "empty topics": lambda name, data, index: False,
+    "some states missing": lambda name, data, index: index % 7 != 3,
+    "half the ~/state": lambda name, data, index: name != STATE or index > 100,
+}
+
+
+def edited(topic, change):
+    """Return an edit that makes another sample of each of a topic's."""
+
+    def edit(name, data):
+        if name != topic:
+            return data
+        sample = change(JointStateLayout.parse(data).unpack(data))
+        return layout_of(sample).pack(sample)
+
+    return edit
+
+
+def with_parameters(node, **values):
+    """Return an edit that gives a node other parameters at its start; dots are written __."""
+    given = {name.replace("__", "."): value for name, value in values.items()}
+
+    def edit(name, data):
+        if name != topics.RUN_PARAMETERS:
+            return data
+        event = parse_parameter_event(data)
+        if event.node != f"/{node}" or not event.new:
+            return data
+        kinds = {name: d.kind for name, d in declarations(NODES[node].config).items()}
+        return parameter_event(event.stamp_ns, event.node, {**event.new, **given}, {}, kinds)
+
+    return edit
+
+
+def first_joint(sample):
+    return JointSample(sample.stamp_ns, sample.name[:1], *(values[:1] for values in sample[2:]))
+
+
+EDITS = {
+    "joint_states without velocity": edited(
+        topics.JOINT_STATES, lambda sample: sample._replace(velocity=())
+    ),
+    "joint_states without effort": edited(
+        topics.JOINT_STATES, lambda sample: sample._replace(effort=())
+    ),
+    "joint_states of other joints": edited(
+        topics.JOINT_STATES, lambda sample: sample._replace(name=("elbow", "wrist"))
+    ),
+    "joint_states of one joint": edited(topics.JOINT_STATES, first_joint),
+    "ground truth without velocity": edited(
+        topics.GROUND_TRUTH, lambda sample: sample._replace(velocity=())
+    ),
+    "ground truth without effort": edited(
+        topics.GROUND_TRUTH, lambda sample: sample._replace(effort=())
+    ),
+    "ground truth of one joint": edited(topics.GROUND_TRUTH, first_joint),
+    "ground truth without values": edited(
+        topics.GROUND_TRUTH, lambda sample: JointSample(sample.stamp_ns, sample.name)
+    ),
+    "commands without effort": edited(
+        topics.EFFORT_COMMAND, lambda sample: JointSample(sample.stamp_ns, sample.name, (1.0,))
+    ),
+    "commands to another joint": edited(
+        topics.EFFORT_COMMAND, lambda sample: sample._replace(name=("wrist",))
+    ),
+    "commands to two joints": edited(
+        topics.EFFORT_COMMAND,
+        lambda sample: sample._replace(name=("hip", "trunk"), effort=(0.0, 1.0)),
+    ),
+    "disturbances without offsets": edited(
+        topics.DISTURBANCE, lambda sample: sample._replace(position=())
+    ),
+    "disturbances of one joint": edited(topics.DISTURBANCE, first_joint),
+    "~/state of other names": edited(
+        STATE, lambda sample: JointSample(sample.stamp_ns, ("a", "b"), (1.0, 2.0))
+    ),
+    "~/state without values": edited(
+        STATE, lambda sample: JointSample(sample.stamp_ns, sample.name)
+    ),
+    "parameters out of bounds": with_parameters("simulator", plant__hip_mass=-1.0),
+    "parameters of another version": with_parameters("simulator", plant__colour=3.0),
+    "a controller of another joint": with_parameters("fuzzy_pid", joint="wrist"),
+    "a simulator of other joints": with_parameters("simulator", joints=("elbow", "wrist")),
+}
+
+
+def of_another_robot(path, topic):
+    """Write what somebody else's arm says of itself, on a topic of ours."""
+    with RecordingWriter(path) as writer:
+        channel = writer.channel(topic, topics.JOINT_STATE_TYPE)
+        for k in range(50):
+            sample = JointSample(k * 10_000_000, ("shoulder", "elbow", "wrist"), (0.1, 0.2, 0.3))
+            writer.write(channel, k, k, layout_of(sample).pack(sample))
+    return path
+
+
+def without_channels(path):
+    with RecordingWriter(path):
+        pass
+    return path
+
+
+FOREIGN = {
+    "another robot's joint_states": lambda path: of_another_robot(path, "/joint_states"),
+    "another robot's ground truth": lambda path: of_another_robot(path, f"/{topics.GROUND_TRUTH}"),
+    "another robot's commands": lambda path: of_another_robot(path, "/effort_command"),
+    "another robot's ~/state": lambda path: of_another_robot(path, f"/{STATE}"),
+    "no topics at all": without_channels,
+}
+
+
+@pytest.fixture(params=[*PARTS, *EDITS, *FOREIGN])
+def partial(request, whole, tmp_path):
+    path = tmp_path / "part.mcap"
+    if request.param in FOREIGN:
+        return FOREIGN[request.param](path)
+    if request.param in EDITS:
+        return copy(whole, path, edit=EDITS[request.param])
+    return copy(whole, path, PARTS[request.param])
+
+
+VERBS = {
+    "metrics": ("metrics", "RUN"),
+    "plot": ("plot", "RUN", "-o", "OUT.svg"),
+    "report": ("report", "RUN", "-o", "OUT.html"),
+    "explain": ("explain", "RUN", "--at", "0.1"),
+    "compare": ("compare", "WHOLE", "RUN"),
+    "compare first": ("compare", "RUN", "WHOLE"),
+    "export --csv": ("export", "RUN", "--csv", "OUT.csv"),
+    "export --mcap": ("export", "RUN", "--mcap", "OUT.mcap"),
+    "simulate --like": ("simulate", "--like", "RUN", "-o", "OUT.mcap"),
+    "diff": ("diff", "WHOLE", "RUN"),
+    "diff first": ("diff", "RUN", "WHOLE"),
+    "verify": ("verify", "RUN"),
+    "info": ("info", "RUN"),
+    "doctor": ("doctor", "RUN"),
+    "recover": ("recover", "RUN", "-o", "OUT.mcap"),
+}
+
+
+@pytest.mark.filterwarnings("error")  # they would be shown to the user
+@pytest.mark.parametrize("verb", VERBS.values(), ids=VERBS)
+def test_one_line_at_most(verb, partial, whole, monkeypatch, capsys):
+    places = {"RUN": partial, "WHOLE": whole}
+    words = [
+        str(places.get(word, word.replace("OUT", str(partial.with_name("out"))))) for word in verb
+    ]
+    monkeypatch.setattr(sys, "argv", ["trunk", *words])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    said = capsys.readouterr()
+    errors = [line for line in said.err.splitlines() if not line.startswith("trunk: warning: ")]
+    assert ended.value.code in (0, 1, 2)
+    assert len(errors) <= 1
+    for line in errors:
+        assert line.startswith("trunk: error: ")
+        assert str(partial) in line
+    if ended.value.code:
+        assert errors or said.out  # it says what is wrong
