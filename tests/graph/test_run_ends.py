@@ -17,6 +17,7 @@ from trunk_msgs_util.node.conversions import sample_to_wire
 from trunk_msgs_util.node.recorder_node import RecorderNode
 from trunk_msgs_util.recording.schemas import event
 from trunk_msgs_util.samples import JointSample
+from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
 from trunk_sim.simulator_node import SimulatorNode
 
@@ -109,3 +110,26 @@ def test_an_end_that_does_not_say_how_many_states_there_are(arguments: Any, tmp_
     assert node.counters["events malformed"] == 2
     assert not node.verdict()[0]
     node.close()
+
+
+HALVES = {
+    "four efforts": {"effort": (1.0, 2.0, 3.0, 4.0)},
+    "four positions": {"position": (1.0, 2.0, 3.0, 4.0)},
+    "three efforts, one position": {"effort": (1.0, 2.0, 3.0), "position": (4.0,)},
+    "efforts alone": {"effort": (1.0, 2.0)},
+}
+
+
+@pytest.mark.parametrize("values", HALVES.values(), ids=HALVES)
+def test_each_field_of_a_disturbance_has_a_value_per_joint(arguments: Any, values: Any) -> None:
+    arguments("wait_for:=[effort_command]")
+    node = SimulatorNode()
+    node.autostart()
+    node._on_disturbance(sample_to_wire(JointSample(0, ("hip", "trunk"), **values)))
+    assert node.counters == {"disturbances malformed": 1}
+    assert not node._disturbances
+    whole = JointSample(0, ("hip", "trunk"), position=(3.0, 4.0), effort=(1.0, 2.0))
+    node._on_disturbance(sample_to_wire(whole))
+    node._disturbances.advance(0, None)
+    assert node._disturbances.acting == Disturbance(1.0, 2.0, 3.0, 4.0)
+    node.destroy_node()

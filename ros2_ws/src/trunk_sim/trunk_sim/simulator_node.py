@@ -279,10 +279,10 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
 
     def _on_disturbance(self, data: bytes) -> None:
         sample = self._read_disturbance(data)
-        values = [*sample.effort, *sample.position]
-        if sample.name != self.config.joints or len(values) != 4:
+        if sample.name != self.config.joints or not len(sample.effort) == len(sample.position) == 2:
             self.count("disturbances malformed")
             return
+        values = (*sample.effort, *sample.position)
         if not all(map(isfinite, values)):
             self.count("disturbances not finite")
             return
