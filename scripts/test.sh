@@ -21,6 +21,7 @@ stage 'shell syntax' syntax
 stage 'ruff check' ruff check
 stage 'ruff format' ruff format --check
 stage mypy mypy
+stage arrows lint-imports
 if (($#)); then
     stage pytest python -m pytest "$@"
 else # what keeps time has all cores to itself; the rest shares them

@@ -13,6 +13,7 @@ import pytest
 
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
+from trunk_experiments.batch import workers
 from trunk_experiments.errors import StudyError, SweepError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
@@ -208,7 +209,7 @@ def test_shipped_studies_are_sound(name):
 
 
 def test_a_broken_pool_is_one_line(study, monkeypatch):
-    monkeypatch.setattr(module, "_end_with_parent", os._exit)  # its missing argument ends a worker
+    monkeypatch.setattr(workers, "_end_with_parent", os._exit)  # its missing argument ends a worker
     bases = make_bases(study)
     block = module.Block(0, study, bases, design(study, 0, 1))
     with pytest.raises(SweepError, match="a worker process was killed"):

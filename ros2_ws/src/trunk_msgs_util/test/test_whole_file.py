@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from trunk_msgs_util.recording.whole_file import whole_file
+from trunk_msgs_util.whole_file import whole_file
 
 
 def test_a_file_gets_its_name_when_it_is_whole(tmp_path):

@@ -12,8 +12,8 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.series import in_turn, joint_names, read_series
-from trunk_msgs_util.recording.whole_file import whole_file
 from trunk_msgs_util.units import NANOSECONDS
+from trunk_msgs_util.whole_file import whole_file
 
 CSV_COLUMNS = (
     "t",

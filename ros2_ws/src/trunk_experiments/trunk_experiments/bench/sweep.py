@@ -25,9 +25,9 @@ from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.pid import PidState
 
 from ..batch.closed_loop import Batch
+from ..batch.workers import worker_pool
 from ..errors import BenchError
 from ..plans.plan import RunPlan, make_plan
-from ..study.sweep import worker_pool
 from .core import BenchRow, library
 
 MUJOCO_GOAL = 40.0

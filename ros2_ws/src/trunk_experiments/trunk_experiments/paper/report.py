@@ -11,7 +11,7 @@ from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.whole_file import whole_file
+from trunk_msgs_util.whole_file import whole_file
 
 from ..views.plot_style import save
 from ..views.plots import paper_figure

@@ -11,9 +11,9 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.schemas import event, parameter_event
-from trunk_msgs_util.recording.whole_file import whole_file
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.whole_file import whole_file
 from trunk_sim.disturbances import disturbance_sample
 from trunk_sim.simulation import DivergedError
 

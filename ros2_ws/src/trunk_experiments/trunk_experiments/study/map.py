@@ -18,13 +18,13 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.joint_arrays import Floats
 
+from ..batch.workers import worker_pool
 from ..errors import StudyError
 from ..plans.plan import RunPlan
 from ..tuning.floquet import floquet
 from ..views.plot_style import COLORS, STYLE
 from .design import design, make_bases, plan_of
 from .results import Results
-from .sweep import worker_pool
 
 _MANY = 200  # points: fewer are quicker without processes
 QUIET_DEG = 1.0  # RMS of the last 2 s: less is a trunk at rest

@@ -8,30 +8,25 @@ time, or how often it was interrupted.
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import signal
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import cache
-from multiprocessing import get_context, parent_process
-from multiprocessing.connection import wait
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from trunk_msgs_util.node import early_signals
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.provenance import gather
-from trunk_msgs_util.recording.whole_file import whole_file
+from trunk_msgs_util.whole_file import whole_file
 
 from ..analysis.metrics import Metrics, metrics
 from ..batch.closed_loop import Batch, loops_fingerprint
+from ..batch.workers import worker_pool
 from ..compiled import fingerprint
 from ..errors import StudyError, SweepError
 from .design import Bases, design, make_bases, plan_of
@@ -211,35 +206,6 @@ def processes(count: int) -> Runner:
                 pool.shutdown(wait=False, cancel_futures=True)
 
     return run
-
-
-def worker_pool(count: int) -> ProcessPoolExecutor:
-    """Return a pool whose processes end with this one, even when it is killed."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # theirs: a process per core is enough
-    return _Pool(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
-
-
-class _Pool(ProcessPoolExecutor):
-    """Ctrl-C is this process's affair: a worker that it meets while importing would say so at length."""
-
-    def submit(self, *arguments: Any, **named: Any) -> Future[Any]:
-        """Submit; a worker that this starts begins with the signals held back."""
-        with early_signals.held():
-            return super().submit(*arguments, **named)
-
-
-def _end_with_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    early_signals.unblock()
-    parent = parent_process()
-    if parent is None:
-        return
-
-    def watch(sentinel: int) -> None:
-        wait([sentinel])
-        os._exit(1)
-
-    Thread(target=watch, args=(parent.sentinel,), daemon=True).start()
 
 
 def outcome_counts(path: Path) -> dict[str, int]:

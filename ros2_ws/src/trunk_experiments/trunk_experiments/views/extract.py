@@ -16,9 +16,9 @@ from trunk_msgs_util.recording.file import STAMPED, RecordingFile
 from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.recording.messages import Messages, unaligned
 from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.whole_file import whole_file
 from trunk_msgs_util.recording.writer import END, PROVENANCE
 from trunk_msgs_util.units import NANOSECONDS
+from trunk_msgs_util.whole_file import whole_file
 
 from ..analysis.run_table import CSV_COLUMNS, RunTable
 

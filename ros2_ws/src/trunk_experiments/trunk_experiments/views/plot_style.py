@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from trunk_msgs_util.recording.whole_file import whole_file
+from trunk_msgs_util.whole_file import whole_file
 
 # Okabe and Ito's colours, told apart with any colour vision, and line styles that survive grey print.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")

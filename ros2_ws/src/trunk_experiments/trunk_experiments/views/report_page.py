@@ -17,7 +17,7 @@ from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from trunk_control.rule_tables import INPUT_LABELS
-from trunk_msgs_util.recording.whole_file import whole_file
+from trunk_msgs_util.whole_file import whole_file
 
 from .report import Report, number, quantity_label
 

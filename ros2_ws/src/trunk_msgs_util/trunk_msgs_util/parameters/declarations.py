@@ -15,8 +15,8 @@ from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from ..errors import TrunkError
+from ..values import Value as Value
 
-Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 Config = TypeVar("Config")
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from ..errors import TrunkError
-from ..recording.whole_file import whole_file
+from ..whole_file import whole_file
 from .declarations import Value, unknown_name
 
 

@@ -19,7 +19,7 @@ from .schemas import ParameterChange, RunEvent, parse_event, parse_parameter_eve
 from .writer import DIGESTS, END, PROVENANCE
 
 if TYPE_CHECKING:
-    from ..parameters.declarations import Value
+    from ..values import Value
     from .messages import Messages
     from .split import Content
 

@@ -10,12 +10,12 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
 from mcap.writer import Writer
 
+from ..whole_file import whole_file
 from .blocks import BLOCKS, ChecksumError, DamageError, Record, content_of, damaged, records
 from .file import check_magic
 from .reader import RecordingError
 from .split import Content
 from .summary import read_summary
-from .whole_file import whole_file
 from .writer import DIGESTS, END
 
 LIBRARY = "trunk_msgs_util recover"

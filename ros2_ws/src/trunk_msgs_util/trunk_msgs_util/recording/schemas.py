@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from rosbags.typesys.store import Typestore
 
-    from ..parameters.declarations import Value
+    from ..values import Value
 
 LEVEL_OK, LEVEL_WARN, LEVEL_ERROR = 0, 1, 2
 

@@ -1,0 +1,5 @@
+"""`Value`: what a parameter may hold, in a node, a file and a recording alike."""
+
+from __future__ import annotations
+
+Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
