@@ -108,7 +108,7 @@ def records_of(data):
     [
         (6, 200, "its checksum is wrong"),
         (12, 60, "the checksum of the first"),
-        (7, 20, "the message indexes behind the chunk are not of its messages"),
+        (7, 20, "the message indexes after the chunk are not those of its messages"),
         (8, 25, "the index has a chunk here"),
         (11, 20, "the checksum of summary and footer is wrong"),
         (2, 20, "the checksum of summary and footer is wrong"),

@@ -72,7 +72,7 @@ def test_numbers_are_read_as_rcl_reads_them(text, value):
 
 BROKEN = {
     "not YAML": ("a: [", "line"),
-    "a key twice": ("n:\n  ros__parameters:\n    x: 1\n    x: 2\n", "line 4: 'x' stands twice"),
+    "a key twice": ("n:\n  ros__parameters:\n    x: 1\n    x: 2\n", "line 4: 'x' appears twice"),
     "a list": ("- a\n", "not a mapping"),
     "nothing for a node": ("a: 3\n", "not a mapping"),
     "no parameters": ("{}\n", "no ros__parameters"),

@@ -212,7 +212,7 @@ def test_a_damaged_part_ends_the_run(tmp_path):
     path.write_bytes(path.read_bytes()[:100])
     recording = Recording.open(bag)
     assert recording.warnings[0].startswith("bag_1.mcap: ends at byte 100")
-    assert recording.warnings[1] == "1 files behind it are not read"
+    assert recording.warnings[1] == "1 later file is not read"
     assert "metadata.yaml counts 244 messages" in recording.warnings[2]
     assert len(recording.joints("/effort_command")) < 25
 

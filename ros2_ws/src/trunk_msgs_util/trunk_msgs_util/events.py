@@ -17,9 +17,9 @@ class Event(str, Enum):
     carries: tuple[str, ...]  # keys of the status' values, in order
 
     CONFIGURED = "configured", "every node", "Its topics, services and files are there"
-    ACTIVATED = "activated", "every node", "It does its work from the next state on"
+    ACTIVATED = "activated", "every node", "It acts from the next state on"
     DEACTIVATED = "deactivated", "every node", "It holds from the next state on"
-    CLEANED_UP = "cleaned up", "every node", "It has given up its topics, services and files"
+    CLEANED_UP = "cleaned up", "every node", "It has released its topics, services and files"
     READY = (
         "ready",
         "controllers, disturbance, recorder",
@@ -63,7 +63,7 @@ class Event(str, Enum):
     FAILED = (
         "failed",
         "every node",
-        "The node ends by an error; `states` of the simulator alone",
+        "The node ends with an error; only the simulator gives `states`",
         "reason",
         "states",
     )

@@ -9,7 +9,7 @@ class JointSample(NamedTuple):
     """Named values at a stamp; an empty tuple means that the message does not carry that quantity.
 
     On joint topics: position [m, rad], velocity [m/s, rad/s], effort [N, N m]. On ``~/state`` the names
-    are those of the terms and the values stand in ``position``.
+    are those of the terms, and the values are in ``position``.
     """
 
     stamp_ns: int

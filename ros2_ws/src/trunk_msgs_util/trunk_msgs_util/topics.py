@@ -94,7 +94,7 @@ DESCRIPTIONS = (
     ),
 )
 
-# The names of a ``~/state`` record, in order; their values stand in ``position``.
+# The names of a ``~/state`` record, in order; their values are in ``position``.
 STATE_NAMES = (
     "reference",
     "measurement",

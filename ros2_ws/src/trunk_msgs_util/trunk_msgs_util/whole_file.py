@@ -1,4 +1,4 @@
-"""Files that are there as a whole or not at all."""
+"""Files that appear whole or not at all."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from pathlib import Path
 def whole_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
     """Yield a name to write to; what is written there becomes ``path`` when the block is left.
 
-    Whatever happens in the block (a full disk, an exception, kill -9), ``path`` stays as it was. What is
-    no regular file, such as /dev/stdout, is written to as it is. Raises OSError that names ``path``,
+    Whatever happens in the block (a full disk, an exception, kill -9), ``path`` stays as it was. Anything
+    but a regular file, such as /dev/stdout, is written to directly. Raises OSError that names ``path``,
     and FileExistsError where there is one, unless ``overwrite``.
     """
     if path.exists() and not overwrite:

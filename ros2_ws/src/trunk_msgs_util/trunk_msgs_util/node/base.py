@@ -84,7 +84,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
         """Take a changed configuration; called between two callbacks."""
 
     def diagnostics(self) -> Mapping[str, object]:
-        """Return what /diagnostics says of this node, beside its counters."""
+        """Return what /diagnostics says of this node, besides its counters."""
         return {}
 
     def create_subscription(

@@ -62,7 +62,7 @@ class WireReader:
             pass
         try:
             return sample_from_ros(deserialize_message(data, JointState))
-        except Exception:  # whatever rclpy and the middleware make of a peer's bytes
+        except Exception:  # anything that rclpy or the middleware may raise on a peer's bytes
             return JointSample(-1, ())
 
 

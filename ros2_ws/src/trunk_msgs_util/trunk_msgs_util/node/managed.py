@@ -42,7 +42,7 @@ class ManagedNode(LifecycleNode):
         """Put an event on the run's record."""
 
     def stopping(self) -> None:
-        """Say what is to be said when the process is told to end; called once."""
+        """Publish what must be said before the process ends; called once."""
 
     def set_up(self) -> None:
         """Make topics, services, files: from unconfigured to inactive. Raises ParameterError."""

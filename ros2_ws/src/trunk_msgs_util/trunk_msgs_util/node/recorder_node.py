@@ -33,7 +33,7 @@ _MESSAGES: dict[str, type[Any]] = {
     topics.PARAMETER_EVENT_TYPE: ParameterEvent,
     topics.DIAGNOSTIC_ARRAY_TYPE: DiagnosticArray,
 }
-# Every recorded type begins with a stamp, right behind the four bytes of encapsulation.
+# Every recorded type begins with a stamp, right after the four bytes of encapsulation.
 _STAMP = struct.Struct("<iI")
 # What happened to the nodes, the recorder's own turns among it, is written while it is inactive too.
 _ALWAYS = (topics.RUN_PARAMETERS, topics.RUN_EVENTS)
@@ -103,7 +103,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._flush()
 
     def activate(self) -> None:
-        """Subscribe, at the first time: what was said before comes too, from the publishers' history."""
+        """Subscribe, the first time; earlier messages come too, from the publishers' history."""
         if not self._matched:
             for topic, type_name in topics.evidence_types(self.config.controllers).items():
                 self._subscribe(topic, type_name)
@@ -139,7 +139,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             try:
                 sec, nanosec = _STAMP.unpack_from(data, 4)
             except struct.error:
-                self.counters["messages too short to be any"] += 1
+                self.counters["messages too short"] += 1
                 return
             stamp_ns = min(sec * NANOSECONDS + nanosec, LAST_STAMP_NS)
             log_time = max(stamp_ns, 0) if lockstep else time.time_ns()

@@ -44,7 +44,7 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
 
     Return the process's exit code: 0 after SIGINT, SIGTERM or a finished run; 1 where a node failed; 2,
     with one line on stderr and no traceback, where a parameter or an argument is wrong. The nodes are
-    closed in the reverse order of the mapping: the recorder stands first.
+    closed in the reverse order of the mapping: the recorder comes first.
     """
     shutdown = Shutdown()
     middleware.prepare()

@@ -25,14 +25,14 @@ class ParameterFileError(TrunkError):
 
 
 class _Loader(yaml.SafeLoader):
-    """Safe YAML in which ``1e3`` is a number, as rcl reads it, and a key may stand only once."""
+    """Safe YAML in which ``1e3`` is a number, as rcl reads it, and a key may appear only once."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         seen: set[Any] = set()
         for key_node, _ in node.value:
             if key_node.value in seen:
                 raise yaml.constructor.ConstructorError(
-                    problem=f"{key_node.value!r} stands twice", problem_mark=key_node.start_mark
+                    problem=f"{key_node.value!r} appears twice", problem_mark=key_node.start_mark
                 )
             seen.add(key_node.value)
         mapping: dict[Any, Any] = super().construct_mapping(node, deep)

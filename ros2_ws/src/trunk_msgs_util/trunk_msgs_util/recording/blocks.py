@@ -1,6 +1,6 @@
 """The blocks of an MCAP file, in order, as far as the file is sound and no further.
 
-A block is what holds messages: a chunk, or a run of messages that stand outside chunks.
+A block is what holds messages: a chunk, or a run of messages outside chunks.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _CRC = struct.Struct("<I")
 _RUN = 1 << 20  # bytes of messages outside chunks that are read at a time
 # These may be longer than `MAX_CHUNK`; nothing here reads what is in them.
 _SKIPPED = (Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX)
-# What stands before the end of the data; of other kinds only a damaged record can be.
+# What may come before the end of the data; any other kind is a damaged record.
 _DATA = (
     Opcode.HEADER,
     Opcode.SCHEMA,
@@ -54,7 +54,7 @@ class ChecksumError(DamageError):
 class Record(NamedTuple):
     """A record, or a run of messages outside chunks with their heads (``opcode`` is MESSAGE)."""
 
-    offset: int  # in the file; of the chunk, for what stands in one
+    offset: int  # in the file; of the chunk, for a record inside one
     opcode: int
     body: bytes  # empty for attachments and indexes
     end: int
@@ -71,11 +71,11 @@ def name_of(opcode: int) -> str:
 
 
 def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Record]:
-    """Yield the records of a file of ``size`` bytes that stands at ``start``: behind its magic.
+    """Yield the records of a file of ``size`` bytes positioned at ``start``, after its magic.
 
-    From a later ``start`` the checksum of the data cannot be judged, and is not.
+    From a later ``start`` the checksum of the data cannot be checked, and is not.
     Raises DamageError at a record that the file does not hold whole or that is too long to be read,
-    and ChecksumError behind the data where they do not have the checksum that they were written
+    and ChecksumError after the data where they do not have the checksum that they were written
     with.
     """
     crc = zlib.crc32(MAGIC)
@@ -133,7 +133,7 @@ def _is_index(first: bytes, length: int) -> bool:
 
 
 def _skip(file: BinaryIO, length: int, crc: int) -> int:
-    """Read over some bytes and return the checksum continued over them."""
+    """Read past some bytes and return the checksum continued over them."""
     while length > 0:
         piece = file.read(min(length, _RUN))
         crc = zlib.crc32(piece, crc)
@@ -142,7 +142,7 @@ def _skip(file: BinaryIO, length: int, crc: int) -> int:
 
 
 def _run(file: BinaryIO, first: bytes, left: int) -> bytes:
-    """Return a message record and the whole message records behind it, about `_RUN` bytes."""
+    """Return a message record and the whole message records after it, about `_RUN` bytes."""
     data = first + file.read(min(_RUN, left))
     offsets, end = record_offsets(data)
     others = np.flatnonzero(np.frombuffer(data, np.uint8)[offsets] != Opcode.MESSAGE)
@@ -164,7 +164,7 @@ def content_of(record: Record) -> Content:
     """Return the content of a block. Raises DamageError."""
     try:
         return split(chunk_records(record.body) if record.opcode == Opcode.CHUNK else record.body)
-    except Exception as error:  # whatever damaged bytes make of a decompressor
+    except Exception as error:  # anything that a decompressor may raise on damaged bytes
         raise damaged(record, error) from None
 
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from .messages import Messages
     from .split import Content
 
-# These types begin with a stamp, right behind the encapsulation.
+# These types begin with a stamp, right after the encapsulation.
 STAMPED = (
     names.JOINT_STATE_TYPE,
     names.PARAMETER_EVENT_TYPE,
@@ -60,7 +60,7 @@ class Topic:
     longest_gap_ns: int = 0  # between the log times of two messages that follow one another
 
     def take(self, messages: Messages) -> None:
-        """Count in some messages, behind those before."""
+        """Count some messages that follow the earlier ones."""
         self.count += len(messages)
         self.size += int((messages.end - messages.start).sum())
         self.take_stamps(messages, messages)
@@ -79,7 +79,7 @@ class Topic:
         self.last_stamp_ns = end
 
     def take_log(self, log_time_ns: Integers) -> None:
-        """Take in the log times of one or more messages, behind those before."""
+        """Take in the log times of one or more messages that follow the earlier ones."""
         first, last = int(log_time_ns[0]), int(log_time_ns[-1])
         if self.last_log_ns is not None:
             self.longest_gap_ns = max(self.longest_gap_ns, first - self.last_log_ns)
@@ -90,7 +90,7 @@ class Topic:
 
 @dataclass(frozen=True)
 class Block:
-    """Where a chunk or a run of messages stands, and which channels have messages in it."""
+    """Where a chunk or a run of messages is, and which channels have messages in it."""
 
     offset: int
     end: int
@@ -98,10 +98,10 @@ class Block:
 
 
 class RecordingFile:
-    """One file. Nothing behind its first damaged byte counts; ``warning`` names that byte."""
+    """One file. Nothing after its first damaged byte counts; ``warning`` names that byte."""
 
     def __init__(self, path: Path, topics: dict[str, Topic]) -> None:
-        """Get ready to scan a file into ``topics``, which may hold what stands in files before."""
+        """Get ready to scan a file into ``topics``, which may hold those of earlier files."""
         self.path = path
         self.topics = topics
         self.library = ""
@@ -133,11 +133,11 @@ class RecordingFile:
             return
         try:
             self.take_record(record)
-        except Exception as error:  # whatever a damaged record makes of its reader
+        except Exception as error:  # anything that mcap may raise on a damaged record
             raise damaged(record, error) from None
 
     def take_record(self, record: Record) -> None:
-        """Take in what a record says that holds no messages; what it raises is mcap's."""
+        """Take in a record that holds no messages. Raises whatever mcap raises."""
         if record.opcode == Opcode.HEADER:
             self.library = Header.read(record.stream).library
         elif record.opcode == Opcode.SCHEMA:
@@ -167,7 +167,7 @@ class RecordingFile:
         self.take_content(content, record)
 
     def take_content(self, content: Content, record: Record) -> None:
-        """Count in a block's messages. Raises DamageError for channels that are not known."""
+        """Count a block's messages. Raises DamageError for channels that are not known."""
         if not content.channels.keys() <= self.channels.keys():
             raise DamageError(
                 f"the record at byte {record.offset} has messages of an unknown channel"
@@ -203,9 +203,9 @@ class RecordingFile:
 
 
 def check_magic(path: Path, file: BinaryIO, size: int) -> None:
-    """Read over the magic. Raises RecordingError where it is not there."""
+    """Read past the magic. Raises RecordingError where it is not there."""
     if size == 0:
-        raise RecordingError(f"{path} is empty: nothing was recorded; record it again")
+        raise RecordingError(f"{path} is empty: nothing was recorded; record the run again")
     if file.read(len(MAGIC)) != MAGIC:
         raise RecordingError(f"{path} is not an MCAP file: give a recording of a run")
 

@@ -37,7 +37,7 @@ def glance(path: Path, topics: dict[str, Topic]) -> RecordingFile | None:
                 break  # the header
             _describe(recording, summary, file)
             _measure(recording, summary, file)
-    except Exception:  # whatever a damaged summary makes of its reader: the file is to be scanned
+    except Exception:  # anything that a damaged summary may raise: the file is scanned instead
         return None
     if any(name in topics and topics[name].count for name in found):
         return None  # topics go on from a file before: their gaps are not known here
@@ -46,7 +46,7 @@ def glance(path: Path, topics: dict[str, Topic]) -> RecordingFile | None:
 
 
 def _fits(summary: Summary) -> bool:
-    """Return whether the summary is whole and its chunks stand one behind the other."""
+    """Return whether the summary is whole and its chunks follow one another."""
     statistics = summary.statistics
     if statistics is None or summary.footer.summary_crc not in (0, summary.crc):
         return False

@@ -119,7 +119,7 @@ def _one(sample: JointSample, log: Integers) -> JointArrays:
 
 
 def concatenate(parts: Sequence[JointArrays]) -> JointArrays:
-    """Return the parts behind one another; names that a part does not have are NaN there."""
+    """Return the parts one after another; names that a part does not have are NaN there."""
     names = tuple(dict.fromkeys(name for part in parts for name in part.names))
 
     def spread(values: Floats, part: JointArrays) -> Floats:

@@ -34,8 +34,8 @@ class _Plan:
 
     def __init__(self) -> None:
         self.format = "<4siI"
-        self.at = 8  # from the origin, behind the stamp
-        self.pieces: list[list[bytes]] = [[]]  # what stands before each group of doubles
+        self.at = 8  # from the origin, after the stamp
+        self.pieces: list[list[bytes]] = [[]]  # what precedes each group of doubles
         self.piece_offsets: list[int] = []
         self.double_offsets: list[int] = []
 
@@ -181,7 +181,7 @@ class JointStateLayout:
     def decode_at(self, data: bytes, start: NDArray[np.int64]) -> NDArray[Any]:
         """Return the messages that begin at some bytes of ``data`` as an array of `dtype`.
 
-        A view where they stand in equal distances, and else a copy. Raises ValueError unless all
+        A view where they are equally spaced, and else a copy. Raises ValueError unless all
         have this layout.
         """
         size = self.size

@@ -19,7 +19,7 @@ _FIELDS = np.dtype(
 
 
 class MessageHead(NamedTuple):
-    """What stands before a message's data, in this order; times in ns."""
+    """What precedes a message's data, in this order; times in ns."""
 
     channel: int
     sequence: int

@@ -29,7 +29,7 @@ Parsed = TypeVar("Parsed")
 
 # Decompressed chunks that are kept for the next topic: a run of a minute is decompressed once.
 _KEPT = 64 << 20
-# From here on `Recording.glance` does not read all: what is shorter is scanned in no time.
+# Larger files are not read whole by `Recording.glance`; smaller ones are scanned in no time.
 _GLANCE = 32 << 20
 _OURS = "trunk_msgs_util"  # begins the library's name in files that must have an end record
 
@@ -37,7 +37,7 @@ _OURS = "trunk_msgs_util"  # begins the library's name in files that must have a
 class Recording:
     """A run's file or files, scanned once; messages are read when they are asked for.
 
-    ``warnings`` says what is missing or damaged, and from which byte on. Nothing behind the first
+    ``warnings`` says what is missing or damaged, and from which byte on. Nothing after the first
     damaged byte counts.
     """
 
@@ -108,7 +108,9 @@ class Recording:
             if file.warning:
                 self.warnings.append(f"{path.name}: {file.warning}" if is_bag else file.warning)
                 if path != files[-1]:
-                    self.warnings.append(f"{len(files) - i - 1} files behind it are not read")
+                    left = len(files) - i - 1
+                    noun = "file is" if left == 1 else "files are"
+                    self.warnings.append(f"{left} later {noun} not read")
                 break
         self._judge(is_bag, counted)
 
@@ -143,7 +145,7 @@ class Recording:
 
     @property
     def library(self) -> str:
-        """What wrote the first file, by its own word."""
+        """What wrote the first file, as it says itself."""
         return self._files[0].library
 
     @property

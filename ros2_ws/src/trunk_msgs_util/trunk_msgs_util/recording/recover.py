@@ -37,8 +37,8 @@ class Recovery:
 def recover(path: Path, output: Path, overwrite: bool = False) -> Recovery:
     """Write all that can be read of an MCAP file as a finished one, and return what came of it.
 
-    Damaged chunks are left out; behind damage that hides where the next record begins, the file's
-    own index is asked for it. The end record says "complete: false" and why. Raises RecordingError
+    Damaged chunks are left out; after damage that hides where the next record begins, the file's
+    own index says where to go on. The end record says "complete: false" and why. Raises RecordingError
     where nothing can be read, FileExistsError, and OSError.
     """
     recovery = Recovery()
@@ -105,7 +105,7 @@ class _Copy:
             self._channels[item.id] = (number, item.topic)
 
     def _stretch(self, start: int) -> int:
-        """Copy from a byte on; return where to go on behind damage, or the file's size."""
+        """Copy from a byte on; return where to go on after damage, or the file's size."""
         self._file.seek(start)
         try:
             for record in records(self._file, self._size, start):
@@ -124,7 +124,7 @@ class _Copy:
         return self._size
 
     def _next_chunk(self) -> int:
-        """Return where the index has a chunk behind the damage."""
+        """Return where the index has a chunk after the damage."""
         try:
             summary = read_summary(self._file, self._size)
         except ValueError:
@@ -157,7 +157,7 @@ class _Copy:
                     # Digests are of the whole run: with a loss they would accuse what is left.
                     self._writer.flush()
                     self._writer.add_metadata(metadata.name, metadata.metadata)
-        except Exception as error:  # whatever a damaged record makes of its reader
+        except Exception as error:  # anything that mcap may raise on a damaged record
             raise damaged(record, error) from None
 
     def _messages(self, content: Content, record: Record) -> None:

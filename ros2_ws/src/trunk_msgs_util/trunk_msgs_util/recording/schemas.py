@@ -106,7 +106,7 @@ def _kind(name: str, value: Value) -> str:
     if not isinstance(value, tuple):
         return _KIND_OF[type(value)]
     if not value:
-        raise ValueError(f"parameter {name!r}: the kind of an empty array must be told")
+        raise ValueError(f"parameter {name!r}: the kind of an empty array must be given")
     return _KIND_OF[type(value[0])] + " array"
 
 

@@ -31,7 +31,7 @@ _OTHERS = 1 << 18  # records that are not messages: all schemas and channels tha
 
 @dataclass(frozen=True)
 class Content:
-    """The records of a chunk: messages by channel, and what stands beside them."""
+    """The records of a chunk: messages by channel, and the other records."""
 
     data: bytes
     channels: dict[int, Messages] = field(default_factory=dict)

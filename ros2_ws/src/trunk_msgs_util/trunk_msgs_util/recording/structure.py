@@ -170,5 +170,5 @@ def _chunk_index(file: BinaryIO, chunk: ChunkIndex, walk: _Walk) -> Iterator[Fin
         return
     if {channel: _mark(*entries) for channel, entries in told.items() if len(entries[0])} != marks:
         yield Finding(
-            ERROR, "the message indexes behind the chunk are not of its messages", byte=at
+            ERROR, "the message indexes after the chunk are not those of its messages", byte=at
         )

@@ -1,4 +1,4 @@
-"""What stands at an MCAP file's end: statistics and indexes, read without the messages."""
+"""What is at an MCAP file's end: statistics and indexes, read without the messages."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Summary:
 def read_summary(file: BinaryIO, size: int) -> Summary | None:
     """Return the summary of a file of ``size`` bytes, None where it ends without one.
 
-    Raises ValueError where what is there makes no sense; its checksum is not judged.
+    Raises ValueError where what is there makes no sense; its checksum is not checked.
     """
     at = size - len(MAGIC) - _FOOTER
     if at < len(MAGIC):
@@ -69,7 +69,7 @@ def read_summary(file: BinaryIO, size: int) -> Summary | None:
         record = Record(start + offset, data[offset], data[offset + HEAD.size : until], until)
         try:
             _take(summary, record)
-        except Exception as error:  # whatever a damaged record makes of its reader
+        except Exception as error:  # anything that mcap may raise on a damaged record
             raise ValueError(f"the summary's record at byte {record.offset}: {error}") from None
     return summary
 
@@ -90,7 +90,7 @@ def _take(summary: Summary, record: Record) -> None:
 def message_indexes(file: BinaryIO, index: ChunkIndex) -> dict[int, tuple[Integers, Integers]]:
     """Return (log times in ns, offsets in the chunk's records) by channel, of one chunk.
 
-    Raises ValueError where they do not stand where the chunk's index says.
+    Raises ValueError where they are not where the chunk's index says.
     """
     first = index.chunk_start_offset + index.chunk_length
     if index.message_index_length > MAX_CHUNK:
@@ -101,7 +101,7 @@ def message_indexes(file: BinaryIO, index: ChunkIndex) -> dict[int, tuple[Intege
     for channel, offset in index.message_index_offsets.items():
         at = offset - first
         if not 0 <= at <= len(data) - _INDEX_HEAD.size:
-            raise ValueError(f"the message index at byte {offset} is not behind its chunk")
+            raise ValueError(f"the message index at byte {offset} is not after its chunk")
         opcode, length, told, size = _INDEX_HEAD.unpack_from(data, at)
         begin = at + _INDEX_HEAD.size
         if opcode != Opcode.MESSAGE_INDEX or told != channel or length != size + 6 or size % 16:

@@ -86,7 +86,7 @@ class RecordingWriter:
         self._digests[channel][1].update(cdr)
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
-        """Write a record of names and values, behind all messages so far."""
+        """Write a record of names and values, after all messages so far."""
         self.flush()
         try:
             self._writer.add_metadata(name, dict(data))
