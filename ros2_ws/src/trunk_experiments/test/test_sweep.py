@@ -210,6 +210,6 @@ def test_shipped_studies_are_sound(name):
 def test_a_broken_pool_is_one_line(study, monkeypatch):
     monkeypatch.setattr(module, "_end_with_parent", os._exit)  # its missing argument ends a worker
     bases = make_bases(study)
-    block = module.Block(0, study, bases, design(study, 0, 1))
+    block = module.RunBlock(0, study, bases, design(study, 0, 1))
     with pytest.raises(SweepError, match="a worker process was killed"):
         list(processes(2)([block, block]))

@@ -16,7 +16,7 @@ from trunk_control.pid import Gains
 from trunk_experiments.commands.tune import command
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline import steps
-from trunk_experiments.tuning.linear import Linear, Loop, largest_delay, linearise, margins
+from trunk_experiments.tuning.linear import Linear, SampledLoop, largest_delay, linearise, margins
 from trunk_experiments.tuning.methods import TuningError, by_lqr, by_poles, relay, ultimate
 from trunk_experiments.tuning.search import fuzzy_space, gains_space
 from trunk_msgs_util.mechanics import Body
@@ -61,7 +61,7 @@ LOOPS = [
 
 @pytest.mark.parametrize(("gains", "h", "rate"), LOOPS, ids=str)
 def test_a_simulation_confirms_the_largest_delay(gains, h, rate):
-    loop = Loop(PLANT, gains, h, rate)
+    loop = SampledLoop(PLANT, gains, h, rate)
     limit = largest_delay(loop)
     assert margins(loop).delay == pytest.approx(limit * h)
     for delay, dies in ((limit, True), (limit + 1, False)):
@@ -94,11 +94,11 @@ def test_a_simulation_confirms_the_largest_delay(gains, h, rate):
 
 def test_margins_of_an_unstable_loop():
     with pytest.raises(ValueError, match="unstable"):
-        margins(Loop(PLANT, Gains(100.0, 0.0, 0.0), 0.001))
+        margins(SampledLoop(PLANT, Gains(100.0, 0.0, 0.0), 0.001))
 
 
 def test_gain_margins_are_edges():
-    loop = Loop(PLANT, Gains(60.0, 36.0, 400.0), 0.001)
+    loop = SampledLoop(PLANT, Gains(60.0, 36.0, 400.0), 0.001)
     found = margins(loop)
     for factor, stable in (
         (0.999 * found.gain_up, True),

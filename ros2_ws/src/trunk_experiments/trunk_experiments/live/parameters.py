@@ -15,7 +15,7 @@ class LiveParametersError(RuntimeError):
     """A running node that is not there, does not answer, or refuses."""
 
 
-class Change(NamedTuple):
+class LiveChange(NamedTuple):
     """A parameter that a file sets to another value than the node has."""
 
     name: str
@@ -61,14 +61,14 @@ def said_of(node: str, layer: Layer, declared: Sequence[str]) -> dict[str, objec
 
 def differences(
     said: Mapping[str, object], present: Mapping[str, object], fixed: Iterable[str]
-) -> list[Change]:
+) -> list[LiveChange]:
     """Return the parameters whose said value is not the present one; integers are taken for doubles."""
     unchangeable = set(fixed)
     changes = []
     for name, value in said.items():
         old, new = present[name], _alike(value, present[name])
         if new != old or type(new) is not type(old):
-            changes.append(Change(name, old, new, name in unchangeable))
+            changes.append(LiveChange(name, old, new, name in unchangeable))
     return changes
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pyarrow as pa
 
 from .study import StudyError
-from .sweep import Block, Runner, SweepError, run_block
+from .sweep import RunBlock, Runner, SweepError, run_block
 
 _CONNECT_S = 10.0
 _RETRIES = 3  # of a task whose worker was lost; the scheduler itself allows as many losses
@@ -29,7 +29,7 @@ def dask_runner(address: str) -> Runner:
             "pip install -r requirements/cluster.txt"
         ) from None
 
-    def run(blocks: Iterable[Block]) -> Iterator[tuple[int, pa.Table]]:
+    def run(blocks: Iterable[RunBlock]) -> Iterator[tuple[int, pa.Table]]:
         try:
             client: Any = Client(address, timeout=_CONNECT_S)
         except (OSError, ValueError) as error:

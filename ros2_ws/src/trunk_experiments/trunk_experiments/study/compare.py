@@ -21,7 +21,7 @@ FELL = "fallen"
 
 
 @dataclass(frozen=True)
-class Difference:
+class PairedDifference:
     """A metric of ``first`` minus that of ``second``, over the pairs in which both have it.
 
     ``low`` and ``high`` bound the mean difference at 95 %; they cross where fewer than two pairs are left.
@@ -46,7 +46,7 @@ class Difference:
         return f"{self.first if self.high < 0.0 else self.second} smaller"
 
 
-def compare_study(results: Results, metrics: tuple[str, ...] = METRICS) -> list[Difference]:
+def compare_study(results: Results, metrics: tuple[str, ...] = METRICS) -> list[PairedDifference]:
     """Return all pairs of controllers, metric by metric; first how often each falls.
 
     Runs are paired by grid point and draw. Angles and errors that may be negative are compared by their
@@ -78,16 +78,16 @@ def _sorted(results: Results) -> dict[str, Floats]:
     }
 
 
-def _difference(metric: str, first: str, second: str, a: Floats, b: Floats) -> Difference:
+def _difference(metric: str, first: str, second: str, a: Floats, b: Floats) -> PairedDifference:
     both = ~(np.isnan(a) | np.isnan(b))
     differences = a[both] - b[both]
     count = len(differences)
     if count < 2:
-        return Difference(metric, first, second, count, nan, inf, -inf, nan)
+        return PairedDifference(metric, first, second, count, nan, inf, -inf, nan)
     smaller = float(np.mean(differences < 0.0) + 0.5 * np.mean(differences == 0.0))
     mean = float(np.mean(differences))
     if np.ptp(differences) == 0.0:  # nothing to resample
-        return Difference(metric, first, second, count, mean, mean, mean, smaller)
+        return PairedDifference(metric, first, second, count, mean, mean, mean, smaller)
     interval = bootstrap(
         (differences,),
         np.mean,
@@ -98,4 +98,4 @@ def _difference(metric: str, first: str, second: str, a: Floats, b: Floats) -> D
         rng=np.random.default_rng(_SEED),
     ).confidence_interval
     low, high = float(interval.low), float(interval.high)
-    return Difference(metric, first, second, count, mean, low, high, smaller)
+    return PairedDifference(metric, first, second, count, mean, low, high, smaller)

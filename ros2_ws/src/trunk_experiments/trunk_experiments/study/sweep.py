@@ -47,7 +47,7 @@ class SweepError(RunError):
 
 
 @dataclass(frozen=True)
-class Block:
+class RunBlock:
     """Some runs of a study, with all that it takes to make them: no file is read where they run."""
 
     index: int
@@ -56,7 +56,7 @@ class Block:
     columns: dict[str, list[Any]]
 
 
-Runner = Callable[[Iterable[Block]], Iterator[tuple[int, pa.Table]]]
+Runner = Callable[[Iterable[RunBlock]], Iterator[tuple[int, pa.Table]]]
 
 
 def sources() -> str:
@@ -70,7 +70,7 @@ def _batch() -> Batch:
     return Batch()
 
 
-def run_block(block: Block) -> pa.Table:
+def run_block(block: RunBlock) -> pa.Table:
     """Return a block's rows with their results."""
     columns = dict(block.columns)
     results: list[dict[str, Any]] = []
@@ -149,7 +149,7 @@ class Sweep:
     def run(self, runner: Runner, progress: Progress = lambda runs: None) -> None:
         """Run what is missing and write each block as it comes. Raises SweepError."""
         jobs = (
-            Block(i, self.study, self.bases, design(self.study, rows.start, rows.stop))
+            RunBlock(i, self.study, self.bases, design(self.study, rows.start, rows.stop))
             for i in self.missing
             for rows in [self._rows(i)]
         )
@@ -196,7 +196,7 @@ class Sweep:
 def processes(count: int) -> Runner:
     """Return a runner on so many processes of this machine; 1 stays in this process."""
 
-    def run(blocks: Iterable[Block]) -> Iterator[tuple[int, pa.Table]]:
+    def run(blocks: Iterable[RunBlock]) -> Iterator[tuple[int, pa.Table]]:
         if count == 1:
             for block in blocks:
                 yield block.index, run_block(block)

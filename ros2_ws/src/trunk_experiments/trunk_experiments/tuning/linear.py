@@ -50,7 +50,7 @@ def linearise(plant: Body) -> Linear:
 
 
 @dataclass(frozen=True)
-class Loop:
+class SampledLoop:
     """A sampled PID loop around the linearised trunk: period h, torque held, angle seen late.
 
     ``delay`` counts whole periods. ``rate``: the derivative is the measured rate, otherwise it is the
@@ -129,7 +129,7 @@ class Margins(NamedTuple):
     delay: float  # s, the largest that it tolerates, in whole periods
 
 
-def margins(loop: Loop) -> Margins:
+def margins(loop: SampledLoop) -> Margins:
     """Return a stable loop's margins. Raises ValueError where it is not stable.
 
     Gains and delay are found by bisection or counting on the loop's own eigenvalues, the phase at the
@@ -151,7 +151,7 @@ def margins(loop: Loop) -> Margins:
     )
 
 
-def largest_delay(loop: Loop, limit: int = 400) -> int:
+def largest_delay(loop: SampledLoop, limit: int = 400) -> int:
     """Return how many periods of delay the loop tolerates on top of its own, up to a limit."""
     for extra in range(1, limit + 1):
         if not _delayed(loop, extra).stable:
@@ -159,16 +159,16 @@ def largest_delay(loop: Loop, limit: int = 400) -> int:
     return limit
 
 
-def _delayed(loop: Loop, extra: int) -> Loop:
-    return Loop(loop.plant, loop.gains, loop.h, loop.rate, loop.delay + extra)
+def _delayed(loop: SampledLoop, extra: int) -> SampledLoop:
+    return SampledLoop(loop.plant, loop.gains, loop.h, loop.rate, loop.delay + extra)
 
 
-def _edge(loop: Loop, inside: float, outside: float) -> float:
+def _edge(loop: SampledLoop, inside: float, outside: float) -> float:
     """Return the factor on all gains at which stability ends, on the way from 1 to ``outside``."""
 
     def stable(factor: float) -> bool:
         gains = Gains(*(factor * gain for gain in loop.gains))
-        return Loop(loop.plant, gains, loop.h, loop.rate, loop.delay).stable
+        return SampledLoop(loop.plant, gains, loop.h, loop.rate, loop.delay).stable
 
     steps = np.geomspace(inside, outside, 200)
     unstable = next((float(f) for f in steps[1:] if not stable(float(f))), None)

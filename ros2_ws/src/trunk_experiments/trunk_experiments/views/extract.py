@@ -15,7 +15,7 @@ from trunk_msgs_util import topics as names
 from trunk_msgs_util.recording.file import STAMPED, RecordingFile
 from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.split import Messages, unaligned
+from trunk_msgs_util.recording.split import ChunkMessages, unaligned
 from trunk_msgs_util.recording.whole_file import whole_file
 from trunk_msgs_util.recording.writer import END, PROVENANCE
 from trunk_msgs_util.units import NANOSECONDS
@@ -115,7 +115,7 @@ def _ns(time: float) -> float:
     return time if abs(time) == inf else round(time * NANOSECONDS)
 
 
-def _stamps(source: RecordingFile, messages: Messages, number: Integers) -> Integers:
+def _stamps(source: RecordingFile, messages: ChunkMessages, number: Integers) -> Integers:
     """Return each message's stamp in ns."""
     stamped = {c for c in np.unique(number).tolist() if source.type_of(c) in STAMPED}
     _, log, start, end = messages
@@ -145,7 +145,7 @@ def _channel(
     )
 
 
-def _copy(writer: Writer, channel: int, messages: Messages, row: int) -> None:
+def _copy(writer: Writer, channel: int, messages: ChunkMessages, row: int) -> None:
     data, log, start, end = messages
     at = int(start[row])
     sequence = int.from_bytes(data[at - 20 : at - 16], "little")

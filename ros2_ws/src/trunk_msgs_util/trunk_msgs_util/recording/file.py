@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from typing import BinaryIO
 
     from .joint_arrays import Integers
-    from .split import Content, Messages
+    from .split import ChunkMessages, Content
 
 # These types begin with a stamp, right behind the encapsulation.
 STAMPED = (
@@ -57,14 +57,14 @@ class Topic:
     last_log_ns: int | None = None
     longest_gap_ns: int = 0  # between the log times of two messages that follow one another
 
-    def take(self, messages: Messages) -> None:
+    def take(self, messages: ChunkMessages) -> None:
         """Count in some messages, behind those before."""
         self.count += len(messages)
         self.size += int((messages.end - messages.start).sum())
         self.take_stamps(messages, messages)
         self.take_log(messages.log_time_ns)
 
-    def take_stamps(self, first: Messages, last: Messages) -> None:
+    def take_stamps(self, first: ChunkMessages, last: ChunkMessages) -> None:
         """Take in the stamps of the first of some messages, and of the last of others."""
         begin, end = (
             stamp_at(messages.data, int(messages.start[i]))
@@ -185,7 +185,7 @@ class RecordingFile:
         schema = self.schemas.get(self.channels[channel].schema_id)
         return schema.name if schema else ""
 
-    def by_topic(self, channels: dict[int, Messages]) -> dict[str, list[int]]:
+    def by_topic(self, channels: dict[int, ChunkMessages]) -> dict[str, list[int]]:
         """Return the channels in a block by their topics."""
         found: dict[str, list[int]] = {}
         for number in channels:

@@ -18,7 +18,7 @@ from .schemas import deserialize, stamp_of
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from .split import Messages
+    from .split import ChunkMessages
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -58,7 +58,7 @@ class JointArrays:
         return JointArrays(self.names, self.stamp_ns[rows], self.log_time_ns[rows], *quantities)
 
 
-def structured(messages: Messages) -> tuple[tuple[str, ...], NDArray[Any]] | None:
+def structured(messages: ChunkMessages) -> tuple[tuple[str, ...], NDArray[Any]] | None:
     """Return the names and an array of fields sec, nanosec, position, velocity, effort.
 
     No Python work for each message; a quantity is [N, values]. None where the messages do not all
@@ -81,7 +81,7 @@ def stamps(array: NDArray[Any]) -> Integers:
     return stamp_ns
 
 
-def decode(messages: Messages) -> JointArrays:
+def decode(messages: ChunkMessages) -> JointArrays:
     """Return one or more serialized messages as arrays, in bulk where they share a layout.
 
     Raises ValueError for bytes that are not JointState, and where values do not match names.

@@ -19,7 +19,7 @@ from .writer import DIGESTS, END, PROVENANCE
 
 if TYPE_CHECKING:
     from ..parameters.declarations import Value
-    from .split import Content, Messages
+    from .split import ChunkMessages, Content
 
 __all__ = ["Recording", "RecordingError", "Topic"]
 
@@ -195,7 +195,7 @@ class Recording:
         """When the trunk fell, by the run's events; None where they do not say so."""
         return next((e.stamp_ns for e in self.events() if e.message == "fell"), None)
 
-    def blocks(self, topics: Iterable[str]) -> Iterator[dict[str, Messages]]:
+    def blocks(self, topics: Iterable[str]) -> Iterator[dict[str, ChunkMessages]]:
         """Yield the messages of some topics, block by block in the file's order.
 
         One pass: each block is decompressed once for all of the topics. A topic of which a block
@@ -206,7 +206,7 @@ class Recording:
             found = {topic: content.messages(file.numbers(topic)) for topic in asked}
             yield {topic: messages for topic, messages in found.items() if messages is not None}
 
-    def copies(self, topics: Iterable[str]) -> Iterator[tuple[RecordingFile, Messages]]:
+    def copies(self, topics: Iterable[str]) -> Iterator[tuple[RecordingFile, ChunkMessages]]:
         """Yield the messages of some topics together, in the file's order, with their file.
 
         A message's head of 22 bytes (channel 2, sequence 4, log time 8, publish time 8) stands

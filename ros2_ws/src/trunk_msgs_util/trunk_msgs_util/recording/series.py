@@ -13,7 +13,7 @@ from .joint_arrays import QUANTITIES, Floats, Integers, decode, stamps, structur
 
 if TYPE_CHECKING:
     from .reader import Recording
-    from .split import Messages
+    from .split import ChunkMessages
 
 Column = tuple[str, str]  # quantity, name
 
@@ -89,7 +89,7 @@ class _Filling:
         self._stamp_ns: Integers = np.empty(count, np.int64)
         self._columns: dict[Column, Floats] = {column: np.empty(count) for column in columns}
 
-    def take(self, messages: Messages) -> None:
+    def take(self, messages: ChunkMessages) -> None:
         rows = slice(self._at, self._at + len(messages))
         self._at = rows.stop
         found = structured(messages)

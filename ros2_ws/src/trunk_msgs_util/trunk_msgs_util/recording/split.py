@@ -29,7 +29,7 @@ _MAX_WALK = 8192
 _OTHERS = 1 << 18  # records that are not messages: all schemas and channels that there can be
 
 
-class Messages(NamedTuple):
+class ChunkMessages(NamedTuple):
     """Messages in the order of the file; message i is ``data[start[i]:end[i]]``."""
 
     data: bytes
@@ -43,9 +43,9 @@ class Messages(NamedTuple):
         spans = zip(self.start.tolist(), self.end.tolist(), strict=True)
         return [data[start:end] for start, end in spans]
 
-    def first(self) -> Messages:
+    def first(self) -> ChunkMessages:
         """Return the first message alone."""
-        return Messages(self.data, self.log_time_ns[:1], self.start[:1], self.end[:1])
+        return ChunkMessages(self.data, self.log_time_ns[:1], self.start[:1], self.end[:1])
 
     def __len__(self) -> int:
         return len(self.start)
@@ -56,10 +56,10 @@ class Content:
     """The records of a chunk: messages by channel, and what stands beside them."""
 
     data: bytes
-    channels: dict[int, Messages] = field(default_factory=dict)
+    channels: dict[int, ChunkMessages] = field(default_factory=dict)
     others: list[tuple[int, bytes]] = field(default_factory=list)  # opcode, body
 
-    def messages(self, channels: Iterable[int]) -> Messages | None:
+    def messages(self, channels: Iterable[int]) -> ChunkMessages | None:
         """Return the messages of some channels in the order of the file, None without any."""
         found = [self.channels[c] for c in channels if c in self.channels]
         if len(found) < 2:
@@ -68,7 +68,7 @@ class Content:
             np.concatenate(columns) for columns in list(zip(*found, strict=True))[1:]
         )
         order = np.argsort(start)
-        return Messages(self.data, log[order], start[order], end[order])
+        return ChunkMessages(self.data, log[order], start[order], end[order])
 
 
 def unaligned(data: bytes, type_name: str) -> NDArray[Any]:
@@ -106,7 +106,7 @@ def split(data: bytes) -> Content:
     channel = unaligned(data, "<u2")[offsets + HEAD.size]
     for number in np.unique(channel).tolist():
         rows = np.flatnonzero(channel == number)
-        content.channels[number] = Messages(data, log[rows], starts[rows], ends[rows])
+        content.channels[number] = ChunkMessages(data, log[rows], starts[rows], ends[rows])
     return content
 
 
