@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trunk_experiments.study.design import make_bases
+from trunk_experiments.study.bases import make_bases
 from trunk_experiments.study.draws import Distribution
 from trunk_experiments.study.file import parse_study, read_study
+from trunk_experiments.study.resolved import identity
 from trunk_experiments.study.study import StudyError
 
 HEAD = "scenario: fig6\ncontrollers: [pid]\n"
@@ -124,9 +125,14 @@ def test_numbers_as_people_write_them():
 
 
 def test_comments_are_no_content():
-    one = parse_study(HEAD + DELAY, "a.yaml")
-    assert one.content == parse_study("# a comment\n" + HEAD + DELAY, "b.yaml").content
-    assert one.content != parse_study(HEAD + DELAY.replace("0.0", "0.1"), "a.yaml").content
+    def content(text, source):
+        study = parse_study(text, source)
+        return identity(study, make_bases(study))
+
+    one = content(HEAD + DELAY, "a.yaml")
+    assert one == content("# a comment\n" + HEAD + DELAY, "b.yaml")
+    assert one != content(HEAD + DELAY.replace("0.0", "0.1"), "a.yaml")
+    assert one != content(HEAD + "duration: 3.0\n" + DELAY, "a.yaml")
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.study import sweep as module
-from trunk_experiments.study.design import design, make_bases, plan_of
+from trunk_experiments.study.bases import make_bases, plan_of
+from trunk_experiments.study.design import design
 from trunk_experiments.study.file import parse_study, read_study, shipped_studies
 from trunk_experiments.study.study import StudyError
 from trunk_experiments.study.sweep import METRICS, Sweep, SweepError, processes, run_block
@@ -153,7 +153,9 @@ def test_sigkill_loses_no_finished_block(tmp_path):
 def test_blocks_of_another_study_are_refused(study, tmp_path):
     Sweep(study, tmp_path / "out.parquet").start()
     other = parse_study(STUDY.replace("0.3]", "0.2]"), "study.yaml")
-    with pytest.raises(StudyError, match="finished blocks of another study"):
+    with pytest.raises(
+        StudyError, match="its finished blocks are another study's: its variables differ"
+    ):
         Sweep(other, tmp_path / "out.parquet").start()
 
 
@@ -205,11 +207,3 @@ def test_shipped_studies_are_sound(name):
     columns = design(study, 0, 3)
     for values in zip(*columns.values(), strict=True):
         plan_of(study, bases, dict(zip(columns, values, strict=True)))
-
-
-def test_a_broken_pool_is_one_line(study, monkeypatch):
-    monkeypatch.setattr(module, "_end_with_parent", os._exit)  # its missing argument ends a worker
-    bases = make_bases(study)
-    block = module.RunBlock(0, study, bases, design(study, 0, 1))
-    with pytest.raises(SweepError, match="a worker process was killed"):
-        list(processes(2)([block, block]))

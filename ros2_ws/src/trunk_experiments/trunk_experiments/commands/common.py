@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 import click
@@ -120,6 +122,28 @@ def plan_of(
     for warning in plan.warnings:
         click.echo(f"trunk: warning: {warning}", err=True)
     return plan
+
+
+def check_output(path: Path, suffixes: Sequence[str] = (), force: bool = True) -> None:
+    """Refuse, before any work, an output that could not be written in the end.
+
+    ``suffixes``: what its name may end in, anything where there are none. ``force``: it may be there
+    already. Raises PlanError.
+    """
+    if suffixes and path.suffix.lower() not in suffixes:
+        allowed = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
+        raise PlanError(f"--output {path}: the file's name ends in {allowed}")
+    folder = path.parent
+    if not folder.exists():
+        raise PlanError(f"--output {path}: there is no folder {folder}: make it, or give another")
+    if not folder.is_dir():
+        raise PlanError(f"--output {path}: {folder} is not a folder: give another")
+    if not os.access(folder, os.W_OK):
+        raise PlanError(f"--output {path}: {folder} cannot be written to: give another")
+    if path.is_dir():
+        raise PlanError(f"--output {path}: it is a folder: name a file")
+    if path.exists() and not force:
+        raise PlanError(f"--output {path}: it exists: give another name, or --force")
 
 
 def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

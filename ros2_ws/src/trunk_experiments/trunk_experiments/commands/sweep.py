@@ -6,16 +6,9 @@ import os
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeRemainingColumn,
-)
 
-from ..plans.files import PlanError
+from .common import check_output
+from .reading import progress_bar
 
 
 @click.command("sweep")
@@ -30,7 +23,7 @@ from ..plans.files import PlanError
 @click.option("--force", is_flag=True, help="Replace the file where it exists.")
 @click.option(
     "--jobs",
-    type=click.IntRange(min=1),
+    type=click.IntRange(1, 1024),
     help="Processes on this machine.  [default: one per core]",
 )
 @click.option(
@@ -50,8 +43,7 @@ def command(
     from ..study.file import read_study
     from ..study.sweep import Sweep, outcome_counts, processes
 
-    if output.exists() and not force:
-        raise PlanError(f"--output {output}: it exists; give another name, or --force")
+    check_output(output, (".parquet",), force)
     sweep = Sweep(read_study(study), output)
     total = sweep.study.total
     if check:
@@ -70,18 +62,16 @@ def command(
         from ..study.cluster import dask_runner
 
         runner = dask_runner(scheduler)
-    console = Console(stderr=True)
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    ) as progress:
-        task = progress.add_task("runs", total=total, completed=finished)
-        sweep.run(runner, lambda runs: progress.advance(task, runs))
+    with progress_bar("runs") as tell:
+        done = finished
+        tell(done, total)
+
+        def progress(runs: int) -> None:
+            nonlocal done
+            done += runs
+            tell(done, total)
+
+        sweep.run(runner, progress)
     sweep.finish()
     told = ", ".join(f"{count} {name}" for name, count in outcome_counts(output).items())
     click.echo(f"{output}: {total} runs: {told}")

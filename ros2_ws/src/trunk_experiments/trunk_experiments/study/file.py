@@ -88,10 +88,6 @@ class _Reader:
         )
         if study.total > MAX_RUNS:
             raise self.error("vary", f"{study.total} runs in all: at most {MAX_RUNS} are allowed")
-        if study.runs > 1 and not any(v.distribution for v in study.variables):
-            noisy = any(word in text for word in ("noise", "seed"))
-            if not noisy:
-                raise self.error("runs", f"is {study.runs}, but nothing is drawn: leave it out")
         return study
 
     def error(self, place: str, message: str) -> StudyError:

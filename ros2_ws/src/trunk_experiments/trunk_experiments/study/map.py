@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -18,15 +20,18 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.joint_arrays import Floats
 
+from ..batch.workers import as_completed_bounded, worker_pool
 from ..plans.plan import RunPlan
 from ..tuning.floquet import floquet
 from ..views.plot_style import COLORS, STYLE
-from .design import design, make_bases, plan_of
+from .bases import plan_of
+from .design import design
 from .results import Results
 from .study import StudyError
-from .sweep import worker_pool
+from .sweep import SweepError
 
 _MANY = 200  # points: fewer are quicker without processes
+_CHUNK = 16  # points that wait for each process
 QUIET_DEG = 1.0  # RMS of the last 2 s: less is a trunk at rest
 _FLOQUET, _FALLEN, _BOUNDARY = COLORS[1], "#bdbdbd", "#000000"
 
@@ -79,7 +84,7 @@ def _panel(
 def _growth(results: Results, axes: tuple[str, str]) -> Mapping[str, Floats]:
     """Return each controller's Floquet growth over the grid, at the first draw of other variables."""
     study = results.study
-    bases = make_bases(study)
+    bases = results.bases()
     columns = design(study, 0, study.total)
     grids: dict[str, Floats] = {}
     places: list[tuple[str, int, int]] = []
@@ -107,13 +112,24 @@ def _growth(results: Results, axes: tuple[str, str]) -> Mapping[str, Floats]:
 def _growths(plans: list[RunPlan]) -> list[float]:
     """Return each plan's growth, on all cores where there are many."""
     if len(plans) < _MANY:
-        return [_growth_of(plan) for plan in plans]
-    with worker_pool(len(os.sched_getaffinity(0))) as pool:
-        return list(pool.map(_growth_of, plans, chunksize=16))
+        return [floquet(plan).growth for plan in plans]
+    cores = len(os.sched_getaffinity(0))
+    found = [nan] * len(plans)
+    try:
+        with worker_pool(cores) as pool:
+            tasks = as_completed_bounded(pool, _growth_of, enumerate(plans), _CHUNK * cores)
+            for k, growth in tasks:
+                found[k] = growth
+    except BrokenProcessPool:
+        raise SweepError(
+            "a worker process was killed (out of memory?): run the same command again, or give "
+            "--no-floquet"
+        ) from None
+    return found
 
 
-def _growth_of(plan: RunPlan) -> float:
-    return floquet(plan).growth
+def _growth_of(numbered: tuple[int, RunPlan]) -> tuple[int, float]:
+    return numbered[0], floquet(numbered[1]).growth
 
 
 def draw(found: list[Panel], metric: str, axes: tuple[str, str], title: str) -> Figure:
@@ -157,8 +173,9 @@ def _draw_panel(plot: Axes, panel: Panel, limits: tuple[float, float]) -> Any:
 
 
 def _line(plot: Axes, panel: Panel, values: Floats, level: float, color: str, dashes: Any) -> None:
-    enough = min(values.shape) > 1 and np.nanmin(values) < level < np.nanmax(values)
-    if enough:
+    if min(values.shape) < 2 or np.isnan(values).all():
+        return
+    if np.nanmin(values) < level < np.nanmax(values):
         plot.contour(
             panel.x, panel.y, values, [level], colors=[color], linestyles=[dashes], linewidths=1.8
         )

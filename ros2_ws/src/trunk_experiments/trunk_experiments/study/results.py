@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,9 @@ from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..analysis.metrics import Metrics
 from .file import parse_study
+from .resolved import bases_from
 from .study import Study, StudyError
+from .targets import Bases
 
 FALLEN_DEG = 90.0  # a trunk this far from the vertical lies
 METRICS = tuple(Metrics.__dataclass_fields__)
@@ -29,6 +31,7 @@ class Results:
     table: pa.Table
     grid: tuple[str, ...]
     study_text: str
+    plans: str | None = None  # JSON of the plans that the runs start from
 
     @classmethod
     def read(cls, path: Path) -> Results:
@@ -40,12 +43,30 @@ class Results:
         told = table.schema.metadata or {}
         if b"study" not in told or not {"controller", "status"} <= set(table.column_names):
             raise StudyError(f"{path}: not written by trunk sweep: no study in it")
-        return cls(path, table, tuple(json.loads(told[b"grid"])), told[b"study"].decode())
+        plans = told.get(b"plans")
+        return cls(
+            path,
+            table,
+            tuple(json.loads(told[b"grid"])),
+            told[b"study"].decode(),
+            None if plans is None else plans.decode(),
+        )
 
     @property
     def study(self) -> Study:
         """The study; raises StudyError where this version does not understand it."""
         return parse_study(self.study_text, f"the study in {self.path}")
+
+    def bases(self) -> Bases:
+        """Return the plans that the runs started from, as they were when they ran.
+
+        Raises StudyError where the file holds none, or this version does not understand them.
+        """
+        if self.plans is None:
+            raise StudyError(
+                f"{self.path}: holds no plans of its runs: sweep the study again, or give --no-floquet"
+            )
+        return bases_from(self.study, self.plans, str(self.path))
 
     @property
     def controllers(self) -> tuple[str, ...]:
@@ -55,7 +76,7 @@ class Results:
     def of(self, controller: str) -> Results:
         """Return one controller's rows."""
         chosen = self.table.filter(pc.equal(self.table["controller"], controller))
-        return Results(self.path, chosen, self.grid, self.study_text)
+        return replace(self, table=chosen)
 
     def column(self, name: str) -> Floats:
         """Return a column of numbers, NaN where there is none. Raises StudyError for another name."""
