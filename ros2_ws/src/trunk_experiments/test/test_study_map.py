@@ -114,6 +114,24 @@ def test_intervals_cover_the_truth():
     assert 86 <= inside <= 100
 
 
+@pytest.mark.parametrize(
+    ("a", "b", "smaller"),
+    [
+        ([1.0, 2.0, 3.0, 4.0], [1.0, 2.0, 5.0, 0.0], 0.5),  # two ties, one smaller, one larger
+        ([1.0, 2.0, 3.0, 4.0], [1.0, 2.0, 3.0, 5.0], 0.625),
+        ([1.0, 2.0, 3.0, 4.0], [1.0, 2.0, 3.0, 0.0], 0.375),
+        ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], 0.5),  # such as falls, where nobody falls
+        ([0.0, 0.0], [1.0, 1.0], 1.0),
+    ],
+)
+def test_a_tie_counts_half_for_each(a, b, smaller):
+    from trunk_experiments.study.compare import _difference
+
+    first, second = np.array(a), np.array(b)
+    assert _difference("iae", "a", "b", first, second).smaller == smaller
+    assert _difference("iae", "b", "a", second, first).smaller == 1.0 - smaller
+
+
 @pytest.mark.parametrize("form", ["--json", "--csv", "--markdown", None])
 def test_compare_prints(path, form):
     command = ["compare", "--study", str(path), *([form] if form else [])]
