@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from .common import check_output
 from .reading import progress_bar
+
+if TYPE_CHECKING:
+    from ..study.sweep import Sweep
 
 
 @click.command("sweep")
@@ -41,20 +45,27 @@ def command(
     again. The same study gives the same file, however it was run.
     """
     from ..study.file import read_study
-    from ..study.sweep import Sweep, outcome_counts, processes
+    from ..study.sweep import Sweep
 
     check_output(output, (".parquet",), force)
     sweep = Sweep(read_study(study), output)
-    total = sweep.study.total
     if check:
         sweep.check()
-        click.echo(f"{study}: {total} runs in {sweep.blocks} blocks")
-        return
-    finished = sweep.start()
+        click.echo(f"{study}: {sweep.study.total} runs in {sweep.blocks} blocks")
+    else:
+        run_sweep(sweep, jobs, scheduler)
+
+
+def run_sweep(sweep: Sweep, jobs: int | None = None, scheduler: str | None = None) -> None:
+    """Run a sweep, or the rest of an interrupted one, with a progress bar; say how its runs ended."""
+    from ..study.sweep import outcome_counts, processes
+
+    total = sweep.study.total
+    done = sweep.start()
     for warning in sweep.warnings:
         click.echo(f"trunk: warning: {warning}", err=True)
-    if finished:
-        click.echo(f"going on: {finished} of {total} runs are there", err=True)
+    if done:
+        click.echo(f"going on: {done} of {total} runs are there", err=True)
     if scheduler is None:
         missing = len(sweep.missing)
         runner = processes(max(1, min(jobs or len(os.sched_getaffinity(0)), missing)))
@@ -63,7 +74,6 @@ def command(
 
         runner = dask_runner(scheduler)
     with progress_bar("runs") as tell:
-        done = finished
         tell(done, total)
 
         def progress(runs: int) -> None:
@@ -73,5 +83,5 @@ def command(
 
         sweep.run(runner, progress)
     sweep.finish()
-    told = ", ".join(f"{count} {name}" for name, count in outcome_counts(output).items())
-    click.echo(f"{output}: {total} runs: {told}")
+    told = ", ".join(f"{count} {name}" for name, count in outcome_counts(sweep.output).items())
+    click.echo(f"{sweep.output}: {total} runs: {told}")

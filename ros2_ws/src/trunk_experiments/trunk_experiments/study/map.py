@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from math import nan
@@ -21,15 +21,17 @@ from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..batch.workers import as_completed_bounded, worker_pool
+from ..plans.files import PlanError
 from ..plans.plan import RunPlan
 from ..tuning.floquet import floquet
 from ..views.plot_style import COLORS, STYLE
 from .bases import plan_of
 from .design import design
-from .results import Results
-from .study import StudyError
+from .results import METRICS, Results
+from .study import Scalar, Study, StudyError, Variable
 from .sweep import SweepError
 
+Progress = Callable[[int, int], None]  # takes what is done, of how much
 _MANY = 200  # points: fewer are quicker without processes
 _CHUNK = 16  # points that wait for each process
 QUIET_DEG = 1.0  # RMS of the last 2 s: less is a trunk at rest
@@ -49,13 +51,40 @@ class Panel:
     growth: Floats | None  # Floquet: the largest multiplier, per second
 
 
-def panels(results: Results, metric: str, axes: tuple[str, str], with_floquet: bool) -> list[Panel]:
-    """Return a panel per controller. Raises StudyError for axes that are no grid of numbers."""
+def check_mappable(study: Study, axes: tuple[str, str], metric: str) -> None:
+    """Raise StudyError where the study's results will hold no numbers for the axes or the metric."""
+    texts = [v.name for v in study.variables if isinstance(_first(v), str)]
+    for name in (*axes, metric):
+        if name in texts:
+            raise StudyError(f"{study.source}: {name!r} holds no numbers: give another")
+    columns = (*METRICS, *(v.name for v in study.variables))
+    if metric not in columns:
+        raise StudyError(f"{study.source}: no metric {metric!r}: one of {', '.join(columns)}")
+
+
+def _first(v: Variable) -> Scalar | None:
+    values = v.values if v.distribution is None else v.distribution.values
+    return values[0] if values else None
+
+
+def panels(
+    results: Results,
+    metric: str,
+    axes: tuple[str, str],
+    with_floquet: bool,
+    progress: Progress = lambda done, of: None,
+) -> list[Panel]:
+    """Return a panel per controller. Raises StudyError for axes that are no grid of numbers.
+
+    ``progress`` hears how many of how many points' Floquet multipliers are there.
+    """
     for name in axes:
         if name not in results.grid:
             known = ", ".join(results.grid) or "none"
             raise StudyError(f"{results.path}: {name!r} is no grid variable; there are: {known}")
-    growth = _growth(results, axes) if with_floquet else {}
+    for name in (*axes, metric):
+        results.column(name)
+    growth = _growth(results, axes, progress) if with_floquet else {}
     return [
         _panel(results.of(name), name, metric, axes, growth.get(name))
         for name in results.controllers
@@ -81,7 +110,7 @@ def _panel(
     return Panel(name, x, y, mean(upright), mean(fallen), mean(rms), growth)
 
 
-def _growth(results: Results, axes: tuple[str, str]) -> Mapping[str, Floats]:
+def _growth(results: Results, axes: tuple[str, str], progress: Progress) -> Mapping[str, Floats]:
     """Return each controller's Floquet growth over the grid, at the first draw of other variables."""
     study = results.study
     bases = results.bases()
@@ -103,33 +132,42 @@ def _growth(results: Results, axes: tuple[str, str]) -> Mapping[str, Floats]:
             continue  # refused: there was no run either
         at = levels[1].index(float(place[2])), levels[0].index(float(place[1]))
         places.append((row["controller"], *at))
-    for (name, j, i), growth in zip(places, _growths(plans), strict=True):
+    for (name, j, i), growth in zip(places, _growths(plans, progress), strict=True):
         grid = grids.setdefault(name, np.full((len(levels[1]), len(levels[0])), np.nan))
         grid[j, i] = growth
     return grids
 
 
-def _growths(plans: list[RunPlan]) -> list[float]:
-    """Return each plan's growth, on all cores where there are many."""
-    if len(plans) < _MANY:
-        return [floquet(plan).growth for plan in plans]
-    cores = len(os.sched_getaffinity(0))
+def _growths(plans: list[RunPlan], progress: Progress) -> list[float]:
+    """Return each plan's growth, on all cores where there are many; NaN where there is none."""
     found = [nan] * len(plans)
+    for done, (k, growth) in enumerate(_numbered_growths(plans), start=1):
+        found[k] = growth
+        progress(done, len(plans))
+    return found
+
+
+def _numbered_growths(plans: list[RunPlan]) -> Iterator[tuple[int, float]]:
+    if len(plans) < _MANY:
+        yield from map(_growth_of, enumerate(plans))
+        return
+    cores = len(os.sched_getaffinity(0))
     try:
         with worker_pool(cores) as pool:
-            tasks = as_completed_bounded(pool, _growth_of, enumerate(plans), _CHUNK * cores)
-            for k, growth in tasks:
-                found[k] = growth
+            yield from as_completed_bounded(pool, _growth_of, enumerate(plans), _CHUNK * cores)
     except BrokenProcessPool:
         raise SweepError(
             "a worker process was killed (out of memory?): run the same command again, or give "
             "--no-floquet"
         ) from None
-    return found
 
 
 def _growth_of(numbered: tuple[int, RunPlan]) -> tuple[int, float]:
-    return numbered[0], floquet(numbered[1]).growth
+    number, plan = numbered
+    try:
+        return number, floquet(plan).growth
+    except PlanError:  # a hip that hardly moves: its period is too long
+        return number, nan
 
 
 def draw(found: list[Panel], metric: str, axes: tuple[str, str], title: str) -> Figure:
