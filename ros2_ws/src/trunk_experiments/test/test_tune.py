@@ -14,6 +14,7 @@ from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.lqr_law import LqrConfig
 from trunk_control.pid import Gains
 from trunk_experiments.commands.tune import command
+from trunk_experiments.plans.files import PlanError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline import steps
 from trunk_experiments.tuning.linear import Linear, SampledLoop, largest_delay, linearise, margins
@@ -90,6 +91,27 @@ def test_a_simulation_confirms_the_largest_delay(gains, h, rate):
         angles = np.abs([step.truth.position[1] for step in steps(plan)])
         quarter = len(angles) // 4
         assert (np.max(angles[-quarter:]) < np.max(angles[quarter : 2 * quarter])) == dies
+
+
+@pytest.mark.parametrize(
+    "poles", [(-12.0, -8.0, -2.0), (-3.0, -4.0), (-1.0, -2.0), (-20.0, -1.0), (-30.0, -7.0, -0.2)]
+)
+@pytest.mark.parametrize("rate", [True, False])
+def test_the_largest_delay_is_what_counting_finds(poles, rate):
+    loop = SampledLoop(PLANT, by_poles(PLANT, poles), 0.005, rate)
+    counted = next(d for d in range(60) if not replace(loop, delay=d + 1).stable)
+    assert largest_delay(loop) == counted > 1
+    assert largest_delay(loop, limit=2) == 2
+
+
+def test_a_slow_loop_has_a_phase_margin():
+    """Its only crossover lies at a thousandth of the Nyquist frequency."""
+    loop = SampledLoop(PLANT, by_poles(PLANT, (-1.0, -2.0)), 0.002)
+    (crossover,) = loop.crossovers()
+    assert crossover * loop.h / np.pi < 1.2e-3
+    found = margins(loop)
+    assert np.radians(found.phase_deg) / crossover == pytest.approx(found.delay, abs=loop.h)
+    assert found.modulus < 2.0 * np.sin(np.radians(found.phase_deg) / 2.0) + 1e-9
 
 
 def test_margins_of_an_unstable_loop():
@@ -186,6 +208,6 @@ def test_a_search_is_reproducible_and_no_worse_than_its_start(controller, tmp_pa
 def test_a_file_is_not_overwritten(tmp_path):
     path = tmp_path / "gains.yaml"
     path.write_text("mine")
-    with pytest.raises(FileExistsError, match="--force"):
+    with pytest.raises(PlanError, match="--force"):
         invoke("poles", "-o", path)
     assert path.read_text() == "mine"

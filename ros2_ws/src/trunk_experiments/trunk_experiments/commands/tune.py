@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from math import inf, radians
 from pathlib import Path
@@ -19,7 +20,7 @@ from trunk_msgs_util.units import seconds
 from ..analysis.metrics import Metrics
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan, make_plan
-from .common import print_table
+from .common import FiniteRange, Function, check_output, print_table
 
 if TYPE_CHECKING:
     from ..tuning.linear import Linear
@@ -47,12 +48,22 @@ def _options(function: Any) -> Any:
             "--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="One value."
         ),
         click.option(
-            "--rate", type=float, metavar="HZ", help="update_rate of the sampled loop, Hz."
+            "--rate",
+            type=FiniteRange(0.001, 1e6),
+            metavar="HZ",
+            help="update_rate of the sampled loop, Hz.",
         ),
     ]
     for option in reversed(options):
         function = option(function)
     return function
+
+
+def _largest(name: str, default: float, text: str) -> Callable[[Function], Function]:
+    """Add a largest acceptable value: the range keeps the Riccati equation solvable."""
+    return click.option(
+        name, type=FiniteRange(1e-6, 1e6), default=default, show_default=True, help=text
+    )
 
 
 def _plan(
@@ -82,7 +93,7 @@ def command() -> None:
     "--pole",
     "poles",
     multiple=True,
-    type=float,
+    type=FiniteRange(-1e6, 0.0, max_open=True),
     metavar="1/S",
     help="Two or three, distinct, negative.",
 )
@@ -98,12 +109,10 @@ def poles_command(controller: str, poles: tuple[float, ...], **options: Any) -> 
 
 @command.command("lqr")
 @_options
-@click.option(
-    "--integral", default=0.1, show_default=True, help="Largest integral of the error, rad s."
-)
-@click.option("--angle", default=6.0, show_default=True, help="Largest error, deg.")
-@click.option("--speed", default=1.0, show_default=True, help="Largest rate of it, rad/s.")
-@click.option("--torque", default=5.0, show_default=True, help="Largest torque, N m.")
+@_largest("--integral", 0.1, "Largest integral of the error, rad s.")
+@_largest("--angle", 6.0, "Largest error, deg.")
+@_largest("--speed", 1.0, "Largest rate of it, rad/s.")
+@_largest("--torque", 5.0, "Largest torque, N m.")
 def lqr_command(integral: float, angle: float, speed: float, torque: float, **options: Any) -> None:
     """Solve the Riccati equation; weights are one over the square of the largest acceptable values."""
     from ..tuning.methods import by_lqr
@@ -115,11 +124,25 @@ def lqr_command(integral: float, angle: float, speed: float, torque: float, **op
 
 @command.command("relay")
 @_options
-@click.option("--lag", type=float, required=True, help="Declared time constant of the actuator, s.")
 @click.option(
-    "--damping", type=float, required=True, help="Declared damping of the joint, N m s/rad."
+    "--lag",
+    type=FiniteRange(0.0, 1e3),
+    required=True,
+    help="Declared time constant of the actuator, s.",
 )
-@click.option("--amplitude", default=1.0, show_default=True, help="Of the relay, N m.")
+@click.option(
+    "--damping",
+    type=FiniteRange(0.0, 1e9),
+    required=True,
+    help="Declared damping of the joint, N m s/rad.",
+)
+@click.option(
+    "--amplitude",
+    type=FiniteRange(1e-6, 1e6),
+    default=1.0,
+    show_default=True,
+    help="Of the relay, N m.",
+)
 def relay_command(lag: float, damping: float, amplitude: float, **options: Any) -> None:
     """Find Ku and Tu by a relay, then Table 1's PID. Says so where no ultimate gain exists.
 
@@ -150,9 +173,9 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
 )
 @click.option("--scenario", "scenarios", multiple=True, default=("fig6", "fig7"), show_default=True)
 @click.option("--metric", type=click.Choice(_METRICS), default="itae", show_default=True)
-@click.option("--generations", type=click.IntRange(1), default=20, show_default=True)
-@click.option("--population", type=click.IntRange(1), default=5, show_default=True)
-@click.option("--seed", type=int, default=1, show_default=True)
+@click.option("--generations", type=click.IntRange(1, 100_000), default=20, show_default=True)
+@click.option("--population", type=click.IntRange(1, 1000), default=5, show_default=True)
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True)
 def optimise_command(
     controller: str,
     scenarios: tuple[str, ...],
@@ -169,7 +192,7 @@ def optimise_command(
     """
     from ..tuning.search import search
 
-    _check_output(options)
+    _check(options)
     plan = partial(_plan, controller, options["params"], options["settings"], options["rate"])
     with Progress(
         TextColumn("generation {task.completed} of {task.total}"),
@@ -197,15 +220,14 @@ def optimise_command(
 def _linear(controller: str, options: dict[str, Any]) -> tuple[RunPlan, Linear]:
     from ..tuning.linear import linearise
 
-    _check_output(options)
+    _check(options)
     plan = _plan(controller, options["params"], options["settings"], options["rate"])
     return plan, linearise(plan.simulator.body)
 
 
-def _check_output(options: dict[str, Any]) -> None:
-    path = options["output"]
-    if path is not None and path.exists() and not options["force"]:
-        raise FileExistsError(f"{path} exists: choose another name, or add --force")
+def _check(options: dict[str, Any]) -> None:
+    if options["output"] is not None:
+        check_output(options["output"], force=options["force"])
 
 
 def _finish(
