@@ -33,7 +33,7 @@ REFUSED = {
     ),
     "a run without an end": (
         HEAD + "vary:\n  t: {parameter: simulator.duration, values: [0.5, 0.0]}\n",
-        "vary.t: simulator.duration: duration is 0 s: a run of a sweep needs an end",
+        "vary.t: simulator.duration: duration is 0 s: a compiled run needs an end",
     ),
     "a run that fits no memory": (
         HEAD.replace("duration: 0.5", "duration: 1.0e+6") + DELAY,

@@ -205,6 +205,20 @@ def test_a_search_is_reproducible_and_no_worse_than_its_start(controller, tmp_pa
     assert make_plan("fig6", controller, [str(tmp_path / "a.yaml")])
 
 
+@pytest.mark.parametrize(
+    ("duration", "says"), [("0.0", "needs an end"), ("1e6", "at most 20000000")]
+)
+def test_a_search_over_runs_that_cannot_be_made_is_refused(duration, says):
+    with pytest.raises(PlanError, match=f"fig6: .*{says}"):
+        invoke("optimise", "--set", f"simulator.duration={duration}")
+
+
+@pytest.mark.parametrize("verb", [["poles"], ["lqr"], ["optimise"]], ids=str)
+def test_a_folder_that_is_not_there_is_told_first(tmp_path, verb):
+    with pytest.raises(PlanError, match="there is no folder"):
+        invoke(*verb, "-o", tmp_path / "none" / "gains.yaml")
+
+
 def test_a_file_is_not_overwritten(tmp_path):
     path = tmp_path / "gains.yaml"
     path.write_text("mine")

@@ -1,4 +1,4 @@
-"""What no run could be made of: refused before the first run, in one line."""
+"""Studies that cannot be run: refused before the first run, in one line."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from typing import Any
 
 from trunk_msgs_util.parameters.declarations import ParameterError, declarations, unknown_name
-from trunk_msgs_util.units import step_count
 
+from ..batch.limits import wrong_duration
 from ..plans.files import PlanError
 from ..plans.plan import check_turns
 from ..runs.offline import check
@@ -16,7 +16,6 @@ from .design import drawn_values
 from .study import Contender, Study, StudyError, Target, Variable
 from .targets import Base, Bases, field_of, is_meant, kind_of, new_value
 
-MAX_STATES = 20_000_000  # of one run, which is held in memory: 1.8 GB
 # Where these are zero, runs with other seeds are the same runs.
 _NOISE = {
     "simulator": ("sensor.position_noise", "sensor.velocity_noise"),
@@ -36,7 +35,7 @@ def check_contender(study: Study, contender: Contender, base: Base) -> None:
         check_turns(base.plan)
     except PlanError as error:
         raise StudyError(f"{study.source}: {contender.label}: {error}") from None
-    wrong = _wrong_duration(base.plan.simulator.duration, base)
+    wrong = wrong_duration(base.plan.simulator.duration, base.plan.simulator.update_rate)
     if wrong:
         raise StudyError(f"{study.source}: {contender.label}: {wrong}")
 
@@ -66,10 +65,12 @@ def check_durations(study: Study, v: Variable, contender: Contender, bases: Base
             continue
         values = set(v.values if v.distribution is None else drawn_values(study)[v.name])
         for base in (base for (label, _), base in bases.items() if label == contender.label):
-            old = base.plan.simulator.duration
-            durations = [new_value(base.plan.simulator, target, old, v.how, x) for x in values]
-            for wrong in filter(None, (_wrong_duration(d, base) for d in durations)):
-                raise mistake(study, v, f"{target}: {wrong}")
+            simulator = base.plan.simulator
+            for value in values:
+                new: Any = new_value(simulator, target, simulator.duration, v.how, value)
+                wrong = wrong_duration(new, simulator.update_rate)
+                if wrong:
+                    raise mistake(study, v, f"{target}: {wrong}")
 
 
 def check_repetition(study: Study, bases: Iterable[Base]) -> None:
@@ -107,18 +108,6 @@ def _check_target(
         raise mistake(study, v, f"{target}: it is a single {kind}: leave out [...]")
     if v.how != "value" and not re.match("double", kind):
         raise mistake(study, v, f"{target}: as {v.how}: a double is needed, it is {kind}")
-
-
-def _wrong_duration(duration: Any, base: Base) -> str:
-    """Return what is wrong with a run's duration in s, empty where nothing is."""
-    if not duration:
-        return "duration is 0 s: a run of a sweep needs an end"
-    states = step_count(duration, base.plan.simulator.update_rate) + 1
-    if states <= MAX_STATES:
-        return ""
-    return (
-        f"{states} states in a run: at most {MAX_STATES} are allowed; shorten it, or lower the rate"
-    )
 
 
 def _noisy(base: Base) -> bool:

@@ -120,7 +120,7 @@ class SampledLoop:
         return values
 
     def crossovers(self) -> Floats:
-        """Return the frequencies in rad/s at which \|L\| passes 1, lowest first."""
+        r"""Return the frequencies in rad/s at which \|L\| passes 1, lowest first."""
         grid = self.frequencies()
         above = np.log(np.abs(self.response(grid)))
 

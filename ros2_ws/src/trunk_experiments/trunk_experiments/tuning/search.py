@@ -14,6 +14,8 @@ from trunk_msgs_util.parameters.declarations import Value, build, values_of
 from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..batch.closed_loop import Batch
+from ..batch.limits import wrong_duration
+from ..plans.files import PlanError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 
@@ -98,7 +100,12 @@ def search(
     """Return the parameters of the plans' controller with the smallest mean metric over the plans.
 
     The same seed gives the same result. ``progress`` hears the generation and the best cost so far.
+    Raises PlanError for a plan without an end, or too long a one.
     """
+    for plan in plans:
+        wrong = wrong_duration(plan.simulator.duration, plan.simulator.update_rate)
+        if wrong:
+            raise PlanError(f"{plan.scenario}: {wrong}")
     first = plans[0]
     config = first.controller
     space = fuzzy_space(config) if first.controller_name == "fuzzy_pid" else gains_space(config)
