@@ -81,6 +81,32 @@ def test_what_cannot_be_drawn_is_told(path, tmp_path):
         Results.read(tmp_path / "other.parquet")
 
 
+def _changed(path, target, metadata=None, rows=slice(None)):
+    table = pq.read_table(path)
+    told = {**table.schema.metadata, **(metadata or {})}
+    told = {name: value for name, value in told.items() if value is not None}
+    indices = list(range(len(table)))[rows]
+    pq.write_table(table.take(pa.array(indices, pa.int64())).replace_schema_metadata(told), target)
+    return target
+
+
+def test_results_that_are_damaged_are_one_line(path, tmp_path):
+    target = tmp_path / "changed.parquet"
+    for grid in (None, b"[", b"3", b"[3]"):
+        with pytest.raises(StudyError, match="not written by trunk sweep"):
+            Results.read(_changed(path, target, {b"grid": grid}))
+    with pytest.raises(StudyError, match=r"changed\.parquet: there are no runs in it"):
+        Results.read(_changed(path, target, rows=slice(0)))
+    with pytest.raises(StudyError, match="'pid' and 'fuzzy_pid' did not meet the same draws"):
+        compare_study(Results.read(_changed(path, target, rows=slice(-1))))
+    with pytest.raises(StudyError, match="there is no such file"):
+        Results.read(tmp_path / "nix.parquet")
+    for plans in (b"[", b"[3]", b"3", b"[]", b'[{"parameters": {"simulator": {"nix": 1}}}]'):
+        results = Results.read(_changed(path, target, {b"plans": plans}))
+        with pytest.raises(StudyError, match="this version does not understand"):
+            results.bases()
+
+
 def test_differences_are_over_the_same_draws(path):
     results = Results.read(path)
     rows = results.table.to_pylist()

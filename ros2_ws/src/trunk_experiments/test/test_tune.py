@@ -30,6 +30,12 @@ def test_linearise_gives_the_textbook_pendulum():
     assert (found.a, found.b) == (pytest.approx(18.0), pytest.approx(2.0))
 
 
+@pytest.mark.parametrize("length", [1e-200, 1e-160])
+def test_a_plant_beyond_floating_point_is_refused(length):
+    with pytest.raises(PlanError, match=r"the plant cannot be linearised: plant\.length"):
+        linearise(Body(length=length))
+
+
 @given(st.lists(st.floats(-40.0, -0.5), min_size=2, max_size=3, unique=True))
 @settings(max_examples=60, deadline=None)
 def test_by_poles_places_them(poles):

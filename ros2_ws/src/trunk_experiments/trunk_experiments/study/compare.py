@@ -18,6 +18,7 @@ RESAMPLES = 5000
 CONFIDENCE = 0.95
 _SEED = 1  # of the resampling: the same results give the same intervals
 FELL = "fallen"
+PAIR = "pair"  # grid point and draw, by which runs are paired
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,10 @@ def compare_study(results: Results, metrics: tuple[str, ...] = METRICS) -> list[
     for metric in (FELL, *metrics):
         for first, second in combinations(names, 2):
             a, b = by_name[first], by_name[second]
+            if not np.array_equal(a[PAIR], b[PAIR]):
+                raise StudyError(
+                    f"{results.path}: {first!r} and {second!r} did not meet the same draws: rows are missing"
+                )
             found.append(_difference(metric, first, second, a[metric], b[metric]))
     return found
 
@@ -73,6 +78,7 @@ def _sorted(results: Results) -> dict[str, Floats]:
     fallen = results.fallen[order]
     columns = {name: np.abs(results.column(name)[order]) for name in METRICS}
     return {
+        PAIR: np.stack([results.column("point")[order], results.column("draw")[order]]),
         FELL: fallen,
         **{name: np.where(fallen == 0.0, values, np.nan) for name, values in columns.items()},
     }

@@ -18,7 +18,7 @@ from trunk_msgs_util.parameters.declarations import ParameterError, build, value
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 from .study import Study, StudyError
-from .targets import Base, Bases, Key, structural
+from .targets import Base, Bases, Key, keys, structural
 
 
 def plans_json(study: Study, bases: Bases) -> str:
@@ -45,6 +45,8 @@ def bases_from(study: Study, text: str, source: str) -> Bases:
             )
             varied = tuple(told["varied"][v.name] for v in structural(study))
             bases[told["controller"], varied] = Base(plan, disturbance)
+        if set(bases) != set(keys(study)):
+            raise KeyError("plans")
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         reason = error if isinstance(error, ParameterError) else type(error).__name__
         raise StudyError(

@@ -36,18 +36,27 @@ class Results:
     @classmethod
     def read(cls, path: Path) -> Results:
         """Return the results in a Parquet file. Raises StudyError where it is not a sweep's."""
+        if not path.exists():
+            raise StudyError(f"{path}: there is no such file")
         try:
             table = pq.read_table(path)
         except (pa.ArrowInvalid, pa.ArrowTypeError, OSError) as error:
             raise StudyError(f"{path}: no Parquet file: {' '.join(str(error).split())}") from None
         told = table.schema.metadata or {}
-        if b"study" not in told or not {"controller", "status"} <= set(table.column_names):
+        grid = _names(told.get(b"grid"))
+        if (
+            b"study" not in told
+            or grid is None
+            or not {"controller", "status"} <= set(table.column_names)
+        ):
             raise StudyError(f"{path}: not written by trunk sweep: no study in it")
+        if not len(table):
+            raise StudyError(f"{path}: there are no runs in it")
         plans = told.get(b"plans")
         return cls(
             path,
             table,
-            tuple(json.loads(told[b"grid"])),
+            grid,
             told[b"study"].decode(),
             None if plans is None else plans.decode(),
         )
@@ -96,3 +105,14 @@ class Results:
         status = np.array(self.table["status"].to_pylist(), dtype=object)
         lies = np.maximum(self.column("theta_max_deg"), -self.column("theta_min_deg")) >= FALLEN_DEG
         return np.where(status == "refused", np.nan, (status == "diverged") | lies)
+
+
+def _names(text: bytes | None) -> tuple[str, ...] | None:
+    """Return a list of names from its JSON; None for anything else."""
+    try:
+        names = json.loads(text or b"")
+    except ValueError:
+        return None
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        return None
+    return tuple(names)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
+from itertools import product
 from typing import Any
 
 from trunk_msgs_util.parameters.declarations import Declaration, Value, check
@@ -43,6 +44,14 @@ Bases = dict[Key, Base]
 def structural(study: Study) -> list[Variable]:
     """Return the variables whose values need plans of their own."""
     return [v for v in study.variables if any(t.name in STRUCTURAL for t in v.targets)]
+
+
+def keys(study: Study) -> Iterator[Key]:
+    """Yield the key of each plan that the study's runs start from."""
+    values = [v.values for v in structural(study)]
+    for contender in study.contenders:
+        for chosen in product(*values):
+            yield contender.label, chosen
 
 
 def node_of(target: Target, contender: Contender) -> str:

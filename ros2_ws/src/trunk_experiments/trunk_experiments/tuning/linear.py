@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,8 @@ from trunk_control.pid import Gains
 from trunk_msgs_util.mechanics import Body
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_sim.plant import PlantState, accelerations
+
+from ..plans.files import PlanError
 
 Complexes = npt.NDArray[np.complex128]
 _SMALL = 1e-6  # rad: the error of the difference quotient is of the order of its square
@@ -40,14 +43,26 @@ class Linear(NamedTuple):
 
 
 def linearise(plant: Body) -> Linear:
-    """Return the plant's linearisation at theta = 0 with a hip that moves uniformly on level ground."""
+    """Return the plant's linearisation at theta = 0 with a hip that moves uniformly on level ground.
+
+    Raises PlanError for a plant whose accelerations are no finite numbers.
+    """
     p = plant._replace(prescribed=True, as_printed=False, amplitude=0.0)
 
     def response(theta: float, torque: float) -> float:
         return accelerations(PlantState(0.0, theta, 0.0, 0.0), 0.0, torque, p)[1]
 
-    slope = (response(_SMALL, 0.0) - response(-_SMALL, 0.0)) / (2.0 * _SMALL)
-    return Linear(slope, response(0.0, 1.0))
+    try:
+        slope = (response(_SMALL, 0.0) - response(-_SMALL, 0.0)) / (2.0 * _SMALL)
+        gain = response(0.0, 1.0)
+    except ArithmeticError:
+        slope = gain = nan
+    if not (isfinite(slope) and isfinite(gain)):
+        raise PlanError(
+            f"the plant cannot be linearised: plant.length is {plant.length:g} m, "
+            f"plant.trunk_mass {plant.trunk_mass:g} kg: too small for finite accelerations"
+        )
+    return Linear(slope, gain)
 
 
 @dataclass(frozen=True)
