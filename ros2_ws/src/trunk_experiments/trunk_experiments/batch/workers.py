@@ -21,7 +21,7 @@ IN_FLIGHT = 3  # tasks per process: one at work, and the next ones at hand when 
 
 def worker_pool(count: int) -> Executor:
     """Return a pool whose processes end with this one, even when it is killed."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # theirs: a process per core is enough
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of each worker: there is one per core
     return _Pool(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
 
 
@@ -49,7 +49,7 @@ def as_completed_bounded(
 
 
 class _Pool(ProcessPoolExecutor):
-    """Ctrl-C is this process's affair: a worker that gets it while importing would print a traceback."""
+    """Ctrl-C is for the parent to handle: a worker hit while importing would print a traceback."""
 
     def submit(self, *arguments: Any, **named: Any) -> Future[Any]:
         """Submit; a worker that this starts begins with the signals held back."""

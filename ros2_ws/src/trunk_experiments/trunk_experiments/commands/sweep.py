@@ -41,7 +41,7 @@ def command(
 ) -> None:
     """Run STUDY, a YAML file or a shipped study's name: grids and seeded draws over parameters.
 
-    A sweep that was interrupted, even by kill -9, goes on where it was when the same command is given
+    A sweep that was interrupted, even by kill -9, resumes when the same command is given
     again. The same study gives the same file, however it was run.
     """
     from ..study.file import read_study
@@ -65,7 +65,7 @@ def run_sweep(sweep: Sweep, jobs: int | None = None, scheduler: str | None = Non
     for warning in sweep.warnings:
         click.echo(f"trunk: warning: {warning}", err=True)
     if done:
-        click.echo(f"going on: {done} of {total} runs are there", err=True)
+        click.echo(f"resuming: {done} of {total} runs are done", err=True)
     if scheduler is None:
         missing = len(sweep.missing)
         runner = processes(max(1, min(jobs or len(os.sched_getaffinity(0)), missing)))

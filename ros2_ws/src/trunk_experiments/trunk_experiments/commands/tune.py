@@ -29,7 +29,7 @@ _METRICS = tuple(name for name in Metrics.__dataclass_fields__ if not name.start
 
 
 def _options(function: Any) -> Any:
-    """Add what every method takes: the plant, the profile and rate, and where the gains go."""
+    """Add the options of every method: plant, profile, rate, and the output file."""
     options = [
         click.option(
             "-o",
@@ -45,7 +45,11 @@ def _options(function: Any) -> Any:
             help="Plant, profile: a parameter file, by path or shipped name; repeatable.",
         ),
         click.option(
-            "--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="One value."
+            "--set",
+            "settings",
+            multiple=True,
+            metavar="NODE.PARAM=VALUE",
+            help="One value; repeatable.",
         ),
         click.option(
             "--rate",
@@ -79,7 +83,7 @@ def _plan(
 
 @click.group("tune")
 def command() -> None:
-    """Compute gains, say their margins, write them as a parameter file that the nodes load.
+    """Compute gains, report their margins, and write them as a parameter file that the nodes load.
 
     poles, lqr and relay use the trunk linearised about the upright, its hip prescribed; optimise uses
     whole runs of the nonlinear plant. The profile is profile_practical unless --params says otherwise.
@@ -103,7 +107,7 @@ def poles_command(controller: str, poles: tuple[float, ...], **options: Any) -> 
 
     plan, plant = _linear(controller, options)
     if controller == "computed_torque":
-        plant = plant._replace(a=0.0, b=1.0)  # what the inverse dynamics leave
+        plant = plant._replace(a=0.0, b=1.0)  # what is left after inverse dynamics
     _finish(plan, by_poles(plant, poles or (-12.0, -8.0, -2.0)), options)
 
 
@@ -111,7 +115,7 @@ def poles_command(controller: str, poles: tuple[float, ...], **options: Any) -> 
 @_options
 @_largest("--integral", 0.1, "Largest integral of the error, rad s.")
 @_largest("--angle", 6.0, "Largest error, deg.")
-@_largest("--speed", 1.0, "Largest rate of it, rad/s.")
+@_largest("--speed", 1.0, "Largest rate of the error, rad/s.")
 @_largest("--torque", 5.0, "Largest torque, N m.")
 def lqr_command(integral: float, angle: float, speed: float, torque: float, **options: Any) -> None:
     """Solve the Riccati equation; weights are one over the square of the largest acceptable values."""
@@ -141,10 +145,10 @@ def lqr_command(integral: float, angle: float, speed: float, torque: float, **op
     type=FiniteRange(1e-6, 1e6),
     default=1.0,
     show_default=True,
-    help="Of the relay, N m.",
+    help="Amplitude of the relay, N m.",
 )
 def relay_command(lag: float, damping: float, amplitude: float, **options: Any) -> None:
-    """Find Ku and Tu by a relay, then Table 1's PID. Says so where no ultimate gain exists.
+    """Find Ku and Tu by a relay experiment, then Table 1's PID; an error where no ultimate gain exists.
 
     The plant itself has neither lag nor damping, and no ultimate gain: both are declared here, and the
     margins are those of the loop that has them.

@@ -30,7 +30,7 @@ SEEDS = {"simulator": "sensor.seed", "disturbance": "noise.seed"}
 
 
 def make_bases(study: Study) -> Bases:
-    """Return the plans that the runs start from, and refuse what no run could be made of.
+    """Return the plans that the runs start from, once the whole study is checked.
 
     Raises StudyError for a variable that fits no parameter or leaves its bounds, for a run that no
     compiled loop can make, and for scenario and parameter files that `make_plan` refuses.
@@ -104,7 +104,7 @@ def _base(study: Study, contender: Contender, settings: list[str]) -> Base:
         made = plan()
         if made.disturbance is not None:
             return Base(made, made.disturbance)
-        # A plan keeps nothing of a disturbance that does nothing; its sine has amplitude 0 then.
+        # A plan drops a disturbance that does nothing. A sine keeps it in, and is set to zero again below.
         forced = plan("disturbance.sine.amplitude=1.0").disturbance
     except (PlanError, ParameterError, ParameterFileError) as error:
         raise StudyError(f"{study.source}: {contender.label}: {error}") from None

@@ -25,7 +25,7 @@ PAIR = "pair"  # grid point and draw, by which runs are paired
 class PairedDifference:
     """A metric of ``first`` minus that of ``second``, over the pairs in which both have it.
 
-    ``low`` and ``high`` bound the mean difference at 95 %; they cross where fewer than two pairs are left.
+    ``low`` and ``high`` bound the mean difference at 95 %; low > high where fewer than two pairs are left.
     """
 
     metric: str
@@ -35,11 +35,11 @@ class PairedDifference:
     mean: float
     low: float
     high: float
-    smaller: float  # part of the pairs in which the first's is smaller, ties half
+    smaller: float  # fraction of the pairs in which the first's value is smaller; a tie counts half
 
     @property
     def verdict(self) -> str:
-        """Say what the interval says, in words."""
+        """Return in words what the interval shows."""
         if not self.low <= self.high:
             return "too few pairs"
         if self.low <= 0.0 <= self.high:

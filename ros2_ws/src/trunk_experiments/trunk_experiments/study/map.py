@@ -40,13 +40,13 @@ _FLOQUET, _FALLEN, _BOUNDARY = COLORS[1], "#bdbdbd", "#000000"
 
 @dataclass(frozen=True)
 class Panel:
-    """One controller's map: [y, x]; NaN where no run told a value."""
+    """One controller's map: [y, x]; NaN where no run has a value."""
 
     controller: str
     x: Floats
     y: Floats
     values: Floats  # mean over the draws that did not fall
-    fallen: Floats  # part of the draws that fell
+    fallen: Floats  # fraction of the draws that fell
     quiet: Floats  # RMS at the end, deg, mean; infinite where all fell
     growth: Floats | None  # Floquet: the largest multiplier, per second
 
@@ -76,7 +76,7 @@ def panels(
 ) -> list[Panel]:
     """Return a panel per controller. Raises StudyError for axes that are no grid of numbers.
 
-    ``progress`` hears how many of how many points' Floquet multipliers are there.
+    ``progress`` is called with the number of points whose Floquet multipliers are done, and of all.
     """
     for name in axes:
         if name not in results.grid:

@@ -19,7 +19,7 @@ from .resolved import bases_from
 from .study import Study, StudyError
 from .targets import Bases
 
-FALLEN_DEG = 90.0  # a trunk this far from the vertical lies
+FALLEN_DEG = 90.0  # a trunk this far from the vertical has fallen
 METRICS = tuple(Metrics.__dataclass_fields__)
 
 
@@ -101,7 +101,7 @@ class Results:
 
     @property
     def fallen(self) -> Floats:
-        """1.0 where the loop diverged or the trunk came to lie, 0.0 where not, NaN for refused runs."""
+        """1.0 where the loop diverged or the trunk fell, 0.0 where it stayed up, NaN for refused runs."""
         status = np.array(self.table["status"].to_pylist(), dtype=object)
         lies = np.maximum(self.column("theta_max_deg"), -self.column("theta_min_deg")) >= FALLEN_DEG
         return np.where(status == "refused", np.nan, (status == "diverged") | lies)

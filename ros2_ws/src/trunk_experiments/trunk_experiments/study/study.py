@@ -37,7 +37,7 @@ class Variable:
 
     name: str
     targets: tuple[Target, ...]
-    how: str  # the parameter is the value, or its own value times it, or plus it
+    how: str  # value: replaces the parameter; factor: multiplies it; offset: is added to it
     values: tuple[Scalar, ...] = ()
     distribution: Distribution | None = None
 

@@ -105,7 +105,7 @@ def _type(name: str, values: list[Any]) -> pa.DataType:
 
 
 class Sweep:
-    """A study on its way into a Parquet file."""
+    """A sweep of one study into one Parquet file."""
 
     bases: Bases
 
@@ -131,7 +131,7 @@ class Sweep:
             )
 
     def start(self) -> int:
-        """Make ready and return the number of runs that an earlier, interrupted sweep has finished.
+        """Prepare the folder and return the number of runs that an earlier, interrupted sweep has finished.
 
         Raises StudyError as `check` does.
         """

@@ -67,7 +67,7 @@ def linearise(plant: Body) -> Linear:
 
 @dataclass(frozen=True)
 class SampledLoop:
-    """A sampled PID loop around the linearised trunk: period h, torque held, angle seen late.
+    """A sampled PID loop around the linearised trunk: period h, torque held, angle delayed.
 
     ``delay`` counts whole periods. ``rate``: the derivative is the measured rate, otherwise it is the
     difference of two samples of the angle.

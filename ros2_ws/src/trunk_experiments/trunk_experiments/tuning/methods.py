@@ -1,4 +1,4 @@
-"""Gains for an unstable, undamped plant: pole placement, LQR, and a relay experiment that says Ku and Tu."""
+"""Gains for an unstable, undamped plant: pole placement, LQR, and a relay experiment for Ku and Tu."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .linear import Linear
 
 
 class TuningError(PlanError):
-    """A tuning that cannot be: why, and what to give instead."""
+    """A tuning that is impossible: why, and what to give instead."""
 
 
 def _with_integral(plant: Linear) -> tuple[Floats, Floats]:
@@ -64,7 +64,7 @@ def by_lqr(plant: Linear, integral: float, angle: float, rate: float, torque: fl
 
 
 class Ultimate(NamedTuple):
-    """What a relay experiment found, and what the characteristic polynomial says."""
+    """What a relay experiment found, and what follows from the characteristic polynomial."""
 
     gain: float  # Ku = 4 d / (pi amplitude), N m/rad: the describing function's
     period: float  # Tu of the limit cycle, s
@@ -74,7 +74,7 @@ class Ultimate(NamedTuple):
 
 
 def ultimate(plant: Linear) -> tuple[float, float]:
-    """Return the gain [N m/rad] and period [s] at which pure P ends being stable.
+    """Return the gain [N m/rad] and period [s] at which pure P stops being stable.
 
     With a lag T and damping c, ``T s^3 + (1 + T c) s^2 + (c - T a) s + (b K - a)`` has an imaginary
     pair at ``w^2 = (c - T a) / T`` and ``b K = a + (1 + T c) w^2``. Raises TuningError where there is

@@ -20,9 +20,7 @@ from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 
 FAILED = 1e9  # the cost of a run that diverges, or has no such metric
-_HALF = (
-    len(INPUT_LABELS) // 2 + 1
-)  # a table is its own mirror image both ways: a quarter decides it
+_HALF = len(INPUT_LABELS) // 2 + 1  # a table is symmetric in both directions: a quarter defines it
 _CELLS = _HALF * _HALF
 
 
@@ -99,7 +97,7 @@ def search(
 ) -> Found:
     """Return the parameters of the plans' controller with the smallest mean metric over the plans.
 
-    The same seed gives the same result. ``progress`` hears the generation and the best cost so far.
+    The same seed gives the same result. ``progress`` is called with the generation and the best cost so far.
     Raises PlanError for a plan without an end, or too long a one.
     """
     for plan in plans:
