@@ -9,9 +9,13 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
+from trunk_experiments.batch.compiled import fingerprint
 from trunk_experiments.cli import trunk
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.study import design
 from trunk_experiments.study import sweep as module
+from trunk_experiments.study.bases import plan_of
+from trunk_experiments.study.draws import Distribution
 from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.map import panels
 from trunk_experiments.study.results import Results
@@ -120,6 +124,27 @@ def test_blocks_of_other_code_are_refused(study, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "sources", lambda: "other")
     with pytest.raises(StudyError, match="other sources or libraries"):
         Sweep(study, tmp_path / "out.parquet").start()
+
+
+def test_blocks_with_other_draws_are_refused(study, tmp_path, monkeypatch):
+    text = study.text.replace("values: [1.0, 1.5, 2.0]", "distribution: uniform, low: 1, high: 2")
+    drawn = parse_study(text + "runs: 3\n", "study.yaml")
+    interrupted(drawn, tmp_path / "out.parquet")
+    design.drawn_values.cache_clear()
+    monkeypatch.setattr(Distribution, "draw", lambda self, count, seed, name: [1.25] * count)
+    with pytest.raises(StudyError, match="another study's: its draws differ"):
+        Sweep(drawn, tmp_path / "out.parquet").start()
+    design.drawn_values.cache_clear()
+
+
+def test_the_code_that_makes_a_rows_plan_is_in_the_sources():
+    assert fingerprint(plan_of) in module.sources()
+
+
+def test_a_file_in_place_of_the_folder_is_refused(study, tmp_path):
+    (tmp_path / "out.parquet.blocks").write_text("mine")
+    with pytest.raises(StudyError, match=r"out\.parquet\.blocks: is no folder"):
+        Sweep(study, tmp_path / "out.parquet").check()
 
 
 @pytest.mark.parametrize("mark", [None, "", "{}", "[1]"])

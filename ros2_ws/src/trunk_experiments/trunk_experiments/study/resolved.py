@@ -12,11 +12,14 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.parameters.declarations import ParameterError, build, values_of
 
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
+from .design import drawn_values
 from .study import Study, StudyError
 from .targets import Base, Bases, Key, keys, structural
 
@@ -62,6 +65,7 @@ def identity(study: Study, bases: Bases) -> dict[str, Any]:
         "controllers": [[c.label, c.node] for c in study.contenders],
         "runs": study.runs,
         "seed": study.seed,
+        "draws": {name: _hash(values) for name, values in drawn_values(study).items()},
         "block": study.block,
         "plans": [_as_values(study, key, base) for key, base in bases.items()],
     }
@@ -76,7 +80,7 @@ def digest(what: Mapping[str, Any]) -> str:
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     """Return in words how blocks of an old identity differ from a new one's; empty: not at all."""
-    for name in ("variables", "controllers", "runs", "seed", "block"):
+    for name in ("variables", "controllers", "runs", "seed", "draws", "block"):
         if old.get(name) != new[name]:
             return f"are another study's: its {name} differ{'s' * (name in ('seed', 'block'))}"
     for before, after in zip(old.get("plans", []), new["plans"], strict=False):
@@ -89,6 +93,10 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
                         f"{after['controller']}: {node}.{name} was {was}, is now {value}"
                     )
     return "" if old.get("plans") == new["plans"] else "were made with other parameters"
+
+
+def _hash(values: list[Any]) -> str:
+    return hashlib.sha256(np.array(values).tobytes()).hexdigest()[:16]
 
 
 def _as_values(study: Study, key: Key, base: Base) -> dict[str, Any]:

@@ -60,7 +60,8 @@ Runner = Callable[[Iterable[RunBlock]], Iterator[tuple[int, pa.Table]]]
 def sources() -> str:
     """Return a hash of the sources and of the libraries that decide a run's numbers."""
     libraries = {name: text for name, text in gather().items() if name in ("numpy", "libm")}
-    return f"{loops_fingerprint()}-{fingerprint(metrics)}-{json.dumps(libraries, sort_keys=True)}"
+    code = f"{loops_fingerprint()}-{fingerprint(metrics)}-{fingerprint(plan_of)}"
+    return f"{code}-{json.dumps(libraries, sort_keys=True)}"
 
 
 @cache
@@ -124,6 +125,8 @@ class Sweep:
         self.bases = make_bases(self.study)
         self._identity = identity(self.study, self.bases)
         self._key = {_PROGRAM: sources(), _CONTENT: digest(self._identity)}
+        if self.folder.exists() and not self.folder.is_dir():
+            raise StudyError(f"{self.folder}: is no folder: move it, or give another -o")
         reason = self._foreign()
         if reason:
             raise StudyError(
