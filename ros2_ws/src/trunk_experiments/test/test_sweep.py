@@ -184,6 +184,19 @@ def test_values_that_do_not_fit_one_another_are_told(tmp_path):
     assert (second["status"], second["reason"]) == ("ok", None)
 
 
+def test_a_row_that_no_run_can_be_made_of_is_told(tmp_path):
+    text = STUDY.replace("[pid, fuzzy_pid]", "[pid]").replace("runs: 5\n", "")
+    text = text[: text.index("vary:")] + (
+        "vary:\n  profile: {parameter: pid.reference.profile, values: [topic, constant]}\n"
+    )
+    path = tmp_path / "out.parquet"
+    make(parse_study(text, "study.yaml"), path)
+    first, second = rows(path)
+    assert first["status"] == "refused"
+    assert "nobody publishes references" in first["reason"]
+    assert second["status"] == "ok"
+
+
 def test_rates_vary_together():
     text = STUDY[: STUDY.index("vary:")].replace("runs: 5\n", "") + (
         "vary:\n  rate_hz: {parameter: [simulator.update_rate, controller.update_rate], "

@@ -9,8 +9,8 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from trunk_experiments.batch.compiled import fingerprint
 from trunk_experiments.cli import trunk
+from trunk_experiments.compiled import fingerprint
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.study import design
 from trunk_experiments.study import sweep as module

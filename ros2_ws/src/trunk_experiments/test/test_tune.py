@@ -17,7 +17,7 @@ from trunk_experiments.commands.tune import command
 from trunk_experiments.plans.files import PlanError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline import steps
-from trunk_experiments.tuning.linear import Linear, SampledLoop, largest_delay, linearise, margins
+from trunk_experiments.tuning.linear import Linear, LinearLoop, largest_delay, linearise, margins
 from trunk_experiments.tuning.methods import TuningError, by_lqr, by_poles, relay, ultimate
 from trunk_experiments.tuning.search import fuzzy_space, gains_space
 from trunk_msgs_util.mechanics import Body
@@ -68,7 +68,7 @@ LOOPS = [
 
 @pytest.mark.parametrize(("gains", "h", "rate"), LOOPS, ids=str)
 def test_a_simulation_confirms_the_largest_delay(gains, h, rate):
-    loop = SampledLoop(PLANT, gains, h, rate)
+    loop = LinearLoop(PLANT, gains, h, rate)
     limit = largest_delay(loop)
     assert margins(loop).delay == pytest.approx(limit * h)
     for delay, dies in ((limit, True), (limit + 1, False)):
@@ -104,7 +104,7 @@ def test_a_simulation_confirms_the_largest_delay(gains, h, rate):
 )
 @pytest.mark.parametrize("rate", [True, False])
 def test_the_largest_delay_is_what_counting_finds(poles, rate):
-    loop = SampledLoop(PLANT, by_poles(PLANT, poles), 0.005, rate)
+    loop = LinearLoop(PLANT, by_poles(PLANT, poles), 0.005, rate)
     counted = next(d for d in range(60) if not replace(loop, delay=d + 1).stable)
     assert largest_delay(loop) == counted > 1
     assert largest_delay(loop, limit=2) == 2
@@ -112,7 +112,7 @@ def test_the_largest_delay_is_what_counting_finds(poles, rate):
 
 def test_a_slow_loop_has_a_phase_margin():
     """Its only crossover lies at a thousandth of the Nyquist frequency."""
-    loop = SampledLoop(PLANT, by_poles(PLANT, (-1.0, -2.0)), 0.002)
+    loop = LinearLoop(PLANT, by_poles(PLANT, (-1.0, -2.0)), 0.002)
     (crossover,) = loop.crossovers()
     assert crossover * loop.h / np.pi < 1.2e-3
     found = margins(loop)
@@ -122,11 +122,11 @@ def test_a_slow_loop_has_a_phase_margin():
 
 def test_margins_of_an_unstable_loop():
     with pytest.raises(ValueError, match="unstable"):
-        margins(SampledLoop(PLANT, Gains(100.0, 0.0, 0.0), 0.001))
+        margins(LinearLoop(PLANT, Gains(100.0, 0.0, 0.0), 0.001))
 
 
 def test_gain_margins_are_edges():
-    loop = SampledLoop(PLANT, Gains(60.0, 36.0, 400.0), 0.001)
+    loop = LinearLoop(PLANT, Gains(60.0, 36.0, 400.0), 0.001)
     found = margins(loop)
     for factor, stable in (
         (0.999 * found.gain_up, True),

@@ -266,7 +266,7 @@ def _write(
 
 
 def _say_margins(plan: RunPlan, config: Any, plant: Linear | None) -> None:
-    from ..tuning.linear import SampledLoop, linearise, margins
+    from ..tuning.linear import LinearLoop, linearise, margins
 
     linear = plant or linearise(plan.simulator.body)
     if plan.controller_name == "computed_torque":
@@ -274,7 +274,7 @@ def _say_margins(plan: RunPlan, config: Any, plant: Linear | None) -> None:
     corners = {"gains": config.gains} if hasattr(config, "gains") else _corners(config)
     rows = []
     for label, gains in corners.items():
-        loop = SampledLoop(
+        loop = LinearLoop(
             linear, gains, seconds(plan.controller.period_ns), config.derivative_mode == "rate"
         )
         if not loop.stable:

@@ -27,6 +27,7 @@ from ..analysis.metrics import Metrics, metrics
 from ..batch.closed_loop import Batch, loops_fingerprint
 from ..batch.workers import IN_FLIGHT, as_completed_bounded, worker_pool
 from ..compiled import fingerprint
+from ..plans.files import PlanError
 from ..runs.graph import RunError
 from .bases import make_bases, plan_of
 from .design import design
@@ -76,11 +77,10 @@ def run_block(block: RunBlock) -> pa.Table:
     for values in zip(*columns.values(), strict=True):
         row = dict(zip(columns, values, strict=True))
         try:
-            plan = plan_of(block.study, block.bases, row)
-        except ParameterError as error:
+            outcome = _batch().run(plan_of(block.study, block.bases, row))
+        except (ParameterError, PlanError) as error:
             results.append({"status": "refused", "reason": str(error)})
             continue
-        outcome = _batch().run(plan)
         found = outcome.metrics()
         if found is None:
             results.append({"status": "diverged", "diverged_at_s": outcome.diverged_at})

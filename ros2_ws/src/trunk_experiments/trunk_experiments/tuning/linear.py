@@ -66,7 +66,7 @@ def linearise(plant: Body) -> Linear:
 
 
 @dataclass(frozen=True)
-class SampledLoop:
+class LinearLoop:
     """A sampled PID loop around the linearised trunk: period h, torque held, angle delayed.
 
     ``delay`` counts whole periods. ``rate``: the derivative is the measured rate, otherwise it is the
@@ -161,7 +161,7 @@ class Margins(NamedTuple):
     delay: float  # s, the largest that it tolerates, in whole periods
 
 
-def margins(loop: SampledLoop) -> Margins:
+def margins(loop: LinearLoop) -> Margins:
     """Return a stable loop's margins. Raises ValueError where it is not stable.
 
     Gains are found by bisection on the loop's own eigenvalues, the phase at the crossovers of the
@@ -180,7 +180,7 @@ def margins(loop: SampledLoop) -> Margins:
     )
 
 
-def largest_delay(loop: SampledLoop, limit: int = 400) -> int:
+def largest_delay(loop: LinearLoop, limit: int = 400) -> int:
     """Return how many periods of delay the loop tolerates on top of its own, up to a limit.
 
     A delay turns the phase alone: an eigenvalue leaves the unit circle first at the crossover whose phase
@@ -196,16 +196,16 @@ def largest_delay(loop: SampledLoop, limit: int = 400) -> int:
     return delay
 
 
-def _delayed(loop: SampledLoop, extra: int) -> SampledLoop:
-    return SampledLoop(loop.plant, loop.gains, loop.h, loop.rate, loop.delay + extra)
+def _delayed(loop: LinearLoop, extra: int) -> LinearLoop:
+    return LinearLoop(loop.plant, loop.gains, loop.h, loop.rate, loop.delay + extra)
 
 
-def _edge(loop: SampledLoop, inside: float, outside: float) -> float:
+def _edge(loop: LinearLoop, inside: float, outside: float) -> float:
     """Return the factor on all gains at which stability ends, on the way from 1 to ``outside``."""
 
     def stable(factor: float) -> bool:
         gains = Gains(*(factor * gain for gain in loop.gains))
-        return SampledLoop(loop.plant, gains, loop.h, loop.rate, loop.delay).stable
+        return LinearLoop(loop.plant, gains, loop.h, loop.rate, loop.delay).stable
 
     steps = np.geomspace(inside, outside, 200)
     unstable = next((float(f) for f in steps[1:] if not stable(float(f))), None)
