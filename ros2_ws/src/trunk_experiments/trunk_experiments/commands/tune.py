@@ -15,12 +15,12 @@ from rich.progress import BarColumn, Progress, TextColumn
 from trunk_control.pid import Gains
 from trunk_msgs_util.parameters.declarations import Value, build, values_of
 from trunk_msgs_util.parameters.files import write
-from trunk_msgs_util.units import seconds
 
 from ..analysis.metrics import Metrics
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan, make_plan
 from .common import FiniteRange, Function, check_output, print_table
+from .margins import print_margins
 
 if TYPE_CHECKING:
     from ..tuning.linear import Linear
@@ -259,50 +259,7 @@ def _write(
             for key, value in values.items()
         ],
     )
-    _say_margins(plan, config, plant)
+    print_margins(plan, config, plant)
     if options["output"] is not None:
         write(options["output"], {name: values})
         click.echo(f"{options['output']}: for --params, or ros2 run … --ros-args --params-file")
-
-
-def _say_margins(plan: RunPlan, config: Any, plant: Linear | None) -> None:
-    from ..tuning.linear import LinearLoop, linearise, margins
-
-    linear = plant or linearise(plan.simulator.body)
-    if plan.controller_name == "computed_torque":
-        linear = linear._replace(a=0.0, b=1.0)
-    corners = {"gains": config.gains} if hasattr(config, "gains") else _corners(config)
-    rows = []
-    for label, gains in corners.items():
-        loop = LinearLoop(
-            linear, gains, seconds(plan.controller.period_ns), config.derivative_mode == "rate"
-        )
-        if not loop.stable:
-            rows.append((label, "UNSTABLE", f"spectral radius {loop.radius():.4g}", "", "", ""))
-            continue
-        m = margins(loop)
-        rows.append(
-            (
-                label,
-                f"{m.gain_down:.3g} to {m.gain_up:.3g}",
-                f"{m.phase_deg:.1f}",
-                f"{m.modulus:.3f}",
-                f"{1e3 * m.delay:.4g}",
-                f"{loop.radius():.6f}",
-            )
-        )
-    print_table(
-        f"margins of the sampled loop at {plan.controller.update_rate:g} Hz, linearised trunk",
-        ("at", "gain, factor", "phase °", "modulus", "delay ms", "spectral radius"),
-        rows,
-    )
-
-
-def _corners(config: Any) -> dict[str, Gains]:
-    """Return the corners of a fuzzy gain box, at the middle alpha: constant gains, not a proof."""
-    alpha = sum(config.alpha_centers) / len(config.alpha_centers)
-    return {
-        f"kp {p:.4g}, kd {d:.4g}": Gains(p, p * p / (alpha * d), d)
-        for p in (config.p_min, config.p_max)
-        for d in (config.d_min, config.d_max)
-    }
