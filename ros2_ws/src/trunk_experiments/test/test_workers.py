@@ -25,6 +25,11 @@ vary:
 """
 
 
+def _one_thread(_count):
+    """Return a pool for any number of workers: compiling is not for several threads at once."""
+    return ThreadPoolExecutor(1)
+
+
 @pytest.fixture
 def sweep(tmp_path):
     made = Sweep(parse_study(STUDY, "study.yaml"), tmp_path / "out.parquet")
@@ -47,7 +52,7 @@ def test_endless_items_are_taken_as_they_are_needed():
 
 
 def test_blocks_are_made_as_they_are_needed(sweep, monkeypatch):
-    monkeypatch.setattr(module, "worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr(module, "worker_pool", _one_thread)
     taken = []
 
     def blocks():
@@ -65,6 +70,9 @@ class _Broken(ThreadPoolExecutor):
     """A pool whose processes died before the second task came."""
 
     submitted = 0
+
+    def __init__(self, _count):
+        super().__init__(1)
 
     def submit(self, *arguments, **named):
         self.submitted += 1
@@ -91,7 +99,7 @@ def _no_memory(block):
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_run_without_memory_is_one_line(sweep, monkeypatch, jobs):
-    monkeypatch.setattr(module, "worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr(module, "worker_pool", _one_thread)
     monkeypatch.setattr(module, "run_block", _no_memory)
     with pytest.raises(SweepError, match="not enough memory"):
         sweep.run(processes(jobs))
