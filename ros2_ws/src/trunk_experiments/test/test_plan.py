@@ -116,7 +116,7 @@ BAD = {
         PlanError,
         "no integer divisor",
     ),
-    "another joint": (("fig6", "pid", [], ["pid.joint=knee"]), {}, PlanError, "hip, trunk"),
+    "another joint": (("fig6", "pid", [], ["pid.joint=knee"]), {}, PlanError, "the simulator takes commands"),
     "a negative duration": (
         ("fig6", "pid"),
         {"everywhere": {"duration": -1.0}},
@@ -148,3 +148,22 @@ def test_a_derivative_gain_near_the_sampled_bound_is_warned_of(rate, says):
 def test_a_controller_slower_than_the_plant_is_allowed():
     plan = make_plan("fig6", "pid", settings=["pid.update_rate=250"])
     assert plan.controller.period_ns == 4 * plan.simulator.period_ns
+
+
+@pytest.mark.parametrize(
+    "value", ["[1", "? [a]", "&a [*a]", "[" * 5000, "0x_", "2026-13-45", "!!int ''"], ids=repr
+)
+def test_a_value_that_is_not_yaml_is_one_short_line(value):
+    with pytest.raises(
+        PlanError, match=r"^--set .simulator\.seed=.*cannot be read: line 1: "
+    ) as caught:
+        make_plan("fig6", "pid", settings=[f"simulator.seed={value}"])
+    assert len(str(caught.value)) < 250
+
+
+@pytest.mark.parametrize("text", ["inf", ".inf", "1e400"])
+def test_an_infinite_value_may_be_written_as_people_do(text):
+    assert (
+        make_plan("fig6", "pid", settings=[f"simulator.max_effort={text}"]).simulator.max_effort
+        == math.inf
+    )

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from trunk_experiments.errors import StudyError
-from trunk_experiments.study.design import make_bases
+from trunk_experiments.study.bases import make_bases
 from trunk_experiments.study.draws import Distribution
 from trunk_experiments.study.file import parse_study, read_study
+from trunk_experiments.study.resolved import identity
 
 HEAD = "scenario: fig6\ncontrollers: [pid]\n"
 DELAY = "vary:\n  delay: {parameter: simulator.sensor.delay, values: [0.0]}\n"
@@ -21,6 +22,11 @@ def vary(entry: str, head: str = HEAD) -> str:
 MISTAKES = {
     "no mapping": ("- 1\n", "the file: is [1]: a mapping is needed"),
     "not yaml": ("a: [1\n", "line 2: "),
+    "a list for a key": ("? [a]\n: 1\n", "line 1: a list or mapping"),
+    "an endless study": ("&a [*a]\n", "line 1: an alias, '*a'"),
+    "a deep study": ("[" * 5000, "line 1: nested more than 50 deep"),
+    "a key twice": (HEAD + HEAD, "line 3: 'scenario' stands twice"),
+    "no such date": (HEAD + "params: 2026-13-45\n", "line 3: '2026-13-45' is no"),
     "unknown key": (HEAD + DELAY + "run: 3\n", "unknown key 'run': one of scenario"),
     "no scenario": ("controllers: [pid]\n" + DELAY, "scenario: missing"),
     "no controller": (HEAD.replace("pid", "pod") + DELAY, "controllers.pod: is 'pod': pid, fuzzy"),
@@ -124,9 +130,14 @@ def test_numbers_as_people_write_them():
 
 
 def test_comments_are_no_content():
-    one = parse_study(HEAD + DELAY, "a.yaml")
-    assert one.content == parse_study("# a comment\n" + HEAD + DELAY, "b.yaml").content
-    assert one.content != parse_study(HEAD + DELAY.replace("0.0", "0.1"), "a.yaml").content
+    def content(text, source):
+        study = parse_study(text, source)
+        return identity(study, make_bases(study))
+
+    one = content(HEAD + DELAY, "a.yaml")
+    assert one == content("# a comment\n" + HEAD + DELAY, "b.yaml")
+    assert one != content(HEAD + DELAY.replace("0.0", "0.1"), "a.yaml")
+    assert one != content(HEAD + "duration: 3.0\n" + DELAY, "a.yaml")
 
 
 @pytest.mark.parametrize(

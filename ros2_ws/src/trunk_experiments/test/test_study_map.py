@@ -81,6 +81,32 @@ def test_what_cannot_be_drawn_is_told(path, tmp_path):
         Results.read(tmp_path / "other.parquet")
 
 
+def _changed(path, target, metadata=None, rows=slice(None)):
+    table = pq.read_table(path)
+    told = {**table.schema.metadata, **(metadata or {})}
+    told = {name: value for name, value in told.items() if value is not None}
+    indices = list(range(len(table)))[rows]
+    pq.write_table(table.take(pa.array(indices, pa.int64())).replace_schema_metadata(told), target)
+    return target
+
+
+def test_results_that_are_damaged_are_one_line(path, tmp_path):
+    target = tmp_path / "changed.parquet"
+    for grid in (None, b"[", b"3", b"[3]"):
+        with pytest.raises(StudyError, match="not written by trunk sweep"):
+            Results.read(_changed(path, target, {b"grid": grid}))
+    with pytest.raises(StudyError, match=r"changed\.parquet: there are no runs in it"):
+        Results.read(_changed(path, target, rows=slice(0)))
+    with pytest.raises(StudyError, match="'pid' and 'fuzzy_pid' did not meet the same draws"):
+        compare_study(Results.read(_changed(path, target, rows=slice(-1))))
+    with pytest.raises(StudyError, match="there is no such file"):
+        Results.read(tmp_path / "nix.parquet")
+    for plans in (b"[", b"[3]", b"3", b"[]", b'[{"parameters": {"simulator": {"nix": 1}}}]'):
+        results = Results.read(_changed(path, target, {b"plans": plans}))
+        with pytest.raises(StudyError, match="this version does not understand"):
+            results.bases()
+
+
 def test_differences_are_over_the_same_draws(path):
     results = Results.read(path)
     rows = results.table.to_pylist()
@@ -112,6 +138,24 @@ def test_intervals_cover_the_truth():
         d = _difference("iae", "a", "b", a + rng.normal(0.3, 0.5, 60), a)
         inside += d.low <= 0.3 <= d.high
     assert 86 <= inside <= 100
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "smaller"),
+    [
+        ([1.0, 2.0, 3.0, 4.0], [1.0, 2.0, 5.0, 0.0], 0.5),  # two ties, one smaller, one larger
+        ([1.0, 2.0, 3.0, 4.0], [1.0, 2.0, 3.0, 5.0], 0.625),
+        ([1.0, 2.0, 3.0, 4.0], [1.0, 2.0, 3.0, 0.0], 0.375),
+        ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], 0.5),  # such as falls, where nobody falls
+        ([0.0, 0.0], [1.0, 1.0], 1.0),
+    ],
+)
+def test_a_tie_counts_half_for_each(a, b, smaller):
+    from trunk_experiments.study.compare import _difference
+
+    first, second = np.array(a), np.array(b)
+    assert _difference("iae", "a", "b", first, second).smaller == smaller
+    assert _difference("iae", "b", "a", second, first).smaller == 1.0 - smaller
 
 
 @pytest.mark.parametrize("form", ["--json", "--csv", "--markdown", None])

@@ -13,12 +13,11 @@ import pytest
 
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
-from trunk_experiments.batch import workers
 from trunk_experiments.errors import StudyError, SweepError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.study import sweep as module
-from trunk_experiments.study.design import design, make_bases, plan_of
+from trunk_experiments.study.bases import make_bases, plan_of
+from trunk_experiments.study.design import design
 from trunk_experiments.study.file import parse_study, read_study, shipped_studies
 from trunk_experiments.study.sweep import METRICS, Sweep, processes, run_block
 from trunk_msgs_util.recording.reader import Recording
@@ -154,7 +153,9 @@ def test_sigkill_loses_no_finished_block(tmp_path):
 def test_blocks_of_another_study_are_refused(study, tmp_path):
     Sweep(study, tmp_path / "out.parquet").start()
     other = parse_study(STUDY.replace("0.3]", "0.2]"), "study.yaml")
-    with pytest.raises(StudyError, match="finished blocks of another study"):
+    with pytest.raises(
+        StudyError, match="its finished blocks are another study's: its variables differ"
+    ):
         Sweep(other, tmp_path / "out.parquet").start()
 
 
@@ -183,6 +184,19 @@ def test_values_that_do_not_fit_one_another_are_told(tmp_path):
     assert (second["status"], second["reason"]) == ("ok", None)
 
 
+def test_a_row_that_no_run_can_be_made_of_is_told(tmp_path):
+    text = STUDY.replace("[pid, fuzzy_pid]", "[pid]").replace("runs: 5\n", "")
+    text = text[: text.index("vary:")] + (
+        "vary:\n  profile: {parameter: pid.reference.profile, values: [topic, constant]}\n"
+    )
+    path = tmp_path / "out.parquet"
+    make(parse_study(text, "study.yaml"), path)
+    first, second = rows(path)
+    assert first["status"] == "refused"
+    assert "nobody publishes references" in first["reason"]
+    assert second["status"] == "ok"
+
+
 def test_rates_vary_together():
     text = STUDY[: STUDY.index("vary:")].replace("runs: 5\n", "") + (
         "vary:\n  rate_hz: {parameter: [simulator.update_rate, controller.update_rate], "
@@ -206,11 +220,3 @@ def test_shipped_studies_are_sound(name):
     columns = design(study, 0, 3)
     for values in zip(*columns.values(), strict=True):
         plan_of(study, bases, dict(zip(columns, values, strict=True)))
-
-
-def test_a_broken_pool_is_one_line(study, monkeypatch):
-    monkeypatch.setattr(workers, "_end_with_parent", os._exit)  # its missing argument ends a worker
-    bases = make_bases(study)
-    block = module.Block(0, study, bases, design(study, 0, 1))
-    with pytest.raises(SweepError, match="a worker process was killed"):
-        list(processes(2)([block, block]))

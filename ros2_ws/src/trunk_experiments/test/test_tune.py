@@ -14,10 +14,10 @@ from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.lqr_law import LqrConfig
 from trunk_control.pid import Gains
 from trunk_experiments.commands.tune import command
-from trunk_experiments.errors import TuningError
+from trunk_experiments.errors import PlanError, TuningError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline import steps
-from trunk_experiments.tuning.linear import Linear, Loop, largest_delay, linearise, margins
+from trunk_experiments.tuning.linear import Linear, LinearLoop, largest_delay, linearise, margins
 from trunk_experiments.tuning.methods import by_lqr, by_poles, relay, ultimate
 from trunk_experiments.tuning.search import fuzzy_space, gains_space
 from trunk_msgs_util.mechanics import Body
@@ -28,6 +28,12 @@ PLANT = linearise(Body())
 def test_linearise_gives_the_textbook_pendulum():
     found = linearise(Body(trunk_mass=2.0, length=0.5, gravity=9.0))
     assert (found.a, found.b) == (pytest.approx(18.0), pytest.approx(2.0))
+
+
+@pytest.mark.parametrize("length", [1e-200, 1e-160])
+def test_a_plant_beyond_floating_point_is_refused(length):
+    with pytest.raises(PlanError, match=r"the plant cannot be linearised: plant\.length"):
+        linearise(Body(length=length))
 
 
 @given(st.lists(st.floats(-40.0, -0.5), min_size=2, max_size=3, unique=True))
@@ -62,7 +68,7 @@ LOOPS = [
 
 @pytest.mark.parametrize(("gains", "h", "rate"), LOOPS, ids=str)
 def test_a_simulation_confirms_the_largest_delay(gains, h, rate):
-    loop = Loop(PLANT, gains, h, rate)
+    loop = LinearLoop(PLANT, gains, h, rate)
     limit = largest_delay(loop)
     assert margins(loop).delay == pytest.approx(limit * h)
     for delay, dies in ((limit, True), (limit + 1, False)):
@@ -93,13 +99,34 @@ def test_a_simulation_confirms_the_largest_delay(gains, h, rate):
         assert (np.max(angles[-quarter:]) < np.max(angles[quarter : 2 * quarter])) == dies
 
 
+@pytest.mark.parametrize(
+    "poles", [(-12.0, -8.0, -2.0), (-3.0, -4.0), (-1.0, -2.0), (-20.0, -1.0), (-30.0, -7.0, -0.2)]
+)
+@pytest.mark.parametrize("rate", [True, False])
+def test_the_largest_delay_is_what_counting_finds(poles, rate):
+    loop = LinearLoop(PLANT, by_poles(PLANT, poles), 0.005, rate)
+    counted = next(d for d in range(60) if not replace(loop, delay=d + 1).stable)
+    assert largest_delay(loop) == counted > 1
+    assert largest_delay(loop, limit=2) == 2
+
+
+def test_a_slow_loop_has_a_phase_margin():
+    """Its only crossover lies at a thousandth of the Nyquist frequency."""
+    loop = LinearLoop(PLANT, by_poles(PLANT, (-1.0, -2.0)), 0.002)
+    (crossover,) = loop.crossovers()
+    assert crossover * loop.h / np.pi < 1.2e-3
+    found = margins(loop)
+    assert np.radians(found.phase_deg) / crossover == pytest.approx(found.delay, abs=loop.h)
+    assert found.modulus < 2.0 * np.sin(np.radians(found.phase_deg) / 2.0) + 1e-9
+
+
 def test_margins_of_an_unstable_loop():
     with pytest.raises(ValueError, match="unstable"):
-        margins(Loop(PLANT, Gains(100.0, 0.0, 0.0), 0.001))
+        margins(LinearLoop(PLANT, Gains(100.0, 0.0, 0.0), 0.001))
 
 
 def test_gain_margins_are_edges():
-    loop = Loop(PLANT, Gains(60.0, 36.0, 400.0), 0.001)
+    loop = LinearLoop(PLANT, Gains(60.0, 36.0, 400.0), 0.001)
     found = margins(loop)
     for factor, stable in (
         (0.999 * found.gain_up, True),
@@ -184,9 +211,23 @@ def test_a_search_is_reproducible_and_no_worse_than_its_start(controller, tmp_pa
     assert make_plan("fig6", controller, [str(tmp_path / "a.yaml")])
 
 
+@pytest.mark.parametrize(
+    ("duration", "says"), [("0.0", "needs an end"), ("1e6", "at most 20000000")]
+)
+def test_a_search_over_runs_that_cannot_be_made_is_refused(duration, says):
+    with pytest.raises(PlanError, match=f"fig6: .*{says}"):
+        invoke("optimise", "--set", f"simulator.duration={duration}")
+
+
+@pytest.mark.parametrize("verb", [["poles"], ["lqr"], ["optimise"]], ids=str)
+def test_a_folder_that_is_not_there_is_told_first(tmp_path, verb):
+    with pytest.raises(PlanError, match="there is no folder"):
+        invoke(*verb, "-o", tmp_path / "none" / "gains.yaml")
+
+
 def test_a_file_is_not_overwritten(tmp_path):
     path = tmp_path / "gains.yaml"
     path.write_text("mine")
-    with pytest.raises(FileExistsError, match="--force"):
+    with pytest.raises(PlanError, match="--force"):
         invoke("poles", "-o", path)
     assert path.read_text() == "mine"

@@ -76,6 +76,27 @@ BROKEN = {
     "a list": ("- a\n", "not a mapping"),
     "nothing for a node": ("a: 3\n", "not a mapping"),
     "no parameters": ("{}\n", "no ros__parameters"),
+    "a list for a key": (
+        "n:\n  ros__parameters:\n    ? [a]\n    : 1\n",
+        "line 3: a list or mapping",
+    ),
+    "a mapping for a key": ("? {a: 1}\n: 2\n", "line 1: a list or mapping"),
+    "an endless list": ("n:\n  ros__parameters: &a [*a]\n", "line 2: an alias, '*a'"),
+    "an alias": ("n:\n  ros__parameters: &a {x: 1}\nm: *a\n", "line 3: an alias, '*a'"),
+    "an alias for a key": ("n: &a b\n*a : 1\n", "line 2: an alias, '*a'"),
+    "aliases that grow": (
+        "a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\nn: {ros__parameters: {x: *c}}\n",
+        "line 2: an alias, '*a'",
+    ),
+    "deep lists": ("n: " + "[" * 5000 + "]" * 5000, "line 1: nested more than 50 deep"),
+    "deep mappings": ("n: " + "{a: " * 5000 + "}" * 5000, "line 1: nested more than 50 deep"),
+    "no such date": ("n:\n  ros__parameters:\n    x: 2026-13-45\n", "line 3: '2026-13-45' is no"),
+    "no digits": ("n:\n  ros__parameters:\n    x: 0x_\n", "line 3: '0x_' is no int"),
+    "no bool": ("n:\n  ros__parameters:\n    x: !!bool q\n", "line 3: 'q' is no bool"),
+    "nothing for a number": ("n:\n  ros__parameters:\n    x: !!int ''\n", "line 3: '' is no int"),
+    "no timestamp": ("n:\n  ros__parameters:\n    x: !!timestamp q\n", "line 3: 'q' is no"),
+    "too many digits": ("n: {ros__parameters: {x: " + "9" * 5000 + "}}\n", "line 1: '99"),
+    "a control character": ("n: \x01\n", "not YAML"),
     "a tag": ("n:\n  ros__parameters:\n    x: !!python/name:os.system\n", "line 3"),
 }
 
@@ -89,6 +110,7 @@ def test_a_broken_file_is_one_line_with_its_place(text, says, tmp_path):
     assert str(path) in str(caught.value)
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 300
 
 
 def test_a_file_that_is_not_there_or_not_text(tmp_path):

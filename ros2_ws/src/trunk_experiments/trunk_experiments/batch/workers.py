@@ -1,26 +1,55 @@
-"""Processes that compute batches: they end with the one that started them."""
+"""Processes that share work on this machine: they end with their parent, and get work as they need it."""
 
 from __future__ import annotations
 
 import os
 import signal
-from concurrent.futures import Future, ProcessPoolExecutor
-from multiprocessing import get_context, parent_process
-from multiprocessing.connection import wait
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from itertools import islice
+from multiprocessing import connection, get_context, parent_process
 from threading import Thread
-from typing import Any
+from typing import Any, TypeVar
 
 from trunk_msgs_util.node import early_signals
 
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
-def worker_pool(count: int) -> ProcessPoolExecutor:
+IN_FLIGHT = 3  # tasks per process: one at work, and the next ones at hand when it is done
+
+
+def worker_pool(count: int) -> Executor:
     """Return a pool whose processes end with this one, even when it is killed."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # theirs: a process per core is enough
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of each worker: there is one per core
     return _Pool(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
 
 
+def as_completed_bounded(
+    pool: Executor, function: Callable[[Item], Result], items: Iterable[Item], limit: int
+) -> Iterator[Result]:
+    """Yield ``function`` of each item, in the order in which they are done.
+
+    At most ``limit`` items are with the pool at a time: more are taken as results come. Raises what the
+    function raises, and BrokenProcessPool where a process died. The pool is shut down at the end.
+    """
+    waiting: set[Future[Result]] = set()
+    items = iter(items)
+    try:
+        while True:
+            for item in islice(items, limit - len(waiting)):
+                waiting.add(pool.submit(function, item))
+            if not waiting:
+                return
+            done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield future.result()
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
 class _Pool(ProcessPoolExecutor):
-    """Ctrl-C is this process's affair: a worker that it meets while importing would say so at length."""
+    """Ctrl-C is for the parent to handle: a worker hit while importing would print a traceback."""
 
     def submit(self, *arguments: Any, **named: Any) -> Future[Any]:
         """Submit; a worker that this starts begins with the signals held back."""
@@ -36,7 +65,7 @@ def _end_with_parent() -> None:
         return
 
     def watch(sentinel: int) -> None:
-        wait([sentinel])
+        connection.wait([sentinel])
         os._exit(1)
 
     Thread(target=watch, args=(parent.sentinel,), daemon=True).start()

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 from statistics import median
@@ -238,7 +238,7 @@ def cores_row(plan: RunPlan, rounds: int) -> BenchRow:
     )
 
 
-def _warm_up(pool: ProcessPoolExecutor, plan: RunPlan, count: int) -> None:
+def _warm_up(pool: Executor, plan: RunPlan, count: int) -> None:
     """Wait until every process of a pool has loaded its code."""
     seen: set[int] = set()
     while len(seen) < count:
@@ -251,7 +251,7 @@ def _warm(plan: RunPlan) -> int:
     return os.getpid()
 
 
-def _pool_time(pool: ProcessPoolExecutor, plan: RunPlan, count: int, runs: int) -> float:
+def _pool_time(pool: Executor, plan: RunPlan, count: int, runs: int) -> float:
     start = perf_counter()
     parts = 4 * count
     for done in [pool.submit(_pool_runs, plan, -(-runs // parts)) for _ in range(parts)]:

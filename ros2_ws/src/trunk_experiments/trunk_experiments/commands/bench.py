@@ -11,12 +11,22 @@ from typing import Any
 
 import click
 
-from .common import print_table
+from .common import FiniteRange, print_table
 
 
 @click.group("bench")
 def command() -> None:
     """Measure speed, as ratios in one run."""
+
+
+def _rounds(default: int) -> Callable[[Any], Any]:
+    return click.option(
+        "--rounds",
+        type=click.IntRange(1, 1000),
+        default=default,
+        show_default=True,
+        help="Rounds, of which the median counts.",
+    )
 
 
 def _show(
@@ -40,8 +50,14 @@ def _show(
 
 
 @command.command("lockstep")
-@click.option("--rounds", default=5, show_default=True, help="Rounds, of which the median counts.")
-@click.option("--steps", default=5000, show_default=True, help="Steps in each run.")
+@_rounds(5)
+@click.option(
+    "--steps",
+    type=click.IntRange(1, 10_000_000),
+    default=5000,
+    show_default=True,
+    help="Steps in each run.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def lockstep(rounds: int, steps: int, as_json: bool) -> None:
     """Lock-step loops against a bare pair of rclpy processes that echo the same messages."""
@@ -63,9 +79,21 @@ def lockstep(rounds: int, steps: int, as_json: bool) -> None:
 
 
 @command.command("realtime")
-@click.option("--rounds", default=3, show_default=True, help="Rounds, of which the median counts.")
-@click.option("--rate", default=1000.0, show_default=True, help="Rate of the loops, Hz.")
-@click.option("--seconds", default=10.0, show_default=True, help="Length of each measurement.")
+@_rounds(3)
+@click.option(
+    "--rate",
+    type=FiniteRange(1.0, 1e5),
+    default=1000.0,
+    show_default=True,
+    help="Rate of the loops, Hz.",
+)
+@click.option(
+    "--seconds",
+    type=FiniteRange(1.0, 3600.0),
+    default=10.0,
+    show_default=True,
+    help="Length of each measurement.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def realtime(rounds: int, rate: float, seconds: float, as_json: bool) -> None:
     """Jitter and latency in real time against a bare rclpy timer and echo."""
@@ -87,7 +115,7 @@ def realtime(rounds: int, rate: float, seconds: float, as_json: bool) -> None:
 
 
 @command.command("core")
-@click.option("--rounds", default=7, show_default=True, help="Rounds, of which the median counts.")
+@_rounds(7)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def core(rounds: int, as_json: bool) -> None:
     """One fuzzy evaluation against pyfuzzylite's, one PID update against simple-pid's."""
@@ -110,9 +138,13 @@ def core(rounds: int, as_json: bool) -> None:
 
 @command.command("read")
 @click.argument("run", required=False, type=click.Path(path_type=Path, exists=True))
-@click.option("--rounds", default=5, show_default=True, help="Rounds, of which the median counts.")
+@_rounds(5)
 @click.option(
-    "--duration", default=20.0, show_default=True, help="Length of the run without RUN, s."
+    "--duration",
+    type=FiniteRange(0.1, 1e5),
+    default=20.0,
+    show_default=True,
+    help="Length of the run without RUN, s.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def read(run: Path | None, rounds: int, duration: float, as_json: bool) -> None:
@@ -135,7 +167,7 @@ def read(run: Path | None, rounds: int, duration: float, as_json: bool) -> None:
 
 
 @command.command("sweep")
-@click.option("--rounds", default=3, show_default=True, help="Rounds, of which the median counts.")
+@_rounds(3)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def sweep(rounds: int, as_json: bool) -> None:
     """Compiled closed-loop runs against MuJoCo's and scikit-fuzzy's; many runs; two cores."""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from math import isfinite
+from pathlib import Path
 from typing import Any, TypeVar
 
 import click
@@ -10,11 +13,25 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from ..errors import PlanError
 from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import parse_swap
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class FiniteRange(click.FloatRange):
+    """A range of floats that holds neither NaN nor, whatever its ends, an infinity."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Return the number. Raises click.BadParameter for what is none, or is not in the range."""
+        number: float = super().convert(value, param, ctx)
+        if not isfinite(number):
+            self.fail(f"{value} is no finite number.", param, ctx)
+        return number
 
 
 def plan_options(function: Function, required: bool = True) -> Function:
@@ -87,6 +104,28 @@ def plan_of(
     for warning in plan.warnings:
         click.echo(f"trunk: warning: {warning}", err=True)
     return plan
+
+
+def check_output(path: Path, suffixes: Sequence[str] = (), force: bool = True) -> None:
+    """Refuse, before any work, an output that could not be written in the end.
+
+    ``suffixes``: what its name may end in, anything where there are none. ``force``: it may be there
+    already. Raises PlanError.
+    """
+    if suffixes and path.suffix.lower() not in suffixes:
+        allowed = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
+        raise PlanError(f"--output {path}: the file's name ends in {allowed}")
+    folder = path.parent
+    if not folder.exists():
+        raise PlanError(f"--output {path}: there is no folder {folder}: make it, or give another")
+    if not folder.is_dir():
+        raise PlanError(f"--output {path}: {folder} is not a folder: give another")
+    if not os.access(folder, os.W_OK):
+        raise PlanError(f"--output {path}: {folder} cannot be written to: give another")
+    if path.is_dir():
+        raise PlanError(f"--output {path}: it is a folder: name a file")
+    if path.exists() and not force:
+        raise PlanError(f"--output {path}: it exists: give another name, or --force")
 
 
 def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

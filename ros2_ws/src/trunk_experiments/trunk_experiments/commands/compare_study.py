@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from ..study.compare import Difference, compare_study
+from ..study.compare import PairedDifference, compare_study
 from ..study.results import Results
 from .common import print_table
 
@@ -26,7 +26,7 @@ def show(path: Path, form: str | None) -> None:
     elif form == "csv":
         text = io.StringIO()
         writer = csv.DictWriter(
-            text, [*(f.name for f in fields(Difference)), "verdict"], lineterminator="\n"
+            text, [*(f.name for f in fields(PairedDifference)), "verdict"], lineterminator="\n"
         )
         writer.writeheader()
         writer.writerows(as_values(d) for d in found)
@@ -39,7 +39,7 @@ def show(path: Path, form: str | None) -> None:
         print_table(title, HEADER, [_cells(d) for d in found])
 
 
-def as_values(difference: Difference) -> dict[str, object]:
+def as_values(difference: PairedDifference) -> dict[str, object]:
     """Return a difference as plain values; None for what does not exist."""
     values = {
         name: None if isinstance(value, float) and not isfinite(value) else value
@@ -48,7 +48,7 @@ def as_values(difference: Difference) -> dict[str, object]:
     return {**values, "verdict": difference.verdict}
 
 
-def _cells(d: Difference) -> tuple[str, ...]:
+def _cells(d: PairedDifference) -> tuple[str, ...]:
     told = d.low <= d.high
     return (
         d.metric,

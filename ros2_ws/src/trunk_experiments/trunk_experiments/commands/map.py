@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
 from ..errors import PlanError
+from .common import check_output
+from .reading import progress_bar
+from .sweep import run_sweep
 
 
 @click.command("map")
@@ -26,9 +30,7 @@ from ..errors import PlanError
     help="The column that is coloured.",
 )
 @click.option("--no-floquet", is_flag=True, help="Leave out the line of the Floquet multipliers.")
-@click.pass_context
 def command(
-    ctx: click.Context,
     source: str,
     output: Path | None,
     x: str | None,
@@ -47,24 +49,48 @@ def command(
     from ..views.plot_style import SUFFIXES, save
 
     path = Path(source)
-    if path.suffix != ".parquet":
-        from .sweep import command as sweep
-
+    swept = path.suffix == ".parquet"
+    if not swept:
         path = Path(f"{path.stem}.parquet")
-        if path.exists():
-            raise PlanError(f"{path} exists: give it in place of {source}, or delete it")
-        ctx.invoke(sweep, study=source, output=path, force=False)
     target = output or path.with_suffix(".png")
-    if target.suffix.lower() not in SUFFIXES:
-        raise click.BadParameter(
-            f"{target}: a picture's name ends in one of {', '.join(SUFFIXES)}", param_hint="-o"
-        )
+    check_output(target, tuple(SUFFIXES))
+    if output is None and target.exists():
+        raise PlanError(f"{target}: it exists: name it with -o to replace it")
+    if not swept:
+        _sweep(source, path, (x, y), metric)
     results = Results.read(path)
-    if len(results.grid) < 2 and not (x and y):
-        raise PlanError(
-            f"{path}: a map needs two grid variables; there are: {', '.join(results.grid) or 'none'}"
-        )
-    axes = x or results.grid[0], y or results.grid[1]
-    found = panels(results, metric, axes, not no_floquet)
+    axes = choose_axes(results.grid, x, y, str(path))
+    with progress_bar("Floquet multipliers") as tell:
+        found = panels(results, metric, axes, not no_floquet, tell)
     save(draw(found, metric, axes, f"{path.stem}: {len(results.table)} runs"), target)
     click.echo(f"{target}: {len(found)} controllers over {axes[0]} and {axes[1]}")
+
+
+def _sweep(source: str, path: Path, wanted: tuple[str | None, str | None], metric: str) -> None:
+    """Sweep a study into a file. Raises PlanError, before the first run, where no map comes of it."""
+    from ..study.file import read_study
+    from ..study.map import check_mappable
+    from ..study.sweep import Sweep
+
+    if path.exists():
+        raise PlanError(f"{path}: it exists: give it in place of {source}, or delete it")
+    study = read_study(source)
+    check_mappable(study, choose_axes([v.name for v in study.grid], *wanted, source), metric)
+    run_sweep(Sweep(study, path))
+
+
+def choose_axes(grid: Sequence[str], x: str | None, y: str | None, source: str) -> tuple[str, str]:
+    """Return the grid variables to the right and upwards: the first ones that are not given otherwise.
+
+    Raises PlanError where there are not two.
+    """
+    known = ", ".join(grid) or "none"
+    for name in (x, y):
+        if name is not None and name not in grid:
+            raise PlanError(f"{source}: {name!r} is no grid variable; there are: {known}")
+    if x is not None and x == y:
+        raise PlanError(f"{source}: --x and --y are both {x!r}: give two of {known}")
+    if len(grid) < 2:
+        raise PlanError(f"{source}: a map needs two grid variables; there are: {known}")
+    right = x or next(name for name in grid if name != y)
+    return right, y or next(name for name in grid if name != right)

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeRemainingColumn,
-)
 
-from ..errors import PlanError
+from .common import check_output
+from .reading import progress_bar
+
+if TYPE_CHECKING:
+    from ..study.sweep import Sweep
 
 
 @click.command("sweep")
@@ -30,7 +27,7 @@ from ..errors import PlanError
 @click.option("--force", is_flag=True, help="Replace the file where it exists.")
 @click.option(
     "--jobs",
-    type=click.IntRange(min=1),
+    type=click.IntRange(1, 1024),
     help="Processes on this machine.  [default: one per core]",
 )
 @click.option(
@@ -44,25 +41,31 @@ def command(
 ) -> None:
     """Run STUDY, a YAML file or a shipped study's name: grids and seeded draws over parameters.
 
-    A sweep that was interrupted, even by kill -9, goes on where it was when the same command is given
+    A sweep that was interrupted, even by kill -9, resumes when the same command is given
     again. The same study gives the same file, however it was run.
     """
     from ..study.file import read_study
-    from ..study.sweep import Sweep, outcome_counts, processes
+    from ..study.sweep import Sweep
 
-    if output.exists() and not force:
-        raise PlanError(f"--output {output}: it exists; give another name, or --force")
+    check_output(output, (".parquet",), force)
     sweep = Sweep(read_study(study), output)
-    total = sweep.study.total
     if check:
         sweep.check()
-        click.echo(f"{study}: {total} runs in {sweep.blocks} blocks")
-        return
-    finished = sweep.start()
+        click.echo(f"{study}: {sweep.study.total} runs in {sweep.blocks} blocks")
+    else:
+        run_sweep(sweep, jobs, scheduler)
+
+
+def run_sweep(sweep: Sweep, jobs: int | None = None, scheduler: str | None = None) -> None:
+    """Run a sweep, or the rest of an interrupted one, with a progress bar; say how its runs ended."""
+    from ..study.sweep import outcome_counts, processes
+
+    total = sweep.study.total
+    done = sweep.start()
     for warning in sweep.warnings:
         click.echo(f"trunk: warning: {warning}", err=True)
-    if finished:
-        click.echo(f"going on: {finished} of {total} runs are there", err=True)
+    if done:
+        click.echo(f"resuming: {done} of {total} runs are done", err=True)
     if scheduler is None:
         missing = len(sweep.missing)
         runner = processes(max(1, min(jobs or len(os.sched_getaffinity(0)), missing)))
@@ -70,18 +73,15 @@ def command(
         from ..study.cluster import dask_runner
 
         runner = dask_runner(scheduler)
-    console = Console(stderr=True)
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    ) as progress:
-        task = progress.add_task("runs", total=total, completed=finished)
-        sweep.run(runner, lambda runs: progress.advance(task, runs))
+    with progress_bar("runs") as tell:
+        tell(done, total)
+
+        def progress(runs: int) -> None:
+            nonlocal done
+            done += runs
+            tell(done, total)
+
+        sweep.run(runner, progress)
     sweep.finish()
-    told = ", ".join(f"{count} {name}" for name, count in outcome_counts(output).items())
-    click.echo(f"{output}: {total} runs: {told}")
+    told = ", ".join(f"{count} {name}" for name, count in outcome_counts(sweep.output).items())
+    click.echo(f"{sweep.output}: {total} runs: {told}")

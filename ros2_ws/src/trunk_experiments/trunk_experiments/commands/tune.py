@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from math import inf, radians
 from pathlib import Path
@@ -14,12 +15,12 @@ from rich.progress import BarColumn, Progress, TextColumn
 from trunk_control.pid import Gains
 from trunk_msgs_util.parameters.declarations import Value, build, values_of
 from trunk_msgs_util.parameters.files import write
-from trunk_msgs_util.units import seconds
 
 from ..analysis.metrics import Metrics
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan, make_plan
-from .common import print_table
+from .common import FiniteRange, Function, check_output, print_table
+from .margins import print_margins
 
 if TYPE_CHECKING:
     from ..tuning.linear import Linear
@@ -28,7 +29,7 @@ _METRICS = tuple(name for name in Metrics.__dataclass_fields__ if not name.start
 
 
 def _options(function: Any) -> Any:
-    """Add what every method takes: the plant, the profile and rate, and where the gains go."""
+    """Add the options of every method: plant, profile, rate, and the output file."""
     options = [
         click.option(
             "-o",
@@ -44,15 +45,29 @@ def _options(function: Any) -> Any:
             help="Plant, profile: a parameter file, by path or shipped name; repeatable.",
         ),
         click.option(
-            "--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="One value."
+            "--set",
+            "settings",
+            multiple=True,
+            metavar="NODE.PARAM=VALUE",
+            help="One value; repeatable.",
         ),
         click.option(
-            "--rate", type=float, metavar="HZ", help="update_rate of the sampled loop, Hz."
+            "--rate",
+            type=FiniteRange(0.001, 1e6),
+            metavar="HZ",
+            help="update_rate of the sampled loop, Hz.",
         ),
     ]
     for option in reversed(options):
         function = option(function)
     return function
+
+
+def _largest(name: str, default: float, text: str) -> Callable[[Function], Function]:
+    """Add a largest acceptable value: the range keeps the Riccati equation solvable."""
+    return click.option(
+        name, type=FiniteRange(1e-6, 1e6), default=default, show_default=True, help=text
+    )
 
 
 def _plan(
@@ -68,7 +83,7 @@ def _plan(
 
 @click.group("tune")
 def command() -> None:
-    """Compute gains, say their margins, write them as a parameter file that the nodes load.
+    """Compute gains, report their margins, and write them as a parameter file that the nodes load.
 
     poles, lqr and relay use the trunk linearised about the upright, its hip prescribed; optimise uses
     whole runs of the nonlinear plant. The profile is profile_practical unless --params says otherwise.
@@ -82,7 +97,7 @@ def command() -> None:
     "--pole",
     "poles",
     multiple=True,
-    type=float,
+    type=FiniteRange(-1e6, 0.0, max_open=True),
     metavar="1/S",
     help="Two or three, distinct, negative.",
 )
@@ -92,18 +107,16 @@ def poles_command(controller: str, poles: tuple[float, ...], **options: Any) -> 
 
     plan, plant = _linear(controller, options)
     if controller == "computed_torque":
-        plant = plant._replace(a=0.0, b=1.0)  # what the inverse dynamics leave
+        plant = plant._replace(a=0.0, b=1.0)  # what is left after inverse dynamics
     _finish(plan, by_poles(plant, poles or (-12.0, -8.0, -2.0)), options)
 
 
 @command.command("lqr")
 @_options
-@click.option(
-    "--integral", default=0.1, show_default=True, help="Largest integral of the error, rad s."
-)
-@click.option("--angle", default=6.0, show_default=True, help="Largest error, deg.")
-@click.option("--speed", default=1.0, show_default=True, help="Largest rate of it, rad/s.")
-@click.option("--torque", default=5.0, show_default=True, help="Largest torque, N m.")
+@_largest("--integral", 0.1, "Largest integral of the error, rad s.")
+@_largest("--angle", 6.0, "Largest error, deg.")
+@_largest("--speed", 1.0, "Largest rate of the error, rad/s.")
+@_largest("--torque", 5.0, "Largest torque, N m.")
 def lqr_command(integral: float, angle: float, speed: float, torque: float, **options: Any) -> None:
     """Solve the Riccati equation; weights are one over the square of the largest acceptable values."""
     from ..tuning.methods import by_lqr
@@ -115,13 +128,27 @@ def lqr_command(integral: float, angle: float, speed: float, torque: float, **op
 
 @command.command("relay")
 @_options
-@click.option("--lag", type=float, required=True, help="Declared time constant of the actuator, s.")
 @click.option(
-    "--damping", type=float, required=True, help="Declared damping of the joint, N m s/rad."
+    "--lag",
+    type=FiniteRange(0.0, 1e3),
+    required=True,
+    help="Declared time constant of the actuator, s.",
 )
-@click.option("--amplitude", default=1.0, show_default=True, help="Of the relay, N m.")
+@click.option(
+    "--damping",
+    type=FiniteRange(0.0, 1e9),
+    required=True,
+    help="Declared damping of the joint, N m s/rad.",
+)
+@click.option(
+    "--amplitude",
+    type=FiniteRange(1e-6, 1e6),
+    default=1.0,
+    show_default=True,
+    help="Amplitude of the relay, N m.",
+)
 def relay_command(lag: float, damping: float, amplitude: float, **options: Any) -> None:
-    """Find Ku and Tu by a relay, then Table 1's PID. Says so where no ultimate gain exists.
+    """Find Ku and Tu by a relay experiment, then Table 1's PID; an error where no ultimate gain exists.
 
     The plant itself has neither lag nor damping, and no ultimate gain: both are declared here, and the
     margins are those of the loop that has them.
@@ -150,9 +177,9 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
 )
 @click.option("--scenario", "scenarios", multiple=True, default=("fig6", "fig7"), show_default=True)
 @click.option("--metric", type=click.Choice(_METRICS), default="itae", show_default=True)
-@click.option("--generations", type=click.IntRange(1), default=20, show_default=True)
-@click.option("--population", type=click.IntRange(1), default=5, show_default=True)
-@click.option("--seed", type=int, default=1, show_default=True)
+@click.option("--generations", type=click.IntRange(1, 100_000), default=20, show_default=True)
+@click.option("--population", type=click.IntRange(1, 1000), default=5, show_default=True)
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True)
 def optimise_command(
     controller: str,
     scenarios: tuple[str, ...],
@@ -169,7 +196,7 @@ def optimise_command(
     """
     from ..tuning.search import search
 
-    _check_output(options)
+    _check(options)
     plan = partial(_plan, controller, options["params"], options["settings"], options["rate"])
     with Progress(
         TextColumn("generation {task.completed} of {task.total}"),
@@ -197,15 +224,14 @@ def optimise_command(
 def _linear(controller: str, options: dict[str, Any]) -> tuple[RunPlan, Linear]:
     from ..tuning.linear import linearise
 
-    _check_output(options)
+    _check(options)
     plan = _plan(controller, options["params"], options["settings"], options["rate"])
     return plan, linearise(plan.simulator.body)
 
 
-def _check_output(options: dict[str, Any]) -> None:
-    path = options["output"]
-    if path is not None and path.exists() and not options["force"]:
-        raise FileExistsError(f"{path} exists: choose another name, or add --force")
+def _check(options: dict[str, Any]) -> None:
+    if options["output"] is not None:
+        check_output(options["output"], force=options["force"])
 
 
 def _finish(
@@ -233,50 +259,7 @@ def _write(
             for key, value in values.items()
         ],
     )
-    _say_margins(plan, config, plant)
+    print_margins(plan, config, plant)
     if options["output"] is not None:
         write(options["output"], {name: values})
         click.echo(f"{options['output']}: for --params, or ros2 run … --ros-args --params-file")
-
-
-def _say_margins(plan: RunPlan, config: Any, plant: Linear | None) -> None:
-    from ..tuning.linear import Loop, linearise, margins
-
-    linear = plant or linearise(plan.simulator.body)
-    if plan.controller_name == "computed_torque":
-        linear = linear._replace(a=0.0, b=1.0)
-    corners = {"gains": config.gains} if hasattr(config, "gains") else _corners(config)
-    rows = []
-    for label, gains in corners.items():
-        loop = Loop(
-            linear, gains, seconds(plan.controller.period_ns), config.derivative_mode == "rate"
-        )
-        if not loop.stable:
-            rows.append((label, "UNSTABLE", f"spectral radius {loop.radius():.4g}", "", "", ""))
-            continue
-        m = margins(loop)
-        rows.append(
-            (
-                label,
-                f"{m.gain_down:.3g} to {m.gain_up:.3g}",
-                f"{m.phase_deg:.1f}",
-                f"{m.modulus:.3f}",
-                f"{1e3 * m.delay:.4g}",
-                f"{loop.radius():.6f}",
-            )
-        )
-    print_table(
-        f"margins of the sampled loop at {plan.controller.update_rate:g} Hz, linearised trunk",
-        ("at", "gain, factor", "phase °", "modulus", "delay ms", "spectral radius"),
-        rows,
-    )
-
-
-def _corners(config: Any) -> dict[str, Gains]:
-    """Return the corners of a fuzzy gain box, at the middle alpha: constant gains, not a proof."""
-    alpha = sum(config.alpha_centers) / len(config.alpha_centers)
-    return {
-        f"kp {p:.4g}, kd {d:.4g}": Gains(p, p * p / (alpha * d), d)
-        for p in (config.p_min, config.p_max)
-        for d in (config.d_min, config.d_max)
-    }

@@ -11,7 +11,7 @@ from trunk_msgs_util.parameters.declarations import unknown_name
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
 
 
-class Change(NamedTuple):
+class LiveChange(NamedTuple):
     """A parameter that a file sets to another value than the node has."""
 
     name: str
@@ -57,14 +57,14 @@ def said_of(node: str, layer: Layer, declared: Sequence[str]) -> dict[str, objec
 
 def differences(
     said: Mapping[str, object], present: Mapping[str, object], fixed: Iterable[str]
-) -> list[Change]:
+) -> list[LiveChange]:
     """Return the parameters whose said value is not the present one; integers are taken for doubles."""
     unchangeable = set(fixed)
     changes = []
     for name, value in said.items():
         old, new = present[name], _alike(value, present[name])
         if new != old or type(new) is not type(old):
-            changes.append(Change(name, old, new, name in unchangeable))
+            changes.append(LiveChange(name, old, new, name in unchangeable))
     return changes
 
 

@@ -61,7 +61,7 @@ class Claim:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class ClaimVerdict:
     """What became of a claim with one set of runs."""
 
     claim: Claim
@@ -82,9 +82,9 @@ class Verdict:
         return f"{PARTLY}: holds for {holds}; not for {fails}"
 
 
-def judge(claim: Claim, runs: Runs, profile: str) -> Verdict:
+def judge(claim: Claim, runs: Runs, profile: str) -> ClaimVerdict:
     """Return the verdict on a claim by the runs of a profile."""
-    return Verdict(claim, tuple(claim.checks(runs, profile)))
+    return ClaimVerdict(claim, tuple(claim.checks(runs, profile)))
 
 
 _UNITS = {

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..batch.closed_loop import Batch
 from ..plans.plan import make_plan
-from .claims import CLAIMS, Verdict, judge
+from .claims import CLAIMS, ClaimVerdict, judge
 from .errata import ERRATA, Erratum
 from .runs import BASELINES, OF_THE_PAPER, PROFILES, Run, Runs, cases, run_in_graph, run_offline
 
@@ -29,7 +29,7 @@ class Reproduction:
     rates: dict[str, dict[float, dict[str, float] | None]] = field(default_factory=dict)
     literal: dict[str, dict[str, float] | None] = field(default_factory=dict)
 
-    def verdicts(self) -> list[tuple[Verdict, Verdict | None, Verdict]]:
+    def verdicts(self) -> list[tuple[ClaimVerdict, ClaimVerdict | None, ClaimVerdict]]:
         """Return each claim's verdict offline, in the graph, and offline in the practical profile."""
         paper, practical = PROFILES
         return [
@@ -115,7 +115,7 @@ def as_json(result: Reproduction) -> dict[str, Any]:
     def number(value: float) -> float | None:
         return None if isinf(value) else value
 
-    def verdict(v: Verdict | None) -> Any:
+    def verdict(v: ClaimVerdict | None) -> Any:
         return v and {
             "verdict": v.word,
             "text": v.text(),

@@ -24,7 +24,7 @@ FIGURES = ("fig6", "fig7", "fig8", "fig9")
 PROFILES = ("profile_paper", "profile_practical")
 
 
-class Contender(NamedTuple):
+class PaperController(NamedTuple):
     """A controller with its gains: node, parameter file, name for people, the same for a legend."""
 
     node: str
@@ -35,25 +35,25 @@ class Contender(NamedTuple):
 
 # Those that the paper compares, and what else ought to be compared with them.
 OF_THE_PAPER = {
-    "pid_as_printed": Contender(
+    "pid_as_printed": PaperController(
         "pid", ("pid_as_printed",), "PID, gains as printed", "PID, printed"
     ),
-    "pid_ziegler_nichols": Contender(
+    "pid_ziegler_nichols": PaperController(
         "pid", ("pid_ziegler_nichols",), "PID, Ziegler–Nichols", "PID, Z–N"
     ),
-    "fuzzy_as_printed": Contender(
+    "fuzzy_as_printed": PaperController(
         "fuzzy_pid", ("fuzzy_as_printed",), "Fuzzy-PID, printed tables", "Fuzzy, printed"
     ),
-    "fuzzy_zhao_1993": Contender(
+    "fuzzy_zhao_1993": PaperController(
         "fuzzy_pid", ("fuzzy_zhao_1993",), "Fuzzy-PID, 1993 tables", "Fuzzy, 1993"
     ),
 }
 BASELINES = {
-    "pid_fixed_from_box": Contender(
+    "pid_fixed_from_box": PaperController(
         "pid", ("pid_fixed_from_box",), "PID, fixed, from the gain box"
     ),
-    "lqr": Contender("lqr", (), "LQR with integral"),
-    "computed_torque": Contender("computed_torque", (), "Computed torque"),
+    "lqr": PaperController("lqr", (), "LQR with integral"),
+    "computed_torque": PaperController("computed_torque", (), "Computed torque"),
 }
 CONTENDERS = {**OF_THE_PAPER, **BASELINES}
 

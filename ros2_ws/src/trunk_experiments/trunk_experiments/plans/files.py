@@ -6,9 +6,8 @@ from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 
-import yaml
-
 from trunk_msgs_util.parameters.files import Layer, Section, read
+from trunk_msgs_util.parameters.yaml_text import YamlTextError, load
 
 from ..errors import PlanError
 from .nodes import NODES
@@ -59,16 +58,17 @@ def scenario_layers(scenario: str) -> list[Layer]:
 def parse_setting(text: str) -> Layer:
     """Return the layer that ``NODE.PARAM=VALUE`` stands for; VALUE is YAML. Raises PlanError."""
     target, equals, value_text = text.partition("=")
+    shown = text if len(text) <= 80 else text[:77] + "..."
     node, dot, name = target.partition(".")
     if not equals or not dot or node not in NODES:
         raise PlanError(
-            f"--set {text!r}: NODE.PARAM=VALUE is needed, NODE one of {', '.join(NODES)}"
+            f"--set {shown!r}: NODE.PARAM=VALUE is needed, NODE one of {', '.join(NODES)}"
         )
     try:
-        value = yaml.safe_load(value_text)
-    except yaml.YAMLError:
-        raise PlanError(f"--set {text!r}: the value is not YAML") from None
+        value = load(value_text)
+    except YamlTextError as error:
+        raise PlanError(f"--set {shown!r}: the value cannot be read: {error}") from None
     if isinstance(value, str):
         with suppress(ValueError):
-            value = float(value)  # "1e3" is a number to ROS, but not to YAML 1.1
+            value = float(value)  # "inf" is a number to people, but not to YAML
     return Layer(f"--set {text}", (Section(node, {name: value}),))

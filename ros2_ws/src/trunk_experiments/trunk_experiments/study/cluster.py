@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import islice
 from typing import Any
 
 import pyarrow as pa
 
 from ..errors import StudyError, SweepError
-from .sweep import Block, Runner, run_block
+from .sweep import RunBlock, Runner, run_block
 
 _CONNECT_S = 10.0
+_IN_FLIGHT = 4  # blocks per thread of the cluster
 _RETRIES = 3  # of a task whose worker was lost; the scheduler itself allows as many losses
 
 
@@ -29,22 +31,32 @@ def dask_runner(address: str) -> Runner:
             "pip install -r requirements/cluster.txt"
         ) from None
 
-    def run(blocks: Iterable[Block]) -> Iterator[tuple[int, pa.Table]]:
+    def run(blocks: Iterable[RunBlock]) -> Iterator[tuple[int, pa.Table]]:
         try:
             client: Any = Client(address, timeout=_CONNECT_S)
         except (OSError, ValueError) as error:
             reason = " ".join(str(error).split())
             raise StudyError(f"--scheduler {address}: no scheduler answers: {reason}") from None
         with client:
-            tasks = {
-                client.submit(run_block, block, retries=_RETRIES, pure=False): block.index
-                for block in blocks
-            }
-            done = as_completed(list(tasks))
+            left = iter(blocks)
+            numbers: dict[Any, int] = {}
+            done = as_completed()
+
+            def submit() -> None:
+                """Keep every thread of the cluster busy, and no more blocks than that in memory."""
+                most = _IN_FLIGHT * max(1, sum(client.nthreads().values()))
+                for block in islice(left, max(0, most - len(numbers))):
+                    task = client.submit(run_block, block, retries=_RETRIES, pure=False)
+                    numbers[task] = block.index
+                    done.add(task)
+
+            submit()
             for future in done:
+                index = numbers.pop(future)
                 if future.status == "error":
-                    raise SweepError(_lost(tasks[future], future.exception(), KilledWorker))
-                yield tasks[future], future.result()
+                    raise SweepError(_lost(index, future.exception(), KilledWorker))
+                yield index, future.result()
+                submit()
 
     return run
 

@@ -18,13 +18,14 @@ RESAMPLES = 5000
 CONFIDENCE = 0.95
 _SEED = 1  # of the resampling: the same results give the same intervals
 FELL = "fallen"
+PAIR = "pair"  # grid point and draw, by which runs are paired
 
 
 @dataclass(frozen=True)
-class Difference:
+class PairedDifference:
     """A metric of ``first`` minus that of ``second``, over the pairs in which both have it.
 
-    ``low`` and ``high`` bound the mean difference at 95 %; they cross where fewer than two pairs are left.
+    ``low`` and ``high`` bound the mean difference at 95 %; low > high where fewer than two pairs are left.
     """
 
     metric: str
@@ -34,11 +35,11 @@ class Difference:
     mean: float
     low: float
     high: float
-    smaller: float  # part of the pairs in which the first's is smaller, ties half
+    smaller: float  # fraction of the pairs in which the first's value is smaller; a tie counts half
 
     @property
     def verdict(self) -> str:
-        """Say what the interval says, in words."""
+        """Return in words what the interval shows."""
         if not self.low <= self.high:
             return "too few pairs"
         if self.low <= 0.0 <= self.high:
@@ -46,7 +47,7 @@ class Difference:
         return f"{self.first if self.high < 0.0 else self.second} smaller"
 
 
-def compare_study(results: Results, metrics: tuple[str, ...] = METRICS) -> list[Difference]:
+def compare_study(results: Results, metrics: tuple[str, ...] = METRICS) -> list[PairedDifference]:
     """Return all pairs of controllers, metric by metric; first how often each falls.
 
     Runs are paired by grid point and draw. Angles and errors that may be negative are compared by their
@@ -63,6 +64,10 @@ def compare_study(results: Results, metrics: tuple[str, ...] = METRICS) -> list[
     for metric in (FELL, *metrics):
         for first, second in combinations(names, 2):
             a, b = by_name[first], by_name[second]
+            if not np.array_equal(a[PAIR], b[PAIR]):
+                raise StudyError(
+                    f"{results.path}: {first!r} and {second!r} did not meet the same draws: rows are missing"
+                )
             found.append(_difference(metric, first, second, a[metric], b[metric]))
     return found
 
@@ -73,21 +78,22 @@ def _sorted(results: Results) -> dict[str, Floats]:
     fallen = results.fallen[order]
     columns = {name: np.abs(results.column(name)[order]) for name in METRICS}
     return {
+        PAIR: np.stack([results.column("point")[order], results.column("draw")[order]]),
         FELL: fallen,
         **{name: np.where(fallen == 0.0, values, np.nan) for name, values in columns.items()},
     }
 
 
-def _difference(metric: str, first: str, second: str, a: Floats, b: Floats) -> Difference:
+def _difference(metric: str, first: str, second: str, a: Floats, b: Floats) -> PairedDifference:
     both = ~(np.isnan(a) | np.isnan(b))
     differences = a[both] - b[both]
     count = len(differences)
     if count < 2:
-        return Difference(metric, first, second, count, nan, inf, -inf, nan)
+        return PairedDifference(metric, first, second, count, nan, inf, -inf, nan)
     smaller = float(np.mean(differences < 0.0) + 0.5 * np.mean(differences == 0.0))
     mean = float(np.mean(differences))
     if np.ptp(differences) == 0.0:  # nothing to resample
-        return Difference(metric, first, second, count, mean, mean, mean, smaller)
+        return PairedDifference(metric, first, second, count, mean, mean, mean, smaller)
     interval = bootstrap(
         (differences,),
         np.mean,
@@ -98,4 +104,4 @@ def _difference(metric: str, first: str, second: str, a: Floats, b: Floats) -> D
         rng=np.random.default_rng(_SEED),
     ).confidence_interval
     low, high = float(interval.low), float(interval.high)
-    return Difference(metric, first, second, count, mean, low, high, smaller)
+    return PairedDifference(metric, first, second, count, mean, low, high, smaller)

@@ -44,7 +44,10 @@ class Distribution:
             raise DrawError(f"low {self.low:g} and high {self.high:g} must be whole numbers")
 
     def draw(self, count: int, seed: int, name: str) -> list[Any]:
-        """Return ``count`` values of the stream that seed and name start; a longer one begins alike."""
+        """Return ``count`` values of the stream of a seed and a name.
+
+        A longer draw starts with the same values.
+        """
         generator = stream(seed, name)
         if self.kind == "integers":
             whole: list[Any] = generator.integers(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -18,39 +20,70 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.joint_arrays import Floats
 
-from ..batch.workers import worker_pool
-from ..errors import StudyError
+from ..batch.workers import as_completed_bounded, worker_pool
+from ..errors import PlanError, StudyError, SweepError
 from ..plans.plan import RunPlan
 from ..tuning.floquet import floquet
 from ..views.plot_style import COLORS, STYLE
-from .design import design, make_bases, plan_of
-from .results import Results
+from .bases import plan_of
+from .design import design
+from .results import METRICS, Results
+from .study import Scalar, Study, Variable
 
+Progress = Callable[[int, int], None]  # takes what is done, of how much
 _MANY = 200  # points: fewer are quicker without processes
+_CHUNK = 16  # points that wait for each process
 QUIET_DEG = 1.0  # RMS of the last 2 s: less is a trunk at rest
 _FLOQUET, _FALLEN, _BOUNDARY = COLORS[1], "#bdbdbd", "#000000"
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One controller's map: [y, x]; NaN where no run told a value."""
+    """One controller's map: [y, x]; NaN where no run has a value."""
 
     controller: str
     x: Floats
     y: Floats
     values: Floats  # mean over the draws that did not fall
-    fallen: Floats  # part of the draws that fell
+    fallen: Floats  # fraction of the draws that fell
     quiet: Floats  # RMS at the end, deg, mean; infinite where all fell
     growth: Floats | None  # Floquet: the largest multiplier, per second
 
 
-def panels(results: Results, metric: str, axes: tuple[str, str], with_floquet: bool) -> list[Panel]:
-    """Return a panel per controller. Raises StudyError for axes that are no grid of numbers."""
+def check_mappable(study: Study, axes: tuple[str, str], metric: str) -> None:
+    """Raise StudyError where the study's results will hold no numbers for the axes or the metric."""
+    texts = [v.name for v in study.variables if isinstance(_first(v), str)]
+    for name in (*axes, metric):
+        if name in texts:
+            raise StudyError(f"{study.source}: {name!r} holds no numbers: give another")
+    columns = (*METRICS, *(v.name for v in study.variables))
+    if metric not in columns:
+        raise StudyError(f"{study.source}: no metric {metric!r}: one of {', '.join(columns)}")
+
+
+def _first(v: Variable) -> Scalar | None:
+    values = v.values if v.distribution is None else v.distribution.values
+    return values[0] if values else None
+
+
+def panels(
+    results: Results,
+    metric: str,
+    axes: tuple[str, str],
+    with_floquet: bool,
+    progress: Progress = lambda done, of: None,
+) -> list[Panel]:
+    """Return a panel per controller. Raises StudyError for axes that are no grid of numbers.
+
+    ``progress`` is called with the number of points whose Floquet multipliers are done, and of all.
+    """
     for name in axes:
         if name not in results.grid:
             known = ", ".join(results.grid) or "none"
             raise StudyError(f"{results.path}: {name!r} is no grid variable; there are: {known}")
-    growth = _growth(results, axes) if with_floquet else {}
+    for name in (*axes, metric):
+        results.column(name)
+    growth = _growth(results, axes, progress) if with_floquet else {}
     return [
         _panel(results.of(name), name, metric, axes, growth.get(name))
         for name in results.controllers
@@ -76,10 +109,10 @@ def _panel(
     return Panel(name, x, y, mean(upright), mean(fallen), mean(rms), growth)
 
 
-def _growth(results: Results, axes: tuple[str, str]) -> Mapping[str, Floats]:
+def _growth(results: Results, axes: tuple[str, str], progress: Progress) -> Mapping[str, Floats]:
     """Return each controller's Floquet growth over the grid, at the first draw of other variables."""
     study = results.study
-    bases = make_bases(study)
+    bases = results.bases()
     columns = design(study, 0, study.total)
     grids: dict[str, Floats] = {}
     places: list[tuple[str, int, int]] = []
@@ -98,22 +131,42 @@ def _growth(results: Results, axes: tuple[str, str]) -> Mapping[str, Floats]:
             continue  # refused: there was no run either
         at = levels[1].index(float(place[2])), levels[0].index(float(place[1]))
         places.append((row["controller"], *at))
-    for (name, j, i), growth in zip(places, _growths(plans), strict=True):
+    for (name, j, i), growth in zip(places, _growths(plans, progress), strict=True):
         grid = grids.setdefault(name, np.full((len(levels[1]), len(levels[0])), np.nan))
         grid[j, i] = growth
     return grids
 
 
-def _growths(plans: list[RunPlan]) -> list[float]:
-    """Return each plan's growth, on all cores where there are many."""
+def _growths(plans: list[RunPlan], progress: Progress) -> list[float]:
+    """Return each plan's growth, on all cores where there are many; NaN where there is none."""
+    found = [nan] * len(plans)
+    for done, (k, growth) in enumerate(_numbered_growths(plans), start=1):
+        found[k] = growth
+        progress(done, len(plans))
+    return found
+
+
+def _numbered_growths(plans: list[RunPlan]) -> Iterator[tuple[int, float]]:
     if len(plans) < _MANY:
-        return [_growth_of(plan) for plan in plans]
-    with worker_pool(len(os.sched_getaffinity(0))) as pool:
-        return list(pool.map(_growth_of, plans, chunksize=16))
+        yield from map(_growth_of, enumerate(plans))
+        return
+    cores = len(os.sched_getaffinity(0))
+    try:
+        with worker_pool(cores) as pool:
+            yield from as_completed_bounded(pool, _growth_of, enumerate(plans), _CHUNK * cores)
+    except BrokenProcessPool:
+        raise SweepError(
+            "a worker process was killed (out of memory?): run the same command again, or give "
+            "--no-floquet"
+        ) from None
 
 
-def _growth_of(plan: RunPlan) -> float:
-    return floquet(plan).growth
+def _growth_of(numbered: tuple[int, RunPlan]) -> tuple[int, float]:
+    number, plan = numbered
+    try:
+        return number, floquet(plan).growth
+    except PlanError:  # a hip that hardly moves: its period is too long
+        return number, nan
 
 
 def draw(found: list[Panel], metric: str, axes: tuple[str, str], title: str) -> Figure:
@@ -157,8 +210,9 @@ def _draw_panel(plot: Axes, panel: Panel, limits: tuple[float, float]) -> Any:
 
 
 def _line(plot: Axes, panel: Panel, values: Floats, level: float, color: str, dashes: Any) -> None:
-    enough = min(values.shape) > 1 and np.nanmin(values) < level < np.nanmax(values)
-    if enough:
+    if min(values.shape) < 2 or np.isnan(values).all():
+        return
+    if np.nanmin(values) < level < np.nanmax(values):
         plot.contour(
             panel.x, panel.y, values, [level], colors=[color], linestyles=[dashes], linewidths=1.8
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +16,11 @@ from trunk_msgs_util.recording.joint_arrays import Floats
 from ..analysis.metrics import Metrics
 from ..errors import StudyError
 from .file import parse_study
+from .resolved import bases_from
 from .study import Study
+from .targets import Bases
 
-FALLEN_DEG = 90.0  # a trunk this far from the vertical lies
+FALLEN_DEG = 90.0  # a trunk this far from the vertical has fallen
 METRICS = tuple(Metrics.__dataclass_fields__)
 
 
@@ -30,23 +32,51 @@ class Results:
     table: pa.Table
     grid: tuple[str, ...]
     study_text: str
+    plans: str | None = None  # JSON of the plans that the runs start from
 
     @classmethod
     def read(cls, path: Path) -> Results:
         """Return the results in a Parquet file. Raises StudyError where it is not a sweep's."""
+        if not path.exists():
+            raise StudyError(f"{path}: there is no such file")
         try:
             table = pq.read_table(path)
         except (pa.ArrowInvalid, pa.ArrowTypeError, OSError) as error:
             raise StudyError(f"{path}: no Parquet file: {' '.join(str(error).split())}") from None
         told = table.schema.metadata or {}
-        if b"study" not in told or not {"controller", "status"} <= set(table.column_names):
+        grid = _names(told.get(b"grid"))
+        if (
+            b"study" not in told
+            or grid is None
+            or not {"controller", "status"} <= set(table.column_names)
+        ):
             raise StudyError(f"{path}: not written by trunk sweep: no study in it")
-        return cls(path, table, tuple(json.loads(told[b"grid"])), told[b"study"].decode())
+        if not len(table):
+            raise StudyError(f"{path}: there are no runs in it")
+        plans = told.get(b"plans")
+        return cls(
+            path,
+            table,
+            grid,
+            told[b"study"].decode(),
+            None if plans is None else plans.decode(),
+        )
 
     @property
     def study(self) -> Study:
         """The study; raises StudyError where this version does not understand it."""
         return parse_study(self.study_text, f"the study in {self.path}")
+
+    def bases(self) -> Bases:
+        """Return the plans that the runs started from, as they were when they ran.
+
+        Raises StudyError where the file holds none, or this version does not understand them.
+        """
+        if self.plans is None:
+            raise StudyError(
+                f"{self.path}: holds no plans of its runs: sweep the study again, or give --no-floquet"
+            )
+        return bases_from(self.study, self.plans, str(self.path))
 
     @property
     def controllers(self) -> tuple[str, ...]:
@@ -56,7 +86,7 @@ class Results:
     def of(self, controller: str) -> Results:
         """Return one controller's rows."""
         chosen = self.table.filter(pc.equal(self.table["controller"], controller))
-        return Results(self.path, chosen, self.grid, self.study_text)
+        return replace(self, table=chosen)
 
     def column(self, name: str) -> Floats:
         """Return a column of numbers, NaN where there is none. Raises StudyError for another name."""
@@ -72,7 +102,18 @@ class Results:
 
     @property
     def fallen(self) -> Floats:
-        """1.0 where the loop diverged or the trunk came to lie, 0.0 where not, NaN for refused runs."""
+        """1.0 where the loop diverged or the trunk fell, 0.0 where it stayed up, NaN for refused runs."""
         status = np.array(self.table["status"].to_pylist(), dtype=object)
         lies = np.maximum(self.column("theta_max_deg"), -self.column("theta_min_deg")) >= FALLEN_DEG
         return np.where(status == "refused", np.nan, (status == "diverged") | lies)
+
+
+def _names(text: bytes | None) -> tuple[str, ...] | None:
+    """Return a list of names from its JSON; None for anything else."""
+    try:
+        names = json.loads(text or b"")
+    except ValueError:
+        return None
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        return None
+    return tuple(names)

@@ -1,10 +1,8 @@
-"""A study: which runs a sweep makes. `study_file` reads one, `study_design` makes the runs."""
+"""A study: which runs a sweep makes. `file` reads one, `design` and `bases` make its runs."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from .draws import Distribution
 
@@ -34,7 +32,7 @@ class Variable:
 
     name: str
     targets: tuple[Target, ...]
-    how: str  # the parameter is the value, or its own value times it, or plus it
+    how: str  # value: replaces the parameter; factor: multiplies it; offset: is added to it
     values: tuple[Scalar, ...] = ()
     distribution: Distribution | None = None
 
@@ -83,9 +81,3 @@ class Study:
         for size in self.shape:
             points *= size
         return points * self.runs * len(self.contenders)
-
-    @property
-    def content(self) -> str:
-        """A hash of what decides the runs: neither the file's name nor its comments."""
-        told = {k: v for k, v in asdict(self).items() if k not in ("source", "text")}
-        return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]

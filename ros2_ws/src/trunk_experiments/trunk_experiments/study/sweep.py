@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import cache
@@ -26,34 +25,39 @@ from trunk_msgs_util.whole_file import whole_file
 
 from ..analysis.metrics import Metrics, metrics
 from ..batch.closed_loop import Batch, loops_fingerprint
-from ..batch.workers import worker_pool
+from ..batch.workers import IN_FLIGHT, as_completed_bounded, worker_pool
 from ..compiled import fingerprint
-from ..errors import StudyError, SweepError
-from .design import Bases, design, make_bases, plan_of
+from ..errors import PlanError, StudyError, SweepError
+from .bases import make_bases, plan_of
+from .design import design
+from .resolved import difference, digest, identity, plans_json
 from .study import Study
+from .targets import Bases
 
 METRICS = tuple(Metrics.__dataclass_fields__)
-_PROGRAM = "sources"  # key of a block's metadata
+_PROGRAM, _CONTENT = "sources", "study_content"  # keys of a block's metadata
 Progress = Callable[[int], None]  # takes the number of finished runs
 
 
 @dataclass(frozen=True)
-class Block:
+class RunBlock:
     """Some runs of a study, with all that it takes to make them: no file is read where they run."""
 
     index: int
     study: Study
     bases: Bases
     columns: dict[str, list[Any]]
+    content: str  # the study's hash
 
 
-Runner = Callable[[Iterable[Block]], Iterator[tuple[int, pa.Table]]]
+Runner = Callable[[Iterable[RunBlock]], Iterator[tuple[int, pa.Table]]]
 
 
 def sources() -> str:
     """Return a hash of the sources and of the libraries that decide a run's numbers."""
     libraries = {name: text for name, text in gather().items() if name in ("numpy", "libm")}
-    return f"{loops_fingerprint()}-{fingerprint(metrics)}-{json.dumps(libraries, sort_keys=True)}"
+    code = f"{loops_fingerprint()}-{fingerprint(metrics)}-{fingerprint(plan_of)}"
+    return f"{code}-{json.dumps(libraries, sort_keys=True)}"
 
 
 @cache
@@ -61,18 +65,17 @@ def _batch() -> Batch:
     return Batch()
 
 
-def run_block(block: Block) -> pa.Table:
+def run_block(block: RunBlock) -> pa.Table:
     """Return a block's rows with their results."""
     columns = dict(block.columns)
     results: list[dict[str, Any]] = []
     for values in zip(*columns.values(), strict=True):
         row = dict(zip(columns, values, strict=True))
         try:
-            plan = plan_of(block.study, block.bases, row)
-        except ParameterError as error:
+            outcome = _batch().run(plan_of(block.study, block.bases, row))
+        except (ParameterError, PlanError) as error:
             results.append({"status": "refused", "reason": str(error)})
             continue
-        outcome = _batch().run(plan)
         found = outcome.metrics()
         if found is None:
             results.append({"status": "diverged", "diverged_at_s": outcome.diverged_at})
@@ -83,7 +86,7 @@ def run_block(block: Block) -> pa.Table:
         arrays[name] = pa.array([result.get(name) for result in results], pa.string())
     for name in ("diverged_at_s", *METRICS):
         arrays[name] = pa.array([result.get(name) for result in results], pa.float64())
-    return pa.table(arrays).replace_schema_metadata({_PROGRAM: sources()})
+    return pa.table(arrays).replace_schema_metadata({_PROGRAM: sources(), _CONTENT: block.content})
 
 
 _TYPES = {"run": pa.int64(), "point": pa.int64(), "draw": pa.int64(), "seed": pa.int64()}
@@ -98,38 +101,57 @@ def _type(name: str, values: list[Any]) -> pa.DataType:
 
 
 class Sweep:
-    """A study on its way into a Parquet file."""
+    """A sweep of one study into one Parquet file."""
+
+    bases: Bases
 
     def __init__(self, study: Study, output: Path) -> None:
         self.study = study
         self.output = output
         self.folder = output.with_name(output.name + ".blocks")
         self.blocks = -(-study.total // study.block)
-        self._key = {"study": study.content, "sources": sources()}
+        self._mark = self.folder / "sweep.json"
 
     def check(self) -> None:
-        """Raise StudyError for a study that cannot be."""
+        """Resolve the plans and refuse what cannot be swept; nothing is written.
+
+        Raises StudyError for a study that cannot be, or where finished blocks are another study's.
+        """
         self.bases = make_bases(self.study)
+        self._identity = identity(self.study, self.bases)
+        self._key = {_PROGRAM: sources(), _CONTENT: digest(self._identity)}
+        if self.folder.exists() and not self.folder.is_dir():
+            raise StudyError(f"{self.folder}: is no folder: move it, or give another -o")
+        reason = self._foreign()
+        if reason:
+            raise StudyError(
+                f"{self.folder}: its finished blocks {reason}: delete the folder, or give another -o"
+            )
 
     def start(self) -> int:
-        """Make ready and return the number of runs that an earlier, interrupted sweep has finished.
+        """Prepare the folder and return the number of runs that an earlier, interrupted sweep has finished.
 
-        Raises StudyError for a study that cannot be, or where the finished blocks are another study's.
+        Raises StudyError as `check` does.
         """
         self.check()
-        mark = self.folder / "sweep.json"
-        self.folder.mkdir(parents=True, exist_ok=True)
-        if mark.exists():
-            if json.loads(mark.read_text(encoding="utf-8")) != self._key:
-                raise StudyError(
-                    f"{self.folder}: finished blocks of another study or other sources: "
-                    "delete the folder, or give another -o"
-                )
-        else:
-            with whole_file(mark) as part:
-                part.write_text(json.dumps(self._key))
+        self.folder.mkdir(exist_ok=True)
+        if not self._mark.exists():
+            with whole_file(self._mark) as part:
+                part.write_text(json.dumps({_PROGRAM: sources(), "study": self._identity}))
         self.missing = [i for i in range(self.blocks) if not self._path(i).exists()]
         return self.study.total - sum(len(self._rows(i)) for i in self.missing)
+
+    def _foreign(self) -> str:
+        """Return why the finished blocks are not this sweep's; empty where they are, or none are there."""
+        if not self._mark.exists():
+            return "are of an unknown study" if any(self.folder.glob("*.parquet")) else ""
+        try:
+            told = json.loads(self._mark.read_text(encoding="utf-8"))
+            program, study = told[_PROGRAM], told["study"]
+            reason = difference(study, self._identity)
+        except (ValueError, TypeError, KeyError, AttributeError):
+            return "are of an unknown study"
+        return reason or ("were made by other sources or libraries" * (program != sources()))
 
     @property
     def warnings(self) -> list[str]:
@@ -137,44 +159,70 @@ class Sweep:
         told = {text: None for base in self.bases.values() for text in base.plan.warnings}
         return list(told)
 
+    def waiting(self) -> Iterator[RunBlock]:
+        """Yield the blocks that are missing, each made when it is asked for."""
+        for i in self.missing:
+            rows = self._rows(i)
+            columns = design(self.study, rows.start, rows.stop)
+            yield RunBlock(i, self.study, self.bases, columns, self._key[_CONTENT])
+
     def run(self, runner: Runner, progress: Progress = lambda runs: None) -> None:
         """Run what is missing and write each block as it comes. Raises SweepError."""
-        jobs = (
-            Block(i, self.study, self.bases, design(self.study, rows.start, rows.stop))
-            for i in self.missing
-            for rows in [self._rows(i)]
-        )
-        for index, table in runner(jobs):
-            if (table.schema.metadata or {}).get(_PROGRAM.encode()) != sources().encode():
-                raise SweepError(
-                    f"block {index} comes from a worker with other sources or libraries: "
-                    "install the same on all"
-                )
-            with whole_file(self._path(index)) as part:
-                pq.write_table(table, part)
+        for index, table in runner(self.waiting()):
+            self.keep(index, table)
             progress(len(table))
 
+    def keep(self, index: int, table: pa.Table) -> None:
+        """Write a finished block. Raises SweepError for one that other code or another study made."""
+        if not self._ours(table.schema):
+            raise SweepError(
+                f"block {index} comes from a worker with other sources or libraries: "
+                "install the same on all"
+            )
+        with whole_file(self._path(index)) as part:
+            pq.write_table(table, part)
+
     def finish(self) -> None:
-        """Merge the blocks into the output and delete them."""
+        """Merge the blocks into the output and delete them. Raises SweepError for a broken block."""
         told = gather(scenario=self.study.scenario)
         told.pop("started_utc")  # the same study gives the same file
         metadata = {
             "study": self.study.text,
-            "study_content": self.study.content,
-            "sources": self._key["sources"],
+            "study_content": self._key[_CONTENT],
+            "plans": plans_json(self.study, self.bases),
+            "sources": self._key[_PROGRAM],
             "provenance": json.dumps(told),
             "grid": json.dumps([v.name for v in self.study.grid]),
             "variables": json.dumps([v.name for v in self.study.variables]),
         }
 
-        schema = pq.read_schema(self._path(0)).with_metadata(metadata)
+        schema = self._read(0).schema.with_metadata(metadata)
         with (
             whole_file(self.output) as part,
             pq.ParquetWriter(part, schema, compression="zstd") as writer,
         ):
             for i in range(self.blocks):
-                writer.write_table(pq.read_table(self._path(i)).cast(schema))
+                writer.write_table(self._read(i).cast(schema))
         shutil.rmtree(self.folder)
+
+    def _read(self, index: int) -> pa.Table:
+        path = self._path(index)
+        try:
+            table = pq.read_table(path)
+        except pa.ArrowInvalid:
+            raise SweepError(
+                f"{path}: cannot be read: delete it, and run the same command again"
+            ) from None
+        if not self._ours(table.schema):
+            raise SweepError(
+                f"{path}: holds runs of another study or other sources: delete it, and run the "
+                "same command again"
+            )
+        return table
+
+    def _ours(self, schema: pa.Schema) -> bool:
+        told = schema.metadata or {}
+        return all(told.get(k.encode()) == v.encode() for k, v in self._key.items())
 
     def _rows(self, index: int) -> range:
         first = index * self.study.block
@@ -187,25 +235,29 @@ class Sweep:
 def processes(count: int) -> Runner:
     """Return a runner on so many processes of this machine; 1 stays in this process."""
 
-    def run(blocks: Iterable[Block]) -> Iterator[tuple[int, pa.Table]]:
-        if count == 1:
-            for block in blocks:
-                yield block.index, run_block(block)
-            return
-        with worker_pool(count) as pool:
-            waiting = {pool.submit(run_block, block): block.index for block in blocks}
-            try:
-                for future in as_completed(waiting):
-                    yield waiting[future], future.result()
-            except BrokenProcessPool:
-                raise SweepError(
-                    "a worker process was killed (out of memory?); finished blocks are kept: "
-                    "run the same command again"
-                ) from None
-            finally:
-                pool.shutdown(wait=False, cancel_futures=True)
+    def run(blocks: Iterable[RunBlock]) -> Iterator[tuple[int, pa.Table]]:
+        try:
+            if count == 1:
+                yield from map(_indexed, blocks)
+                return
+            with worker_pool(count) as pool:
+                yield from as_completed_bounded(pool, _indexed, blocks, IN_FLIGHT * count)
+        except BrokenProcessPool:
+            raise SweepError(
+                "a worker process was killed (out of memory?); finished blocks are kept: "
+                "run the same command again"
+            ) from None
+        except MemoryError:
+            raise SweepError(
+                "not enough memory for a run; finished blocks are kept: shorten the runs, "
+                "or give fewer --jobs"
+            ) from None
 
     return run
+
+
+def _indexed(block: RunBlock) -> tuple[int, pa.Table]:
+    return block.index, run_block(block)
 
 
 def outcome_counts(path: Path) -> dict[str, int]:

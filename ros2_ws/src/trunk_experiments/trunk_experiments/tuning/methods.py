@@ -1,4 +1,4 @@
-"""Gains for an unstable, undamped plant: pole placement, LQR, and a relay experiment that says Ku and Tu."""
+"""Gains for an unstable, undamped plant: pole placement, LQR, and a relay experiment for Ku and Tu."""
 
 from __future__ import annotations
 
@@ -41,19 +41,26 @@ def by_lqr(plant: Linear, integral: float, angle: float, rate: float, torque: fl
     """Return the LQR gains with integral action, weights by the largest acceptable values.
 
     They minimise ``integral (I^2/I_0^2 + e^2/e_0^2 + e'^2/w_0^2 + u^2/u_0^2) dt``: I_0 in rad s,
-    e_0 in rad, w_0 in rad/s, u_0 in N m, each positive.
+    e_0 in rad, w_0 in rad/s, u_0 in N m, each positive. Raises TuningError where they are so far apart
+    that the Riccati equation has no solution in floating point.
     """
     if min(integral, angle, rate, torque) <= 0.0:
         raise TuningError("the weights' values must be greater than 0")
     a, b = _with_integral(plant)
     q = np.diag([integral**-2, angle**-2, rate**-2])
     r = np.array([[torque**-2]])
-    i, p, d = np.linalg.solve(r, b.T @ solve_continuous_are(a, b, q, r))[0].tolist()
+    try:
+        i, p, d = np.linalg.solve(r, b.T @ solve_continuous_are(a, b, q, r))[0].tolist()
+    except (ValueError, np.linalg.LinAlgError):
+        raise TuningError(
+            f"no LQR gains for an integral of {integral:g} rad s, an error of {angle:g} rad, a rate of "
+            f"{rate:g} rad/s and a torque of {torque:g} N m: choose values closer to one another"
+        ) from None
     return Gains(p, i, d)
 
 
 class Ultimate(NamedTuple):
-    """What a relay experiment found, and what the characteristic polynomial says."""
+    """What a relay experiment found, and what follows from the characteristic polynomial."""
 
     gain: float  # Ku = 4 d / (pi amplitude), N m/rad: the describing function's
     period: float  # Tu of the limit cycle, s
@@ -63,7 +70,7 @@ class Ultimate(NamedTuple):
 
 
 def ultimate(plant: Linear) -> tuple[float, float]:
-    """Return the gain [N m/rad] and period [s] at which pure P ends being stable.
+    """Return the gain [N m/rad] and period [s] at which pure P stops being stable.
 
     With a lag T and damping c, ``T s^3 + (1 + T c) s^2 + (c - T a) s + (b K - a)`` has an imaginary
     pair at ``w^2 = (c - T a) / T`` and ``b K = a + (1 + T c) w^2``. Raises TuningError where there is
@@ -78,13 +85,15 @@ def ultimate(plant: Linear) -> tuple[float, float]:
     return (plant.a + (1.0 + plant.lag * plant.c) * square) / plant.b, 2.0 * pi / sqrt(square)
 
 
-def relay(plant: Linear, amplitude: float, step: float = 1e-4, cycles: int = 60) -> Ultimate:
+def relay(plant: Linear, amplitude: float, steps: int = 4000, cycles: int = 60) -> Ultimate:
     """Return what a relay of +-``amplitude`` N m in place of the controller makes the trunk do.
 
-    Astrom and Hagglund's experiment on the linear plant, torque exact between steps of ``step`` s; the
-    last cycles of ``cycles`` are measured. Raises TuningError where no limit cycle settles.
+    Astrom and Hagglund's experiment on the linear plant, torque exact between the ``steps`` of
+    each expected period; the last cycles of ``cycles`` are measured. Raises TuningError where no limit
+    cycle settles.
     """
     exact_gain, exact_period = ultimate(plant)
+    step = exact_period / steps
     a, b = plant.matrices()
     n = len(a)
     held = expm(np.block([[a, b], [np.zeros((1, n + 1))]]) * step)
@@ -95,7 +104,7 @@ def relay(plant: Linear, amplitude: float, step: float = 1e-4, cycles: int = 60)
     crossings: list[float] = []
     peaks: list[float] = []
     peak = 0.0
-    for k in range(round(cycles * exact_period / step)):
+    for k in range(cycles * steps):
         before = state[0]
         state = phi @ state + gamma * (-amplitude if before > 0.0 else amplitude)
         peak = max(peak, abs(state[0]))

@@ -14,13 +14,13 @@ from trunk_msgs_util.parameters.declarations import Value, build, values_of
 from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..batch.closed_loop import Batch
+from ..batch.limits import wrong_duration
+from ..errors import PlanError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 
 FAILED = 1e9  # the cost of a run that diverges, or has no such metric
-_HALF = (
-    len(INPUT_LABELS) // 2 + 1
-)  # a table is its own mirror image both ways: a quarter decides it
+_HALF = len(INPUT_LABELS) // 2 + 1  # a table is symmetric in both directions: a quarter defines it
 _CELLS = _HALF * _HALF
 
 
@@ -97,8 +97,13 @@ def search(
 ) -> Found:
     """Return the parameters of the plans' controller with the smallest mean metric over the plans.
 
-    The same seed gives the same result. ``progress`` hears the generation and the best cost so far.
+    The same seed gives the same result. ``progress`` is called with the generation and the best cost so far.
+    Raises PlanError for a plan without an end, or too long a one.
     """
+    for plan in plans:
+        wrong = wrong_duration(plan.simulator.duration, plan.simulator.update_rate)
+        if wrong:
+            raise PlanError(f"{plan.scenario}: {wrong}")
     first = plans[0]
     config = first.controller
     space = fuzzy_space(config) if first.controller_name == "fuzzy_pid" else gains_space(config)

@@ -146,6 +146,8 @@ def _channel(
 
 
 def _copy(writer: Writer, channel: int, messages: Messages, row: int) -> None:
-    head = messages.head(row)
-    data = messages.data[messages.start[row] : messages.end[row]]
-    writer.add_message(channel, head.log_time_ns, data, head.publish_time_ns, head.sequence)
+    data, log, start, end = messages
+    at = int(start[row])
+    sequence = int.from_bytes(data[at - 20 : at - 16], "little")
+    publish = int.from_bytes(data[at - 8 : at], "little")
+    writer.add_message(channel, int(log[row]), data[at : int(end[row])], publish, sequence)

@@ -18,32 +18,11 @@ import yaml
 from ..errors import TrunkError
 from ..whole_file import whole_file
 from .declarations import Value, unknown_name
+from .yaml_text import YamlTextError, load
 
 
 class ParameterFileError(TrunkError):
     """A parameter file that cannot be used: the file, the place, what to do."""
-
-
-class _Loader(yaml.SafeLoader):
-    """Safe YAML in which ``1e3`` is a number, as rcl reads it, and a key may appear only once."""
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        seen: set[Any] = set()
-        for key_node, _ in node.value:
-            if key_node.value in seen:
-                raise yaml.constructor.ConstructorError(
-                    problem=f"{key_node.value!r} appears twice", problem_mark=key_node.start_mark
-                )
-            seen.add(key_node.value)
-        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
-        return mapping
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"),
-    list("-+.0123456789"),
-)
 
 
 @dataclass(frozen=True)
@@ -115,12 +94,9 @@ def _sections(tree: Any, source: str, path: str = "") -> Iterable[Section]:
 def parse(text: str, source: str) -> Layer:
     """Return the layer in a file's text. Raises ParameterFileError naming the source and the line."""
     try:
-        tree = yaml.load(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else "?"
-        raise ParameterFileError(f"{source}: line {line}: {error.problem}") from None
-    except yaml.YAMLError as error:
-        raise ParameterFileError(f"{source}: not YAML: {' '.join(str(error).split())}") from None
+        tree = load(text)
+    except YamlTextError as error:
+        raise ParameterFileError(f"{source}: {error}") from None
     sections = tuple(_sections(tree, source))
     if not sections:
         raise ParameterFileError(

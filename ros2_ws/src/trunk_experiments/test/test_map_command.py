@@ -1,0 +1,100 @@
+"""``trunk map`` as a user meets it: what cannot be drawn is told before anything is swept."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+from click.testing import CliRunner
+from rich.console import Console
+
+from trunk_experiments.cli import trunk
+from trunk_experiments.commands import reading
+
+STUDY = """
+scenario: fig6
+params: profile_practical
+rate: 200
+duration: 2.5
+controllers: [pid]
+set: {simulator.hip.mode: prescribed, simulator.path.amplitude: 0.03}
+vary:
+  delay: {parameter: simulator.sensor.delay, values: [0.0, 0.01, 0.3]}
+  gain: {parameter: pid.gains.p, as: factor, values: [1.0, 1.5]}
+"""
+MODE = "  mode: {parameter: simulator.hip.mode, values: [passive, prescribed]}\n"
+ONE = STUDY[: STUDY.index("  gain:")]
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.yaml").write_text(STUDY)
+    (tmp_path / "mode.yaml").write_text(STUDY + MODE)
+    (tmp_path / "one.yaml").write_text(ONE)
+    return tmp_path
+
+
+def run(*arguments):
+    done = CliRunner().invoke(trunk, ["map", *map(str, arguments)])
+    return done, f"{done.exception} {done.output}"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["mine.yaml", "-o", "x.jpg"], "x.jpg: the file's name ends in .png, .svg or .pdf"),
+        (["mine.yaml", "-o", "none/x.png"], "there is no folder none"),
+        (["mine.yaml", "--metric", "nix"], "no metric 'nix': one of "),
+        (["mine.yaml", "--x", "nix"], "'nix' is no grid variable; there are: delay, gain"),
+        (["mine.yaml", "--x", "gain", "--y", "gain"], "--x and --y are both 'gain'"),
+        (["mode.yaml", "--x", "mode"], "'mode' holds no numbers"),
+        (["one.yaml"], "a map needs two grid variables; there are: delay"),
+        (["nix.yaml"], "no study 'nix.yaml'"),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_drawn_is_not_swept(here, arguments, line):
+    before = sorted(here.iterdir())
+    done, told = run(*arguments)
+    assert done.exit_code != 0
+    assert line in told
+    assert sorted(here.iterdir()) == before
+
+
+def test_a_study_is_swept_and_drawn(here):
+    done, told = run("mine.yaml")
+    assert done.exit_code == 0, told
+    assert {path.name for path in here.iterdir()} >= {"mine.parquet", "mine.png"}
+    done, told = run("mine.yaml", "-o", "again.png")
+    assert "mine.parquet: it exists: give it in place of mine.yaml, or delete it" in told
+
+
+def test_a_picture_is_replaced_only_where_it_is_named(here):
+    run("mine.yaml", "-o", "x.png")
+    (here / "mine.png").write_text("mine")
+    done, told = run("mine.parquet")
+    assert done.exit_code != 0
+    assert "mine.png: it exists: name it with -o to replace it" in told
+    assert (here / "mine.png").read_text() == "mine"
+    done, told = run("mine.parquet", "-o", "mine.png")
+    assert done.exit_code == 0, told
+    assert (here / "mine.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_one_axis_that_is_given_leaves_the_other_for_the_other(here):
+    _, told = run("mine.yaml", "--y", "delay")
+    assert "over gain and delay" in told
+
+
+def test_a_terminal_sees_how_far_it_is(here, monkeypatch):
+    screen = io.StringIO()
+
+    def terminal(**_):
+        return Console(file=screen, force_terminal=True, width=100)
+
+    monkeypatch.setattr(reading, "Console", terminal)
+    done, told = run("mine.yaml")
+    assert done.exit_code == 0, told
+    for text in ("runs", "Floquet multipliers", "100%"):
+        assert text in screen.getvalue()

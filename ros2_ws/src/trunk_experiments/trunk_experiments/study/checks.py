@@ -1,0 +1,118 @@
+"""Studies that cannot be run: refused before the first run, in one line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Any
+
+from trunk_msgs_util.parameters.declarations import ParameterError, declarations, unknown_name
+
+from ..batch.limits import wrong_duration
+from ..errors import PlanError, StudyError
+from ..plans.plan import check_turns
+from ..runs.offline import check
+from .design import drawn_values
+from .study import Contender, Study, Target, Variable
+from .targets import Base, Bases, field_of, is_meant, kind_of, new_value
+
+# Where these are zero, runs with other seeds are the same runs.
+_NOISE = {
+    "simulator": ("sensor.position_noise", "sensor.velocity_noise"),
+    "disturbance": ("noise.rms",),
+}
+
+
+def mistake(study: Study, v: Variable, message: str) -> StudyError:
+    """Return the error that names a study's entry."""
+    return StudyError(f"{study.source}: vary.{v.name}: {message}")
+
+
+def check_contender(study: Study, contender: Contender, base: Base) -> None:
+    """Raise StudyError where a compiled loop cannot run the contender, or not for so long."""
+    try:
+        check(base.plan)
+        check_turns(base.plan)
+    except PlanError as error:
+        raise StudyError(f"{study.source}: {contender.label}: {error}") from None
+    wrong = wrong_duration(base.plan.simulator.duration, base.plan.simulator.update_rate)
+    if wrong:
+        raise StudyError(f"{study.source}: {contender.label}: {wrong}")
+
+
+def check_variable(study: Study, v: Variable, contender: Contender, base: Base) -> None:
+    """Raise StudyError where a variable fits no parameter of the contender's, or leaves its bounds."""
+    values = v.values if v.distribution is None else drawn_values(study)[v.name]
+    for target in v.targets:
+        if not is_meant(target, contender):
+            continue
+        config = base.configs[kind_of(target, contender)]
+        _check_target(study, v, contender, target, config)
+        if v.how != "value" and not all(isinstance(value, int | float) for value in values):
+            raise mistake(study, v, f"{target}: as {v.how}: numbers are needed")
+        old = getattr(config, field_of(config, target.name))
+        try:
+            for value in set(values):
+                new_value(config, target, old, v.how, value)
+        except ParameterError as error:
+            raise mistake(study, v, f"{contender.label}: {target}: {error}") from None
+
+
+def check_durations(study: Study, v: Variable, contender: Contender, bases: Bases) -> None:
+    """Raise StudyError where a variable makes one of the contender's runs endless, or too long."""
+    for target in v.targets:
+        if (target.node, target.name) != ("simulator", "duration"):
+            continue
+        values = set(v.values if v.distribution is None else drawn_values(study)[v.name])
+        for base in (base for (label, _), base in bases.items() if label == contender.label):
+            simulator = base.plan.simulator
+            for value in values:
+                new: Any = new_value(simulator, target, simulator.duration, v.how, value)
+                wrong = wrong_duration(new, simulator.update_rate)
+                if wrong:
+                    raise mistake(study, v, f"{target}: {wrong}")
+
+
+def check_repetition(study: Study, bases: Iterable[Base]) -> None:
+    """Raise StudyError where a study asks for several runs that are all the same."""
+    if study.runs == 1 or any(v.distribution for v in study.variables):
+        return
+    if any(_noisy(base) for base in bases):
+        return
+    for v in study.variables:
+        noise = any(target.name in _NOISE.get(target.node, ()) for target in v.targets)
+        if noise and v.how != "factor" and any(v.values):  # times a factor, no noise stays none
+            return
+    raise StudyError(
+        f"{study.source}: runs: is {study.runs}, but nothing is drawn and there is no noise: "
+        "leave it out"
+    )
+
+
+def _check_target(
+    study: Study, v: Variable, contender: Contender, target: Target, config: Any
+) -> None:
+    declared = declarations(type(config))
+    if target.name not in declared:
+        text = unknown_name(target.name, declared)
+        raise mistake(study, v, f"{contender.label}: {target}: {text}")
+    kind = declared[target.name].kind
+    if target.name.startswith(("lockstep.", "wait_for", "joints")):
+        raise mistake(study, v, f"{target} does not decide a compiled run")
+    old = getattr(config, field_of(config, target.name))
+    if isinstance(old, tuple) and (target.index is None or target.index >= len(old)):
+        raise mistake(
+            study, v, f"{target}: it is {list(old)}: name one element, [0] to [{len(old) - 1}]"
+        )
+    if not isinstance(old, tuple) and target.index is not None:
+        raise mistake(study, v, f"{target}: it is a single {kind}: leave out [...]")
+    if v.how != "value" and not re.match("double", kind):
+        raise mistake(study, v, f"{target}: as {v.how}: a double is needed, it is {kind}")
+
+
+def _noisy(base: Base) -> bool:
+    return any(
+        getattr(base.configs[node], field_of(base.configs[node], name))
+        for node, names in _NOISE.items()
+        for name in names
+    )

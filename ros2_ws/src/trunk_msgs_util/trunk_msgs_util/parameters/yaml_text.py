@@ -1,0 +1,75 @@
+"""YAML as this project reads it: plain values, numbers as rcl takes them, every mistake one line."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import yaml
+
+MAX_DEPTH = 50  # of lists and mappings within one another
+
+
+class YamlTextError(ValueError):
+    """A text that cannot be used: the line, what is there, what to do."""
+
+
+def load(text: str) -> Any:
+    """Return the value in a YAML text. Raises YamlTextError naming the line.
+
+    As for rcl, ``1e3`` is a number and aliases are refused. A key may stand only once in a mapping.
+    """
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else "?"
+        raise YamlTextError(f"line {line}: {error.problem}") from None
+    except yaml.YAMLError as error:
+        raise YamlTextError(f"not YAML: {' '.join(str(error).split())}") from None
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML without aliases, and with an error for each thing that PyYAML itself fails at."""
+
+    _depth = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent):
+            raise _mistake(f"an alias, '*{event.anchor}': write the value itself", event.start_mark)
+        self._depth += 1
+        if self._depth > MAX_DEPTH:
+            raise _mistake(f"nested more than {MAX_DEPTH} deep", event.start_mark)
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+    def construct_object(self, node: Any, deep: bool = False) -> Any:
+        try:
+            return super().construct_object(node, deep)
+        except (ValueError, LookupError, AttributeError):  # "0x_", "!!bool q", "2026-13-45"
+            kind = node.tag.rsplit(":", 1)[-1]
+            shown = node.value if len(node.value) <= 40 else node.value[:37] + "..."
+            raise _mistake(f"{shown!r} is no {kind}", node.start_mark) from None
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise _mistake("a list or mapping stands for a key: name it", key.start_mark)
+            if key.value in seen:
+                raise _mistake(f"{key.value!r} stands twice", key.start_mark)
+            seen.add(key.value)
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
+        return mapping
+
+
+def _mistake(problem: str, mark: Any) -> yaml.MarkedYAMLError:
+    return yaml.constructor.ConstructorError(problem=problem, problem_mark=mark)
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"),
+    list("-+.0123456789"),
+)
