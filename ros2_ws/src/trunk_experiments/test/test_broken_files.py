@@ -182,7 +182,7 @@ def test_doubled_topics_and_messages_count_once(whole, trunk, tmp_path, short_ru
     assert json.loads(out) == single
     code, out, _ = trunk("doctor", path)
     assert code == 1
-    assert f"{TRUTH}, t = 0 s: the stamp stands twice" in out
+    assert f"{TRUTH}, t = 0 s: the stamp appears twice" in out
 
 
 def with_bytes(path, hostile):

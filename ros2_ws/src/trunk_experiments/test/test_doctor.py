@@ -63,7 +63,7 @@ def test_a_sound_run_has_no_findings(tmp_path, short_run):
             {"stamps": [0, 1, 2, 6, 7]},
             f"{TRUTH}, t = 0.002 s: steps are missing behind this stamp: 3",
         ),
-        ({"stamps": [0, 1, 1, 2]}, f"{TRUTH}, t = 0.001 s: the stamp stands twice"),
+        ({"stamps": [0, 1, 1, 2]}, f"{TRUTH}, t = 0.001 s: the stamp appears twice"),
         ({"stamps": [0, 2, 1, 3]}, f"{TRUTH}, t = 0.001 s: the stamp is before"),
         (
             {"value": lambda k: float("nan") if k == 7 else 1.0},

@@ -116,7 +116,12 @@ BAD = {
         PlanError,
         "no integer divisor",
     ),
-    "another joint": (("fig6", "pid", [], ["pid.joint=knee"]), {}, PlanError, "the simulator takes commands"),
+    "another joint": (
+        ("fig6", "pid", [], ["pid.joint=knee"]),
+        {},
+        PlanError,
+        "the simulator takes commands",
+    ),
     "a negative duration": (
         ("fig6", "pid"),
         {"everywhere": {"duration": -1.0}},

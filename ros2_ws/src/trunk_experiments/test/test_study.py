@@ -25,7 +25,7 @@ MISTAKES = {
     "a list for a key": ("? [a]\n: 1\n", "line 1: a list or mapping"),
     "an endless study": ("&a [*a]\n", "line 1: an alias, '*a'"),
     "a deep study": ("[" * 5000, "line 1: nested more than 50 deep"),
-    "a key twice": (HEAD + HEAD, "line 3: 'scenario' stands twice"),
+    "a key twice": (HEAD + HEAD, "line 3: 'scenario' appears twice"),
     "no such date": (HEAD + "params: 2026-13-45\n", "line 3: '2026-13-45' is no"),
     "unknown key": (HEAD + DELAY + "run: 3\n", "unknown key 'run': one of scenario"),
     "no scenario": ("controllers: [pid]\n" + DELAY, "scenario: missing"),

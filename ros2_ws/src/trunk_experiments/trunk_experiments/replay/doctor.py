@@ -131,7 +131,7 @@ def _order(stamp_ns: Integers, topic: str, severity: str) -> Iterator[Finding]:
     steps = np.diff(stamp_ns)
     for rows, what in (
         (np.flatnonzero(steps < 0), "the stamp is before the one of the message before it"),
-        (np.flatnonzero(steps == 0), "the stamp stands twice"),
+        (np.flatnonzero(steps == 0), "the stamp appears twice"),
     ):
         yield from _places(severity, what, topic, stamp_ns[rows + 1])
 

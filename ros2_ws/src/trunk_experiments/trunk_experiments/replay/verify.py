@@ -214,7 +214,7 @@ def _disorder(relative: str, stamps: Integers) -> list[str]:
         return []
     before, after = (int(stamps[places[0] + i]) for i in (0, 1))
     if after == before:
-        return [f"{relative}: the stamp t = {seconds(after):g} s stands twice"]
+        return [f"{relative}: the stamp t = {seconds(after):g} s appears twice"]
     there_and_back = f"from t = {seconds(before):g} s to t = {seconds(after):g} s"
     return [f"{relative}: stamps run back, {there_and_back}"]
 

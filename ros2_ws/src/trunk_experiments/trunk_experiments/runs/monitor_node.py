@@ -49,7 +49,7 @@ class Monitor:
         self._executor.spin_once(timeout_sec=timeout_s)
 
     def doubled(self, names: list[str]) -> list[str]:
-        """Return those of our nodes' names that stand twice in the graph."""
+        """Return those of our nodes' names that appear twice in the graph."""
         count = Counter(self._node.get_fully_qualified_node_names())
         return [name for name in names if count[f"/{name}"] > 1]
 

@@ -7,10 +7,12 @@ from typing import Any
 
 import yaml
 
+from ..errors import TrunkError
+
 MAX_DEPTH = 50  # of lists and mappings within one another
 
 
-class YamlTextError(ValueError):
+class YamlTextError(TrunkError):
     """A text that cannot be used: the line, what is there, what to do."""
 
 
@@ -58,7 +60,7 @@ class _Loader(yaml.SafeLoader):
             if not isinstance(key, yaml.ScalarNode):
                 raise _mistake("a list or mapping stands for a key: name it", key.start_mark)
             if key.value in seen:
-                raise _mistake(f"{key.value!r} stands twice", key.start_mark)
+                raise _mistake(f"{key.value!r} appears twice", key.start_mark)
             seen.add(key.value)
         mapping: dict[Any, Any] = super().construct_mapping(node, deep)
         return mapping
