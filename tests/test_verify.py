@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import tracemalloc
 from dataclasses import replace
 
 import pytest
@@ -167,6 +169,21 @@ def test_a_message_dropped_swapped_or_doubled_is_never_verified(whole, tmp_path,
     assert verify(
         copied(whole, tmp_path / "with_digests.mcap", lambda m: edit(m, topic))
     ).altered == [topic]
+
+
+@pytest.mark.parametrize("topic", [TRUTH, STATE, COMMAND, "/disturbance"])
+def test_one_stamp_in_the_far_future_costs_no_more_than_any_other(whole, tmp_path, topic):
+    def edit(messages):
+        message = of(messages, topic)[700]
+        message[2] = message[2][:4] + struct.pack("<iI", 2**31 - 1, 0) + message[2][12:]
+
+    copy = copied(whole, tmp_path / "future.mcap", edit, digests=False)
+    tracemalloc.start()
+    verdict = verify(copy)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert verdict.exit_code != VERIFIED
+    assert peak < 64 << 20
 
 
 def test_a_run_without_an_end_marker_cannot_be_judged(whole, tmp_path):
