@@ -50,7 +50,8 @@ def examine(
         for warning in recording.warnings
         if not any(warning.endswith(message) for message in known)
     ]
-    found += _provenance(recording)
+    run = RecordedRun(recording)
+    found += _provenance(run)
     found += [
         Finding(ERROR, "its messages are not those that the recorder wrote (digest)", topic)
         for topic in recording.altered_topics()
@@ -58,13 +59,14 @@ def examine(
     try:
         for name, topic in sorted(recording.topics.items()):
             if topic.type == names.JOINT_STATE_TYPE and topic.count:
-                found += _joints(recording, name)
+                found += _joints(run, name)
     except RecordingError as error:
         found.append(Finding(ERROR, str(error).removeprefix(f"{path}: ")))
     return found
 
 
-def _provenance(recording: Recording) -> Iterator[Finding]:
+def _provenance(run: RecordedRun) -> Iterator[Finding]:
+    recording = run.recording
     if not recording.provenance:
         yield Finding(WARNING, "no provenance: scenario, versions and mode are not known")
     try:
@@ -82,7 +84,8 @@ def _provenance(recording: Recording) -> Iterator[Finding]:
         yield Finding(WARNING, "no controller's ~/state: reference and gains are not known")
 
 
-def _joints(recording: Recording, topic: str) -> Iterator[Finding]:
+def _joints(run: RecordedRun, topic: str) -> Iterator[Finding]:
+    recording = run.recording
     joints = recording.joints(topic)
     yield from _numbers(joints, topic)
     owner = {
@@ -111,17 +114,15 @@ def _joints(recording: Recording, topic: str) -> Iterator[Finding]:
         known = isinstance(rate, float) and rate > 0.0
         period_ns = period_of(rate) if isinstance(rate, float) and known else None
         severity = WARNING if known and not loose else INFO
-        for turn in _turns(recording, owner, np.unique(joints.stamp_ns)):
+        for turn in _turns(run, owner, np.unique(joints.stamp_ns)):
             yield from _gaps(turn, topic, period_ns, severity)
 
 
-def _turns(recording: Recording, controller: str | None, stamps: Integers) -> list[Integers]:
+def _turns(run: RecordedRun, controller: str | None, stamps: Integers) -> list[Integers]:
     """Return the stamps of each of a controller's turns: it has nothing to say between them."""
     ends = [
         change.stamp_ns
-        for change in (
-            RecordedRun(recording).changes(controller) if controller in CONTROLLERS else ()
-        )
+        for change in (run.changes(controller) if controller in CONTROLLERS else ())
         if change.event == Event.DEACTIVATED
     ]
     return np.split(stamps, np.searchsorted(stamps, sorted(ends), side="right"))

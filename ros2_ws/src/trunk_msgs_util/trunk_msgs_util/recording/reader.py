@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -270,24 +270,29 @@ class Recording:
         except ValueError as error:
             raise RecordingError(f"{self.path}: {topic} cannot be read: {error}") from None
 
+    @cached_property
     def _parameter_events(self) -> list[ParameterChange]:
         return self._parsed(names.RUN_PARAMETERS, parse_parameter_event)
+
+    @cached_property
+    def _events(self) -> list[RunEvent]:
+        return self._parsed(names.RUN_EVENTS, parse_event)
 
     def parameters(self) -> dict[str, dict[str, Value]]:
         """Return every node's first full set of parameters, by its fully qualified name."""
         found: dict[str, dict[str, Value]] = {}
-        for event in self._parameter_events():
+        for event in self._parameter_events:
             if event.new:
                 found.setdefault(event.node, event.new)
         return found
 
     def parameter_changes(self) -> list[ParameterChange]:
         """Return what changed in the run; each change applies to states with a greater stamp."""
-        return [event for event in self._parameter_events() if event.changed]
+        return [event for event in self._parameter_events if event.changed]
 
     def events(self) -> list[RunEvent]:
         """Return the events of the run in the file's order."""
-        return self._parsed(names.RUN_EVENTS, parse_event)
+        return list(self._events)
 
 
 def _tell(progress: Callable[[int, int], None], before: int, of: int, done: int) -> None:
