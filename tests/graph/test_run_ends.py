@@ -20,6 +20,7 @@ from trunk_msgs_util.samples import JointSample
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
 from trunk_sim.simulator_node import SimulatorNode
+from trunk_sim.step import Trunk
 
 pytestmark = pytest.mark.graph
 
@@ -90,7 +91,7 @@ def test_a_run_that_failed_fails_once(arguments: Any, lockstep: str) -> None:
     arguments(f"lockstep.enabled:={lockstep}", "wait_for:=[effort_command,recorder]")
     events: list[str] = []
     node = started(events)
-    node._simulation.take_on(PlantState(0.0, inf, 0.0, 0.0), 0.0)
+    node._simulation.trunk = Trunk(PlantState(0.0, inf, 0.0, 0.0), 0.0, False, False)
     node._on_command(sample_to_wire(JointSample(0, ("trunk",), effort=(1.0,))))
     # In real time twenty steps are due at once.
     node._pacing.tick(time.monotonic_ns() + 20 * node.period_ns)

@@ -19,7 +19,7 @@ from trunk_msgs_util.units import seconds
 
 from .computed_torque import Hip
 from .law import Constants, Law, Sample, Update
-from .pid import Gains, PidLaw, PidState, Terms, limited, retune
+from .pid import PidLaw, PidState, Terms, limited, retune
 from .reference import TOPIC, ReferenceProfile, reference_at
 from .schedule import turn
 
@@ -243,11 +243,6 @@ def taken_over(
         if integral - integral == 0.0:
             state = PidState(integral, state.error, seen.position, 0.0, effort, True)
     return state
-
-
-def gains_now(memory: Memory, law: Law, constants: Constants) -> Gains:
-    """Return the gains at the last update."""
-    return law.gains(memory.state, memory.sample, constants)
 
 
 def state_record(answer: Answer, measurement: float) -> tuple[float, ...]:

@@ -97,10 +97,6 @@ class Simulation:
         """True where the run is to be finished because the trunk has fallen."""
         return self.config.fall_stop and self.trunk.fallen
 
-    def take_on(self, state: PlantState, effort: float) -> None:
-        """Go on from a recorded state and the torque [N m] of the step before it."""
-        self.trunk = Trunk(state, effort, self.trunk.fallen, False)
-
     def reset(self) -> None:
         """Put the plant back to its initial state. Time goes on: stamps never run back."""
         self._begin()
