@@ -156,11 +156,11 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._pacing.begin(time.monotonic_ns())
 
     def _only_one_controller(self) -> bool:
-        acting = self._participants.acting()
-        if len(acting) <= 1 or self._participants.unnamed():
+        rivals = self._participants.rivals()
+        if not rivals:
             return True
         self.fail(
-            f"{len(acting)} nodes publish {self._commands.topic_name}: {', '.join(acting)}; "
+            f"{len(rivals)} nodes publish {self._commands.topic_name}: {', '.join(rivals)}; "
             "one controller at a time: stop the others"
         )
         return False
