@@ -37,7 +37,7 @@ def test_a_plant_beyond_floating_point_is_refused(length):
 
 
 @given(st.lists(st.floats(-40.0, -0.5), min_size=2, max_size=3, unique=True))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_by_poles_places_them(poles):
     if min(np.diff(sorted(poles))) < 0.05:
         return  # nearly double: roots of polynomials are not that exact
