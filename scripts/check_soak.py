@@ -43,6 +43,7 @@ from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_experiments.runs.graph import RunFiles, run_graph
 from trunk_msgs_util.errors import TrunkError
+from trunk_msgs_util.node import middleware
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.units import seconds
 
@@ -78,6 +79,7 @@ class Watch:
             self._executor.spin_once(timeout_sec=timeout_s)
 
     def _listen(self) -> None:
+        middleware.prepare()
         context = rclpy.Context()
         rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
         node = Node("soak", context=context, start_parameter_services=False)

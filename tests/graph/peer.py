@@ -17,7 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.node import qos
+from trunk_msgs_util.node import middleware, qos
 from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
 from trunk_msgs_util.samples import JointSample
 
@@ -48,6 +48,7 @@ class Peer:
     """Collects what the graph says; every wait has a condition and a deadline."""
 
     def __init__(self) -> None:
+        middleware.prepare()
         self._context = rclpy.Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node("peer", context=self._context, start_parameter_services=False)
