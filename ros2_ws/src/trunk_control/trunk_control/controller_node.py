@@ -51,8 +51,8 @@ class ControllerNode(TrunkNode[ControllerConfig]):
     def set_up(self) -> None:
         """Open the topics: states are followed from now on, and answered once active."""
         self._forget()
-        self._command = self.create_publisher(JointState, topics.EFFORT_COMMAND, qos.evidence())
-        self._terms = self.create_publisher(JointState, "~/state", qos.evidence())
+        self._command = self.create_evidence(topics.EFFORT_COMMAND)
+        self._terms = self.create_evidence("~/state")
         self._states = self.create_subscription(
             JointState, topics.JOINT_STATES, self._on_state, qos.control(), raw=True
         )

@@ -31,7 +31,7 @@ class DisturbanceNode(TrunkNode[DisturbanceConfig]):
     def set_up(self) -> None:
         """Listen for states."""
         self._sent_ns = -1
-        self._publisher = self.create_publisher(JointState, topics.DISTURBANCE, qos.evidence())
+        self._publisher = self.create_evidence(topics.DISTURBANCE)
         self._subscription = self.create_subscription(
             JointState, topics.GROUND_TRUTH, self._on_state, qos.control(), raw=True
         )

@@ -78,8 +78,8 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self.stopping()
 
     def _create_topics(self, config: SimulatorConfig) -> None:
-        self._truth = self.create_publisher(JointState, topics.GROUND_TRUTH, qos.evidence())
-        self._measured = self.create_publisher(JointState, topics.JOINT_STATES, qos.evidence())
+        self._truth = self.create_evidence(topics.GROUND_TRUTH)
+        self._measured = self.create_evidence(topics.JOINT_STATES)
         self._clock_topic = (
             self.create_publisher(Clock, "/clock", qos.clock()) if config.publish_clock else None
         )
@@ -304,8 +304,10 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._simulation.reset()
         self.event(Event.RESET)
         response.success = True
-        response.message = (
-            f"the plant is in its initial state at t = {seconds(self.run_stamp_ns):g} s"
+        response.message = "the plant is in its initial state " + (
+            f"at t = {seconds(self.run_stamp_ns):g} s"
+            if self.run_stamp_ns >= 0
+            else "before the first state"
         )
         return response
 

@@ -19,7 +19,7 @@ from . import middleware
 from .base import TrunkNode
 from .executor import LoopExecutor
 
-_DRAIN_S = 0.7
+_DRAIN_S = 5.0  # of messages that are still coming in; where nothing comes, they end at once
 
 
 class Shutdown:
