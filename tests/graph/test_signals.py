@@ -99,7 +99,8 @@ def test_in_a_run(
     assert recording.end is not None
     assert recording.end["complete"] == complete, recording.end
     assert recording.end["reason"].startswith(reason)
-    states = int(recording.events()[-1].values["states"])
+    (end,) = (event for event in recording.events() if event.message in ("stopped", "finished"))
+    states = int(end.values["states"])
     for topic in ("/ground_truth/joint_states", "/joint_states"):
         assert recording.topics[topic].count == states
 
