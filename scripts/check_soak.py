@@ -49,6 +49,7 @@ from trunk_msgs_util.units import seconds
 
 MIB = 2**20
 EVERY_S = 1.0
+HUNG_S = 60.0
 # Each command then differs from the one before, so that a step made with the wrong one shows.
 NOISE = ("simulator.sensor.position_noise=1e-4", "simulator.sensor.velocity_noise=1e-3")
 
@@ -99,7 +100,7 @@ class Watch:
 
     def hear_the_last(self, states: int) -> dict[str, int]:
         """Return the counts that the simulator diagnosed at its end. Raises RunError."""
-        deadline = time.monotonic() + 5.0
+        deadline = time.monotonic() + HUNG_S
         while int(self.diagnosis.get("step", -1)) + 1 < states:
             if time.monotonic() > deadline:
                 raise RunError(f"the simulator's diagnosis after its {states} states was not heard")

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
@@ -20,8 +19,6 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.node import middleware, qos
 from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
 from trunk_msgs_util.samples import JointSample
-
-from .processes import PATIENCE_S
 
 _ASK_AGAIN_S = 3.0
 
@@ -45,7 +42,7 @@ class Parameters(NamedTuple):
 
 
 class Peer:
-    """Collects what the graph says; every wait has a condition and a deadline."""
+    """Collects what the graph says; every wait has a condition, as `processes.until` has."""
 
     def __init__(self) -> None:
         middleware.prepare()
@@ -109,11 +106,8 @@ class Peer:
         return lambda sample: publisher.publish(sample_to_ros(sample))
 
     def until(self, condition: Callable[[], Any], what: str) -> Any:
-        """Spin until the condition is truthy, and return it; fail the test at the deadline."""
-        deadline = time.monotonic() + PATIENCE_S
+        """Spin until the condition is truthy, and return it."""
         while not (found := condition()):
-            if time.monotonic() > deadline:
-                pytest.fail(f"not within {PATIENCE_S:g} s: {what}")
             self._executor.spin_once(timeout_sec=0.02)
         return found
 

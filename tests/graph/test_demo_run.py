@@ -18,7 +18,7 @@ from trunk_msgs_util.recording.reader import Recording
 from .processes import Children
 from .recordings import assert_every_step, finished_file, joints
 
-pytestmark = [pytest.mark.graph, pytest.mark.alone]
+pytestmark = pytest.mark.graph
 
 DURATION_S = 3
 PERIOD_NS = 5_000_000

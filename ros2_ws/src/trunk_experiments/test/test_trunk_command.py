@@ -17,7 +17,6 @@ def trunk(*arguments, code=0, cwd=None):
         [sys.executable, "-c", MAIN, *map(str, arguments)],
         capture_output=True,
         text=True,
-        timeout=100,
         cwd=cwd,
         check=False,
     )
