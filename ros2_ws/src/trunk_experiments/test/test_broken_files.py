@@ -123,6 +123,7 @@ def sample(items, count):
     return sorted({items[i * (len(items) - 1) // (count - 1)] for i in range(count)})
 
 
+@pytest.mark.slow
 def test_cuts(whole, trunk, tmp_path):
     data, _, _ = whole
     path = tmp_path / "cut.mcap"
@@ -141,6 +142,7 @@ def test_cuts(whole, trunk, tmp_path):
     assert len(lengths) > 10
 
 
+@pytest.mark.slow
 def test_flipped_bits(whole, trunk, tmp_path):
     data, _, _ = whole
     path = tmp_path / "flipped.mcap"
@@ -288,6 +290,7 @@ finally:
 
 
 @pytest.mark.parametrize("hostile", HOSTILE.values(), ids=HOSTILE.keys())
+@pytest.mark.slow
 def test_hostile_files_cost_neither_time_nor_memory(hostile, tmp_path):
     path = with_bytes(tmp_path / "a.mcap", hostile())
     done = subprocess.run(

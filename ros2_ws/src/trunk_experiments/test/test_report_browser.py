@@ -45,7 +45,7 @@ def find_browser():
 def browser():
     path = find_browser()
     if path is None:
-        pytest.skip("no Chromium: scripts/browser.sh installs it, or says why not")
+        pytest.skip("Chromium: scripts/browser.sh installs it, or says why not")
     with playwright.sync_playwright() as driver:
         started = driver.chromium.launch(executable_path=path, args=list(ARGUMENTS))
         yield started

@@ -119,6 +119,7 @@ def test_provenance_and_study_are_in_the_file(undisturbed):
     assert told[b"grid"] == b'["delay"]'
 
 
+@pytest.mark.slow
 def test_sigkill_loses_no_finished_block(tmp_path):
     text = STUDY.replace("duration: 3.0", "duration: 20.0").replace("runs: 5", "runs: 12")
     file = tmp_path / "study.yaml"

@@ -63,6 +63,7 @@ def cluster(tmp_path):
             process.wait()
 
 
+@pytest.mark.slow
 def test_the_loss_of_a_worker_changes_nothing(study, cluster, tmp_path):
     address, workers = cluster
     path = tmp_path / "cluster.parquet"

@@ -67,6 +67,7 @@ LOOPS = [
 
 
 @pytest.mark.parametrize(("gains", "h", "rate"), LOOPS, ids=str)
+@pytest.mark.slow
 def test_a_simulation_confirms_the_largest_delay(gains, h, rate):
     loop = LinearLoop(PLANT, gains, h, rate)
     limit = largest_delay(loop)
@@ -185,6 +186,7 @@ def invoke(*arguments):
     ],
     ids=["poles", "computed_torque", "lqr", "relay"],
 )
+@pytest.mark.slow
 def test_the_file_is_loaded_by_a_run(controller, arguments, tmp_path):
     path = tmp_path / "gains.yaml"
     said = invoke(*arguments, "-o", path)
