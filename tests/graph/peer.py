@@ -44,11 +44,11 @@ class Parameters(NamedTuple):
 class Peer:
     """Collects what the graph says; every wait has a condition, as `processes.until` has."""
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = "peer") -> None:
         middleware.prepare()
         self._context = rclpy.Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self.node = Node("peer", context=self._context, start_parameter_services=False)
+        self.node = Node(name, context=self._context, start_parameter_services=False)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self.events: list[Event] = []

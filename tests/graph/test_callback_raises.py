@@ -16,7 +16,9 @@ pytestmark = pytest.mark.graph
 # A composed process: the nodes of a run, one of which raises in a callback of its own.
 COMPOSED = """
 import sys
-from trunk_control.pid_node import PidNode
+from functools import partial
+from trunk_control.controller_node import ControllerNode
+from trunk_control.laws import law_named
 from trunk_msgs_util.node.recorder_node import RecorderNode
 from trunk_msgs_util.node.run import run_nodes
 from trunk_sim.simulator_node import SimulatorNode
@@ -33,8 +35,9 @@ def raising(node_class, method, after):
 
 name, method, after = sys.argv[1], sys.argv[2], int(sys.argv[3])
 sys.argv[1:4] = []
-classes = {"recorder": RecorderNode, "pid": PidNode, "simulator": SimulatorNode}
+classes = {"recorder": RecorderNode, "pid": ControllerNode, "simulator": SimulatorNode}
 classes[name] = raising(classes[name], method, after)
+classes["pid"] = partial(classes["pid"], law_named("pid"))
 sys.exit(run_nodes(classes, "composed"))
 """
 

@@ -378,7 +378,6 @@ def test_whatever_comes(
             stateful_step_count=STEPS,
             derandomize=not MORE,
             database=None,
-            deadline=None,
             suppress_health_check=list(HealthCheck),
             phases=[Phase.generate, *([Phase.shrink] if MORE else [])],
         ),

@@ -6,8 +6,9 @@ from itertools import permutations
 
 import pytest
 
+from trunk_msgs_util.topics import UNKNOWN_NODE
 from trunk_sim.config import SimulatorConfig
-from trunk_sim.participants import UNKNOWN_NODE, Participants
+from trunk_sim.participants import Participants
 
 COMMAND = {"answers": "effort_command"}
 

@@ -5,15 +5,14 @@ Pure: the graph is asked through two functions, and time comes in.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
+from trunk_msgs_util.topics import UNKNOWN_NODE
 
 from .config import SimulatorConfig
 
-# What discovery calls a node of which it knows an endpoint alone.
-UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 # A participant that says nothing of itself (another project's controller) is taken as ready when it has
 # been matched for this long.
 _MATCHED_S = 1.0
@@ -76,6 +75,10 @@ class Participants:
         if topic == topics.EFFORT_COMMAND:
             ready = set(self._controllers())
         return waited >= _MATCHED_S and not (ready and ready <= self._inactive)
+
+    def unmet(self, topic: str, publishing: Set[str], listening: Set[str]) -> bool:
+        """Return True where a node that is ready on a topic is not known to listen to what it answers."""
+        return not self._ready_on(topic) & publishing <= listening
 
     def _ready_on(self, topic: str) -> set[str]:
         return self._ready.get(topic, set()) - self._unready

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from .. import topics
+from . import meeting
 
 # So long a node that ends waits at most until a recorder that is there, and every other reliable reader,
 # has what was published.
@@ -31,10 +32,6 @@ class Evidence:
         """Publish a serialized message."""
         self.publisher.publish(data)
         self.count += 1
-
-    def get_subscription_count(self) -> int:
-        """Return how many subscriptions the publisher has met."""
-        return int(self.publisher.get_subscription_count())
 
 
 def counted(evidence: Sequence[Evidence]) -> dict[str, int]:
@@ -58,7 +55,7 @@ def hand_over(node: Node, born_s: float, anything: bool) -> None:
     """
     deadline = time.monotonic() + _HAND_OVER_S
     while anything and not _recorder_met(node) and time.monotonic() < deadline:
-        if time.monotonic() > born_s + _FOUND_S and not node.count_publishers(
+        if time.monotonic() > born_s + _FOUND_S and not node.get_publishers_info_by_topic(
             topics.RECORDER_PROGRESS
         ):
             break
@@ -74,12 +71,5 @@ def _recorder_met(node: Node) -> bool:
     DDS tells a reader's subscriptions in the order in which they were made: the recorder's last is that
     of the run's events.
     """
-    recorders = {
-        (found.node_namespace, found.node_name)
-        for found in node.get_publishers_info_by_topic(topics.RECORDER_PROGRESS)
-    }
-    met = {
-        (found.node_namespace, found.node_name)
-        for found in node.get_subscriptions_info_by_topic(topics.RUN_EVENTS)
-    }
-    return bool(recorders) and recorders <= met
+    recorders = meeting.names(node.get_publishers_info_by_topic(topics.RECORDER_PROGRESS))
+    return bool(recorders) and set(recorders) <= meeting.listeners(node, topics.RUN_EVENTS)
