@@ -19,7 +19,7 @@ pytestmark = pytest.mark.graph
 
 def test_simulator_hangs_in_real_time(children: Children, peer: Peer, tmp_path: Path) -> None:
     run = children.trunk("run", "demo", "--duration", 60, "--output", "run")
-    peer.until_event("simulator", "started")
+    peer.until_started(run)
     peer.until_recorded(3000)  # some seconds: the runner, too, has heard that it has started
     os.kill(children.pid_of("simulator"), signal.SIGSTOP)
     assert run.wait() == 1, run.stderr

@@ -87,7 +87,7 @@ class Run:
 
     def _running(self) -> Callable[[int], None]:
         pid = self._pid()
-        self.peer.until_event("simulator", "started")
+        self.peer.until_started(self.child)
         self.peer.until_recorded(200)
         return self._kill(pid)
 

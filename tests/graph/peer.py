@@ -20,6 +20,8 @@ from trunk_msgs_util.node import middleware, qos
 from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
 from trunk_msgs_util.samples import JointSample
 
+from .processes import Child
+
 _ASK_AGAIN_S = 3.0
 
 
@@ -118,6 +120,16 @@ class Peer:
             lambda: next((e for e in reversed(self.events) if (e.node, e.message) == wanted), None),
             f"{node} says {message!r}",
         )
+
+    def until_started(self, run: Child) -> None:
+        """Spin until the simulator of a run has said that it has started; the run must not end before."""
+
+        def started_or_over() -> bool:
+            over = run.process.poll() is not None
+            return over or ("/simulator", "started") in {e[:2] for e in self.events}
+
+        self.until(started_or_over, "the run has started")
+        assert run.process.poll() is None, run.stderr
 
     def until_up(self, node: str) -> dict[str, Any]:
         """Spin until a node has published its parameters, and return them."""

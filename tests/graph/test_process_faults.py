@@ -26,7 +26,7 @@ def file(tmp_path: Path) -> Path:
 def start(children: Children, peer: Peer, *options: object) -> Child:
     """Return a run of a minute, once it is under way and some of it has been recorded."""
     run = children.trunk("run", "demo", "--duration", 60, "--output", "run", *options)
-    peer.until_event("simulator", "started")
+    peer.until_started(run)
     peer.until_recorded(200)
     return run
 
