@@ -65,6 +65,7 @@ def test_real_time(children: Children, peer: Peer) -> None:
     assert said["commands without the joint"] == "2"
     assert said["commands not finite"] == "2"
     assert said["commands out of order"] == "3"
+    peer.until(lambda: efforts(truth[-1:]).popitem()[1] == 0.0, "it is used no longer")
     assert simulator.stop() == 0, simulator.stderr
     felt = efforts(truth)
     assert set(felt.values()) == {0.0, GOOD}
