@@ -1,10 +1,31 @@
-"""Property tests try the same examples each time; HYPOTHESIS_PROFILE=default tries new ones."""
+"""Property tests try the same examples each time; HYPOTHESIS_PROFILE=default tries new ones.
+
+No example has a time limit, and no test sets one: how long it takes is the machine's affair.
+
+What was skipped, and how to get it, goes to the file TRUNK_SKIPPED, for the last line of scripts/test.sh.
+"""
 
 from __future__ import annotations
 
 import os
+from collections import Counter
+from pathlib import Path
+from typing import Any
 
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
-settings.register_profile("same", derandomize=True, deadline=None)  # load must fail no test
+_PATIENT = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("default", _PATIENT)
+settings.register_profile("same", _PATIENT, derandomize=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Note each reason for which tests were skipped, with their number."""
+    reasons = Counter(
+        report.longrepr[2].removeprefix("Skipped: ")
+        for report in terminalreporter.stats.get("skipped", [])
+    )
+    if file := os.environ.get("TRUNK_SKIPPED"):
+        with Path(file).open("a", encoding="utf-8") as stream:
+            stream.writelines(f"{count} ({reason})\n" for reason, count in reasons.items())

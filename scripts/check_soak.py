@@ -43,11 +43,13 @@ from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_experiments.runs.graph import RunFiles, run_graph
 from trunk_msgs_util.errors import TrunkError
+from trunk_msgs_util.node import middleware
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.units import seconds
 
 MIB = 2**20
 EVERY_S = 1.0
+HUNG_S = 60.0
 # Each command then differs from the one before, so that a step made with the wrong one shows.
 NOISE = ("simulator.sensor.position_noise=1e-4", "simulator.sensor.velocity_noise=1e-3")
 
@@ -78,6 +80,7 @@ class Watch:
             self._executor.spin_once(timeout_sec=timeout_s)
 
     def _listen(self) -> None:
+        middleware.prepare()
         context = rclpy.Context()
         rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
         node = Node("soak", context=context, start_parameter_services=False)
@@ -97,7 +100,7 @@ class Watch:
 
     def hear_the_last(self, states: int) -> dict[str, int]:
         """Return the counts that the simulator diagnosed at its end. Raises RunError."""
-        deadline = time.monotonic() + 5.0
+        deadline = time.monotonic() + HUNG_S
         while int(self.diagnosis.get("step", -1)) + 1 < states:
             if time.monotonic() > deadline:
                 raise RunError(f"the simulator's diagnosis after its {states} states was not heard")

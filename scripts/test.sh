@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# All checks, the same for a person and for CI: scripts/test.sh [pytest arguments]
+# All checks, the same for a person and for CI: scripts/test.sh [--quick | pytest arguments]
+# --quick, between edits: neither processes, nor browser, nor what takes more than a few seconds.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/bootstrap.sh >/dev/null || { echo 'test: FAILED: bootstrap' >&2; exit 1; }
 source scripts/env.sh
-bash scripts/browser.sh >/dev/null || true # says why, and its tests are skipped
 
 failed=()
 stage() { # NAME COMMAND...
@@ -17,20 +17,33 @@ syntax() {
     for script in scripts/*.sh scripts/standin/ros2 .ci/run; do bash -n "$script" || return; done
 }
 
+TRUNK_SKIPPED=$(mktemp)
+export TRUNK_SKIPPED
+trap 'rm -f "$TRUNK_SKIPPED"' EXIT
+run=(python -m pytest --dist worksteal)
+left=''
+
 stage 'shell syntax' syntax
 stage 'ruff check' ruff check
 stage 'ruff format' ruff format --check
 stage mypy mypy
 stage arrows lint-imports
-if (($#)); then
+if [[ ${1:-} == --quick ]]; then
+    stage 'pytest: quick' "${run[@]}" -n auto -q -m 'not (graph or browser or slow)' "${@:2}"
+    left='; not run: processes, browser, slow ones (scripts/test.sh)'
+elif (($#)); then
     stage pytest python -m pytest "$@"
-else # what keeps time has all cores to itself; the rest shares them
-    stage pytest python -m pytest -n auto --dist worksteal -m 'not (alone or browser)'
-    stage 'pytest: what keeps time' python -m pytest -m 'alone or browser' --durations=8
+else
+    bash scripts/browser.sh >/dev/null || true # says why, and its tests are skipped
+    stage 'pytest: in one process' "${run[@]}" -n auto -m 'not graph' --durations=8
+    # Processes wait for each other more than they work: two tests at once for each core.
+    stage 'pytest: the graph' "${run[@]}" -n "$((2 * $(nproc)))" -m graph --durations=8
 fi
 
+skipped=$(paste -sd';' "$TRUNK_SKIPPED" | sed 's/;/; /g')
+[[ -z $skipped ]] || left="; skipped: $skipped$left"
 if ((${#failed[@]})); then
-    printf '\ntest: FAILED:%s\n' "$(printf ' %s,' "${failed[@]}" | sed 's/,$//')" >&2
+    printf '\ntest: FAILED:%s%s\n' "$(printf ' %s,' "${failed[@]}" | sed 's/,$//')" "$left" >&2
     exit 1
 fi
-printf '\ntest: all passed\n'
+printf '\ntest: all passed%s\n' "$left"

@@ -167,7 +167,7 @@ class CleanRoot:
 @pytest.fixture(scope="module")
 def slim(tmp_path_factory):
     if os.geteuid() != 0 or shutil.which("debootstrap") is None:
-        pytest.skip("root and debootstrap are needed")
+        pytest.skip("the image's stages: as root, with Debian's debootstrap")
     suite = last("slim", "FROM").split()[0].removeprefix("debian:").removesuffix("-slim")
     root = CleanRoot(tmp_path_factory.mktemp("slim"), suite)
     try:

@@ -120,6 +120,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
     ids=lambda verb: verb.split(" -o")[0].split(" {run}")[0] + Path(verb).suffix,
 )
+@pytest.mark.slow
 def test_full_disk_leaves_no_half_result(
     disk: Disk,
     recorded: Path,

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from ..failed import FAILED
 from .peer import Peer
 from .processes import Children
 
@@ -61,10 +62,10 @@ def domain(domains: Domains, monkeypatch: pytest.MonkeyPatch) -> int:
 
 
 @pytest.fixture
-def children(tmp_path: Path, domain: int) -> Iterator[Children]:
+def children(tmp_path: Path, domain: int, request: pytest.FixtureRequest) -> Iterator[Children]:
     started = Children(tmp_path)
     yield started
-    started.close()
+    started.close(request.node.stash.get(FAILED, False))
 
 
 @pytest.fixture

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
@@ -17,11 +16,11 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.node import qos
+from trunk_msgs_util.node import middleware, qos
 from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
 from trunk_msgs_util.samples import JointSample
 
-from .processes import PATIENCE_S
+from .processes import Child
 
 _ASK_AGAIN_S = 3.0
 
@@ -45,12 +44,13 @@ class Parameters(NamedTuple):
 
 
 class Peer:
-    """Collects what the graph says; every wait has a condition and a deadline."""
+    """Collects what the graph says; every wait has a condition, as `processes.until` has."""
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = "peer") -> None:
+        middleware.prepare()
         self._context = rclpy.Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self.node = Node("peer", context=self._context, start_parameter_services=False)
+        self.node = Node(name, context=self._context, start_parameter_services=False)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self.events: list[Event] = []
@@ -108,11 +108,8 @@ class Peer:
         return lambda sample: publisher.publish(sample_to_ros(sample))
 
     def until(self, condition: Callable[[], Any], what: str) -> Any:
-        """Spin until the condition is truthy, and return it; fail the test at the deadline."""
-        deadline = time.monotonic() + PATIENCE_S
+        """Spin until the condition is truthy, and return it."""
         while not (found := condition()):
-            if time.monotonic() > deadline:
-                pytest.fail(f"not within {PATIENCE_S:g} s: {what}")
             self._executor.spin_once(timeout_sec=0.02)
         return found
 
@@ -123,6 +120,16 @@ class Peer:
             lambda: next((e for e in reversed(self.events) if (e.node, e.message) == wanted), None),
             f"{node} says {message!r}",
         )
+
+    def until_started(self, run: Child) -> None:
+        """Spin until the simulator of a run has said that it has started; the run must not end before."""
+
+        def started_or_over() -> bool:
+            over = run.process.poll() is not None
+            return over or ("/simulator", "started") in {e[:2] for e in self.events}
+
+        self.until(started_or_over, "the run has started")
+        assert run.process.poll() is None, run.stderr
 
     def until_up(self, node: str) -> dict[str, Any]:
         """Spin until a node has published its parameters, and return them."""

@@ -15,21 +15,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.runs.processes import find_executable
 
-PATIENCE_S = 30.0  # for what should come soon, on a machine that may be busy with something else
+# A process that was told to end, directly or by what started it, may need so long on the busiest machine.
+_LEFT_S = 60.0
+_OF_FAST_DDS = re.compile(r"^.*RTPS_TRANSPORT_SHM.*\n", re.MULTILINE)
 _TOKEN = "TRUNK_TEST_TOKEN"
 
 
 def until(condition: Callable[[], Any], what: str, pause_s: float = 0.01) -> Any:
-    """Poll until the condition is truthy, and return it; fail the test at the deadline."""
-    deadline = time.monotonic() + PATIENCE_S
+    """Poll until the condition is truthy, and return it.
+
+    A busy machine may take its time. What hangs is ended by pytest's timeout (pyproject.toml), whose
+    report shows this call and ``what`` is waited for.
+    """
     while not (found := condition()):
-        if time.monotonic() > deadline:
-            pytest.fail(f"not within {PATIENCE_S:g} s: {what}")
         time.sleep(pause_s)
     return found
 
@@ -44,7 +45,12 @@ class Child:
 
     @property
     def stdout(self) -> str:
-        return (self.folder / f"{self.name}.out").read_text(errors="replace")
+        """What it has printed, without what Fast DDS has: it puts complaints of its shared memory there.
+
+        Every process of the machine that uses DDS takes part in that memory, those of other tests too.
+        """
+        printed = (self.folder / f"{self.name}.out").read_text(errors="replace")
+        return _OF_FAST_DDS.sub("", printed)
 
     @property
     def stderr(self) -> str:
@@ -54,7 +60,7 @@ class Child:
         self.process.send_signal(number)
 
     def wait(self) -> int:
-        """Return the exit code; fail the test where the process does not end."""
+        """Return the exit code, once the process has ended."""
         until(lambda: self.process.poll() is not None, f"{self.name} ends\n{self.stderr}", 0.002)
         return self.process.returncode
 
@@ -132,9 +138,9 @@ class Children:
         """Wait until nothing that began here is alive any more."""
         until(lambda: not self.pids(), f"every process has ended: {self.pids()}", 0.05)
 
-    def close(self) -> None:
-        """Fail the test where something has to be killed."""
-        deadline = time.monotonic() + 2.0
+    def close(self, failed: bool = False) -> None:
+        """Fail the test where something has to be killed; where it has failed, kill at once."""
+        deadline = time.monotonic() + (0.0 if failed else _LEFT_S)
         while (left := self.pids()) and time.monotonic() < deadline:
             time.sleep(0.02)
         for pid in left:
@@ -142,4 +148,4 @@ class Children:
                 os.kill(pid, signal.SIGKILL)
         for child in self._started:
             child.process.wait()
-        assert not left, f"left behind, and killed: {left}"
+        assert failed or not left, f"left behind, and killed: {left}"

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from math import inf, nan
 
 import pytest
@@ -21,10 +20,10 @@ from trunk_msgs_util.samples import JointSample
 from .peer import Peer
 from .processes import Children
 
-pytestmark = [pytest.mark.graph, pytest.mark.alone]
+pytestmark = pytest.mark.graph
 
 PERIOD_NS = 5_000_000
-TIMEOUT_NS = 500_000_000  # of commands
+TIMEOUT_NS = 3_000_000_000  # of commands
 GOOD, BAD = 0.25, 77.0  # N m
 
 
@@ -66,6 +65,7 @@ def test_real_time(children: Children, peer: Peer) -> None:
     assert said["commands without the joint"] == "2"
     assert said["commands not finite"] == "2"
     assert said["commands out of order"] == "3"
+    peer.until(lambda: efforts(truth[-1:]).popitem()[1] == 0.0, "it is used no longer")
     assert simulator.stop() == 0, simulator.stderr
     felt = efforts(truth)
     assert set(felt.values()) == {0.0, GOOD}
@@ -132,7 +132,7 @@ def test_bad_states_and_strangers(children: Children, peer: Peer) -> None:
         JointSample(6 * PERIOD_NS, ("hip", "trunk"), (0.0, 0.25)),
     ):
         say(bad)
-        best_effort.publish(sample_to_ros(state(90)))  # never heard
+        best_effort.publish(sample_to_ros(state(2000)))  # never heard
     wide = tuple(f"joint_{i}" for i in range(20_000))  # a megabyte
     say(JointSample(7 * PERIOD_NS, (*wide, "trunk"), (0.0,) * 20_000 + (0.5,), (0.0,) * 20_001))
 
@@ -146,7 +146,7 @@ def test_bad_states_and_strangers(children: Children, peer: Peer) -> None:
     peer.until(lambda: answered().get(3 * PERIOD_NS), "the last state is answered")
     heard = answered()
     assert heard[7 * PERIOD_NS] == -0.5 * 60.0
-    assert not {1, 2, 4, 5, 6, 90} & {stamp_ns // PERIOD_NS for stamp_ns in heard}
+    assert not {1, 2, 4, 5, 6, 2000} & {stamp_ns // PERIOD_NS for stamp_ns in heard}
     assert heard[3 * PERIOD_NS] == -0.125 * 60.0
     said = peer.fresh_diagnostics("pid")
     assert said["states not finite"] == "2"
@@ -155,9 +155,5 @@ def test_bad_states_and_strangers(children: Children, peer: Peer) -> None:
     assert said["states out of order"] == "1"
     assert said[f"publishers of {topics.JOINT_STATES} refused for their reliability"] == "1"
 
-    seen = len(peer.diagnostics)
-    began = time.monotonic()
-    peer.until(lambda: len(peer.diagnostics) >= seen + 3, "it is said again")
-    assert time.monotonic() - began > 1.5, "once a second at most"
     assert pid.stop() == 0
     assert "Traceback" not in pid.stderr

@@ -19,7 +19,6 @@ def test_every_row(children: Children) -> None:
     bench = children.trunk(
         "bench", "realtime", "--rate", 100, "--seconds", 0.5, "--rounds", 1, "--json"
     )
-    bench.process.wait(timeout=100)
     assert bench.wait() in (0, 1), bench.stderr  # 1: a goal was missed, on a busy machine
     children.none_left()
     assert bench.stdout, bench.stderr

@@ -2,7 +2,7 @@
 
 Whatever comes: a command is finite and within the limits that are active, the stored parameters are the
 active ones, nothing is raised, and counters only grow. The same examples each time;
-``TRUNK_FUZZ=20`` makes twenty times as many, other ones each time.
+``TRUNK_FUZZ=80`` makes eighty times as many, other ones each time.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ from .fuzzed_inputs import (
 pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 MORE = int(os.environ.get("TRUNK_FUZZ", "0"))
-EXAMPLES, STEPS = 60, 50  # at most, of each controller; 4 of them make more than 10,000 steps
+EXAMPLES, STEPS = 15, 50  # at most, of each controller
 PERIOD_NS = 5_000_000
 
 
@@ -354,7 +354,7 @@ def context(domain: int, request: pytest.FixtureRequest) -> Iterator[None]:
 LOCKSTEP = ("-p", "lockstep.enabled:=true")
 
 
-@pytest.mark.timeout(300 * (1 + MORE))
+@pytest.mark.timeout(600 * (1 + MORE))
 @pytest.mark.parametrize(
     ("machine", "node", "context"),
     [
@@ -378,9 +378,8 @@ def test_whatever_comes(
             stateful_step_count=STEPS,
             derandomize=not MORE,
             database=None,
-            deadline=None,
             suppress_health_check=list(HealthCheck),
             phases=[Phase.generate, *([Phase.shrink] if MORE else [])],
         ),
     )
-    assert fuzzed.steps["steps"] >= (600 if node is SimulatorNode else 2400)
+    assert fuzzed.steps["steps"] >= (150 if node is SimulatorNode else 600)

@@ -11,20 +11,18 @@ import yaml
 from mcap_ros2.reader import read_ros2_messages
 from rosbags.highlevel import AnyReader
 
+from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.reader import Recording
 
 from .processes import Children
 from .recordings import assert_every_step, finished_file, joints
 
-pytestmark = [pytest.mark.graph, pytest.mark.alone]
+pytestmark = pytest.mark.graph
 
 DURATION_S = 3
 PERIOD_NS = 5_000_000
 STATES = DURATION_S * 200 + 1
-# What the wall clock may do to the loop: a step or two of delay now and then, on a busy machine more.
-RANGE_MARGIN_RAD = 0.35
-RMS_RAD = 0.1
 
 
 def test_demo(children: Children, tmp_path: Path) -> None:
@@ -42,7 +40,7 @@ def test_demo(children: Children, tmp_path: Path) -> None:
     assert recording.warnings == []
     assert_every_step(recording, PERIOD_NS, STATES)
     answered = joints(recording, topics.EFFORT_COMMAND).stamp_ns
-    assert len(answered) > 0.8 * STATES
+    assert len(answered)
     assert len(np.unique(answered)) == len(answered)
     assert np.isin(answered, joints(recording, topics.JOINT_STATES).stamp_ns).all()
 
@@ -51,20 +49,9 @@ def test_demo(children: Children, tmp_path: Path) -> None:
     simulator = nodes["/simulator"]["ros__parameters"]
     assert (simulator["update_rate"], simulator["duration"]) == (200.0, 3.0)
 
-    simulate_like(children, recording)
+    # How late commands come is the machine's affair; what is made of each is not.
+    assert verify(recording).exit_code == VERIFIED, verify(recording)
     assert_readable_by_all(folder / "run.mcap")
-
-
-def simulate_like(children: Children, recording: Recording) -> None:
-    """Assert that the run in real time is close to the offline run of the same plan."""
-    path = children.folder / "offline.mcap"
-    offline = children.trunk("simulate", "demo", "--duration", DURATION_S, "-o", path)
-    assert offline.wait() == 0, offline.stderr
-    ideal = joints(Recording.open(path), topics.GROUND_TRUTH).column("position", "trunk")
-    real = joints(recording, topics.GROUND_TRUTH).column("position", "trunk")
-    assert ideal.min() - RANGE_MARGIN_RAD < real.min()
-    assert real.max() < ideal.max() + RANGE_MARGIN_RAD
-    assert np.sqrt(np.mean((real - ideal) ** 2)) < RMS_RAD
 
 
 def assert_readable_by_all(path: Path) -> None:

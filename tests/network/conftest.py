@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from ..failed import FAILED
 from ..graph.conftest import domain, domains  # noqa: F401 (fixtures)
 from .hosts import Host, network, why_not
 from .listener import Listener
@@ -25,10 +26,11 @@ def hosts(
     domain: int,  # noqa: F811
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
+    request: pytest.FixtureRequest,
 ) -> Iterator[tuple[Host, ...]]:
     """Make two hosts whose nodes look for one another on the subnet."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
-    with network(tmp_path) as made:
+    with network(tmp_path, lambda: request.node.stash.get(FAILED, False)) as made:
         yield made
 
 

@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -84,7 +84,7 @@ class Host:
 
 
 @contextmanager
-def network(folder: Path) -> Iterator[tuple[Host, ...]]:
+def network(folder: Path, failed: Callable[[], bool]) -> Iterator[tuple[Host, ...]]:
     """Make two hosts on one switch, and remove them, their processes first."""
     hosts = tuple(
         Host(name, f"10.0.0.{number}", folder / name) for number, name in enumerate(_NAMES, 1)
@@ -100,7 +100,7 @@ def network(folder: Path) -> Iterator[tuple[Host, ...]]:
     finally:
         try:
             for host in hosts:
-                host.children.close()
+                host.children.close(failed())
         finally:
             for line in ip("netns", "list").splitlines():
                 if line.startswith(_PREFIX):

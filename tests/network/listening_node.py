@@ -14,7 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.node import qos
+from trunk_msgs_util.node import middleware, qos
 
 
 def say(**what: object) -> None:
@@ -30,6 +30,7 @@ def diagnose(message: DiagnosticArray) -> None:
 def main() -> None:
     ended = Event()
     signal.signal(signal.SIGTERM, lambda *_: ended.set())
+    middleware.prepare()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = Node("listener", start_parameter_services=False)
     node.create_subscription(

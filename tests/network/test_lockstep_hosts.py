@@ -24,7 +24,6 @@ pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 TIMEOUT_S = 2.5
 WINDOW_S = 0.5  # lockstep.window: a recorder that is cut off is missed so much later
-SOON_S = 8.0  # the last words wait 1 s for those who are to acknowledge them; the rest is for a busy machine
 
 
 def plan_of(duration: float, **simulator: object) -> RunPlan:
@@ -130,17 +129,13 @@ def test_dead_link_ends_the_run(
     listener.until_states(600)  # more than the window: the recorder is in the loop
     b.unplug()
 
-    begin = time.monotonic()
     code, said = run.simulator_ends()
-    assert time.monotonic() - begin < WINDOW_S + TIMEOUT_S + SOON_S
     assert code == 1
     assert "Traceback" not in said
     line = said.splitlines()[-1]
     assert f"no answer from /{far} ({answers}) to the state at t = " in line
     assert f"lockstep.timeout = {TIMEOUT_S:g} s" in line
-    begin = time.monotonic()
     run.stop(far)  # nobody acknowledges its last words
-    assert time.monotonic() - begin < SOON_S
     run.stop_all()
 
     recording = run.recording()

@@ -162,14 +162,14 @@ GAIN = st.floats(1e-3, 1e3)
 
 
 @given(GAIN, GAIN, GAIN, st.floats(-1.0, 1.0), st.floats(-4.0, 4.0))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_retuning_a_pid_is_bumpless(p, i, d, angle, rate):
     config = PidConfig(**FREE)
     check_bumpless(Controller(config), replace(config, p=p, i=i, d=d), angle, rate)
 
 
 @given(GAIN, GAIN, st.floats(-1.0, 1.0), st.floats(-4.0, 4.0), st.sampled_from(["linear", "log"]))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_retuning_a_fuzzy_pid_is_bumpless(p_max, d_max, angle, rate, consequents):
     config = FuzzyPidConfig(**FREE)
     new = replace(

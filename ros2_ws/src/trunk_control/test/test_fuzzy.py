@@ -89,7 +89,7 @@ values = st.floats(-10.0, 10.0)
 
 
 @given(values, values, rule_bases)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_four_rules_equal_all_for_any_tables_and_peaks(error, error_rate, rules):
     assert infer(error, error_rate, rules) == pytest.approx(
         all_rules(error, error_rate, rules), rel=0.0, abs=1e-14
@@ -97,7 +97,6 @@ def test_four_rules_equal_all_for_any_tables_and_peaks(error, error_rate, rules)
 
 
 @given(values, values, rule_bases)
-@settings(deadline=None)
 def test_outputs_never_leave_their_centres(error, error_rate, rules):
     kp, kd, alpha = infer(error, error_rate, rules)
     assert 0.0 <= kp <= 1.0
@@ -121,7 +120,6 @@ def test_at_a_pair_of_peaks_one_rule_fires(row):
 
 
 @given(values, peaks())
-@settings(deadline=None)
 def test_memberships_sum_to_one(value, peaks):
     i, weight = locate(value, peaks)
     assert 0 <= i < len(peaks) - 1
@@ -158,7 +156,7 @@ def test_logarithmic_consequents_leave_alpha_alone():
 
 
 @given(values, values, rule_bases)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_fired_rules_sum_up_to_what_is_inferred(error, error_rate, rules):
     fired = fired_rules(error, error_rate, rules)
     assert len({(rule.row, rule.column) for rule in fired}) == 4

@@ -40,7 +40,7 @@ def boxes(draw) -> GainBox:
 
 
 @given(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), configurations, boxes())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_gains_never_leave_the_box(error, error_rate, config, box):
     gains, alpha = inferred_gains(error, error_rate, config.rules, box)
     assert box.p_min <= gains.p <= box.p_max

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf, nan
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from trunk_control.pid import (
@@ -131,7 +131,6 @@ def test_default_state_is_that_after_a_reset():
 
 
 @given(st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 3), max_size=20), st.sampled_from([0, 1, 2]))
-@settings(deadline=None)
 def test_command_never_leaves_its_limits(samples, antiwindup):
     law = PidLaw(filter_time=0.01, u_min=-7.0, u_max=11.0, antiwindup=antiwindup)
     assert all(-7.0 <= terms.effort <= 11.0 for terms in run(samples, law)[1])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import sqrt
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from trunk_control.pid import (
@@ -95,7 +95,6 @@ def test_back_calculation_tracks_with_its_time_constant(gains, time_constant, tr
 
 
 @given(st.floats(0.0, 50.0), st.floats(0.1, 50.0), st.floats(0.0, 5.0), st.floats(0.0, 10.0))
-@settings(deadline=None)
 def test_back_calculation_never_diverges(kp, ki, kd, tracking):
     law = limited(ANTIWINDUP_BACK_CALCULATION, tracking_time_constant=tracking)
     state = PidState(integral=5.0)

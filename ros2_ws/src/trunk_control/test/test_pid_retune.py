@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from trunk_control.pid import Gains, PidLaw, PidState, pid_update, retune
@@ -26,7 +26,6 @@ def parts(state: PidState, g: Gains) -> list[float]:
 
 
 @given(states, gains, gains)
-@settings(deadline=None)
 def test_command_is_continuous(state, old, new):
     after = retune(state, old, new)
     assert after._replace(integral=state.integral) == state
@@ -37,7 +36,6 @@ def test_command_is_continuous(state, old, new):
 
 
 @given(st.lists(number, min_size=1, max_size=10), gains, gains, st.floats(1e-4, 0.1))
-@settings(deadline=None)
 def test_next_command_moves_by_its_own_increment_alone(errors, old, new, dt):
     state = PidState()
     for error in [*errors, errors[-1], errors[-1]]:  # at rest at last: D = 0

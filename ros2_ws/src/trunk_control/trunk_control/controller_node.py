@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.node import qos
+from trunk_msgs_util.node import meeting, qos
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
 from trunk_msgs_util.node.run import run_nodes
@@ -51,9 +51,9 @@ class ControllerNode(TrunkNode[ControllerConfig]):
     def set_up(self) -> None:
         """Open the topics: states are followed from now on, and answered once active."""
         self._forget()
-        self._command = self.create_publisher(JointState, topics.EFFORT_COMMAND, qos.evidence())
-        self._terms = self.create_publisher(JointState, "~/state", qos.evidence())
-        self._states = self.create_subscription(
+        self._command = self.create_evidence(topics.EFFORT_COMMAND)
+        self._terms = self.create_evidence("~/state")
+        self.create_subscription(
             JointState, topics.JOINT_STATES, self._on_state, qos.control(), raw=True
         )
         self.create_subscription(
@@ -84,7 +84,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         """Say ready once there is a turn to come and the simulator is matched in both directions."""
         if not (self.active or self._scheduled):
             return
-        if self._command.get_subscription_count() and self._states.get_publisher_count():
+        if meeting.met(self, hears=topics.JOINT_STATES, answers=topics.EFFORT_COMMAND):
             self._ready_timer.cancel()
             self.event(Event.READY, answers=topics.EFFORT_COMMAND)
 

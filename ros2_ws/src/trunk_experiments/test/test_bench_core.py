@@ -15,7 +15,10 @@ LIBRARIES = ("fuzzylite", "simple_pid")
 @pytest.fixture
 def libraries():
     for library in LIBRARIES:
-        pytest.importorskip(library)
+        pytest.importorskip(
+            library,
+            reason="libraries compared against in benchmarks: scripts/bench_libraries.sh",
+        )
 
 
 @pytest.mark.usefixtures("libraries")

@@ -11,20 +11,22 @@ from trunk_control.fuzzy import infer
 from trunk_experiments.bench import sweep as bench
 from trunk_experiments.errors import BenchError
 
+ABSENT = "libraries compared against in benchmarks: scripts/bench_libraries.sh"
+
 
 def test_mujoco_moves_as_our_plant_on_a_flat_path():
-    bench.check_mujoco(pytest.importorskip("mujoco"))
+    bench.check_mujoco(pytest.importorskip("mujoco", reason=ABSENT))
 
 
 def test_mujoco_must_agree(monkeypatch):
-    mujoco = pytest.importorskip("mujoco")
+    mujoco = pytest.importorskip("mujoco", reason=ABSENT)
     monkeypatch.setattr(bench, "MJCF", bench.MJCF.replace("{body.trunk_mass}", "0.51"))
     with pytest.raises(BenchError, match="after 1 s MuJoCo's trunk is at"):
         bench.check_mujoco(mujoco)
 
 
 def test_scikit_fuzzy_has_our_rules():
-    pytest.importorskip("skfuzzy")
+    pytest.importorskip("skfuzzy", reason=ABSENT)
     config = bench.bench_plan().controller
     simulation = bench.scikit_simulation(config)
     # At a peak one rule fires alone: its label wins, whatever the defuzzifier.
@@ -50,8 +52,8 @@ def test_a_missing_library_is_one_clear_line(monkeypatch, module, package):
 
 
 def test_rows(monkeypatch):
-    pytest.importorskip("mujoco")
-    pytest.importorskip("skfuzzy")
+    pytest.importorskip("mujoco", reason=ABSENT)
+    pytest.importorskip("skfuzzy", reason=ABSENT)
     plan = bench.bench_plan()
     short = replace(plan, simulator=replace(plan.simulator, duration=0.1))
     monkeypatch.setattr(bench, "bench_plan", lambda: short)

@@ -148,7 +148,10 @@ def test_launch_files_compile_and_use_what_there_is(path):
 
 @pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda p: p.name)
 def test_launch_itself_loads_the_files(path):
-    pytest.importorskip("launch_ros.actions", reason="ROS 2's launch is not installed")
+    pytest.importorskip(
+        "launch_ros.actions",
+        reason="ROS 2's launch: with ROS 2 from apt, source /opt/ros/jazzy/setup.bash first",
+    )
     from launch.launch_description_sources import get_launch_description_from_python_launch_file
 
     description = get_launch_description_from_python_launch_file(str(path))

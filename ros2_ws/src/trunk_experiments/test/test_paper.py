@@ -43,7 +43,7 @@ def invented(seed):
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_a_verdict_s_text_agrees_with_its_numbers(seed):
     result = Reproduction(runs=invented(seed), graph=invented(seed))
     text = json.dumps(as_json(result), allow_nan=False)  # as a reader gets it

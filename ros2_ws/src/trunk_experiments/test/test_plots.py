@@ -34,6 +34,7 @@ def has_line(axes, x, y):
 
 @pytest.mark.parametrize("suffix", MAGIC)
 @pytest.mark.parametrize("draw", [overview, lambda views: paper_figure(views, 8)])
+@pytest.mark.slow
 def test_every_format_is_written_and_the_same_twice(views, tmp_path, suffix, draw):
     path = tmp_path / f"a{suffix}"
     save(draw(views), path)

@@ -45,7 +45,7 @@ def find_browser():
 def browser():
     path = find_browser()
     if path is None:
-        pytest.skip("no Chromium: scripts/browser.sh installs it, or says why not")
+        pytest.skip("Chromium: scripts/browser.sh installs it, or says why not")
     with playwright.sync_playwright() as driver:
         started = driver.chromium.launch(executable_path=path, args=list(ARGUMENTS))
         yield started
@@ -82,12 +82,13 @@ def opened(browser):
                 route.abort()
 
         context.route("**/*", answer)
+        context.set_default_timeout(0)  # pytest has one
         page = context.new_page()
         page.on("console", lambda message: complaints.append(message.text))
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("dialog", lambda dialog: (complaints.append("dialog"), dialog.dismiss()))
         page.goto(path.as_uri())
-        page.wait_for_selector("html[data-ready]", timeout=60_000)
+        page.wait_for_selector("html[data-ready]")
         return page
 
     yield go
@@ -152,7 +153,7 @@ def test_playing_moves_cursor_picture_and_slider(opened, file):
     assert page.evaluate(T) == stopped
     page.select_option("#speed", "4")
     page.click("#play")
-    page.wait_for_function("() => clock.time === report.end && !clock.playing", timeout=10_000)
+    page.wait_for_function("() => clock.time === report.end && !clock.playing")
 
 
 def test_hovering_shows_the_data_and_moves_the_clock(opened, file, views):

@@ -42,6 +42,7 @@ def path(tmp_path_factory):
     return sweep.output
 
 
+@pytest.mark.slow
 def test_panels(path):
     found = panels(Results.read(path), "iae", ("delay", "gain"), with_floquet=True)
     assert [panel.controller for panel in found] == ["pid", "fuzzy_pid"]

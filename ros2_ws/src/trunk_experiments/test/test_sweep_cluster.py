@@ -17,6 +17,8 @@ from trunk_experiments.study.sweep import Sweep, processes
 
 distributed = pytest.importorskip("distributed")
 
+HUNG_S = 600  # as long as pytest waits for a test
+
 STUDY = """
 scenario: fig6
 rate: 1000
@@ -37,7 +39,7 @@ def study():
 @pytest.fixture
 def cluster(tmp_path):
     """Yield a scheduler's address and two workers, each a process of its own."""
-    environment = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "30s"}
+    environment = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": f"{HUNG_S}s"}
     command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1"]
     file = tmp_path / "scheduler.json"
     command += ["--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
@@ -48,11 +50,11 @@ def cluster(tmp_path):
         worker += ["--nthreads", "1", "--no-dashboard", "--scheduler-file", str(file)]
         worker += ["--local-directory", str(tmp_path)]
         started += [subprocess.Popen(worker, **quiet) for _ in range(2)]
-        deadline = time.monotonic() + 30.0
-        while not file.exists() and time.monotonic() < deadline:
+        while not file.exists():
+            assert started[0].poll() is None
             time.sleep(0.05)
-        with distributed.Client(scheduler_file=str(file), timeout=30) as client:
-            client.wait_for_workers(2, timeout=60)
+        with distributed.Client(scheduler_file=str(file), timeout=HUNG_S) as client:
+            client.wait_for_workers(2, timeout=HUNG_S)
             address = client.scheduler.address
         yield address, started[1:]
     finally:
@@ -61,6 +63,7 @@ def cluster(tmp_path):
             process.wait()
 
 
+@pytest.mark.slow
 def test_the_loss_of_a_worker_changes_nothing(study, cluster, tmp_path):
     address, workers = cluster
     path = tmp_path / "cluster.parquet"
@@ -74,7 +77,7 @@ def test_the_loss_of_a_worker_changes_nothing(study, cluster, tmp_path):
             os.kill(workers[0].pid, signal.SIGKILL)
 
     sweep.run(dask_runner(address), progress)
-    assert workers[0].wait(10) == -signal.SIGKILL
+    assert workers[0].wait() == -signal.SIGKILL
     assert sum(finished) == study.total == 200
     sweep.finish()
     plain = Sweep(study, tmp_path / "plain.parquet")

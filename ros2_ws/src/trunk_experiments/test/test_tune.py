@@ -37,7 +37,7 @@ def test_a_plant_beyond_floating_point_is_refused(length):
 
 
 @given(st.lists(st.floats(-40.0, -0.5), min_size=2, max_size=3, unique=True))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_by_poles_places_them(poles):
     if min(np.diff(sorted(poles))) < 0.05:
         return  # nearly double: roots of polynomials are not that exact
@@ -67,6 +67,7 @@ LOOPS = [
 
 
 @pytest.mark.parametrize(("gains", "h", "rate"), LOOPS, ids=str)
+@pytest.mark.slow
 def test_a_simulation_confirms_the_largest_delay(gains, h, rate):
     loop = LinearLoop(PLANT, gains, h, rate)
     limit = largest_delay(loop)
@@ -185,6 +186,7 @@ def invoke(*arguments):
     ],
     ids=["poles", "computed_torque", "lqr", "relay"],
 )
+@pytest.mark.slow
 def test_the_file_is_loaded_by_a_run(controller, arguments, tmp_path):
     path = tmp_path / "gains.yaml"
     said = invoke(*arguments, "-o", path)

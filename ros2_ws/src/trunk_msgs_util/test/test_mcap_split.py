@@ -41,7 +41,7 @@ stretches = st.lists(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(stretches, st.integers(0, 60))
 def test_offsets_are_those_of_the_walk(stretches, cut):
     records = [record(9, b"\xff" * n) for period, times in stretches for n in period * times]

@@ -200,7 +200,10 @@ def test_what_was_altered_outside_chunks_is_not_complete(run_file):
     assert not recording.complete
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300)
+@settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+    max_examples=300,
+)
 @given(st.data())
 def test_a_damaged_file_never_raises_anything_else(run_file, data):
     if not run_file.path.exists():

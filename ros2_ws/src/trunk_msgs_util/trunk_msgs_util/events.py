@@ -67,6 +67,11 @@ class Event(str, Enum):
         "reason",
         "states",
     )
+    PUBLISHED = (
+        "published",
+        "simulator, controllers, disturbance",
+        "It ends; so many messages it has published, by their topics' names as keys",
+    )
 
     def __new__(cls, word: str, said_by: str, meaning: str, *carries: str) -> Event:
         """Make a member that is its word."""

@@ -18,6 +18,9 @@ PARAMETER_EVENT_TYPE = "rcl_interfaces/msg/ParameterEvent"
 DIAGNOSTIC_ARRAY_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 
+# What discovery calls a node of which it knows an endpoint alone.
+UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+
 CONTROLLERS = ("pid", "fuzzy_pid", "lqr", "computed_torque")
 
 # What each topic carries, for people: name, type, who publishes, content.

@@ -6,7 +6,7 @@ from math import pi, sin
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from trunk_msgs_util.units import nanoseconds, period_ns
@@ -57,7 +57,6 @@ def test_fig8_pulses_start_and_end_on_their_stamps(rate):
 
 
 @given(start=st.integers(0, 10**10), steps=st.integers(0, 500), rate=st.sampled_from(RATES))
-@settings(deadline=None)
 def test_pulse_of_whole_periods_lasts_as_many_samples(start, steps, rate):
     period = period_ns(rate)
     first = start // period
@@ -160,7 +159,6 @@ def test_noise_spectrum_stays_inside_its_band(seed):
 
 
 @given(st.integers(0, 2**31 - 1), st.integers(1, 64), st.floats(0.0, 10.0), st.floats(0.1, 10.0))
-@settings(deadline=None)
 def test_one_frequency_in_each_part_of_the_band(seed, count, low, width):
     _, frequencies, phases = noise_components(1.0, low, low + width, count, seed)
     parts = [(f - low) / width * count for f in frequencies]

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import permutations
+
 import pytest
 
+from trunk_msgs_util.topics import UNKNOWN_NODE
 from trunk_sim.config import SimulatorConfig
-from trunk_sim.participants import UNKNOWN_NODE, Participants
+from trunk_sim.participants import Participants
 
 COMMAND = {"answers": "effort_command"}
 
@@ -106,10 +109,21 @@ def test_who_stands_by_does_not_act():
 
 def test_what_is_unknown_is_waited_for_but_not_for_ever():
     those = participants(controllers=["/pid", f"/{UNKNOWN_NODE}"])
-    assert those.unnamed()
+    assert those.rivals() == []  # nobody can be told whom to stop
     assert those.unsettled(5.0)
     assert those.unsettled(7.9)
     assert not those.unsettled(8.1)
+
+
+def test_rivals_are_judged_by_one_look_at_the_graph():
+    """Discovery goes on between two looks: whom one knows by name, the other may not."""
+    named = ["/fuzzy_pid", "/pid"]
+    looks = [named, ["/fuzzy_pid", f"/{UNKNOWN_NODE}"], ["/fuzzy_pid"]]
+    for order in permutations(looks):
+        those = Participants(SimulatorConfig(), lambda _: 1, iter(order).__next__)
+        assert [those.rivals() for _ in order] == [look if look is named else [] for look in order]
+        those = Participants(SimulatorConfig(), lambda _: 1, iter(order).__next__)
+        assert [those.unsettled(5.0) for _ in order] == [len(look) > 1 for look in order]
 
 
 def test_the_silent_are_named():

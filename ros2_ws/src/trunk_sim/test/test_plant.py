@@ -91,7 +91,7 @@ TOLERANCE = 1e-12
 
 @pytest.mark.parametrize("prescribed", [False, True], ids=["passive", "prescribed"])
 @given(states, between(-100, 100), between(-100, 100), parameters)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_accelerations_follow_from_the_lagrangian(lagrangian, prescribed, state, force, torque, p):
     p = p._replace(prescribed=prescribed)
     actual = accelerations(state, force, torque, p)
@@ -110,7 +110,7 @@ def test_accelerations_at_the_papers_initial_state(lagrangian, prescribed):
 
 
 @given(states, parameters)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_energy_is_that_of_the_lagrangian(lagrangian, state, p):
     zero_level = 1.0 + p.gravity * (p.hip_mass + p.trunk_mass) * (abs(p.amplitude) + p.length)
     expected = lagrangian.energy(state, p)

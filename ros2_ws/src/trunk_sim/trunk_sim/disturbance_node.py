@@ -6,7 +6,7 @@ from sensor_msgs.msg import JointState
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.node import qos
+from trunk_msgs_util.node import meeting, qos
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
 from trunk_msgs_util.node.run import main_for
@@ -31,8 +31,8 @@ class DisturbanceNode(TrunkNode[DisturbanceConfig]):
     def set_up(self) -> None:
         """Listen for states."""
         self._sent_ns = -1
-        self._publisher = self.create_publisher(JointState, topics.DISTURBANCE, qos.evidence())
-        self._subscription = self.create_subscription(
+        self._publisher = self.create_evidence(topics.DISTURBANCE)
+        self.create_subscription(
             JointState, topics.GROUND_TRUTH, self._on_state, qos.control(), raw=True
         )
         self._ready_timer = self.every(0.02, self._announce)
@@ -46,7 +46,7 @@ class DisturbanceNode(TrunkNode[DisturbanceConfig]):
         """Say ready once it is active and the simulator is matched in both directions."""
         if not self.active:
             return
-        if self._publisher.get_subscription_count() and self._subscription.get_publisher_count():
+        if meeting.met(self, hears=topics.GROUND_TRUTH, answers=topics.DISTURBANCE):
             self._ready_timer.cancel()
             self.event(Event.READY, answers=topics.DISTURBANCE)
 

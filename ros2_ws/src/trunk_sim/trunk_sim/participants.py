@@ -5,15 +5,14 @@ Pure: the graph is asked through two functions, and time comes in.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
+from trunk_msgs_util.topics import UNKNOWN_NODE
 
 from .config import SimulatorConfig
 
-# What discovery calls a node of which it knows an endpoint alone.
-UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 # A participant that says nothing of itself (another project's controller) is taken as ready when it has
 # been matched for this long.
 _MATCHED_S = 1.0
@@ -77,28 +76,39 @@ class Participants:
             ready = set(self._controllers())
         return waited >= _MATCHED_S and not (ready and ready <= self._inactive)
 
+    def unmet(self, topic: str, publishing: Set[str], listening: Set[str]) -> bool:
+        """Return True where a node that is ready on a topic is not known to listen to what it answers."""
+        return not self._ready_on(topic) & publishing <= listening
+
     def _ready_on(self, topic: str) -> set[str]:
         return self._ready.get(topic, set()) - self._unready
 
     def unsettled(self, now: float) -> bool:
         """Return True, for a bounded time, while it is not known who is behind a publisher of commands."""
-        if not self.unnamed() and len(self.acting()) <= 1:
+        names = self._controllers()
+        if not _unnamed(names) and len(self._acting(names)) <= 1:
             self._strange_since = None
             return False
         if self._strange_since is None:
             self._strange_since = now
         return now - self._strange_since < _STRANGER_S
 
-    def unnamed(self) -> bool:
-        """Return True where a publisher of commands is discovered but not its node."""
-        return any(name.endswith(UNKNOWN_NODE) for name in self._controllers())
+    def rivals(self) -> list[str]:
+        """Return the nodes that act although one alone may; none while one of them has no name yet."""
+        names = self._controllers()
+        acting = self._acting(names)
+        return [] if _unnamed(names) or len(acting) <= 1 else acting
 
     def acting(self) -> list[str]:
         """Return the nodes that may act at the same time: those that take turns count as one."""
+        return self._acting(self._controllers())
+
+    def _acting(self, names: Sequence[str]) -> list[str]:
+        """Judge one look at the graph: discovery goes on, and the next look may see others."""
         turns = self._config.controllers
         seen: set[str] = set()
         acting: list[str] = []
-        for name in sorted(self._controllers()):
+        for name in sorted(names):
             own = name.rsplit("/", 1)[-1]
             if name in self._inactive:
                 continue
@@ -114,3 +124,8 @@ class Participants:
         answering = ready - self._inactive
         names = " or ".join(sorted(answering or ready)) or "anyone"
         return f"{names} ({topic}{'; inactive' if ready and not answering else ''})"
+
+
+def _unnamed(names: Sequence[str]) -> bool:
+    """Return True where a publisher of commands is discovered but not its node."""
+    return any(name.endswith(UNKNOWN_NODE) for name in names)

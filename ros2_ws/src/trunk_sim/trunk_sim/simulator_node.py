@@ -12,7 +12,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.node import qos
+from trunk_msgs_util.node import meeting, qos
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire, stamp_to_ros
 from trunk_msgs_util.node.run import main_for
@@ -25,6 +25,10 @@ from .pacing import make_pacing, tick_period
 from .participants import Participants
 from .simulation import DivergedError, Simulation
 
+_ANSWERED = {
+    topics.EFFORT_COMMAND: topics.JOINT_STATES,
+    topics.DISTURBANCE: topics.GROUND_TRUTH,
+}
 _DOUBLED = ("late answers ignored", "doubled answers ignored", "commands out of order")
 
 
@@ -78,8 +82,8 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self.stopping()
 
     def _create_topics(self, config: SimulatorConfig) -> None:
-        self._truth = self.create_publisher(JointState, topics.GROUND_TRUTH, qos.evidence())
-        self._measured = self.create_publisher(JointState, topics.JOINT_STATES, qos.evidence())
+        self._truth = self.create_evidence(topics.GROUND_TRUTH)
+        self._measured = self.create_evidence(topics.JOINT_STATES)
         self._clock_topic = (
             self.create_publisher(Clock, "/clock", qos.clock()) if config.publish_clock else None
         )
@@ -117,10 +121,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         return 0 if subscription is None else int(subscription.get_publisher_count())
 
     def _command_givers(self) -> list[str]:
-        return [
-            f"{p.node_namespace.rstrip('/')}/{p.node_name}"
-            for p in self.get_publishers_info_by_topic(self._commands.topic_name)
-        ]
+        return meeting.names(self.get_publishers_info_by_topic(topics.EFFORT_COMMAND))
 
     def _on_event(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -130,7 +131,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
     # Start: hold state 0 until every participant is matched in both directions.
 
     def _try_start(self) -> None:
-        missing = self._participants.missing(time.monotonic())
+        missing = self._participants.missing(time.monotonic()) or self._unmet()
         if not missing and not self._truth_published:
             self._publish_truth()
             self._truth_published = True
@@ -155,12 +156,22 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._step_timer.reset()
         self._pacing.begin(time.monotonic_ns())
 
+    def _unmet(self) -> list[str]:
+        """Return the topics on which a node is ready that this one has not met yet: it would miss state 0."""
+        return [
+            topic
+            for topic, states in _ANSWERED.items()
+            if self._participants.unmet(
+                topic, meeting.publishers(self, topic), meeting.listeners(self, states)
+            )
+        ]
+
     def _only_one_controller(self) -> bool:
-        acting = self._participants.acting()
-        if len(acting) <= 1 or self._participants.unnamed():
+        rivals = self._participants.rivals()
+        if not rivals:
             return True
         self.fail(
-            f"{len(acting)} nodes publish {self._commands.topic_name}: {', '.join(acting)}; "
+            f"{len(rivals)} nodes publish {self._commands.topic_name}: {', '.join(rivals)}; "
             "one controller at a time: stop the others"
         )
         return False
@@ -304,8 +315,10 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         self._simulation.reset()
         self.event(Event.RESET)
         response.success = True
-        response.message = (
-            f"the plant is in its initial state at t = {seconds(self.run_stamp_ns):g} s"
+        response.message = "the plant is in its initial state " + (
+            f"at t = {seconds(self.run_stamp_ns):g} s"
+            if self.run_stamp_ns >= 0
+            else "before the first state"
         )
         return response
 

@@ -35,4 +35,4 @@ class Way:
             yield running
         finally:
             for process in reversed(running):
-                stop(process)
+                stop([process])

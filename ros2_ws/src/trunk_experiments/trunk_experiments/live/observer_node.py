@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from trunk_msgs_util.node import qos
+from trunk_msgs_util.node import middleware, qos
 from trunk_msgs_util.node.conversions import WireReader
 
 # Messages may gather for so long: an observer that woke for each would take time from whom it observes.
@@ -27,6 +27,7 @@ class Observer:
     def __init__(self, topics: Sequence[str]) -> None:
         self.written_ns: dict[str, dict[int, int]] = {topic: {} for topic in topics}
         self._readers = {topic: WireReader() for topic in topics}
+        middleware.prepare()
         self._context = rclpy.Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node("observer", context=self._context, start_parameter_services=False)

@@ -220,8 +220,13 @@ def _stop_all(running: dict[str, NodeProcess]) -> set[str]:
 
     Return the names of those that did not end by themselves and were killed.
     """
-    order = sorted(running, key=lambda name: (name == "recorder", name != "simulator"))
-    return {name for name in order if not stop(running[name])}
+    last = {"recorder", COMPOSED}
+    turns = (("simulator",), running.keys() - {"simulator", *last}, last)
+    return {
+        process.name
+        for names in turns
+        for process in stop([running[name] for name in names if name in running])
+    }
 
 
 def _check_recorder(process: NodeProcess, killed: set[str]) -> None:

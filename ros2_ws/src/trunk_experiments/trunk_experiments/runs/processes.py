@@ -19,7 +19,7 @@ from ..errors import ExecutableError
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None)
 _POLL_S = 0.02
-PATIENCE_S = 4.0  # with a process that was told to end
+PATIENCE_S = 10.0  # with a process that was told to end; evidence is handed over within it
 
 
 def find_executable(package: str, executable: str) -> Path:
@@ -103,14 +103,16 @@ class NodeProcess:
         return f"{self.name} {how}" + (f": {lines[-1]}" if lines else f" (log: {self.log})")
 
 
-def stop(process: NodeProcess, patience_s: float = PATIENCE_S) -> bool:
-    """Stop one process: SIGINT, later SIGKILL. Return True where it ended by itself."""
-    process.signal(signal.SIGINT)
-    if wait([process], patience_s):
-        return True
-    process.signal(signal.SIGKILL)
-    process.process.wait()
-    return False
+def stop(processes: Sequence[NodeProcess], patience_s: float = PATIENCE_S) -> list[NodeProcess]:
+    """Stop processes at once: SIGINT, later SIGKILL. Return those that did not end by themselves."""
+    for process in processes:
+        process.signal(signal.SIGINT)
+    wait(processes, patience_s)
+    hung = [process for process in processes if process.exit_code is None]
+    for process in hung:
+        process.signal(signal.SIGKILL)
+        process.process.wait()
+    return hung
 
 
 def wait(processes: Sequence[NodeProcess], timeout_s: float) -> bool:

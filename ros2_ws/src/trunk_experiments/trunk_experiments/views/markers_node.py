@@ -22,7 +22,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.errors import EXIT_USAGE, TrunkError
-from trunk_msgs_util.node import qos
+from trunk_msgs_util.node import middleware, qos
 from trunk_msgs_util.node.conversions import WireReader
 from trunk_msgs_util.node.executor import LoopExecutor
 from trunk_msgs_util.node.ros_parameters import NodeParameters
@@ -144,6 +144,7 @@ def _draw(shape: Shape, marker: Marker) -> None:
 def main() -> None:
     """Show the newest state at the set rate until told to stop."""
     shutdown = Shutdown()
+    middleware.prepare()
     try:
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
         node = MarkersNode()

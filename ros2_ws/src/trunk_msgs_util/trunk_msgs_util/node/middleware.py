@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-_PROFILES = Path(__file__).with_name("fastdds.xml")
+PROFILES = Path(__file__).with_name("fastdds.xml")
 
 
 def prepare() -> None:
-    """Give Fast DDS a short heartbeat, unless a profiles file is set; before rclpy is initialised.
+    """Give Fast DDS our file of profiles, unless one is set; before rclpy is initialised.
 
-    What was sent while a reader was only half discovered is repaired at the next heartbeat, and the
-    wait for acknowledgements before a node ends takes one.
+    Processes that are started one after the other find each other sooner by it. What was sent while a
+    reader was only half discovered is repaired at the next heartbeat, and the wait for acknowledgements
+    before a node ends takes one.
     """
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(_PROFILES))
+    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(PROFILES))

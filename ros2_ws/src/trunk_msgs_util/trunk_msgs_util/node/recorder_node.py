@@ -23,7 +23,7 @@ from ..recording.schemas import RunEvent, parse_event
 from ..recording.writer import PROVENANCE, RecordingWriter
 from ..samples import JointSample
 from ..units import LAST_STAMP_NS, NANOSECONDS
-from . import qos
+from . import evidence, qos
 from .base import TrunkNode
 from .conversions import sample_to_wire
 from .run import main_for
@@ -39,6 +39,8 @@ _STAMP = struct.Struct("<iI")
 _ALWAYS = (topics.RUN_PARAMETERS, topics.RUN_EVENTS)
 # Told to end, it goes on until nothing has come for this long.
 _QUIET_S = 0.3
+# ... but, where the run goes on without it, no longer than this.
+_LEAVE_S = 0.7
 _TELL_EVERY = 50
 # In lock-step nothing waits for the recorder, within its window: waking it for each message would cost
 # the loop more than the recording does.
@@ -56,6 +58,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def _forget(self) -> None:
         self._last_message = time.monotonic()
         self._end: RunEvent | None = None
+        self._claimed: Counter[str] = Counter()  # by the nodes that have ended
+        self._leaving_s: float | None = None
         self._counts: Counter[str] = Counter()
         self._written_ns = dict.fromkeys(self.config.lockstep_topics, -1)
         self._told_ns = -1
@@ -178,11 +182,19 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         except ValueError:
             self.counters["events malformed"] += 1
             return
+        if event.message == Event.PUBLISHED:
+            self._on_published(event)
         if event.node.endswith("/simulator") and event.message in ENDS:
             if event.message == Event.FINISHED and not event.values.get("states", "").isdecimal():
                 self.counters["events malformed"] += 1
                 return
             self._end = event
+
+    def _on_published(self, event: RunEvent) -> None:
+        try:
+            self._claimed.update(evidence.claims(event.values))
+        except ValueError:
+            self.counters["events malformed"] += 1
 
     def _flush(self) -> None:
         try:
@@ -202,8 +214,13 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         return {"file": self._path, "messages": self._counts.total()}
 
     def draining(self) -> bool:
-        """Return True while messages are still coming in."""
-        return time.monotonic() - self._last_message < _QUIET_S
+        """Return True while messages are still coming in that were under way when it was told to end."""
+        now = time.monotonic()
+        if self._leaving_s is None:
+            self._leaving_s = now
+        if self._end is None and now - self._leaving_s > _LEAVE_S:
+            return False
+        return now - self._last_message < _QUIET_S
 
     def verdict(self) -> tuple[bool, str]:
         """Return whether the run is whole in the file, and why."""
@@ -223,7 +240,15 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         for topic in wanted:
             if self._counts[topic] < states:
                 return False, f"{topic}: {self._counts[topic]} of {states} messages were recorded"
-        return True, reason
+        return self._taken() or (True, reason)
+
+    def _taken(self) -> tuple[bool, str] | None:
+        """Return what is missing of the evidence that nodes, when they ended, said they had published."""
+        for topic in self._matched:
+            count = self._claimed[self.resolve_topic_name(topic)]
+            if self._counts[topic] < count:
+                return False, f"{topic}: {self._counts[topic]} of {count} messages were recorded"
+        return None
 
     def _finish(self) -> None:
         if self._writer is None:

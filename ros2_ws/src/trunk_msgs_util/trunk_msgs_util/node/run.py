@@ -5,7 +5,9 @@ from __future__ import annotations
 import signal
 import sys
 import time
+import traceback
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from types import FrameType
 from typing import Any
 
@@ -18,8 +20,9 @@ from ..errors import EXIT_USAGE, TrunkError
 from . import middleware
 from .base import TrunkNode
 from .executor import LoopExecutor
+from .managed import EXIT_FAILED
 
-_DRAIN_S = 0.7
+_DRAIN_S = 5.0  # of messages that are still coming in; where nothing comes, they end at once
 
 
 class Shutdown:
@@ -42,9 +45,10 @@ class Shutdown:
 def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str) -> int:
     """Run nodes in one executor until one of them is done, or they are told to stop.
 
-    Return the process's exit code: 0 after SIGINT, SIGTERM or a finished run; 1 where a node failed; 2,
-    with one line on stderr and no traceback, where a parameter or an argument is wrong. The nodes are
-    closed in the reverse order of the mapping: the recorder comes first.
+    Return the process's exit code: 0 after SIGINT, SIGTERM or a finished run; 1 where a node failed, or a
+    callback raised; 2, with one line on stderr and no traceback, where a parameter or an argument is
+    wrong. Whatever happens, the nodes are closed, in the reverse order of the mapping: the recorder
+    stands first, and what it has recorded is kept.
     """
     shutdown = Shutdown()
     middleware.prepare()
@@ -64,10 +68,13 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
             nodes.append(create())
             nodes[-1].autostart()
     except TrunkError as error:
-        for node in reversed(nodes):
-            node.close()
-        rclpy.try_shutdown()
+        _close(nodes)
         return _say(program, error, error.exit_code)
+    except Exception as error:  # a defect of ours
+        _fail(nodes, error)
+        _end(nodes, LoopExecutor())
+        shutdown.ended()
+        return EXIT_FAILED
     executor = LoopExecutor(linger_s=min(node.linger_s for node in nodes))
     for node in nodes:
         executor.add_node(node)
@@ -76,9 +83,19 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
             executor.spin_once(timeout_sec=0.1)
     except ExternalShutdownException:
         pass
+    except Exception as error:  # a defect of ours
+        _fail(nodes, error)
     _end(nodes, executor)
     shutdown.ended()
     return max(node.exit_code or 0 for node in nodes)
+
+
+def _fail(nodes: list[TrunkNode[Any]], error: Exception) -> None:
+    """Say all of a defect on stderr; the record and the nodes' logs get its last line."""
+    traceback.print_exception(error)
+    for node in nodes:
+        if node.exit_code is None:
+            node.fail(f"a callback raised {type(error).__name__}: {error}")
 
 
 def _end(nodes: list[TrunkNode[Any]], executor: LoopExecutor) -> None:
@@ -87,11 +104,20 @@ def _end(nodes: list[TrunkNode[Any]], executor: LoopExecutor) -> None:
             node.stopping()
     deadline = time.monotonic() + _DRAIN_S
     while any(node.draining() for node in nodes) and time.monotonic() < deadline:
-        executor.spin_once(timeout_sec=0.02)
+        try:
+            executor.spin_once(timeout_sec=0.02)
+        except Exception:
+            traceback.print_exc()  # and take in what else there is
     executor.shutdown()
-    for node in reversed(nodes):
-        node.close()
-    rclpy.try_shutdown()
+    _close(nodes)
+
+
+def _close(nodes: list[TrunkNode[Any]]) -> None:
+    """Close every node, the last one first, whatever becomes of the others."""
+    with ExitStack() as stack:
+        stack.callback(rclpy.try_shutdown)
+        for node in nodes:
+            stack.callback(node.close)
 
 
 def _say(name: str, error: Exception, exit_code: int) -> int:

@@ -1,0 +1,14 @@
+#!/usr/bin/env bash
+# The tests of what we compare ourselves with in benchmarks (MuJoCo, pyfuzzylite, scikit-fuzzy): installs the
+# libraries beside .venv's, not into it, and runs the tests: scripts/bench_libraries.sh [pytest arguments]
+set -euo pipefail
+cd -P "$(dirname "${BASH_SOURCE[0]}")/.."
+bash scripts/bootstrap.sh >/dev/null
+source scripts/env.sh
+folder=$PWD/.venv/.bench
+if ! cmp -s requirements/bench.txt "$folder/.installed"; then
+    rm -rf "$folder"
+    python -m pip install --quiet --disable-pip-version-check --no-deps --target "$folder" -r requirements/bench.txt
+    cp requirements/bench.txt "$folder/.installed"
+fi
+PYTHONPATH=$folder:${PYTHONPATH:-} exec python -m pytest ros2_ws/src/trunk_experiments/test/test_bench_{core,sweep}.py "$@"

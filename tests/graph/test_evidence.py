@@ -1,0 +1,68 @@
+"""What a node has published is recorded before the node ends, or the recording says what is missing."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.node import qos
+from trunk_msgs_util.node.conversions import status_to_ros
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.samples import JointSample
+
+from .peer import Peer
+from .processes import Children, until
+
+pytestmark = pytest.mark.graph
+
+
+def test_a_node_ends_when_its_evidence_is_recorded(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
+    """A recorder that has found nobody yet, as on a busy machine, is waited for."""
+    updates = peer.hear("pid/state")
+    pid = children.node("pid")
+    say = peer.speaker(topics.JOINT_STATES)
+    recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
+    until((tmp_path / "run.mcap").exists, "the recorder has begun its file")
+    os.kill(recorder.process.pid, signal.SIGSTOP)
+    for k in range(10):
+        say(JointSample(5_000_000 * k, ("hip", "trunk"), (0.0, 0.1), (0.0, 0.0), (0.0, 0.0)))
+    peer.until(lambda: len(updates) == 10, "pid answers")
+    pid.send(signal.SIGINT)
+    peer.until_event("pid", "published")
+    os.kill(recorder.process.pid, signal.SIGCONT)
+    assert pid.wait() == 0, pid.stderr
+    assert recorder.stop() == 0, recorder.stderr
+    recording = Recording.open(tmp_path / "run.mcap")
+    assert recording.topics["/pid/state"].count == 10
+    assert recording.topics["/effort_command"].count == 10
+    told = [event for event in recording.events() if event.message == "published"]
+    assert [event.values for event in told] == [{"/effort_command": "10", "/pid/state": "10"}]
+
+
+def test_what_was_published_and_not_recorded_is_named(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
+    recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid,fuzzy_pid]")
+    pid = children.node("pid")
+    simulator = children.node("simulator", "duration:=0.0")
+    peer.until_recorded(100)
+    # A controller that came and went so quickly that the recorder has heard nothing but its last words.
+    publisher = peer.node.create_publisher(
+        DiagnosticArray, topics.RUN_EVENTS, qos.run_information()
+    )
+    counts = {"/fuzzy_pid/state": 7, "/effort_command": 0, "/elsewhere": 9}
+    peer.until(lambda: publisher.get_subscription_count() == 3, "simulator and recorder listen too")
+    publisher.publish(status_to_ros(0, "/fuzzy_pid", "published", counts, b"\0"))
+    assert [simulator.stop(), pid.stop()] == [0, 0]
+    peer.until_event("simulator", "finished")
+    assert recorder.stop() == 0, recorder.stderr
+    recording = Recording.open(tmp_path / "run.mcap")
+    assert not recording.complete
+    assert recording.warnings == ["incomplete: fuzzy_pid/state: 0 of 7 messages were recorded"]

@@ -1,0 +1,72 @@
+"""A run begins when each node that answers has been met both ways: state 0 is published once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from sensor_msgs.msg import JointState
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.node import qos
+from trunk_msgs_util.node.conversions import status_to_ros
+
+from .peer import Peer
+from .processes import Children
+
+pytestmark = pytest.mark.graph
+
+
+@pytest.fixture
+def witness(domain: int) -> Iterator[Peer]:
+    """Another node, which only listens: a recorder, say."""
+    listener = Peer("witness")
+    yield listener
+    listener.close()
+
+
+@pytest.mark.parametrize(
+    ("node", "hears", "answers"),
+    [
+        ("disturbance", topics.GROUND_TRUTH, topics.DISTURBANCE),
+        ("pid", topics.JOINT_STATES, topics.EFFORT_COMMAND),
+    ],
+)
+def test_ready_is_who_is_heard_by_the_plant(
+    children: Children, peer: Peer, witness: Peer, node: str, hears: str, answers: str
+) -> None:
+    child = children.node(node)
+    witness.hear(answers)
+    peer.speaker(hears)  # a plant that has not found the node's answers yet
+    witness.until(lambda: witness.node.count_publishers(answers), "the witness has found the node")
+    peer.fresh_diagnostics(node)
+    peer.fresh_diagnostics(node)
+    assert "ready" not in [event.message for event in peer.events]
+    peer.hear(answers)
+    peer.until_event(node, "ready")
+    assert child.stop() == 0, child.stderr
+
+
+@pytest.mark.parametrize(
+    ("states", "answers"),
+    [
+        (topics.GROUND_TRUTH, topics.DISTURBANCE),
+        (topics.JOINT_STATES, topics.EFFORT_COMMAND),
+    ],
+)
+def test_the_plant_begins_when_it_has_found_who_is_ready(
+    children: Children, peer: Peer, witness: Peer, states: str, answers: str
+) -> None:
+    seen = witness.hear(states)
+    simulator = children.node("simulator", f"wait_for:=[{answers}]")
+    peer.node.create_publisher(JointState, answers, qos.evidence())
+    say = peer.node.create_publisher(DiagnosticArray, topics.RUN_EVENTS, qos.run_information())
+    say.publish(status_to_ros(0, "/peer", "ready", {"answers": answers}, b"\0"))
+    peer.fresh_diagnostics("simulator")
+    witness.fresh_diagnostics("simulator")
+    assert not seen
+    heard = peer.hear(states)
+    witness.until(lambda: seen, "the run begins")
+    peer.until(lambda: heard, "the peer hears it too")
+    assert simulator.stop() == 0, simulator.stderr
