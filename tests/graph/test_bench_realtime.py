@@ -37,8 +37,9 @@ def test_every_row(children: Children) -> None:
         assert row["goal"] == "<= 1.3"
 
 
-def test_a_wrong_rate_is_one_line(children: Children) -> None:
+def test_a_wrong_rate_is_refused_by_name(children: Children) -> None:
     bench = children.trunk("bench", "realtime", "--rate", 0)
     assert bench.wait() == 2
-    (line,) = bench.stderr.splitlines()
-    assert "update_rate" in line
+    *_, line = bench.stderr.splitlines()
+    assert "'--rate'" in line
+    assert "0.0 is not in the range" in line

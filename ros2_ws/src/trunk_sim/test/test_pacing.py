@@ -117,6 +117,26 @@ class TestRealTime:
         assert loop.finished
         assert loop.counts.get("states unanswered", 0) == missed
 
+    def test_a_busy_controller_that_answers_every_other_state_is_not_a_slow_one(self):
+        loop = FakeLoop(steps=60)
+        pacing = RealTimePacing(loop, command_timeout=1.0)
+        pacing.begin(0)
+        for k in range(61):
+            if k < 4 or k % 2 == 0:
+                pacing.command(k * H, 1.0, k * H)
+            pacing.tick((k + 1) * H)
+        assert loop.counts["states unanswered"] == 28  # 5, 7, ... 59
+
+    def test_a_slow_controller_that_takes_over_misses_nothing(self):
+        loop = FakeLoop(steps=400)
+        pacing = RealTimePacing(loop, command_timeout=1.0)
+        pacing.begin(0)
+        for k in range(401):
+            if k < 4 or k % 4 == 0:
+                pacing.command(k * H, 1.0, k * H)
+            pacing.tick((k + 1) * H)
+        assert loop.counts["states unanswered"] == 0
+
     @pytest.mark.parametrize("stamp_ns", [-H, 0, H], ids=["older", "same", "from the future"])
     def test_commands_out_of_order_are_counted_and_ignored(self, real_time, stamp_ns):
         loop, pacing = real_time

@@ -17,6 +17,7 @@ from .config import SimulatorConfig
 _LOCKSTEP_TICK_S = 0.05
 # More steps than this behind the wall clock are not caught up with: time is re-anchored.
 MAX_CATCH_UP = 50
+_SETTLED_GAPS = 50
 
 
 class Loop(Protocol):
@@ -90,9 +91,9 @@ class RealTimePacing(Pacing):
         self.set_timeout(command_timeout)
         self._stamp_ns = -1
         self._effort = 0.0
-        self._gap_ns = self._last_gap_ns = (
-            0  # between the states that are answered; 0: not known yet
-        )
+        # Between the states that are answered; 0: not known yet.
+        self._gap_ns = self._last_gap_ns = 0
+        self._same_gaps = 0
 
     def set_timeout(self, command_timeout: float) -> None:
         """Use no command that answers a state older than this, s."""
@@ -112,18 +113,24 @@ class RealTimePacing(Pacing):
     def _count_unanswered(self, stamp_ns: int) -> None:
         """Count the states between the last answered one and this one that should have been answered.
 
-        A controller at a lower rate than the plant's answers every n-th state: its gap is that which
-        comes twice in a row.
+        A controller at a lower rate than the plant's answers every n-th state: its gap is the smallest
+        that was seen. A wider one that stays the same for `_SETTLED_GAPS` answers is that of a slower
+        controller that has taken over: what was counted in it is taken back. On a busy machine a controller
+        may well miss every other state for a while.
         """
         if self._stamp_ns < 0:
             missed = stamp_ns // self._loop.period_ns
         else:
             gap_ns = stamp_ns - self._stamp_ns
-            if gap_ns in (self._loop.period_ns, self._last_gap_ns) or not self._gap_ns:
-                self._gap_ns = gap_ns
+            self._same_gaps = self._same_gaps + 1 if gap_ns == self._last_gap_ns else 1
             self._last_gap_ns = gap_ns
+            if not self._gap_ns or gap_ns < self._gap_ns:
+                self._gap_ns = gap_ns
             missed = gap_ns // self._gap_ns - 1
-        if missed > 0:
+            if missed > 0 and self._same_gaps == _SETTLED_GAPS:
+                self._gap_ns = gap_ns
+                missed = -missed * (_SETTLED_GAPS - 1)
+        if missed:
             self._loop.count("states unanswered", missed)
 
     def tick(self, now_ns: int) -> None:

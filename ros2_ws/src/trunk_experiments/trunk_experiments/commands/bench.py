@@ -89,7 +89,7 @@ def lockstep(rounds: int, steps: int, as_json: bool) -> None:
 )
 @click.option(
     "--seconds",
-    type=FiniteRange(1.0, 3600.0),
+    type=FiniteRange(0.1, 3600.0),
     default=10.0,
     show_default=True,
     help="Length of each measurement.",
