@@ -19,9 +19,9 @@ FIELDS = ("position", "velocity", "effort")
 
 
 def known_topics():
-    return {"/" + name: kind for name, kind in topics.evidence_types().items()} | {
-        "/" + markers.TOPIC: markers.TYPE
-    }
+    return {
+        "/" + name: kind for name, kind in topics.evidence_types(("pid", "fuzzy_pid")).items()
+    } | {"/" + markers.TOPIC: markers.TYPE}
 
 
 def names_in(topic):

@@ -40,7 +40,7 @@ class RunFile:
             writer.add_metadata(PROVENANCE, {"scenario": "fig6", "host": "größe"})
             channels = {
                 topic: writer.channel(f"{namespace}/{topic}", type_name)
-                for topic, type_name in topics.evidence_types().items()
+                for topic, type_name in topics.evidence_types(("pid", "fuzzy_pid")).items()
             }
 
             def put(topic: str, stamp_ns: int, data: bytes) -> None:

@@ -21,8 +21,6 @@ CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 # What discovery calls a node of which it knows an endpoint alone.
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 
-CONTROLLERS = ("pid", "fuzzy_pid", "lqr", "computed_torque")
-
 # What each topic carries, for people: name, type, who publishes, content.
 DESCRIPTIONS = (
     (
@@ -120,7 +118,12 @@ def controller_state(controller: str) -> str:
     return f"{controller}/state"
 
 
-def evidence_types(controllers: tuple[str, ...] = CONTROLLERS) -> dict[str, str]:
+def is_controller_state(relative: str) -> bool:
+    """Return True for the name of some node's ``~/state``."""
+    return relative.count("/") == 1 and relative.endswith("/state")
+
+
+def evidence_types(controllers: tuple[str, ...]) -> dict[str, str]:
     """Return the recorded topics and their types."""
     joints = (JOINT_STATES, GROUND_TRUTH, EFFORT_COMMAND, DISTURBANCE, REFERENCE)
     states = tuple(controller_state(name) for name in controllers)

@@ -20,6 +20,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from trunk_control.laws import CONTROLLERS
 from trunk_msgs_util import topics
 from trunk_msgs_util.errors import EXIT_USAGE, TrunkError
 from trunk_msgs_util.node import middleware, qos
@@ -64,7 +65,7 @@ class MarkersNode(Node):
         self._geometry = Geometry()
         self._truth = Newest(self, topics.GROUND_TRUTH)
         self._disturbance = Newest(self, topics.DISTURBANCE)
-        self._terms = [Newest(self, topics.controller_state(c)) for c in topics.CONTROLLERS]
+        self._terms = [Newest(self, topics.controller_state(c)) for c in CONTROLLERS]
         self._shown: JointSample | None = None
         self._picture = self.create_publisher(MarkerArray, markers.TOPIC, 1)
         self.create_subscription(

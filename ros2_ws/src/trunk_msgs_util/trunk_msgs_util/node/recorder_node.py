@@ -42,6 +42,7 @@ _QUIET_S = 0.3
 # ... but, where the run goes on without it, no longer than this.
 _LEAVE_S = 0.7
 _TELL_EVERY = 50
+_FOLLOW_S = 0.05
 # In lock-step nothing waits for the recorder, within its window: waking it for each message would cost
 # the loop more than the recording does.
 _LINGER_S = 0.01
@@ -111,7 +112,24 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         if not self._matched:
             for topic, type_name in topics.evidence_types(self.config.controllers).items():
                 self._subscribe(topic, type_name)
+            if not self.config.controllers:
+                self._follow_timer = self.every(_FOLLOW_S, self._follow)
             self._ready_timer = self.every(0.02, self._announce)
+
+    def _follow(self) -> None:
+        """Record the ``~/state`` of each node in this namespace that publishes one, from its beginning."""
+        prefix = f"{self.get_namespace().rstrip('/')}/"
+        for name, types in self.get_topic_names_and_types():
+            relative = name.removeprefix(prefix)
+            if (
+                name.startswith(prefix)
+                and topics.is_controller_state(relative)
+                and topics.JOINT_STATE_TYPE in types
+                and relative not in self._matched
+                and self._writer is not None
+            ):
+                self._channels[relative] = self._writer.channel(name, topics.JOINT_STATE_TYPE)
+                self._subscribe(relative, topics.JOINT_STATE_TYPE)
 
     def _announce(self) -> None:
         """Say ready once somebody publishes on each topic of the loop that the plant waits for."""

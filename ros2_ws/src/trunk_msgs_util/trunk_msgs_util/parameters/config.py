@@ -33,8 +33,8 @@ class RecorderConfig(ManagedConfig):
     overwrite: bool = parameter("overwrite", False, "Replace the file where it exists", fixed=True)
     controllers: tuple[str, ...] = parameter(
         "controllers",
-        topics.CONTROLLERS,
-        "Controllers whose ~/state is recorded",
+        (),
+        "Controllers whose ~/state is recorded; empty: that of every node that publishes one",
         element=str,
         fixed=True,
     )
