@@ -1,4 +1,4 @@
-"""Computed torque: limits of the model, the error equation that it imposes, what it needs to see."""
+"""Computed torque: the model's limiting cases, the error equation it imposes, the inputs it needs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LAW = PidLaw(derivative=DERIVATIVE_FROM_RATE)
 
 
 @given(ANGLE, SPEED, ANGLE, SPEED)
-def test_a_heavy_hip_leaves_the_prescribed_model(x, x_dot, theta, theta_dot):
+def test_a_heavy_hip_tends_to_the_prescribed_model(x, x_dot, theta, theta_dot):
     # A hip of infinite mass falls along its path by itself; without gravity it coasts.
     heavy = Body(hip_mass=1e12, gravity=0.0, amplitude=0.0)
     prescribed = heavy._replace(prescribed=True)
@@ -34,7 +34,7 @@ def test_a_heavy_hip_leaves_the_prescribed_model(x, x_dot, theta, theta_dot):
 
 
 @given(ANGLE)
-def test_a_level_path_leaves_the_cart_and_pole(theta):
+def test_a_level_path_gives_the_cart_and_pole(theta):
     model = Body(amplitude=0.0)
     inertia, bias = inverse_dynamics(3.0, theta, 1.0, 0.0, model)
     total = model.hip_mass + model.trunk_mass
@@ -63,7 +63,7 @@ def test_a_bad_sample_holds_the_command(bad, value):
     sample[bad] = value
     x, x_dot, theta, theta_dot = sample
     if value > 0.0 and bad in (0, 2):
-        return  # large angles and places are angles and places
+        return  # large angles and positions are valid
     state = PidState(effort=2.5, started=True)
     held, terms = computed_torque_update(
         state, 0.0, theta, theta_dot, 0.01, Hip(x, x_dot), Gains(1.0, 0.0, 1.0), Body(), LAW
@@ -79,7 +79,7 @@ def test_an_infinite_angle_is_held():
         assert controller.update(10_000_000, *bad).effort == before.effort
 
 
-def test_the_hip_is_seen_by_name():
+def test_the_hip_is_found_by_name():
     config = ComputedTorqueConfig(hip_joint="pelvis")
     assert hip_index(config, ("trunk", "pelvis")) == 1
     assert hip_seen(1, (0.1, 0.2), (0.3, 0.4)) == Hip(0.2, 0.4)

@@ -33,7 +33,7 @@ def test_default_gains_are_ziegler_nichols():
     assert PidConfig().gains == pytest.approx(expected, rel=1e-15)
 
 
-def test_default_rule_base_is_the_models():
+def test_default_rule_base():
     config = FuzzyPidConfig()
     rules = config.rules
     thirds = [-1.0, -2.0 / 3.0, -1.0 / 3.0, 0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0]

@@ -1,4 +1,4 @@
-"""Controllers on the stamps of the states: due instants, steps of time, reset, retuning."""
+"""Controllers driven by stamps: due instants, time steps, reset, retuning."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ every = pytest.mark.parametrize(
     [
         (1000.0, 1000.0, 1),
         (1000.0, 200.0, 5),
-        (700.0, 100.0, 7),  # 7 * 1428571 ns fall short of 10 ms
-        (60.0, 20.0, 3),  # 3 * 16666667 ns exceed 50 ms
+        (700.0, 100.0, 7),  # 7 * 1428571 ns is just under 10 ms
+        (60.0, 20.0, 3),  # 3 * 16666667 ns is just over 50 ms
         (60.0, 30.0, 2),
         (144.0, 72.0, 2),
         (999.0, 333.0, 3),
@@ -49,7 +49,7 @@ every = pytest.mark.parametrize(
     ],
     ids=lambda value: f"{value:g}" if isinstance(value, (int, float)) else None,
 )
-def test_due_at_every_divisor_th_state(make, config, plant_rate, rate, divisor):
+def test_updates_are_due_at_every_nth_state(make, config, plant_rate, rate, divisor):
     controller = make(replace(config, update_rate=rate))
     period = period_ns(plant_rate)
     for k in range(20 * divisor):
@@ -92,14 +92,14 @@ def test_fuzzy_controller_runs_its_law():
 
 
 @every
-def test_reference_comes_from_the_profile_or_from_outside(make, config):
+def test_reference_comes_from_the_profile_or_the_topic(make, config):
     config = replace(
         config, reference_profile="step", reference_value=0.5, reference_step_time=0.01
     )
     controller = make(config)
     given = [controller.update(k * 5 * MS, 0.0, 0.0).reference for k in range(3)]
     assert given == [0.0, 0.0, 0.5]
-    # A message counts where the profile asks for one, and no longer.
+    # A message counts only while the profile is "topic".
     assert controller.update(15 * MS, 0.2, 0.0, reference=-0.25).reference == 0.5
     controller.retune(replace(config, reference_profile="topic", reference_value=0.125))
     assert controller.update(20 * MS, 0.2, 0.0).reference == 0.125
@@ -110,7 +110,7 @@ def test_reference_comes_from_the_profile_or_from_outside(make, config):
 
 
 @every
-def test_a_stamp_that_runs_back_resets(make, config):
+def test_a_stamp_that_goes_backwards_resets(make, config):
     used, fresh = make(config), make(config)
     for k in range(10):
         used.update((100 + 5 * k) * MS, 0.3, 1.0)
@@ -137,8 +137,8 @@ def test_reset_forgets_everything(make, config):
 
 @every
 @pytest.mark.parametrize("mode", ["error", "measurement", "rate"])
-def test_a_sample_that_is_not_finite_is_skipped(make, config, mode):
-    # What follows is what would have followed had that state never come: dt spans the gap.
+def test_a_non_finite_sample_is_skipped(make, config, mode):
+    # All goes on as if that state had never come: dt spans the gap.
     config = replace(config, derivative_mode=mode)
     disturbed, spared = make(config), make(config)
     for k, angle in enumerate((0.1, 0.2)):

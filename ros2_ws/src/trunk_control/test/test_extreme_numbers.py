@@ -1,4 +1,4 @@
-"""Whatever comes in, in whatever order: a command is a number, and within its limits."""
+"""For any input in any order, a command is finite and within its limits."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def computed_torque_step(data):
 
 @pytest.mark.parametrize("make_step", [pid_step, fuzzy_pid_step, lqr_step, computed_torque_step])
 @given(st.data())
-def test_every_command_is_a_number_within_its_limits(make_step, data):
+def test_every_command_is_finite_and_within_its_limits(make_step, data):
     law, state = data.draw(laws()), data.draw(states)
     for _ in range(3):
         before = state
@@ -108,20 +108,20 @@ def test_retuning_leaves_a_finite_integral(state, old, new):
     assert after._replace(integral=state.integral) == state
 
 
-def test_an_overflow_holds_the_last_command_within_the_present_limits():
+def test_an_overflow_holds_the_last_command_within_the_current_limits():
     state = PidState(1.0, 1.0, 1.0, 0.0, effort=70.0, started=True)
     after, terms = pid_update(state, 1e300, 0.0, -1e300, 0.01, Gains(1e9, 0.0, 1e9), PidLaw(2))
     assert after.effort == terms.effort == 70.0  # inf + inf without a limit is no command
     law = PidLaw(2, u_min=-50.0, u_max=50.0)
     after, terms = pid_update(state, 1e300, 0.0, -1e300, 0.01, Gains(1e9, 0.0, 1e9), law)
-    assert terms.effort == 50.0 == after.effort  # with one its sign is known
+    assert terms.effort == 50.0 == after.effort  # with a limit its sign is enough
     assert not terms.held
     after, terms = pid_update(state, 1e300, 0.0, 1e300, 0.01, Gains(1e9, 0.0, 1e9), law)
     assert after is state  # inf - inf
     assert terms.effort == 50.0
 
 
-def test_back_calculation_with_an_integral_gain_that_vanishes_in_a_product():
+def test_back_calculation_with_an_integral_gain_that_underflows_in_a_product():
     law = PidLaw(u_min=-1.0, u_max=1.0, antiwindup=ANTIWINDUP_BACK_CALCULATION)
     law = law._replace(tracking_time_constant=1e-3)
     state, terms = pid_update(PidState(), 5.0, 0.0, 0.0, 1e-3, Gains(1.0, TINY, 0.0), law)
@@ -137,7 +137,7 @@ def test_back_calculation_with_an_integral_gain_that_vanishes_in_a_product():
         (Controller, ComputedTorqueConfig),
     ],
 )
-def test_a_held_command_follows_the_limits_at_once(controller, config):
+def test_a_held_command_obeys_new_limits_at_once(controller, config):
     driven = controller(config())
     assert driven.update(0, -3.0, 0.0).effort == 100.0
     driven.retune(config(u_clamp_max=5.0))

@@ -1,4 +1,4 @@
-"""Four rules give what all forty-nine give; the partition, its ends, logarithmic consequents."""
+"""Four rules equal all forty-nine; the partition, its ends, logarithmic consequents."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def memberships(value: float, peaks) -> np.ndarray:
 
 
 def all_rules(error: float, error_rate: float, rules: FuzzyRules) -> tuple[float, float, float]:
-    """Product inference and centre average over every rule, as the paper words it."""
+    """Product inference and centre average over every rule, as the paper defines them."""
     firing = np.outer(
         memberships(error, rules.error_peaks), memberships(error_rate, rules.rate_peaks)
     )
@@ -104,7 +104,7 @@ def test_outputs_never_leave_their_centres(error, error_rate, rules):
     assert 2.0 <= alpha <= 5.0
 
 
-def test_printed_outputs_never_leave_their_centres_by_a_rounding_error():
+def test_rounding_never_carries_printed_outputs_past_their_centres():
     inputs = np.random.default_rng(1).uniform((-1.6, -5.1), (1.6, 5.1), (20_000, 2))
     outputs = np.array([infer(error, rate, PRINTED) for error, rate in inputs.tolist()])
     assert (outputs >= (0.0, 0.0, 2.0)).all()
@@ -148,7 +148,7 @@ def test_logarithmic_memberships():
     assert (logarithmic_value(0.0, 0.0), logarithmic_value(0.0, 1.0)) == (1.0, 0.0)
 
 
-def test_logarithmic_consequents_leave_alpha_alone():
+def test_logarithmic_consequents_do_not_change_alpha():
     logarithmic = infer(0.3, -0.7, PRINTED._replace(logarithmic=True))
     linear = infer(0.3, -0.7, PRINTED)
     assert logarithmic[2] == linear[2]
@@ -157,7 +157,7 @@ def test_logarithmic_consequents_leave_alpha_alone():
 
 @given(values, values, rule_bases)
 @settings(max_examples=300)
-def test_fired_rules_sum_up_to_what_is_inferred(error, error_rate, rules):
+def test_fired_rules_add_up_to_the_inferred_values(error, error_rate, rules):
     fired = fired_rules(error, error_rate, rules)
     assert len({(rule.row, rule.column) for rule in fired}) == 4
     assert sum(rule.weight for rule in fired) == pytest.approx(1.0, abs=1e-15)

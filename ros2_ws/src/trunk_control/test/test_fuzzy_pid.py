@@ -1,4 +1,4 @@
-"""Gains from the rule base: their box, Ki from alpha, and the law they are used in."""
+"""Gains from the rule base: their box, Ki from alpha, and the law that uses them."""
 
 from __future__ import annotations
 
@@ -100,8 +100,8 @@ def test_update_is_the_pid_with_the_gains_of_the_same_sample(derivative):
         assert terms == expected[1]._replace(alpha=alpha)
 
 
-def test_integral_is_free_of_the_gains():
-    # Ki stands outside the sum: the integral is that of the error, whatever the gains were.
+def test_the_integral_does_not_depend_on_the_gains():
+    # Ki stands outside the sum: the integral is that of the error, whatever the gains.
     state, total = PidState(), 0.0
     for error in (0.1, 1.5, -0.7):
         state, terms = fuzzy_pid_update(state, error, 0.0, 0.0, 0.01, RULES, BOX, PidLaw())

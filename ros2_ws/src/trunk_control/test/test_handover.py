@@ -1,4 +1,4 @@
-"""Controllers that take over from one another: turns in the states' time, no bump in the torque."""
+"""Controllers that take over from one another: turns by the states' stamps, no bump in the torque."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_the_first_command_is_the_torque_that_acts(make, config, mode, position,
 @every
 @pytest.mark.parametrize("mode", MODES)
 def test_the_commands_after_it_stay_near(make, config, mode):
-    """Without the past that the last state gives, a derivative of the error would kick here."""
+    """Without the last state as its past, the derivative of the error would kick here."""
     controller = taking_over(make, replace(config, derivative_mode=mode), 0.1)
     commands = [-9.0]
     for k in range(1, 6):
@@ -69,22 +69,22 @@ def test_the_commands_after_it_stay_near(make, config, mode):
     assert max(jumps) < 1.0
 
 
-def test_what_no_integral_takes_up_comes_in_bounded_steps():
+def test_what_the_integral_cannot_absorb_comes_in_bounded_steps():
     config = PidConfig(i=0.0, d=0.0, handover_step=2.0, reference_profile="topic")
     controller = taking_over(Controller, config)
     commands = [20.0]
     for k in range(1, 12):
         commands.append(controller.update(5 * k * MS, 0.0, 0.0, 0.1, effort=20.0).effort)
-    # From the 20 N m that act to the law's own 60 * 0.1, and free from there on.
+    # From the acting 20 N m to the law's 60 * 0.1, then unrestricted.
     assert commands == [20.0, 18.0, 16.0, 14.0, 12.0, 10.0, 8.0, 6.0, 6.0, 6.0, 6.0, 6.0]
     assert controller.update(100 * MS, 0.0, 0.0, 1.0, effort=6.0).effort == 60.0
 
 
-def test_the_limits_of_the_command_stand_above_the_handover():
+def test_the_command_limits_override_the_handover():
     config = PidConfig(u_clamp_max=10.0, u_clamp_min=-10.0, reference_profile="topic")
     controller = taking_over(Controller, config)
     assert controller.update(5 * MS, 0.0, 0.0, 0.5, effort=90.0).effort == 10.0
-    # At the law's own limit it has met the law: nothing holds the way down.
+    # At the law's limit it has met the law: it may move down freely.
     assert controller.update(10 * MS, 0.0, 0.0, -0.5, effort=10.0).effort == -10.0
 
 
@@ -94,14 +94,14 @@ def test_the_limits_of_the_command_stand_above_the_handover():
     low=st.floats(-50, 0),
     high=st.floats(0, 50),
 )
-def test_drawn_in_limits_never_leave_the_law_s(effort, step, low, high):
+def test_narrowed_limits_never_exceed_the_laws(effort, step, low, high):
     law = handover_law(PidLaw(u_min=low, u_max=high), effort, step)
     assert low <= law.u_min <= law.u_max <= high
     assert handover_law(PidLaw(), effort, inf) == PidLaw()
 
 
 @every
-def test_afresh_where_no_state_was_seen(make, config):
+def test_activation_starts_from_scratch_if_no_state_was_seen(make, config):
     fresh, woken = make(config), make(config)
     woken.deactivate()
     woken.activate()
@@ -146,6 +146,6 @@ def test_turns():
 
 
 @pytest.mark.parametrize("times", [(1.0, 1.0), (2.0, 1.0)])
-def test_times_of_turns_ascend(times):
+def test_turn_times_must_ascend(times):
     with pytest.raises(ParameterError, match=r"active\.times.*ascending"):
         PidConfig(active_times=times)

@@ -10,7 +10,7 @@ NAMES = st.lists(st.text(max_size=6), unique=True, max_size=8).map(tuple)
 
 
 @given(st.lists(NAMES, max_size=6), st.text(max_size=6))
-def test_whatever_came_before_the_place_is_that_of_the_name(messages, joint):
+def test_the_index_follows_the_name_whatever_came_before(messages, joint):
     places = JointPlaces(joint)
     for names in messages:
         found = places(names)
@@ -29,7 +29,7 @@ def test_a_law_that_needs_two_joints_finds_both_or_none(messages, joint, hip):
             assert found is None
 
 
-def test_publishers_may_take_turns_on_the_topic():
+def test_publishers_may_alternate_on_a_topic():
     places = JointPlaces("torso", "base")
     whole, arm, half = ("base", "torso"), ("elbow", "wrist"), ("elbow", "torso")
     for names, expected in [(whole, (1, 0)), (arm, None), (half, None), (whole, (1, 0))]:
@@ -37,5 +37,5 @@ def test_publishers_may_take_turns_on_the_topic():
 
 
 @pytest.mark.parametrize("name", ["trunk", "left/knee joint", "θ", "0"])
-def test_any_name_is_a_joints_name(name):
+def test_any_string_may_name_a_joint(name):
     assert JointPlaces(name)(("x", name)) == Places(1, None)

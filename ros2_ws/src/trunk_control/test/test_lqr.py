@@ -1,4 +1,4 @@
-"""LQR: the default gains solve the Riccati equation; the feed-forward holds the trunk where it leans."""
+"""LQR: the default gains solve the Riccati equation; the feed-forward holds a leaning trunk."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_the_default_gains_solve_the_riccati_equation():
 
 
 @given(ANGLE, ANGLE, st.floats(-5.0, 5.0))
-def test_it_is_a_pid_with_a_feed_forward(reference, angle, rate):
+def test_lqr_is_a_pid_with_feed_forward(reference, angle, rate):
     sample = (PidState(0.02, started=True), reference, angle, rate, 0.005, Gains(61.0, 50.0, 9.0))
     state, terms = lqr_update(*sample, 4.905, RATE_LAW)
     expected_state, expected = pid_update(*sample, RATE_LAW)

@@ -21,7 +21,7 @@ from trunk_control.pid import (
 
 GAINS = Gains(2.0, 4.0, 0.5)
 DT = 0.25
-# (reference, measurement, rate) and the derivative that each mode takes from it.
+# (reference, measurement, rate) and the derivative that each mode gives.
 SAMPLES = [(1.0, 0.5, 3.0), (2.0, 0.75, -1.0), (2.0, 0.25, 0.5)]
 DERIVATIVES = {
     DERIVATIVE_ON_ERROR: [0.0, 3.0, 2.0],
@@ -114,7 +114,7 @@ def test_negative_dt_raises():
 @pytest.mark.parametrize("bad", [nan, inf, -inf], ids=str)
 @pytest.mark.parametrize("place", range(3), ids=["reference", "measurement", "rate"])
 @modes
-def test_a_sample_that_is_not_finite_touches_nothing(mode, place, bad):
+def test_a_non_finite_sample_changes_nothing(mode, place, bad):
     law = PidLaw(derivative=mode, filter_time=0.5)
     before, history = run(SAMPLES[:2], law)
     sample = list(SAMPLES[2])
@@ -124,7 +124,7 @@ def test_a_sample_that_is_not_finite_touches_nothing(mode, place, bad):
     assert terms.effort == history[-1].effort
 
 
-def test_default_state_is_that_after_a_reset():
+def test_default_state_is_the_state_after_a_reset():
     used, first = run(SAMPLES)
     assert used != PidState()
     assert run(SAMPLES, state=PidState())[1] == first

@@ -32,7 +32,7 @@ def update(state: PidState, error: float, law: PidLaw, gains: Gains = GAINS):
 
 
 def samples_to_leave_the_limit(antiwindup: int, push: float) -> int:
-    """Saturate for 5 s, turn the error round, count the samples until the command follows."""
+    """Saturate for 5 s, reverse the error, count the samples until the command follows."""
     law, state = limited(antiwindup), PidState()
     for _ in range(500):
         state, _ = update(state, push, law)
@@ -44,7 +44,7 @@ def samples_to_leave_the_limit(antiwindup: int, push: float) -> int:
 
 
 @pytest.mark.parametrize("push", [1.0, -1.0], ids=["up", "down"])
-def test_the_integral_winds_up_without_a_strategy_and_with_none_else(push):
+def test_the_integral_winds_up_only_without_a_strategy(push):
     none, conditional, back = (samples_to_leave_the_limit(a, push) for a in range(3))
     assert none > 1000
     assert conditional == 0
@@ -67,7 +67,7 @@ def test_conditional_integration_drops_the_increment_afterwards():
     assert after.integral == 0.15
 
 
-def test_conditional_integration_keeps_an_increment_that_leads_back():
+def test_conditional_integration_keeps_an_increment_that_unwinds():
     state = PidState(integral=0.9)
     after, terms = update(state, -1.0, limited(ANTIWINDUP_CONDITIONAL_INTEGRATION))
     assert terms.unsaturated > 2.0
@@ -110,6 +110,6 @@ def test_back_calculation_without_integral_gain_leaves_the_integral():
     assert (terms.effort, state.integral) == (2.0, 0.5)
 
 
-def test_none_integrates_on():
+def test_without_a_strategy_the_integral_keeps_growing():
     state, _ = update(PidState(integral=5.0), 1.0, limited(ANTIWINDUP_NONE))
     assert state.integral == 5.0 + DT

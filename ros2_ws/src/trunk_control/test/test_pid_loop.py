@@ -1,4 +1,4 @@
-"""A closed loop around a linear plant: against a textbook loop and against the closed loop's poles.
+"""A closed loop around a linear plant, against a textbook loop and against its closed form.
 
 The plant is theta'' = u / J, exactly discretised for a held input, J = m l^2 = 0.5 kg m^2.
 """
@@ -34,7 +34,7 @@ def loop(law: PidLaw) -> tuple[np.ndarray, np.ndarray]:
 
 
 def textbook(mode: str, filter_time: float, limit: float, clamping: bool):
-    """The same loop as books print it: one pass, variables, no functions."""
+    """The same loop as textbooks print it: one pass, plain variables, no functions."""
     theta, rate = 0.1, 0.2
     integral, filtered, old_error, old_theta = 0.0, 0.0, None, None
     angles, efforts = [], []
@@ -67,13 +67,13 @@ def textbook(mode: str, filter_time: float, limit: float, clamping: bool):
 @pytest.mark.parametrize("clamping", [False, True], ids=["free", "conditional_integration"])
 @pytest.mark.parametrize("filter_time", [0.0, 0.01], ids=["unfiltered", "filtered"])
 @pytest.mark.parametrize("mode", ["error", "measurement", "rate"])
-def test_loop_equals_the_textbooks(mode, filter_time, clamping):
+def test_loop_equals_the_textbook_loop(mode, filter_time, clamping):
     limit = 8.0 if clamping else float("inf")
     derivative = ("error", "measurement", "rate").index(mode)
     law = PidLaw(derivative, filter_time, u_min=-limit, u_max=limit, antiwindup=int(clamping))
     angles, efforts = loop(law)
     expected_angles, expected_efforts = textbook(mode, filter_time, limit, clamping)
-    assert np.abs(angles).max() < 3.0  # the loop is stable, the comparison means something
+    assert np.abs(angles).max() < 3.0  # the loop is stable, so the comparison is meaningful
     assert angles == pytest.approx(expected_angles, abs=1e-11)
     assert efforts == pytest.approx(expected_efforts, abs=1e-8)
 

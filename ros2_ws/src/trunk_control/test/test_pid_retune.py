@@ -36,7 +36,7 @@ def test_command_is_continuous(state, old, new):
 
 
 @given(st.lists(number, min_size=1, max_size=10), gains, gains, st.floats(1e-4, 0.1))
-def test_next_command_moves_by_its_own_increment_alone(errors, old, new, dt):
+def test_next_command_moves_only_by_its_own_increment(errors, old, new, dt):
     state = PidState()
     for error in [*errors, errors[-1], errors[-1]]:  # at rest at last: D = 0
         state, before = pid_update(state, error, 0.0, 0.0, dt, old, PidLaw())

@@ -1,4 +1,4 @@
-"""Reference profiles at and around their instants."""
+"""Reference profiles at and around their switching times."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_constant():
     ("t_ns", "expected"),
     [(0, 0.1), (2 * SECOND - 1, 0.1), (2 * SECOND, pi / 4.0), (9 * SECOND, pi / 4.0)],
 )
-def test_step_comes_at_its_instant(t_ns, expected):
+def test_the_step_comes_at_its_time(t_ns, expected):
     assert (
         reference_at(t_ns, profile("step", value=pi / 4.0, initial=0.1, step_time=2.0)) == expected
     )
@@ -56,5 +56,5 @@ def test_sequence_holds_each_level_until_the_next(t_ns, expected):
     assert reference_at(t_ns, levels) == expected
 
 
-def test_empty_sequence_is_its_initial_level():
+def test_an_empty_sequence_stays_at_the_initial_level():
     assert reference_at(SECOND, profile("sequence", initial=0.4)) == 0.4

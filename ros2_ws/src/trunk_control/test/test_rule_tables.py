@@ -39,7 +39,7 @@ def test_only_table_3_has_a_cell_that_breaks_both_symmetries(name, cells):
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_but_for_that_cell_the_tables_are_symmetric(name):
+def test_all_other_cells_are_symmetric(name):
     table = labels(name)
     if name == "kd":
         assert table[1][6] == "S"

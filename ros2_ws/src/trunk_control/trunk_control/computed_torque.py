@@ -1,6 +1,6 @@
-"""Computed torque: the inverse dynamics of a model turn a wanted angular acceleration into a torque.
+"""Computed torque: a model's inverse dynamics turns a desired angular acceleration into a torque.
 
-The model is the controller's own: its constants may be wrong, as a robot's are.
+The model belongs to the controller: its constants may be wrong, as on a real robot.
 
 Pure: scalar functions of floats and named tuples, which CPython runs and numba compiles unchanged.
 """
@@ -34,7 +34,7 @@ def computed_torque_update(
 ) -> tuple[PidState, Terms]:
     """Return the next state and the terms of ``u = H (kp e + ki I + kd D) + c``.
 
-    ``gains`` are accelerations: 1/s^2, 1/s^3, 1/s; with an exact model the error then obeys
+    ``gains`` give accelerations: 1/s^2, 1/s^3, 1/s; with an exact model the error then obeys
     ``e'' + kd e' + kp e + ki I = 0``. The terms carry the gains times H. ``rate`` [rad/s] is used by
     the model in every derivative mode. Holds and raises as `pid_update` does.
     """

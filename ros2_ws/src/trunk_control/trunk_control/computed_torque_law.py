@@ -16,19 +16,24 @@ from .pid import Gains, PidLaw, PidState, Terms
 
 @dataclass(frozen=True)
 class ComputedTorqueConfig(ControllerConfig):
-    """Parameters of the ``computed_torque`` node. The default poles lie at -10 1/s, both."""
+    """Parameters of the ``computed_torque`` node. Both default poles lie at -10 1/s."""
 
     hip_joint: str = parameter(
-        "hip_joint", "hip", "The joint whose measured motion the model takes in", fixed=True
+        "hip_joint", "hip", "The joint whose measured motion the model uses", fixed=True
     )
     p: float = parameter(
-        "gains.p", 100.0, "Acceleration per error", unit="1/s^2", minimum=0.0, maximum=1e9
+        "gains.p", 100.0, "Acceleration per unit of error", unit="1/s^2", minimum=0.0, maximum=1e9
     )
     i: float = parameter(
-        "gains.i", 0.0, "Acceleration per integral of it", unit="1/s^3", minimum=0.0, maximum=1e9
+        "gains.i",
+        0.0,
+        "Acceleration per unit of its integral",
+        unit="1/s^3",
+        minimum=0.0,
+        maximum=1e9,
     )
     d: float = parameter(
-        "gains.d", 20.0, "Acceleration per rate of it", unit="1/s", minimum=0.0, maximum=1e9
+        "gains.d", 20.0, "Acceleration per unit of its rate", unit="1/s", minimum=0.0, maximum=1e9
     )
     hip_mass: float = body_parameter("model.hip_mass", "hip_mass", believed=True)
     trunk_mass: float = body_parameter("model.trunk_mass", "trunk_mass", believed=True)
@@ -45,7 +50,7 @@ class ComputedTorqueConfig(ControllerConfig):
 
     @property
     def model(self) -> Body:
-        """What the controller believes of the plant."""
+        """The plant as the controller believes it to be."""
         return Body(
             self.hip_mass,
             self.trunk_mass,
@@ -68,7 +73,7 @@ class ComputedTorqueConfig(ControllerConfig):
 
     @property
     def hip(self) -> str:
-        """The joint whose motion the law takes in."""
+        """The joint whose motion the law uses."""
         return self.hip_joint
 
 

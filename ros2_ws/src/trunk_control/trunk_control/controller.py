@@ -26,9 +26,9 @@ _STILL = Hip()
 
 
 def hip_index(config: ControllerConfig, joints: Sequence[str]) -> int | None:
-    """Return the place of the hip among the joints; None for a law that does not use it.
+    """Return the hip's index among the joints; None for a law that does not use it.
 
-    Raises ValueError where the joint is not there.
+    Raises ValueError if the joint is missing.
     """
     return None if config.hip is None else joints.index(config.hip)
 
@@ -45,7 +45,7 @@ def setting_of(config: ControllerConfig) -> Setting:
         config.reference,
         config.active_times_ns,
         config.period_ns,
-        # Periods are rounded to whole ns: n of the plant's may fall short of one of ours by some ns.
+        # Periods are rounded to whole ns: n plant periods may be a few ns shorter than one of ours.
         config.period_ns - config.period_ns // 1000,
         config.handover_step,
     )
@@ -55,7 +55,7 @@ class Controller:
     """Keeps what `decide` needs from one state to the next."""
 
     def __init__(self, config: ControllerConfig) -> None:
-        """Begin active, unless the configuration says when its turns are."""
+        """Start active, unless the configuration schedules turns."""
         self.law = law_of(config)
         self._configure(config)
         active = not config.active_times
@@ -73,7 +73,7 @@ class Controller:
 
     @property
     def takes_over(self) -> bool:
-        """True before the first update after it became active while the plant moved."""
+        """True from an activation while the plant moves until the first update after it."""
         return self.memory.takes_over
 
     @property
@@ -99,23 +99,23 @@ class Controller:
     ) -> Answer:
         """Return the answer to a state: angle in rad, rate in rad/s, at a stamp in ns.
 
-        ``reference`` [rad]: the newest one that came by topic, None where none has come; ``effort``
-        [N m]: the torque that acts.
+        ``reference`` [rad]: the latest one received by topic, or None; ``effort`` [N m]: the torque
+        that acts.
         """
         told = reference is not None
         given = reference if reference is not None else 0.0
         return self.decide(Reading(stamp_ns, position, velocity, hip, effort, told, given))
 
     def see(self, stamp_ns: int, position: float) -> None:
-        """Take note of a state that is not to be answered."""
+        """Note a state that needs no answer."""
         self.memory = followed(self.memory, stamp_ns, position)
 
     def activate(self) -> None:
-        """Begin to answer states: afresh, or from the torque that acts where a state was seen before."""
+        """Start answering: from scratch, or, if a state was seen before, from the torque that acts."""
         self.memory = activated(self.memory, self.setting.law)
 
     def deactivate(self) -> None:
-        """Leave the plant to another."""
+        """Leave the plant to another controller."""
         self.memory = deactivated(self.memory)
 
     def reset(self) -> None:
@@ -123,13 +123,13 @@ class Controller:
         self.memory = fresh_memory(self.memory.active, self.memory.seen, self.setting.law)
 
     def forget(self) -> None:
-        """Be as new: no state was seen, and whether it is active is as the configuration says."""
+        """Start over as if new: no state seen, active or not as the configuration says."""
         self.memory = fresh_memory(not self.config.active_times, Seen(), self.setting.law)
 
     def retune(self, config: ControllerConfig) -> None:
-        """Take a new configuration between two samples; the integral is rescaled: no jump in the command.
+        """Change the configuration between two samples; the integral is rescaled: the command does not jump.
 
-        A command that is held is within the new limits at once.
+        A held command obeys the new limits at once.
         """
         old = self.constants
         self._configure(config)

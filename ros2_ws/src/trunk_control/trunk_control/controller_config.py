@@ -26,7 +26,7 @@ class ControllerConfig(ManagedConfig):
     update_rate: float = parameter(
         "update_rate",
         200.0,
-        "Rate of the control law, in the time of the states' stamps",
+        "Rate of the control law, measured by the states' stamps",
         unit="Hz",
         minimum=0.001,
         maximum=1e6,
@@ -35,14 +35,14 @@ class ControllerConfig(ManagedConfig):
     lockstep: bool = parameter(
         "lockstep.enabled",
         False,
-        "Answer every state, between due ones with the held command",
+        "Answer every state; between updates, repeat the last command",
         fixed=True,
     )
     joint: str = parameter("joint", "trunk", "The joint that is controlled", fixed=True)
     reference_profile: str = parameter(
         "reference.profile",
         "constant",
-        "Shape of the reference; topic: the newest message on the reference topic, before it the value",
+        "Shape of the reference; topic: the latest message on the reference topic, the value until then",
         choices=REFERENCE_PROFILES,
     )
     reference_value: float = parameter(
@@ -62,7 +62,7 @@ class ControllerConfig(ManagedConfig):
         maximum=1e3,
     )
     reference_step_time: float = parameter(
-        "reference.step_time", 2.0, "When the step comes", unit="s", minimum=0.0, maximum=1e6
+        "reference.step_time", 2.0, "Time of the step", unit="s", minimum=0.0, maximum=1e6
     )
     reference_amplitude: float = parameter(
         "reference.amplitude", 0.0, "Amplitude of the sine", unit="rad", minimum=-1e3, maximum=1e3
@@ -143,7 +143,7 @@ class ControllerConfig(ManagedConfig):
     active_times: tuple[float, ...] = parameter(
         "active.times",
         (),
-        "When the controller turns active, inactive, active ... in the states' time; empty: always active",
+        "Times at which the controller becomes active, inactive, active ...; empty: always active",
         unit="s",
         element=float,
         minimum=0.0,
@@ -153,7 +153,7 @@ class ControllerConfig(ManagedConfig):
     handover_step: float = parameter(
         "handover.max_step",
         1.0,
-        "Having taken over, the command moves by at most this per update until it meets the law's",
+        "After a takeover the command moves by at most this per update until it meets the law's",
         unit="N m",
         above=0.0,
         unbounded=True,
@@ -192,17 +192,17 @@ class ControllerConfig(ManagedConfig):
 
     @property
     def damping_gain(self) -> float:
-        """The largest gain of the rate, N m s/rad: it bounds the period of the sampled loop."""
+        """The largest gain on the rate, N m s/rad: it bounds the sampled loop's period."""
         return 0.0
 
     @property
     def constants(self) -> tuple[Any, ...]:
-        """What the law's functions take beside the sample: each law says it."""
+        """What the law's functions take besides the sample; each law defines it."""
         raise NotImplementedError
 
     @property
     def law(self) -> PidLaw:
-        """What stays fixed while gains move."""
+        """What stays fixed while gains change."""
         return PidLaw(
             DERIVATIVE_MODES.index(self.derivative_mode),
             self.derivative_filter_time,

@@ -28,7 +28,7 @@ from .laws import law_named
 
 
 class ControllerNode(TrunkNode[ControllerConfig]):
-    """Answers each state that is due with a command that carries the state's stamp."""
+    """Answers each state that is due with a command carrying the state's stamp."""
 
     def __init__(self, law: Law) -> None:
         super().__init__(law.name, law.config)
@@ -43,7 +43,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         self.run_stamp_ns = -1
         self._controller.forget()
         self._controller.deactivate()
-        self._reference: float | None = None  # the newest from the topic
+        self._reference: float | None = None  # the latest from the topic
         self._commensurate_known = False
         self._updates = 0
         self._diagnosed = (time.monotonic(), 0)
@@ -63,25 +63,25 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         self._ready_timer = self.every(0.02, self._announce)
 
     def starts_active(self) -> bool:
-        """Return True where no schedule says when this controller's turns are."""
+        """Return True unless this controller's turns are scheduled."""
         return not self._scheduled
 
     def activate(self) -> None:
-        """Answer states, beginning with the torque that acts where the plant moves already."""
+        """Answer states; if the plant is already moving, start from the torque that acts."""
         self._controller.activate()
 
     def deactivate(self) -> None:
-        """Leave the plant to another controller; states are followed on."""
+        """Leave the plant to another controller, but keep following the states."""
         self._controller.deactivate()
 
     def retune(self, config: ControllerConfig) -> None:
-        """Take changed parameters between two samples, without a jump in the command."""
+        """Apply changed parameters between two samples, without a jump in the command."""
         self._controller.retune(config)
         if config.reference_profile != "topic":
-            self._reference = None  # a topic that is asked again has to say it anew
+            self._reference = None  # back on "topic", wait for a new message
 
     def _announce(self) -> None:
-        """Say ready once there is a turn to come and the simulator is matched in both directions."""
+        """Report ready once a turn is due and the simulator is matched in both directions."""
         if not (self.active or self._scheduled):
             return
         if meeting.met(self, hears=topics.JOINT_STATES, answers=topics.EFFORT_COMMAND):
@@ -136,16 +136,16 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             self._publish(stamp_ns, position, answer)
 
     def _join(self, stamp_ns: int) -> None:
-        """Put on the record that this is the first state of a run that has been under way.
+        """Record that the controller joins a run that is already under way.
 
-        What was said before is stamped as if it had been there from the beginning.
+        Without this, its earlier events would look as if it had been there from the start.
         """
         self.run_stamp_ns = stamp_ns - 1
         if self.active:
             self.event(Event.ACTIVATED)
 
     def _take_turn(self, active: bool) -> None:
-        """Make the node's life follow what the schedule has decided between the last state and this one."""
+        """Make the node's lifecycle follow what the schedule decided since the last state."""
         if active:
             self.trigger_activate()
         else:
@@ -161,7 +161,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             return True
         self.fail(
             f"update_rate = {self.config.update_rate:g} Hz is not allowed in lock-step with a plant at "
-            f"{1e9 / step_ns:g} Hz: an integer divisor of the plant's rate is needed"
+            f"{1e9 / step_ns:g} Hz: choose an integer divisor of the plant's rate"
         )
         return False
 
@@ -197,11 +197,11 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         self._controller.reset()
         self.event(Event.RESET)
         response.success = True
-        response.message = "integral and past samples are forgotten"
+        response.message = "integral and past samples cleared"
         return response
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the last state's time, s, and the achieved rate of updates."""
+        """Return the last state's time in s and the achieved update rate."""
         now = time.monotonic()
         before, updates = self._diagnosed
         self._diagnosed = (now, self._updates)
@@ -212,5 +212,5 @@ class ControllerNode(TrunkNode[ControllerConfig]):
 
 
 def main(name: str) -> None:
-    """Run the node of the law with this name."""
+    """Run the node of the law of this name."""
     sys.exit(run_nodes({name: partial(ControllerNode, law_named(name))}, name))

@@ -1,11 +1,11 @@
-"""One step of a controller as a pure function: *decide* what a state is answered with.
+"""One step of a controller as a pure function: *decide* how to answer a state.
 
-A controller has no clock of its own: it acts on the stamps of the states that it is given, at most
-at its ``update_rate``, and holds its command in between. One that becomes active while the plant moves
-takes over without a bump: its integral is set so that its first command is the torque that acts.
+A controller has no clock: it goes by the stamps of the states, updates at most at its ``update_rate``
+and holds its command in between. One that becomes active while the plant moves takes over without a
+bump: its integral is set so that its first command is the torque that acts.
 
-Turns, due instants, time steps, the reference, taking over and holding are all inside. The nodes, the
-offline run, the replay and the compiled loop compose this function and no arithmetic of their own.
+Turns, due instants, time steps, the reference, takeover and holding are all in here. The nodes, the
+offline run, the replay and the compiled loop compose this function and add no arithmetic.
 
 Pure: functions of integers, floats and named tuples, which CPython runs and numba compiles unchanged.
 """
@@ -30,16 +30,16 @@ class Reading(NamedTuple):
     stamp_ns: int
     position: float  # rad
     velocity: float  # rad/s
-    hip: Hip = Hip()  # for laws that name the hip's joint
-    effort: float = 0.0  # N m, the torque that acts: from it a controller goes on that takes over
-    told: bool = False  # a reference has come by topic
-    reference: float = 0.0  # rad, the newest such one
+    hip: Hip = Hip()  # for laws that use the hip
+    effort: float = 0.0  # N m, the torque that acts: where a takeover starts
+    told: bool = False  # a reference has arrived by topic
+    reference: float = 0.0  # rad, the latest such reference
 
 
 class Seen(NamedTuple):
-    """The last state that was followed, whether or not it was answered."""
+    """The last state seen, answered or not."""
 
-    stamp_ns: int = -1  # below 0: none was yet
+    stamp_ns: int = -1  # below 0: none yet
     position: float = 0.0  # rad
 
 
@@ -50,7 +50,7 @@ class Setting(NamedTuple):
     profile: ReferenceProfile
     turns_ns: Sequence[int]  # active from the 1st, inactive from the 2nd, ...; empty: always active
     period_ns: int
-    due_after_ns: int  # an update is due so long after the last
+    due_after_ns: int  # an update is due this long after the last
     handover_step: float  # N m
 
 
@@ -63,18 +63,18 @@ class Memory(NamedTuple):
     begun: bool  # an update has been made since the last reset
     updated_ns: int  # when
     seen: Seen
-    takes_over: bool  # active since the plant moved, and no update yet
+    takes_over: bool  # activated while the plant moved, no update yet
     taken_from: Seen  # the state before
-    moving: bool  # the command has not met the law's own since it took over
-    moved_to: float  # N m, where it is
+    moving: bool  # since the takeover, the command has not met the law's
+    moved_to: float  # N m, where the command is
 
 
 class Answer(NamedTuple):
-    """What a controller makes of one state."""
+    """A controller's answer to one state."""
 
-    active: bool  # False: it is not this controller's turn, and nothing else here counts
+    active: bool  # False: not this controller's turn; ignore the rest
     effort: float  # N m
-    fresh: bool  # True: the law was updated, and the terms are of this update
+    fresh: bool  # True: the law was updated; the terms are those of this update
     held: bool  # True: an update was due, but nothing finite came in or out
     reference: float  # rad
     terms: Terms
@@ -92,9 +92,10 @@ def fresh_memory(active: bool, seen: Seen, law: PidLaw) -> Memory:
 
 
 def activated(memory: Memory, law: PidLaw) -> Memory:
-    """Return the memory of a controller that is to answer from the next state on.
+    """Return the memory of a controller that answers from the next state on.
 
-    Afresh; or, where a state was seen before, from the torque that acts. Active already: unchanged.
+    It starts from scratch, or, if a state was seen before, from the torque that acts. One that is
+    already active is unchanged.
     """
     if memory.active:
         return memory
@@ -106,7 +107,7 @@ def activated(memory: Memory, law: PidLaw) -> Memory:
 
 
 def deactivated(memory: Memory) -> Memory:
-    """Return the memory of a controller that leaves the plant to another."""
+    """Return the memory of a controller that hands over the plant."""
     m = memory
     return Memory(
         m.state,
@@ -123,7 +124,7 @@ def deactivated(memory: Memory) -> Memory:
 
 
 def followed(memory: Memory, stamp_ns: int, position: float) -> Memory:
-    """Return the memory after a state that was seen, not answered."""
+    """Return the memory after a state that was seen but not answered."""
     m = memory
     return Memory(
         m.state,
@@ -142,7 +143,7 @@ def followed(memory: Memory, stamp_ns: int, position: float) -> Memory:
 def retuned(memory: Memory, law: Law, old: Constants, new: Constants, limits: PidLaw) -> Memory:
     """Return the memory under new constants: the integral is rescaled, so that the command does not jump.
 
-    A command that is held is within the new limits at once.
+    A held command obeys the new limits at once.
     """
     gains_before = law.gains(memory.state, memory.sample, old)
     gains_after = law.gains(memory.state, memory.sample, new)
@@ -151,7 +152,7 @@ def retuned(memory: Memory, law: Law, old: Constants, new: Constants, limits: Pi
 
 
 def handover_law(law: PidLaw, effort: float, step: float) -> PidLaw:
-    """Return the law with its limits drawn in to ``effort`` +- ``step`` [N m], never beyond its own."""
+    """Return the law with its limits narrowed to ``effort`` +- ``step`` [N m], never widened."""
     return PidLaw(
         law.derivative,
         law.filter_time,
@@ -169,7 +170,7 @@ def decide(
 ) -> tuple[Memory, Answer]:
     """Return the next memory and the answer to a state; ``update`` is the law's.
 
-    A stamp that runs back resets the controller: time began anew.
+    A stamp that goes backwards resets the controller: time has restarted.
     """
     m, r, s = memory, reading, setting
     wanted = turn(s.turns_ns, m.seen.stamp_ns, r.stamp_ns)
@@ -202,7 +203,7 @@ def decide(
         state = taken_over(m.taken_from, sample, moved_to, s.law, constants, update)
     law = handover_law(s.law, moved_to, s.handover_step) if moving else s.law
     after, terms = update(state, sample, constants, law)
-    if terms.held:  # dt goes on from the last sample that was finite
+    if terms.held:  # dt keeps counting from the last finite sample
         m = Memory(
             state,
             m.sample,
@@ -216,7 +217,7 @@ def decide(
             moved_to,
         )
         return m, Answer(True, terms.effort, False, True, reference, terms)
-    if moving:  # the limits are lifted once the command is the one that the law's own would leave
+    if moving:  # lift the narrowed limits once they no longer change the command
         moving = terms.effort != limited(terms.unsaturated, s.law)
         moved_to = terms.effort
     m = Memory(after, sample, True, True, r.stamp_ns, seen, False, _NEVER, moving, moved_to)
@@ -231,10 +232,10 @@ def taken_over(
     constants: Constants,
     update: Update,
 ) -> PidState:
-    """Return the law's state from which its command goes on from ``effort``: I = (u - u|I=0) / ki.
+    """Return the law's state that makes its command continue from ``effort``: I = (u - u|I=0) / ki.
 
-    The last state ``seen`` gives the derivative its past; a jump of the reference is not in it. What
-    the integral cannot take up (ki = 0, its limits) the command makes up for in bounded steps.
+    The derivative starts from the last state ``seen``, so that a jump of the reference is not in it.
+    What the integral cannot absorb (ki = 0, its limits), the command makes up in bounded steps.
     """
     state = PidState(0.0, sample.reference - seen.position, seen.position, 0.0, effort, True)
     _, terms = update(state, sample, constants, law)

@@ -1,6 +1,6 @@
-"""The executables: what `ros2 run` starts, quick to load and orderly to end from its first moment on.
+"""The executables that `ros2 run` starts: quick to load, and they end cleanly on a signal at any time.
 
-There is one for each law of the registry: `pid`, `fuzzy_pid` and so on.
+There is one for each registered law: `pid`, `fuzzy_pid` and so on.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Fuzzy inference over (e, e_dot): triangles that sum to one, product inference, centre average.
 
-With such a partition at most four rules fire, and the centre average is bilinear interpolation in the
-rule table, so that one evaluation costs microseconds instead of a walk through 49 rules.
+With such a partition at most four rules fire, and the centre average is a bilinear interpolation in the
+rule table: one evaluation takes microseconds and need not visit all 49 rules.
 
 Pure: scalar functions of floats and tuples, which CPython runs and numba compiles unchanged (there the
 tuples of peaks and consequents may be arrays).
@@ -38,7 +38,7 @@ def locate(value: float, peaks: Sequence[float]) -> tuple[int, float]:
     """
     low = 0
     high = len(peaks) - 1
-    if not value > peaks[0]:  # nor is NaN
+    if not value > peaks[0]:  # true for NaN as well
         return 0, 0.0
     if value >= peaks[high]:
         return high - 1, 1.0
@@ -62,10 +62,10 @@ def logarithmic_value(weight: float, center: float) -> float:
 
 
 def bilinear(table: Sequence[float], corner: int, columns: int, a: float, b: float) -> float:
-    """Return the centre average over the four cells from index ``corner`` on.
+    """Return the centre average over the four cells at index ``corner``.
 
     ``a`` is the weight of the second row, ``b`` that of the second column. In this form rounding
-    cannot carry the value past the centres 0 and 1, nor past alpha's 2 and 5; a sum of products can.
+    cannot push the value past the centres 0 and 1, or past alpha's 2 and 5; a sum of products can.
     """
     below = corner + columns
     first = table[corner]
@@ -78,7 +78,7 @@ def bilinear(table: Sequence[float], corner: int, columns: int, a: float, b: flo
 def logarithmic_average(
     table: Sequence[float], corner: int, columns: int, a: float, b: float
 ) -> float:
-    """Return the same average of the consequents at their rules' weights (`logarithmic_value`)."""
+    """Return the same average with each consequent taken at its rule's weight (`logarithmic_value`)."""
     below = corner + columns
     w11 = a * b
     w10 = a - w11
@@ -128,7 +128,7 @@ class FiredRule(NamedTuple):
 
 
 def fired_rules(error: float, error_rate: float, rules: FuzzyRules) -> tuple[FiredRule, ...]:
-    """Return the four rules whose weighted consequents `infer` sums up; for people, not for the loop.
+    """Return the four rules whose weighted consequents `infer` adds up; for display, not for the loop.
 
     Their weights sum to 1; at a peak of a triangle some of them are 0.
     """

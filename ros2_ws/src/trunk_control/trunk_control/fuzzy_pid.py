@@ -1,4 +1,4 @@
-"""Fuzzy-PID: a PID whose gains are inferred anew at each sample from (e, e_dot).
+"""Fuzzy-PID: a PID whose gains are inferred at each sample from (e, e_dot).
 
 Pure: scalar functions of floats and named tuples, which CPython runs and numba compiles unchanged.
 """
@@ -30,7 +30,7 @@ def inferred_gains(
 
         Kp = Kp,min + (Kp,max - Kp,min) Kp'      Kd likewise      Ki = Kp^2 / (alpha Kd)
 
-    Kp and Kd never leave the box, not even by a rounding error.
+    Kp and Kd never leave the box, not even by rounding.
     """
     kp_scaled, kd_scaled, alpha = infer(error, error_rate, rules)
     kp = box.p_min + (box.p_max - box.p_min) * kp_scaled
@@ -44,7 +44,7 @@ def inferred_gains(
     elif kd < box.d_min:
         kd = box.d_min
     scale = alpha * kd
-    ki = kp * kp / scale if scale != 0.0 else inf  # it may be too small for a float
+    ki = kp * kp / scale if scale != 0.0 else inf  # it may underflow to 0
     return Gains(kp, ki, kd), alpha
 
 
@@ -60,7 +60,7 @@ def fuzzy_pid_update(
 ) -> tuple[PidState, Terms]:
     """Return the next state and the terms of one Fuzzy-PID update.
 
-    The gains are inferred at (e_k, D_k), the derivative as the law takes it, and used in the same
+    The gains are inferred at (e_k, D_k), with the derivative that the law uses, and applied to the same
     sample: ``u = Kp e + Ki I + Kd D`` with Ki outside the sum. Holds and raises as `pid_update` does.
     """
     error = reference - measurement

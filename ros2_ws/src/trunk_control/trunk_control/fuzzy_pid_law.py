@@ -50,11 +50,12 @@ class FuzzyPidConfig(ControllerConfig):
         "fuzzy.rate_range", 5.0, "Universe of e_dot: +- this", unit="rad/s", above=0.0, maximum=1e5
     )
     error_peaks: tuple[float, ...] = _peaks(
-        "fuzzy.error_peaks", "Peaks of e's triangles NB ... PB, as parts of the universe, ascending"
+        "fuzzy.error_peaks",
+        "Peaks of e's triangles NB ... PB, as fractions of the universe, ascending",
     )
     rate_peaks: tuple[float, ...] = _peaks(
         "fuzzy.rate_peaks",
-        "Peaks of e_dot's triangles NB ... PB, as parts of the universe, ascending",
+        "Peaks of e_dot's triangles NB ... PB, as fractions of the universe, ascending",
     )
     alpha_centers: tuple[float, ...] = parameter(
         "fuzzy.alpha_centers",
@@ -150,13 +151,13 @@ def update(
 
 
 def gains(state: PidState, sample: Sample, constants: tuple[FuzzyRules, GainBox]) -> Gains:
-    """Return the gains that are inferred at the last error and its rate."""
+    """Return the gains inferred at the last error and its rate."""
     return inferred_gains(state.error, state.derivative, constants[0], constants[1])[0]
 
 
 def describe(config: FuzzyPidConfig) -> str:
-    """Return whether the rules are the shipped ones."""
-    return "own rules" if config.rules != FuzzyPidConfig().rules else ""
+    """Return a note if the rules are not the shipped ones, else nothing."""
+    return "custom rules" if config.rules != FuzzyPidConfig().rules else ""
 
 
 LAW = Law("fuzzy_pid", "Fuzzy-PID", FuzzyPidConfig, update, gains, describe)

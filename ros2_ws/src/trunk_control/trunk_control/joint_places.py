@@ -1,4 +1,4 @@
-"""Where a controller's joints stand in a joint state: any robot's, whatever else it names. Pure."""
+"""Where a controller's joints are in any robot's joint state, whatever else it contains. Pure."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ class Places(NamedTuple):
 
     @property
     def last(self) -> int:
-        """The greater index: arrays must be longer than this."""
+        """The larger index: arrays must be longer than this."""
         return max(self.joint, -1 if self.hip is None else self.hip)
 
 
 class JointPlaces:
-    """Finds the joints by name in each message; joints that it does not know are nothing to it.
+    """Finds the joints by name in each message and ignores all others.
 
     On a robot several publishers may share a topic, each with its own joints in its own order: the last
-    names are remembered only where all that is needed was among them.
+    list of names is remembered only if it contained every joint needed.
     """
 
     def __init__(self, joint: str, hip: str | None = None) -> None:
@@ -32,7 +32,7 @@ class JointPlaces:
         self._places = Places(0, None)
 
     def __call__(self, names: Sequence[str]) -> Places | None:
-        """Return where the joints stand; None where one of them is not there."""
+        """Return the joints' indices, or None if one of them is missing."""
         if names != self._names:
             try:
                 places = Places(

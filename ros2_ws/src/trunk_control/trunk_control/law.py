@@ -1,4 +1,4 @@
-"""What a control law is to everything that runs one: pure functions, parameters, a name and a label."""
+"""What a control law consists of: pure functions, parameters, a name and a label."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from .pid import Gains, PidLaw, PidState, Terms
 
 
 class Sample(NamedTuple):
-    """What a law is given at one update."""
+    """A law's inputs at one update."""
 
     reference: float  # rad
     measurement: float  # rad
     rate: float  # rad/s, measured
-    dt: float  # s since the update before
-    hip: Hip = Hip()  # as measured, for laws that name the hip's joint
+    dt: float  # s since the last update
+    hip: Hip = Hip()  # as measured, for laws that use the hip
 
 
 Constants = tuple[Any, ...]
@@ -30,13 +30,13 @@ class Law:
     """A control law. Its functions are pure: CPython runs them and numba compiles them unchanged.
 
     ``update(state, sample, constants, law)`` returns the next state and the terms of one update.
-    ``gains(state, sample, constants)`` returns the gains at the last update and its sample, so that new
-    parameters can be taken without a jump. ``constants`` are the configuration's property of that name.
+    ``gains(state, sample, constants)`` returns the gains at the last update and its sample, so that
+    parameters can change without a jump. ``constants`` is the configuration's property of that name.
     """
 
-    name: str  # of the node, its executable and its parameters' section
+    name: str  # also of the node, its executable and its section of parameters
     label: str  # for people
     config: type[ControllerConfig]
     update: Update
     gains: Callable[[PidState, Sample, Constants], Gains]
-    describe: Callable[[Any], str] | None = None  # what the label does not say of a configuration
+    describe: Callable[[Any], str] | None = None  # what the label lacks about a configuration

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .controller_config import ControllerConfig
     from .law import Law
 
-# Node, executable: module. setup.py reads this, so nothing above may need another package.
+# Name of the node and executable: module. setup.py reads this, so nothing above may import another package.
 MODULES = {
     "pid": "trunk_control.pid_law",
     "fuzzy_pid": "trunk_control.fuzzy_pid_law",
@@ -31,7 +31,7 @@ def law_named(name: str) -> Law:
 
 
 def law_of(config: ControllerConfig) -> Law:
-    """Return the law that a configuration belongs to. Raises TypeError where there is none."""
+    """Return the law that a configuration belongs to. Raises TypeError if there is none."""
     for name in CONTROLLERS:
         law = law_named(name)
         if type(config) is law.config:

@@ -1,6 +1,6 @@
-"""LQR with integral action: state feedback on the trunk's error, and the torque that holds the reference.
+"""LQR with integral action: state feedback on the trunk's error, plus the torque that holds the reference.
 
-Its structure is a PID's plus a feed-forward; what differs is where the gains come from. With the hip's
+Its structure is that of a PID with feed-forward; only the origin of the gains differs. With the hip's
 motion prescribed and the trunk upright, the plant is ``m l^2 theta'' = m g l theta + tau``; the gains
 minimise ``integral (I^2 / I_0^2 + e^2 / e_0^2 + e'^2 / w_0^2 + u^2 / u_0^2) dt`` for its states I, e, e'.
 
@@ -26,8 +26,8 @@ def lqr_update(
 ) -> tuple[PidState, Terms]:
     """Return the next state and the terms of ``u = kp e + ki I + kd D - G sin(reference)``.
 
-    ``gravity_torque`` G = m g l in N m: what the trunk weighs when level. The feed-forward is the
-    command less the three terms. Holds and raises as `pid_update` does.
+    ``gravity_torque`` G = m g l in N m: gravity's torque on a level trunk. The feed-forward is the
+    command minus the three terms. Holds and raises as `pid_update` does.
     """
     error = reference - measurement
     if not usable(error, rate, dt):

@@ -24,13 +24,13 @@ class LqrConfig(ControllerConfig):
     """
 
     p: float = parameter(
-        "gains.p", 61.7853, "Gain of the angle's error", unit="N m/rad", minimum=0.0, maximum=1e9
+        "gains.p", 61.7853, "Gain on the angle's error", unit="N m/rad", minimum=0.0, maximum=1e9
     )
     i: float = parameter(
-        "gains.i", 50.0, "Gain of its integral", unit="N m/(rad s)", minimum=0.0, maximum=1e9
+        "gains.i", 50.0, "Gain on its integral", unit="N m/(rad s)", minimum=0.0, maximum=1e9
     )
     d: float = parameter(
-        "gains.d", 9.31586, "Gain of its rate", unit="N m s/rad", minimum=0.0, maximum=1e9
+        "gains.d", 9.31586, "Gain on its rate", unit="N m s/rad", minimum=0.0, maximum=1e9
     )
     gravity_torque: float = parameter(
         "model.gravity_torque",
@@ -53,7 +53,7 @@ class LqrConfig(ControllerConfig):
 
     @property
     def damping_gain(self) -> float:
-        """The gain of the rate, N m s/rad."""
+        """The gain on the rate, N m s/rad."""
         return self.d
 
 

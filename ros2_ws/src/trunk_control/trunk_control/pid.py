@@ -27,7 +27,7 @@ class Gains(NamedTuple):
 
 
 class PidLaw(NamedTuple):
-    """What stays fixed while the gains move: modes, filter and limits.
+    """What stays fixed while the gains change: modes, filter and limits.
 
     ``tracking_time_constant`` [s] is used by back-calculation, at least dt; 0 means sqrt(kd / ki)
     (= sqrt(Ti Td)), and kp / ki (= Ti) where kd is 0.
@@ -65,10 +65,10 @@ class Terms(NamedTuple):
     kp: float
     ki: float
     kd: float
-    alpha: float  # kp^2 / (ki kd); 0 where it does not exist
+    alpha: float  # kp^2 / (ki kd); 0 if undefined
     unsaturated: float  # N m
     effort: float  # N m, after the limits
-    held: bool  # True: nothing finite came in or out; the state is the old one, the command its
+    held: bool  # True: input or output not finite; state and command stay as they were
 
 
 def error_derivative(
@@ -108,7 +108,7 @@ def combine(
 ) -> tuple[PidState, Terms]:
     """Return the next state and the terms of ``u = kp e + ki I + kd D + f``, limited to [u_min, u_max].
 
-    ``feedforward`` f [N m] is what a model says beside the feedback; 0 in a PID. ``I_k = I_{k-1} + h e_k``
+    ``feedforward`` f [N m] is a model's share, added to the feedback; 0 in a PID. ``I_k = I_{k-1} + h e_k``
     is used at once. Anti-windup acts afterwards, on the I of the next sample: conditional integration
     drops the increment where u is limited and ``u e > 0``; back-calculation adds
     ``h (u_limited - u) / (T_t ki)``. Ki stands outside the sum, so that gains may change freely.
@@ -144,7 +144,7 @@ def combine(
             if tracking < dt:
                 tracking = dt  # faster would overshoot the limit, and diverge below dt / 2
             scale = tracking * ki
-            if scale > 0.0:  # it may be too small for a float
+            if scale > 0.0:  # it may underflow to 0
                 integral += dt * (effort - u) / scale
     total = effort + integral + derivative
     if total - total != 0.0:
@@ -169,7 +169,7 @@ def limited(effort: float, law: PidLaw) -> float:
 
 
 def held(state: PidState, gains: Gains, alpha: float, law: PidLaw) -> tuple[PidState, Terms]:
-    """Return the unchanged state and terms that repeat the last command, within the present limits."""
+    """Return the unchanged state, and terms that repeat the last command within the current limits."""
     effort = limited(state.effort, law)
     return state, Terms(
         state.error,
@@ -188,9 +188,9 @@ def held(state: PidState, gains: Gains, alpha: float, law: PidLaw) -> tuple[PidS
 
 
 def usable(error: float, rate: float, dt: float) -> bool:
-    """Return True where the sample may touch the state: finite error and rate, dt > 0.
+    """Return True if the sample may change the state: finite error and rate, dt > 0.
 
-    Raises ValueError for a negative dt: time never runs back inside a controller.
+    Raises ValueError for a negative dt: time never goes backwards inside a controller.
     """
     if dt < 0.0:
         raise ValueError("dt must be 0 or greater")
@@ -209,9 +209,9 @@ def pid_update(
 ) -> tuple[PidState, Terms]:
     """Return the next state and the terms of one PID update (paper, eq. 13).
 
-    ``reference`` and ``measurement`` in rad, ``rate`` (measured, used by mode "rate" alone) in rad/s,
+    ``reference`` and ``measurement`` in rad, ``rate`` (measured, used only by mode "rate") in rad/s,
     ``dt`` in s since the previous update. ``dt == 0``, a non-finite sample, or a law whose result would
-    not be finite holds the last command and leaves the state alone. Raises ValueError for a negative
+    not be finite holds the last command and leaves the state unchanged. Raises ValueError for a negative
     ``dt``.
     """
     error = reference - measurement
@@ -225,7 +225,7 @@ def retune(state: PidState, old: Gains, new: Gains) -> PidState:
     """Return the state with its integral rescaled so that a change of gains does not move the command.
 
     ``I' = (u_old - kp' e - kd' D) / ki'`` with the last e and D; where ``ki' = 0``, or so small that I'
-    would not be finite, the integral is kept, and the change of the other terms shows.
+    would not be finite, the integral is kept and the command jumps by the change of the other terms.
     """
     if not state.started or new.i == 0.0 or old == new:
         return state

@@ -32,10 +32,10 @@ def reference_at(t_ns: int, p: ReferenceProfile) -> float:
     ::
 
         constant   value
-        step       initial before step_time, value from it on
+        step       initial before step_time, value from then on
         sine       value + amplitude sin(2 pi frequency t)
         sequence   initial before times[0], then values[i] from times[i] on
-        topic      value, until a message has come
+        topic      value, until a message arrives
     """
     if p.kind == CONSTANT or p.kind == TOPIC:
         return p.value

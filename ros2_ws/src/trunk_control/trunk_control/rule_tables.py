@@ -1,7 +1,7 @@
-"""Rule tables: labels, centres, parsing, and the set that the paper prints.
+"""Rule tables: labels, centres, parsing, and the set printed in the paper.
 
-A table is written as seven strings of seven labels, a row per label of e (NB ... PB), a column per
-label of e_dot, as the paper prints it.
+A table is written as seven strings of seven labels, one row per label of e (NB ... PB) and one column
+per label of e_dot, as in the paper.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ INPUT_LABELS = ("NB", "NM", "NS", "ZO", "PS", "PM", "PB")
 GAIN_CENTERS: Mapping[str, float] = {"S": 0.0, "B": 1.0}
 ALPHA_LABELS = ("S", "MS", "M", "B")
 
-# Tables 2 to 4, letter by letter.
+# Tables 2 to 4, exactly as printed.
 KP_AS_PRINTED = (
     "B B B B B B B",
     "S S B B B S S",
@@ -43,14 +43,14 @@ ALPHA_AS_PRINTED = (
 
 
 def cell_name(row: int, column: int) -> str:
-    """Return a cell's name for people, ``(e NM, e_dot PB)``."""
+    """Return a cell's readable name, ``(e NM, e_dot PB)``."""
     return f"(e {INPUT_LABELS[row]}, e_dot {INPUT_LABELS[column]})"
 
 
 def centers(rows: Sequence[str], values: Mapping[str, float]) -> tuple[float, ...]:
     """Return a table's centres, row by row, from its strings of labels and the labels' values.
 
-    Raises ValueError naming the row or the cell where the shape or a label is wrong.
+    Raises ValueError naming the row or cell whose shape or label is wrong.
     """
     size = len(INPUT_LABELS)
     if len(rows) != size:

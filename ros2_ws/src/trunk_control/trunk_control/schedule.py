@@ -1,7 +1,7 @@
-"""When a controller is active: turns at given times of the states' stamps.
+"""When a controller is active: turns at given times, compared with the states' stamps.
 
-Several controllers whose turns fit together take over from one another at the same state, without a
-word between them: the same in real time, in lock-step and in an offline run.
+Several controllers whose turns fit together take over from one another at the same state without
+exchanging messages: the same in real time, in lock-step and in an offline run.
 
 Pure: functions of integers, which CPython runs and numba compiles unchanged.
 """
@@ -21,9 +21,10 @@ def turns_begun(times_ns: Sequence[int], stamp_ns: int) -> int:
 
 
 def active_at(times_ns: Sequence[int], stamp_ns: int) -> bool:
-    """Return True where a controller is active: from the 1st time up to the 2nd, from the 3rd on, ...
+    """Return True if a controller is active: from the 1st time to the 2nd, from the 3rd on, ...
 
-    ``times_ns`` ascend; the state at a time belongs to the turn that begins. Empty: always active.
+    ``times_ns`` ascend; a state at one of the times belongs to the turn that begins there. Empty:
+    always active.
     """
     return len(times_ns) == 0 or turns_begun(times_ns, stamp_ns) % 2 == 1
 

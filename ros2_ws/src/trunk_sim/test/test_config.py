@@ -22,7 +22,7 @@ def test_defaults_are_those_of_the_model():
     assert config.sensor == (0.0, 0.0, 0.0, 0.0)
 
 
-def test_default_pulse_is_the_papers():
+def test_default_pulse_is_that_of_the_paper():
     config = DisturbanceConfig(pulse_start_times=(1.0, 5.0))
     expected = Disturbance(trunk_offset=100.0 * pi / 180.0)
     assert disturbance_at(1_050_000_000, config.signals) == expected

@@ -1,4 +1,4 @@
-"""What of the disturbances that came in acts at a stamp."""
+"""Which of the received disturbances acts at a stamp."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def test_each_acts_from_its_stamp_on():
     assert not feed
 
 
-def test_stamps_that_run_back_or_lie_far_ahead_are_refused():
+def test_stamps_that_go_backwards_or_far_ahead_are_refused():
     feed = DisturbanceFeed(5 * MS)
     assert feed.take(10 * MS, PUSH, 0)
     assert not feed.take(10 * MS, PULL, 0)
@@ -33,9 +33,9 @@ def test_stamps_that_run_back_or_lie_far_ahead_are_refused():
     assert DisturbanceFeed(3000 * MS).take(3000 * MS, PULL, 0)
 
 
-def test_a_word_that_is_too_old_acts_no_more():
+def test_a_disturbance_that_is_too_old_no_longer_acts():
     feed = DisturbanceFeed(5 * MS)
-    assert not feed.advance(1000 * MS, 200 * MS), "nobody ever disturbed"
+    assert not feed.advance(1000 * MS, 200 * MS), "nothing was ever received"
     feed.take(1005 * MS, PUSH, 1000 * MS)
     assert not feed.advance(1205 * MS, 200 * MS)
     assert feed.acting == PUSH

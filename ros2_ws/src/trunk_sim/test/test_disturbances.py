@@ -1,4 +1,4 @@
-"""Pulses by the sample, the sine, and noise that keeps to its band and its seed."""
+"""Pulses sample by sample, the sine, and noise that follows its band and seed."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def test_noise_spectrum_stays_inside_its_band(seed):
 
 
 @given(st.integers(0, 2**31 - 1), st.integers(1, 64), st.floats(0.0, 10.0), st.floats(0.1, 10.0))
-def test_one_frequency_in_each_part_of_the_band(seed, count, low, width):
+def test_each_part_of_the_band_has_one_frequency(seed, count, low, width):
     _, frequencies, phases = noise_components(1.0, low, low + width, count, seed)
     parts = [(f - low) / width * count for f in frequencies]
     assert all(i - 1e-6 <= part <= i + 1 + 1e-6 for i, part in enumerate(parts))

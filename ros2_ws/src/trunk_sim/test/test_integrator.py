@@ -1,4 +1,4 @@
-"""Runge-Kutta: its order, what it does exactly, what it conserves."""
+"""Runge-Kutta: its order, where it is exact, what it conserves."""
 
 from __future__ import annotations
 

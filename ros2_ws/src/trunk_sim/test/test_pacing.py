@@ -50,7 +50,7 @@ class TestRealTime:
         RealTimePacing(loop, 0.005).tick(10**12)
         assert loop.efforts == []
 
-    def test_a_step_a_tick_with_the_newest_command(self, real_time):
+    def test_each_tick_steps_with_the_latest_command(self, real_time):
         loop, pacing = real_time
         pacing.command(0, 3.0, 1001)
         pacing.tick(1000 + H)
@@ -65,14 +65,14 @@ class TestRealTime:
         assert loop.counts["deadlines missed"] == 3
         assert pacing.worst_late_ns == 3 * H
 
-    def test_far_behind_it_re_anchors(self, real_time):
+    def test_a_plant_far_behind_re_anchors(self, real_time):
         loop, pacing = real_time
         pacing.tick(1000 + (MAX_CATCH_UP + 10) * H)
         assert loop.stamp_ns == H
         pacing.tick(1000 + (MAX_CATCH_UP + 11) * H)
         assert loop.stamp_ns == 2 * H
 
-    def test_an_old_command_is_not_used_and_a_fresh_one_is_again(self, real_time):
+    def test_an_old_command_is_not_used_but_the_next_fresh_one_is(self, real_time):
         loop, pacing = real_time
         pacing.command(0, 3.0, 1001)
         for k in range(1, 8):
@@ -82,7 +82,7 @@ class TestRealTime:
         pacing.tick(1000 + 8 * H)
         assert loop.efforts[-1] == 5.0
 
-    def test_a_command_that_comes_after_the_step_it_was_for_is_used_and_counted(self, real_time):
+    def test_a_command_after_its_step_is_used_and_counted_as_late(self, real_time):
         loop, pacing = real_time
         pacing.command(0, 3.0, 1001)
         pacing.tick(1000 + H)
@@ -105,7 +105,7 @@ class TestRealTime:
         ],
         ids=["a gap", "not the first", "not the last", "a third", "half and a gap", "first gap"],
     )
-    def test_states_that_no_command_answers_are_counted(self, answered, missed):
+    def test_unanswered_states_are_counted(self, answered, missed):
         loop = FakeLoop(steps=10)
         pacing = RealTimePacing(loop, command_timeout=1.0)
         pacing.begin(0)
@@ -198,7 +198,7 @@ class TestLockstep:
             "doubled answers ignored": 1,
         }
 
-    def test_answers_before_the_begin_count_but_do_not_step(self):
+    def test_answers_before_the_start_count_but_do_not_step(self):
         loop, pacing = lockstep(windows={"effort_command": 0, "disturbance": -H})
         pacing.answered("disturbance", H, 0)
         assert loop.efforts == []
@@ -215,7 +215,7 @@ class TestLockstep:
         pacing.answered("disturbance", H, 1)
         assert loop.efforts == [1.0]
 
-    def test_the_recorder_may_be_behind_by_its_window_but_not_at_the_end(self):
+    def test_the_recorder_may_lag_by_its_window_but_not_at_the_end(self):
         loop, pacing = lockstep(steps=4, windows={"effort_command": 0, "recorder": 2 * H})
         pacing.answered("recorder", 0, 0)
         pacing.begin(0)
@@ -231,7 +231,7 @@ class TestLockstep:
         pacing.answered("recorder", 4 * H, 1)
         assert loop.finished
 
-    def test_silence_ends_the_run_and_names_who_is_silent(self):
+    def test_silence_ends_the_run_and_the_error_names_the_silent(self):
         loop, pacing = lockstep(windows={"effort_command": 0, "recorder": 5 * H})
         pacing.begin(0)
         pacing.command(0, 1.0, 500_000_000)
@@ -242,7 +242,7 @@ class TestLockstep:
         assert "recorder" not in loop.failure
         assert "t = 0.001 s" in loop.failure
 
-    def test_a_pace_holds_the_next_state_back(self):
+    def test_the_pace_delays_the_next_state(self):
         loop, pacing = lockstep(speed=2.0)
         pacing.begin(0)
         pacing.command(0, 1.0, 100)
@@ -252,7 +252,7 @@ class TestLockstep:
         pacing.tick(H // 2)
         assert loop.efforts == [1.0]
 
-    def test_a_pause_holds_it_and_costs_no_timeout(self):
+    def test_a_pause_does_not_count_towards_the_timeout(self):
         loop, pacing = lockstep()
         pacing.begin(0)
         pacing.paused = True

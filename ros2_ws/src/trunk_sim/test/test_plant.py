@@ -97,7 +97,7 @@ def test_accelerations_follow_from_the_lagrangian(lagrangian, prescribed, state,
     actual = accelerations(state, force, torque, p)
     expected = lagrangian.accelerations(state, force, torque, p)
     largest = max(map(abs, expected))
-    # Terms of the size of g cancel: round-off is measured by them.
+    # Terms of the size of g cancel: they set the scale of the round-off.
     assert actual == pytest.approx(expected, rel=0.0, abs=TOLERANCE * (largest + p.gravity) + 1e-30)
 
 
@@ -129,7 +129,7 @@ def test_flat_path_is_the_textbook_cart_and_pole():
     assert theta_ddot == pytest.approx(float(g * sin - cos * expected), rel=1e-12)
 
 
-def test_defaults_are_the_papers_table_5():
+def test_defaults_are_table_5_of_the_paper():
     p = Body()
     assert (p.hip_mass, p.trunk_mass, p.length) == (2.0, 0.5, 1.0)
     assert (p.gravity, p.amplitude, p.wavenumber, p.prescribed) == (9.81, 1.0, 1.0, False)

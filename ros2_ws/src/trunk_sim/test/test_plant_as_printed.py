@@ -1,4 +1,4 @@
-"""The misprinted equations: what they are against the derived ones, and that they stay fenced in."""
+"""The misprinted equations: how they differ from the derived ones, and that they stay fenced in."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_they_solve_the_printed_matrices():
         assert accelerations(state, 7.0, 3.0, PRINTED) == pytest.approx(expected, rel=1e-9)
 
 
-def test_at_rest_only_gravity_is_turned_over():
+def test_at_rest_only_the_sign_of_gravity_differs():
     for x, theta, *_ in states(200):
         still = PlantState(x, theta, 0.0, 0.0)
         up = Body(gravity=-9.81)

@@ -23,7 +23,7 @@ def test_bias_and_noise_act_on_the_trunk():
     assert seen == (1.0, 0.25 + 0.125 + 0.5 * 2.0, 0.5, -2.0 - 1.0 + 0.25 * -4.0)
 
 
-def test_offsets_act_on_positions_and_efforts_on_nothing():
+def test_offsets_act_on_positions_only():
     disturbance = Disturbance(hip_force=9.0, trunk_torque=9.0, hip_offset=0.5, trunk_offset=1.75)
     seen = sense(STATE, disturbance, 0.0, 0.0, SensorParameters())
     assert seen == (1.5, 2.0, 0.5, -2.0)
@@ -37,7 +37,7 @@ def test_delay_is_whole_steps(steps):
     assert seen == [states[max(0, k - steps)] for k in range(8)]
 
 
-def test_cleared_delay_starts_anew():
+def test_a_cleared_delay_starts_afresh():
     line = DelayLine(2)
     line.push(STATE)
     line.clear()

@@ -62,7 +62,7 @@ def test_disturbance_torque_is_not_limited_by_the_actuator():
     assert limited.state == exact.state
 
 
-def test_offset_is_on_the_measurement_only():
+def test_the_offset_acts_on_the_measurement_only():
     simulation, other = Simulation(SimulatorConfig()), Simulation(SimulatorConfig())
     pulse = Disturbance(trunk_offset=1.5, hip_offset=0.25)
     measured = simulation.measure(pulse)
@@ -98,7 +98,7 @@ def test_runs_with_the_same_seed_are_the_same():
 
 
 @pytest.mark.parametrize("effort", [1e308, -inf, nan], ids=str)
-def test_divergence_is_an_error_that_leaves_the_state(effort):
+def test_divergence_is_an_error_that_keeps_the_state(effort):
     simulation = Simulation(SimulatorConfig(update_rate=200.0))
     simulation.step(0.0, QUIET)
     before = simulation.truth()
@@ -107,7 +107,7 @@ def test_divergence_is_an_error_that_leaves_the_state(effort):
     assert simulation.truth() == before
 
 
-def test_masses_that_vanish_in_a_product_diverge():
+def test_masses_that_underflow_in_a_product_diverge():
     tiny = 5e-324
     simulation = Simulation(SimulatorConfig(hip_mass=tiny, trunk_mass=tiny, length=0.1))
     with pytest.raises(DivergedError, match="the loop is unstable"):

@@ -153,7 +153,7 @@ class SimulatorConfig(ManagedConfig):
     wait_for: tuple[str, ...] = parameter(
         "wait_for",
         ("effort_command",),
-        "Hold the first state until these topics are matched; an empty list starts at once",
+        "Hold the first state until these topics are matched; empty: start at once",
         element=str,
         choices=("effort_command", "disturbance", "recorder"),
         fixed=True,
@@ -161,14 +161,14 @@ class SimulatorConfig(ManagedConfig):
     controllers: tuple[str, ...] = parameter(
         "controllers",
         (),
-        "Controllers that take turns: all must be ready at the first state; empty: one, of any name",
+        "Controllers that take turns, all ready before the first state; empty: one, of any name",
         element=str,
         fixed=True,
     )
     fall_angle: float = parameter(
         "fall.angle",
         pi / 2.0,
-        "Beyond this angle, either way, the trunk has fallen: the run is marked",
+        "Beyond this angle, either way, the trunk has fallen, and the run is marked so",
         unit="rad",
         above=0.0,
         unbounded=True,
@@ -202,7 +202,7 @@ class SimulatorConfig(ManagedConfig):
     lockstep_window: int = parameter(
         "lockstep.window",
         500,
-        "Steps that the recorder may be behind before the plant waits for it",
+        "Steps by which the recorder may lag before the plant waits for it",
         minimum=1,
         maximum=4000,
         fixed=True,
@@ -242,7 +242,7 @@ class SimulatorConfig(ManagedConfig):
 
     @property
     def plant(self) -> Plant:
-        """What `act` takes in beside the trunk, the effort and the disturbance."""
+        """What `act` takes besides the trunk, the effort and the disturbance."""
         return Plant(
             self.body, seconds(self.period_ns), self.substeps, self.max_effort, self.fall_angle
         )

@@ -15,7 +15,7 @@ from .disturbances import CHANNELS, Signals, noise_components
 
 @dataclass(frozen=True)
 class DisturbanceConfig(ManagedConfig):
-    """Parameters of the ``disturbance`` node. Each signal acts on the channel that it names."""
+    """Parameters of the ``disturbance`` node. Each signal acts on its own channel."""
 
     update_rate: float = update_rate_parameter()
     joints: tuple[str, ...] = joints_parameter()
@@ -92,7 +92,7 @@ class DisturbanceConfig(ManagedConfig):
 
     @property
     def active(self) -> bool:
-        """False where every signal is zero: the node need not run."""
+        """False if every signal is zero: the node need not run."""
         return bool(
             (self.pulse_start_times and self.pulse_magnitude and self.pulse_duration)
             or self.sine_amplitude

@@ -56,7 +56,7 @@ def pulse(t_ns: int, starts: Sequence[int], duration: int, magnitude: float) -> 
 def multisine(
     t: float, amplitude: float, frequencies: Sequence[float], phases: Sequence[float]
 ) -> float:
-    """Return ``amplitude * sum_i sin(2 pi f_i t + phi_i)``, t in s: noise that never leaves its band."""
+    """Return ``amplitude * sum_i sin(2 pi f_i t + phi_i)``, t in s: band-limited noise."""
     total = 0.0
     for i in range(len(frequencies)):
         total += sin(2.0 * pi * frequencies[i] * t + phases[i])
@@ -64,7 +64,7 @@ def multisine(
 
 
 def disturbance_at(t_ns: int, s: Signals) -> Disturbance:
-    """Return what acts at a stamp in ns: per channel, the sum of the signals that name it."""
+    """Return what acts at a stamp in ns: for each channel, the sum of its signals."""
     t = t_ns / 1_000_000_000
     hip_force = 0.0
     trunk_torque = 0.0

@@ -1,6 +1,6 @@
-"""When the plant steps: on the wall clock (real time), or when every participant has answered (lock-step).
+"""When the plant steps: by the wall clock (real time), or once every participant has answered (lock-step).
 
-Pure: time comes in as integers, the loop is reached through `Loop`; the simulator node is its shell.
+Pure: time comes in as integers, the loop is reached through `Loop`; the simulator node is the shell.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from trunk_msgs_util.units import NANOSECONDS, nanoseconds, seconds
 from .config import SimulatorConfig
 
 _LOCKSTEP_TICK_S = 0.05
-# More steps than this behind the wall clock are not caught up with: time is re-anchored.
+# More steps behind the wall clock than this are not made up: time is re-anchored.
 MAX_CATCH_UP = 50
 _SETTLED_GAPS = 50
 
@@ -48,11 +48,11 @@ class Loop(Protocol):
         """Count something for diagnostics."""
 
     def participant(self, topic: str) -> str:
-        """Return who answers on a topic, for people."""
+        """Return who answers on a topic, as readable text."""
 
 
 class Pacing(ABC):
-    """Takes in commands and ticks of a clock, and advances the loop."""
+    """Takes commands and clock ticks, and advances the loop."""
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
@@ -69,10 +69,10 @@ class Pacing(ABC):
         return duration_ns
 
     def set_timeout(self, command_timeout: float) -> None:  # noqa: B027
-        """Use no command that answers a state older than this, s; of no concern in lock-step."""
+        """Use no command that answers a state older than this, s; ignored in lock-step."""
 
     def answered(self, topic: str, stamp_ns: int, now_ns: int) -> None:  # noqa: B027
-        """Note that a participant has answered up to this stamp; of no concern in real time."""
+        """Note that a participant has answered up to this stamp; ignored in real time."""
 
     @abstractmethod
     def command(self, stamp_ns: int, effort: float, now_ns: int) -> None:
@@ -84,7 +84,7 @@ class Pacing(ABC):
 
 
 class RealTimePacing(Pacing):
-    """Steps follow the wall clock; the newest command counts, none that is older than the timeout."""
+    """Steps follow the wall clock; the latest command counts unless it is older than the timeout."""
 
     def __init__(self, loop: Loop, command_timeout: float) -> None:
         super().__init__(loop)
@@ -100,7 +100,7 @@ class RealTimePacing(Pacing):
         self._timeout_ns = nanoseconds(command_timeout)
 
     def command(self, stamp_ns: int, effort: float, now_ns: int) -> None:
-        """Take the command where it is newer than the last."""
+        """Take the command if it is newer than the last."""
         if stamp_ns <= self._stamp_ns or stamp_ns > self._loop.stamp_ns:
             self._loop.count("commands out of order")
             return
@@ -134,7 +134,7 @@ class RealTimePacing(Pacing):
             self._loop.count("states unanswered", missed)
 
     def tick(self, now_ns: int) -> None:
-        """Make every step that is due; after the last, wait for its answer up to the timeout."""
+        """Make every step that is due; at the last state, wait for its answer up to the timeout."""
         if self.paused:
             return
         loop = self._loop
@@ -166,12 +166,12 @@ class RealTimePacing(Pacing):
 
 
 class LockstepPacing(Pacing):
-    """State k is stepped when every participant has answered it, however long that takes in wall time.
+    """The plant leaves state k once every participant has answered it, however long that takes.
 
     ``answers``: the stamp up to which each awaited topic has answered. ``speed`` > 0 paces the run at
     that multiple of real time; 0 runs as fast as the machine allows. ``windows``: how far, in ns, a
-    participant's answer may stay behind the state: 0 for a controller, a positive one for the recorder,
-    minus one period for the disturbance, which answers for the next state.
+    participant's answer may lag the state: 0 for a controller, positive for the recorder, minus one
+    period for the disturbance, which answers for the next state.
     """
 
     def __init__(
@@ -189,13 +189,13 @@ class LockstepPacing(Pacing):
         return round(duration_ns / self._speed) if self._speed > 0.0 else 0
 
     def begin(self, now_ns: int) -> None:
-        """Start or go on: the clock of the timeout starts anew."""
+        """Start or resume: the timeout starts afresh."""
         super().begin(now_ns)
         self._waiting_since_ns = now_ns
         self._advance(now_ns)
 
     def command(self, stamp_ns: int, effort: float, now_ns: int) -> None:
-        """Take the first answer to the present state; count and ignore any other."""
+        """Take the first answer to the current state; count and ignore any other."""
         now = self._loop.stamp_ns
         if stamp_ns < now:
             self._loop.count("late answers ignored")
@@ -214,7 +214,7 @@ class LockstepPacing(Pacing):
             self._advance(now_ns)
 
     def silent(self) -> list[str]:
-        """Return the topics that the present state still waits for."""
+        """Return the topics that the current state still waits for."""
         now, end = self._loop.stamp_ns, self._loop.at_end
         return [
             topic
@@ -237,7 +237,7 @@ class LockstepPacing(Pacing):
         loop.advance(self._effort)
 
     def tick(self, now_ns: int) -> None:
-        """Go on where only the pace held; give up on a participant that is silent for too long."""
+        """Step if only the pace was holding; give up on a participant that is silent for too long."""
         if self.paused:
             return
         silent = self.silent()

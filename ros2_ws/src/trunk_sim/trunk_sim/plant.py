@@ -37,7 +37,7 @@ def accelerations(
 
 
 def energy(state: PlantState, body: Body) -> float:
-    """Return the mechanical energy T + V in J (paper, eqs. 5 and 6); conserved while every input is zero.
+    """Return the mechanical energy T + V in J (paper, eqs. 5 and 6), conserved while every input is zero.
 
     ::
 

@@ -1,9 +1,9 @@
-"""Eqs. 11 and 12 of the paper letter by letter: WRONG PHYSICS, kept to show what they would give.
+"""Eqs. 11 and 12 of the paper exactly as printed: WRONG PHYSICS, kept to show what they would give.
 
-Do not use it for anything else. What makes it unusable: gravity points up (both signs of G are
-wrong), so that over a hip at rest the upright trunk is stable by itself and there is nothing to
-stabilise; the velocity terms enter with the opposite sign (+M^-1 V) and one of them is not the
-Lagrangian's, so that no energy is conserved and a free hip throws the trunk about all the same.
+Do not use it for anything else. What is wrong: gravity points up (both signs of G are wrong), so that
+over a hip at rest the upright trunk is stable and needs no controller; the velocity terms
+enter with the opposite sign (+M^-1 V) and one of them is not the Lagrangian's, so that energy is not
+conserved and a free hip still throws the trunk about.
 
 Pure: runs in CPython and compiles with numba unchanged.
 """
@@ -34,7 +34,7 @@ def accelerations_as_printed(
 
     The torque enters as -U with U = -tau: the paper's negative gains in its eq. 12 are our positive
     ones. F [N] acts on the hip. The path is ``y = sin x``, whatever ``body``
-    says of it. NaN where the motion is too large to be solved in floats.
+    contains. NaN if the motion is too large for floats.
     """
     x, theta, x_dot, theta_dot = state
     angles = x + theta
@@ -53,6 +53,6 @@ def accelerations_as_printed(
     r1 = v11 * x_dot - moment * body.gravity * sin_theta + torque
     r2 = v21 * x_dot + v22 * theta_dot + mass * body.gravity * cos_x + hip_force
     determinant = m11 * m11 - m12 * m21  # negative: the printed rows are those of M, swapped
-    if determinant == 0.0:  # too small for a float
+    if determinant == 0.0:  # underflow
         return nan, nan
     return (m11 * r1 - m12 * r2) / determinant, (m11 * r2 - m21 * r1) / determinant

@@ -1,4 +1,4 @@
-"""What the sensors remember and draw: past states for the delay, seeded noise.
+"""The sensors' memory and noise: past states for the delay, seeded samples.
 
 Pure: no ROS, no clock; the noise is a function of the seed and the step alone.
 """
@@ -14,7 +14,7 @@ from .plant import PlantState
 
 
 class DelayLine:
-    """The true state some whole steps ago; before the first has passed, the oldest known one."""
+    """The true state a whole number of steps ago; until there are that many, the oldest known one."""
 
     def __init__(self, steps: int) -> None:
         self._line: deque[PlantState] = deque(maxlen=steps + 1)
@@ -37,7 +37,7 @@ def noise_samples(seed: int, steps: int) -> NDArray[np.float64]:
 class NoiseStream:
     """Pairs of standard normal samples, one pair per step, from NumPy's PCG64 with a seed.
 
-    Drawn in blocks; the values do not depend on the block's size.
+    Drawn in blocks; the values do not depend on the block size.
     """
 
     _BLOCK = 1024

@@ -16,7 +16,7 @@ from .step import Trunk, act, at_rest, saturate, sense
 
 
 class DivergedError(TrunkError, ArithmeticError):
-    """The plant's state left the finite numbers: the loop is unstable."""
+    """The plant's state is no longer finite: the loop is unstable."""
 
     exit_code: ClassVar[int] = EXIT_FAILED
 
@@ -25,7 +25,7 @@ class Simulation:
     """Keeps what `sense` and `act` need from one step to the next. Stamp k is k times the period.
 
     One step is ``truth`` and ``measure`` at stamp k, then ``step`` to stamp k + 1. ``measure`` draws the
-    step's noise and is called once per step.
+    step's noise: call it once per step.
     """
 
     def __init__(self, config: SimulatorConfig) -> None:
@@ -36,7 +36,7 @@ class Simulation:
         self._begin()
 
     def retune(self, config: SimulatorConfig) -> None:
-        """Take new plant, sensor or limit parameters; the state stays."""
+        """Change plant, sensor or limit parameters; the state stays."""
         self.config = config
         self._plant = config.plant
         self._sensor = config.sensor
@@ -44,7 +44,7 @@ class Simulation:
 
     def _begin(self) -> None:
         self.trunk: Trunk = at_rest(self.config.initial_state, self._plant)
-        self.falls_now = self.trunk.fallen  # with this state the trunk has fallen
+        self.falls_now = self.trunk.fallen  # the trunk fell in this state
 
     @property
     def state(self) -> PlantState:
@@ -57,12 +57,12 @@ class Simulation:
         return self.step_index * self._period_ns
 
     def truth(self) -> JointSample:
-        """Return the true state; its effort is the torque applied over the step before."""
+        """Return the true state; its effort is the torque applied over the previous step."""
         x, theta, x_dot, theta_dot = self.trunk.state
         return self._sample(x, theta, x_dot, theta_dot)
 
     def measure(self, disturbance: Disturbance) -> JointSample:
-        """Return what the sensors say now: delay, bias, noise and the disturbance's offsets on."""
+        """Return what the sensors say now, with delay, bias, noise and the disturbance's offsets."""
         delayed = self._delay.push(self.trunk.state)
         return self._sample(*sense(delayed, disturbance, *self._noise.next_pair(), self._sensor))
 
@@ -94,10 +94,10 @@ class Simulation:
 
     @property
     def ended_by_fall(self) -> bool:
-        """True where the run is to be finished because the trunk has fallen."""
+        """True if the run is to end because the trunk has fallen."""
         return self.config.fall_stop and self.trunk.fallen
 
     def reset(self) -> None:
-        """Put the plant back to its initial state. Time goes on: stamps never run back."""
+        """Return the plant to its initial state. Time goes on: stamps never go backwards."""
         self._begin()
         self._delay.clear()

@@ -1,7 +1,7 @@
 """One step of the plant as two pure functions: *sense* a state, *act* on it.
 
-The simulator node, the offline run, the replay and the compiled loop compose these and no arithmetic of
-their own. Time is not here: a step takes one period, and whoever counts steps knows the stamp.
+The simulator node, the offline run, the replay and the compiled loop compose these and add no
+arithmetic. Time is not in here: a step takes one period, and the caller counts the steps.
 
 Pure: scalar functions of floats and named tuples, which CPython runs and numba compiles unchanged.
 """
@@ -41,11 +41,9 @@ class Trunk(NamedTuple):
     """The trunk between two steps."""
 
     state: PlantState
-    effort: float  # N m, applied over the step before
-    fallen: bool  # this state or one before it is beyond the fall's angle
-    diverged: (
-        bool  # the step from this state leaves the finite numbers; the state is the last finite one
-    )
+    effort: float  # N m, applied over the previous step
+    fallen: bool  # this or an earlier state is beyond the fall angle
+    diverged: bool  # the next step is not finite; this is the last finite state
 
 
 class Measurement(NamedTuple):
@@ -58,7 +56,7 @@ class Measurement(NamedTuple):
 
 
 def at_rest(state: PlantState, plant: Plant) -> Trunk:
-    """Return the trunk in a state that no torque has led to: at the start, or after a reset."""
+    """Return the trunk in a state before any torque: at the start, or after a reset."""
     return Trunk(state, 0.0, abs(state.theta) > plant.fall_angle, False)
 
 
@@ -76,7 +74,7 @@ def sense(
 ) -> Measurement:
     """Return ``true + offset + bias + sigma n`` for the trunk, with standard normal samples n.
 
-    ``state`` is the true state that the sensors see now, already delayed. The hip carries its offset alone.
+    ``state`` is the true state that the sensors see now, already delayed. The hip gets only its offset.
     """
     return Measurement(
         state.x + disturbance.hip_offset,
@@ -90,9 +88,9 @@ def sense(
 
 
 def act(trunk: Trunk, effort: float, disturbance: Disturbance, plant: Plant) -> Trunk:
-    """Return the trunk one period later, the commanded effort [N m] held over it within the limit.
+    """Return the trunk one period later; the commanded effort [N m] is clamped and held over it.
 
-    Where the new state is not finite, the old one stays and is marked ``diverged``.
+    If the new state is not finite, the old one stays and is marked ``diverged``.
     """
     torque = saturate(effort, plant.max_effort)
     state = advance(
