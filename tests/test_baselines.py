@@ -48,7 +48,9 @@ def test_the_feed_forward_holds_a_lean_without_an_integral(tmp_path):
 
 
 def test_a_hip_joint_that_is_not_there_is_told():
-    with pytest.raises(PlanError, match="'pelvis' is none of the simulator's joints: hip, trunk"):
+    with pytest.raises(
+        PlanError, match="'pelvis' is not one of the simulator's joints: hip, trunk"
+    ):
         make_plan("fig6", "computed_torque", settings=["computed_torque.hip_joint=pelvis"])
 
 
@@ -59,6 +61,6 @@ def test_the_bound_of_the_sampled_loop_counts_the_model_s_inertia():
 
 def test_a_controller_of_another_joint_has_no_plant():
     with pytest.raises(
-        PlanError, match="pid: joint 'hip': the simulator takes commands for 'trunk'"
+        PlanError, match="pid: joint 'hip': the simulator takes commands only for 'trunk'"
     ):
         make_plan("fig6", "pid", settings=["pid.joint=hip"])

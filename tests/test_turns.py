@@ -111,7 +111,7 @@ def test_a_command_given_out_of_turn_is_found(tmp_path):
     [
         ("pid", ["0:fuzzy_pid"], "above 0"),
         ("pid", ["2:fuzzy_pid", "1:pid"], "ascend"),
-        ("pid", ["2:pid"], "acts at that time already"),
+        ("pid", ["2:pid"], "is already acting then"),
     ],
 )
 def test_impossible_swaps_are_refused(controller, swaps, text):

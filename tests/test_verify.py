@@ -156,7 +156,7 @@ def test_a_change_that_decides_no_bit_is_caught_by_the_digests(whole, tmp_path):
     ("edit", "word"),
     [
         (lambda m, topic: m.remove(of(m, topic)[500]), "missing"),
-        (lambda m, topic: swap(m, topic, 500), "run back"),
+        (lambda m, topic: swap(m, topic, 500), "go backwards"),
         (lambda m, topic: m.append(list(of(m, topic)[-1])), "appears twice"),
     ],
     ids=["dropped", "swapped", "doubled"],

@@ -61,10 +61,10 @@ def test_a_sound_run_has_no_findings(tmp_path, short_run):
     [
         (
             {"stamps": [0, 1, 2, 6, 7]},
-            f"{TRUTH}, t = 0.002 s: steps are missing behind this stamp: 3",
+            f"{TRUTH}, t = 0.002 s: steps are missing after this stamp: 3",
         ),
         ({"stamps": [0, 1, 1, 2]}, f"{TRUTH}, t = 0.001 s: the stamp appears twice"),
-        ({"stamps": [0, 2, 1, 3]}, f"{TRUTH}, t = 0.001 s: the stamp is before"),
+        ({"stamps": [0, 2, 1, 3]}, f"{TRUTH}, t = 0.001 s: the stamp is earlier"),
         (
             {"value": lambda k: float("nan") if k == 7 else 1.0},
             f"{TRUTH}, t = 0.007 s: position[trunk] is nan",
@@ -89,9 +89,7 @@ def test_what_is_wrong_is_said_with_its_place(tmp_path, options, says):
 )
 def test_a_gap_is_more_than_one_and_a_half_periods(tmp_path, periods, missing):
     found = examine(write_run(tmp_path / "a.mcap", stamps=[0, 1, 2, 2 + periods, 3 + periods]))
-    says = (
-        [f"steps are missing behind this stamp: {missing} at a period of 1 ms"] if missing else []
-    )
+    says = [f"steps are missing after this stamp: {missing} at a period of 1 ms"] if missing else []
     assert [(f.stamp_ns, f.message) for f in found] == [(2 * MS, text) for text in says]
 
 

@@ -114,7 +114,7 @@ BAD = {
         ("fig6", "pid", [], ["pid.update_rate=300"]),
         {},
         PlanError,
-        "no integer divisor",
+        "not an integer divisor",
     ),
     "another joint": (
         ("fig6", "pid", [], ["pid.joint=knee"]),

@@ -1,4 +1,4 @@
-"""What a run is judged by: overshoot, settling, steady state, integrals of error and effort."""
+"""Performance measures of a run: overshoot, settling, steady state, integrals of error and effort."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 SETTLING_BAND_DEG = 6.0
 SETTLING_BAND = radians(SETTLING_BAND_DEG)  # rad
-SETTLED_FOR = 1.0  # s that must be left after the settling
+SETTLED_FOR = 1.0  # s that must remain after settling
 STEADY_STATE = 2.0  # s at the end
 _TOLERANCE = 1e-9  # s, for times that are sums of rounded periods
 
 
 class Quantity(NamedTuple):
-    """How a metric is called, its unit, and whether less of it (in magnitude) is better."""
+    """A metric's name and unit, and whether a smaller magnitude is better."""
 
     label: str
     unit: str
@@ -47,7 +47,7 @@ QUANTITIES: Mapping[str, Quantity] = {
 
 @dataclass(frozen=True)
 class Metrics:
-    """Quantities of the true error ``e = reference - theta``; None where one does not exist.
+    """Quantities of the true error ``e = reference - theta``; None if undefined.
 
     ::
 
@@ -76,10 +76,10 @@ class Metrics:
 def metrics(table: RunTable) -> Metrics:
     """Return the metrics of a run.
 
-    Overshoot and settling belong to the last level of the reference and count from its last change
-    (t_0 where it is constant). A reference that still changes in the last second, a sine or a level
-    set too late, has no such level: both are None. Raises ValueError for a table without rows or
-    with data that are not finite.
+    Overshoot and settling refer to the reference's last level and count from its last change (t_0 if
+    it is constant). A reference that still changes in the last second (a sine, or a level set too
+    late) has no such level: both are None. Raises ValueError for a table without rows or with data
+    that are not finite.
     """
     _check(table)
     t, theta, torque = table.t, table.theta, table.torque
@@ -113,7 +113,7 @@ def _check(table: RunTable) -> None:
 
 
 def _overshoot(theta: Floats, target: float) -> float | None:
-    """Return the excursion past the target in degrees; None where the first angle is the target."""
+    """Return the excursion past the target in degrees; None if the first angle is the target."""
     direction = np.sign(target - theta[0])
     if direction == 0.0:
         return None
@@ -130,7 +130,7 @@ def _settling_time(t: Floats, error: Floats) -> float | None:
 
 
 def _steady_state(t: Floats, error: Floats) -> tuple[float | None, float | None]:
-    """Return mean and root mean square of the error in degrees; None for too short a run."""
+    """Return mean and RMS of the error in degrees; None if the run is too short."""
     if t[-1] - t[0] < STEADY_STATE - _TOLERANCE:
         return None, None
     last = error[t >= t[-1] - STEADY_STATE - _TOLERANCE]

@@ -34,7 +34,7 @@ _HELD = ("reference", "kp", "ki", "kd", "alpha")
 
 @dataclass(frozen=True)
 class RunTable:
-    """Columns [N + 1] at the stamps of the true states; NaN where the run does not say.
+    """Columns [N + 1] at the stamps of the true states; NaN where the run has no value.
 
     ``torque[k]`` is what was applied over [t_k, t_k+1). Reference and gains are those of the
     controller's last update, at t_k or before.
@@ -59,7 +59,7 @@ class RunTable:
     ) -> RunTable:
         """Return a recorded run, matched by stamps. Raises RecordingError without true states.
 
-        ``only`` names what is read beside the true states and the torque; the rest is NaN.
+        ``only`` names what is read besides the true states and the torque; the rest is NaN.
         """
         truth_topic = recording.topic(topics.GROUND_TRUTH)
         hip, trunk = _joints(recording, truth_topic)
@@ -97,7 +97,7 @@ class RunTable:
             values = measured.column("position", trunk)
             columns["theta_measured"] = _matched(at, measured.stamp_ns, values)
 
-        # A true state tells the torque of the step before it; only the last step's is not told.
+        # A true state carries the torque of the step before it; only the last step's is missing.
         effort = truth.column("effort", trunk)
         torque = np.append(effort[1:], np.nan)
         command = found.pop(command_topic)
@@ -116,7 +116,7 @@ class RunTable:
         )
 
     def write_csv(self, path: str | Path) -> None:
-        """Write `CSV_COLUMNS`, a row per state; every number reads back to the same double."""
+        """Write `CSV_COLUMNS`, one row per state; every number reads back as the same double."""
         columns = [getattr(self, name) for name in CSV_COLUMNS]
         with (
             whole_file(Path(path)) as part,
@@ -137,7 +137,7 @@ def _held(at: Integers, stamps: Integers, values: Floats) -> Floats:
 
 
 def _matched(at: Integers, stamps: Integers, values: Floats) -> Floats:
-    """Return the values that have exactly the stamps, NaN where there is none."""
+    """Return the values at exactly these stamps, NaN where there is none."""
     if np.array_equal(at, stamps):
         return values
     rows = np.searchsorted(stamps, at, side="right")
@@ -169,7 +169,7 @@ def _joints(recording: Recording, topic: str) -> tuple[str, str]:
 
 
 def _max_effort(recording: Recording, stamp_ns: int) -> float:
-    """Return the actuator's limit in N m at a state's stamp; infinite where it is not recorded."""
+    """Return the actuator's limit in N m at a state's stamp; infinite if it was not recorded."""
     node = recording.topic("simulator")
     limit = recording.parameters().get(node, {}).get("max_effort", np.inf)
     for change in recording.parameter_changes():

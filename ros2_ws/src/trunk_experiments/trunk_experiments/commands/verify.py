@@ -51,7 +51,7 @@ def command(ctx: click.Context, run: Path, as_json: bool) -> None:
         for difference in part.first:
             click.echo(f"    first: {describe(difference)}")
     for topic in verdict.altered:
-        click.echo(f"  altered: {topic}: its messages are not those that the recorder wrote")
+        click.echo(f"  altered: {topic}: its messages are not the ones the recorder wrote")
     for obstacle in verdict.obstacles:
         click.echo(f"  obstacle: {obstacle}")
     for note in verdict.notes:

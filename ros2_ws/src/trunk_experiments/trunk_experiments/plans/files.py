@@ -1,4 +1,4 @@
-"""What a user names a run by: scenarios, parameter files, single values."""
+"""How a user specifies a run: scenarios, parameter files, single values."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from trunk_msgs_util.parameters.yaml_text import YamlTextError, load
 from ..errors import PlanError
 from .nodes import NODES
 
-# The profile on which a shipped scenario rests.
+# The profile that a shipped scenario builds on.
 SCENARIOS: dict[str, str] = {
     "fig6": "profile_paper",
     "fig7": "profile_paper",
@@ -45,7 +45,7 @@ def find_file(name: str) -> Path:
 
 
 def scenario_layers(scenario: str) -> list[Layer]:
-    """Return a scenario's layers: the profile it rests on, then its own file."""
+    """Return a scenario's layers: the profile it builds on, then its own file."""
     if scenario in SCENARIOS:
         return [read(find_file(SCENARIOS[scenario])), read(find_file(scenario))]
     if Path(scenario).is_file():
@@ -70,5 +70,5 @@ def parse_setting(text: str) -> Layer:
         raise PlanError(f"--set {shown!r}: the value cannot be read: {error}") from None
     if isinstance(value, str):
         with suppress(ValueError):
-            value = float(value)  # "inf" is a number to people, but not to YAML
+            value = float(value)  # "inf" is a number to the user, but not to YAML
     return Layer(f"--set {text}", (Section(node, {name: value}),))

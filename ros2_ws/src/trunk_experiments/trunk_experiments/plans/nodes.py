@@ -1,4 +1,4 @@
-"""The nodes of the project: where a node's executable lies, and what it declares."""
+"""The project's nodes: where each one's executable is, and what it declares."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["CONTROLLERS", "NODES", "NodeKind", "declared_names"]
 
 @dataclass(frozen=True)
 class NodeKind:
-    """Where a node's executable lies and what it declares; its name is the executable's."""
+    """Where a node's executable is, and what it declares. Node and executable share their name."""
 
     package: str
     config: type[Any]

@@ -1,6 +1,6 @@
 """A run's plan: which nodes, with which values, from a scenario, parameter files and a command line.
 
-The plan is made once and in one way for an offline run and for the graph, so that both run the same.
+Offline runs and the graph use the same plan, so that both run the same.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from .turns import Swap, turns_of
 class RunPlan:
     """Everything that decides a run: resolved configurations, and what happens when.
 
-    Plans, offline runs, replays, runs like a recorded one and sweeps share it.
+    The graph, offline runs, replays, `simulate --like` and sweeps share it.
     """
 
     scenario: str
@@ -51,7 +51,7 @@ class RunPlan:
     recorder: RecorderConfig
     warnings: tuple[str, ...] = ()
     namespace: str = ""  # of all nodes: empty, or "/name"
-    # What came from outside while a recorded run went on: changes by node, references [rad] by stamp.
+    # What came from outside during a recorded run: changes by node, references [rad] by stamp.
     changes: Mapping[str, Sequence[Change]] = field(default_factory=dict)
     references: Mapping[int, float] = field(default_factory=dict)
 
@@ -70,12 +70,12 @@ class RunPlan:
         return with_values(self, controllers={**self.controllers, self.controller_name: config})
 
     def timeline(self, node: str) -> Timeline:
-        """Return a node's configuration and what becomes of it."""
+        """Return a node's configuration and its changes during the run."""
         return Timeline(self.configs[node], self.changes.get(node, ()))
 
     @property
     def turns(self) -> str:
-        """The controllers for people, in the order of their first turns: ``pid``, ``pid, fuzzy_pid``."""
+        """The controllers' names in the order of their first turns: ``pid``, ``pid, fuzzy_pid``."""
         return ", ".join(self.controllers)
 
     @property
@@ -90,7 +90,7 @@ class RunPlan:
         }
 
     def unrecorded(self) -> RunPlan:
-        """Return the plan of the same run without its recorder: nobody waits for one."""
+        """Return the plan of the same run without its recorder, which nobody then waits for."""
         wait_for = tuple(name for name in self.simulator.wait_for if name != "recorder")
         return with_values(self, simulator=with_values(self.simulator, wait_for=wait_for))
 
@@ -114,9 +114,9 @@ def make_plan(
     """Return the plan of a run; later layers win: profile, scenario, params, ``everywhere``, settings.
 
     ``everywhere``: values for all nodes that declare them (``duration``, ``update_rate``).
-    ``namespace``: of all nodes, empty or "/name"; relative node names in the files stand within it.
-    ``swaps``: who takes over when; they decide every controller's ``active.times``.
-    Raises PlanError, ParameterFileError or ParameterError, each a line that says what to do.
+    ``namespace``: of all nodes, empty or "/name"; relative node names in the files belong to it.
+    ``swaps``: who takes over when; they set every controller's ``active.times``.
+    Raises PlanError, ParameterFileError or ParameterError, each one line that says what to do.
     """
     if controller not in CONTROLLERS:
         raise PlanError(f"no controller {controller!r}: give one of {', '.join(CONTROLLERS)}")
@@ -164,7 +164,7 @@ def make_plan(
 
 
 def checked_namespace(text: str) -> str:
-    """Return a namespace as a plan takes it, from a user's ``robot1`` or ``/robot1``; empty: none.
+    """Return a plan's namespace from a user's ``robot1`` or ``/robot1``; empty: none.
 
     Raises PlanError.
     """
@@ -204,12 +204,12 @@ def _checked(plan: RunPlan) -> RunPlan:
         if control > plant * (1.0 + 1e-9):
             raise PlanError(
                 f"{name}: update_rate {control:g} Hz is above the simulator's {plant:g} Hz: "
-                "a controller answers states, and there are no more of them"
+                "a controller cannot update more often than states arrive"
             )
         ratio = plant / control
         if abs(ratio - round(ratio)) > 1e-6 * ratio:
             raise PlanError(
-                f"{name}: update_rate {control:g} Hz is no integer divisor of the "
+                f"{name}: update_rate {control:g} Hz is not an integer divisor of the "
                 f"simulator's {plant:g} Hz: its period would not be a whole number of steps"
             )
     check_joints(plan)
@@ -218,23 +218,23 @@ def _checked(plan: RunPlan) -> RunPlan:
 
 
 def check_joints(plan: RunPlan) -> None:
-    """Raise PlanError where a controller's joint is not the trunk's, or its hip none of the simulator's."""
+    """Raise PlanError if a controller's joint is not the trunk's, or its hip not one of the simulator's."""
     joints = plan.simulator.joints
     for name, controller in plan.controllers.items():
         if controller.hip is not None and controller.hip not in joints:
             raise PlanError(
-                f"{name}: hip_joint {controller.hip!r} is none of the simulator's joints: "
+                f"{name}: hip_joint {controller.hip!r} is not one of the simulator's joints: "
                 f"{', '.join(joints)}"
             )
         if controller.joint != joints[1]:
             raise PlanError(
-                f"{name}: joint {controller.joint!r}: the simulator takes commands for "
-                f"{joints[1]!r} alone"
+                f"{name}: joint {controller.joint!r}: the simulator takes commands only for "
+                f"{joints[1]!r}"
             )
 
 
 def check_turns(plan: RunPlan) -> None:
-    """Raise PlanError where not exactly one controller acts at each time of the run."""
+    """Raise PlanError unless exactly one controller acts at each time of the run."""
     end = plan.simulator.duration or inf
     turns = {name: c.active_times_ns for name, c in plan.controllers.items()}
     for time_ns in sorted({0, *(t for times in turns.values() for t in times)}):
@@ -242,14 +242,14 @@ def check_turns(plan: RunPlan) -> None:
         if len(acting) != 1 and seconds(time_ns) <= end:
             raise PlanError(
                 f"active.times: {' and '.join(acting) or 'no controller'} would act at "
-                f"t = {seconds(time_ns):g} s: one at a time is needed, at each time"
+                f"t = {seconds(time_ns):g} s: exactly one must act at any time"
             )
 
 
 def _advice(plan: RunPlan) -> Iterable[str]:
-    """Warn where the derivative gain comes near the bound of the sampled loop.
+    """Warn if the derivative gain is close to the sampled loop's bound, or above it.
 
-    ``Kd h < 2 m l^2 M / (M + m)``: the torque of one sample must not overturn the rate that it damps.
+    ``Kd h < 2 m l^2 M / (M + m)``: one sample's torque must not overcorrect the rate that it damps.
     """
     plant = plan.simulator.body
     inertia = plant.trunk_mass * plant.length**2

@@ -1,4 +1,4 @@
-"""What happened to a node during a run, as its record tells it: parameters, resets, turns."""
+"""What happened to a node during a recorded run: parameter changes, resets, turns."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ class Tunable(Protocol):
     """A controller or a simulation."""
 
     def retune(self, config: Any) -> None:
-        """Take a new configuration."""
+        """Change the configuration."""
 
     def reset(self) -> None:
         """Forget the past."""
 
 
 class Timeline:
-    """A node's configuration as the stamps go by."""
+    """A node's configuration as time advances from stamp to stamp."""
 
     def __init__(
         self,
@@ -41,22 +41,22 @@ class Timeline:
         changes: Iterable[Change] = (),
         seen: Callable[[int], float | None] = lambda _stamp_ns: None,
     ) -> None:
-        """``seen`` returns the angle [rad] that a controller saw at a stamp, after which it became active.
+        """``seen`` returns the angle [rad] that a controller saw at the last stamp before it became active.
 
         A controller that is shown every state does not need it.
         """
         self.config = config
         self._seen = seen
-        # The next one last; those between the same two states in their order.
+        # The next change last; changes between the same two states keep their order.
         self._changes = sorted(changes, key=lambda change: change.stamp_ns)[::-1]
 
     @property
     def next_ns(self) -> float:
-        """The stamp after which the next change takes effect; infinite where there is none."""
+        """The stamp after which the next change takes effect; infinite if there is none."""
         return self._changes[-1].stamp_ns if self._changes else inf
 
     def advance(self, stamp_ns: int, target: Tunable | None = None) -> bool:
-        """Apply, also to ``target``, what takes effect on the state with this stamp; True if any did."""
+        """Apply, also to ``target``, what takes effect on the state with this stamp; True if anything did."""
         applied = False
         while self._changes and self._changes[-1].stamp_ns < stamp_ns:
             applied = True
@@ -80,6 +80,6 @@ class Timeline:
 
 
 def begins_active(config: ControllerConfig, changes: Iterable[Change]) -> bool:
-    """Return True where a controller acts from the first state on, and no event is there to say so."""
+    """Return True if a controller acts from the first state on although no event says so."""
     told = any(change.event == Event.ACTIVATED for change in changes)
     return config.autostart and not config.active_times and not told

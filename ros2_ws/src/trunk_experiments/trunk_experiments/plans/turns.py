@@ -1,4 +1,4 @@
-"""Controllers that take over from one another: who acts when, by a user's words."""
+"""Controllers that take over from one another: who acts when, as the user asked."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ class Swap(NamedTuple):
 def turns_of(first: str, swaps: Sequence[Swap]) -> dict[str, tuple[float, ...]]:
     """Return each controller's ``active.times``, by name in the order of their first turns.
 
-    Raises PlanError for swaps that do not ascend in time, or that change nothing.
+    Raises PlanError for swaps whose times do not ascend, or that change nothing.
     """
     turns: dict[str, list[float]] = {first: [0.0]}
     now, acting = 0.0, first
     for time, name in swaps:
         if time <= now:
             raise PlanError(
-                f"swap at {time:g}:{name}: times must be above 0 and ascend; before it {now:g}"
+                f"swap at {time:g}:{name}: times must be above 0 and ascend; the previous is {now:g}"
             )
         if name == acting:
-            raise PlanError(f"swap at {time:g}:{name}: {name} acts at that time already")
+            raise PlanError(f"swap at {time:g}:{name}: {name} is already acting then")
         turns[acting].append(time)
         turns.setdefault(name, []).append(time)
         now, acting = time, name

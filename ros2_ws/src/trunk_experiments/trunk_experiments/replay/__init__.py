@@ -1,1 +1,1 @@
-"""What was run, judged: recomputed, compared, explained, run again."""
+"""Judges past runs: recomputes, compares, explains and repeats them."""

@@ -7,7 +7,7 @@ from math import copysign
 
 
 def _ordered(value: float) -> int:
-    """Return the double's bits as an integer that rises with the value."""
+    """Return the double's bits as an integer that increases with the value."""
     (bits,) = struct.unpack("<q", struct.pack("<d", value))
     return int(bits) if bits >= 0 else -(bits & 0x7FFF_FFFF_FFFF_FFFF)
 
@@ -28,5 +28,5 @@ def ulps(a: float, b: float) -> int | None:
 
 
 def alike(a: float, b: float) -> bool:
-    """Return True where both are surely the same: `same`, but never for NaN. Compiles unchanged."""
+    """Return True if both have the same bits: `same`, but never for NaN. Compiles unchanged."""
     return a == b and (a != 0.0 or copysign(1.0, a) == copysign(1.0, b))

@@ -14,12 +14,12 @@ from trunk_msgs_util.units import seconds
 
 from .bits import ulps
 
-# In the order in which a difference travels through one step of the loop.
+# In the order in which a difference spreads through one step of the loop.
 _TOPICS = (topics.GROUND_TRUTH, topics.DISTURBANCE, topics.JOINT_STATES, topics.EFFORT_COMMAND)
 
 
 class FirstDifference(NamedTuple):
-    """Where two runs part: at this stamp, in this field. None stands for "not there"."""
+    """Where two runs diverge: at this stamp, in this field. None means "missing"."""
 
     stamp_ns: int
     topic: str
@@ -28,7 +28,7 @@ class FirstDifference(NamedTuple):
     b: float | None
 
     def describe(self) -> str:
-        """Return it as one line: where, both values, how far apart."""
+        """Return the difference as one line: where, both values, how far apart."""
         head = f"t = {seconds(self.stamp_ns):g} s: {self.topic}: {self.field}"
         if self.a is None or self.b is None:
             return f"{head}: only in {'B' if self.a is None else 'A'}"
@@ -39,7 +39,7 @@ class FirstDifference(NamedTuple):
 
 @dataclass
 class RunDiff:
-    """All that differs between two runs. Data decide; parameters and provenance explain."""
+    """All that differs between two runs. Data decide; parameters and provenance help explain."""
 
     compared: int = 0  # messages
     differing_steps: int = 0
@@ -54,7 +54,7 @@ class RunDiff:
 
 
 def diff(a: Recording, b: Recording, terms: bool = True) -> RunDiff:
-    """Compare two runs. Namespaces do not count; what each controller says of itself does, by ``terms``."""
+    """Compare two runs. Namespaces are ignored; ``terms``: compare the controllers' ``~/state`` too."""
     result = RunDiff()
     steps: set[int] = set()
     firsts = []
@@ -134,7 +134,7 @@ def _keys(a: Integers, b: Integers) -> tuple[Integers, Integers]:
 
 
 def _nth(stamps: Integers) -> Integers:
-    """Return how many messages with its stamp stand before each message."""
+    """Return, for each message, how many earlier ones have the same stamp."""
     order = np.argsort(stamps, kind="stable")
     rising = stamps[order]
     found = np.empty(len(stamps), np.int64)

@@ -1,4 +1,4 @@
-"""What is wrong with a recording, and where: the file's structure first, then what it tells."""
+"""What is wrong with a recording, and where: first the file's structure, then its content."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from .record import RecordedRun
 
 __all__ = ["ERROR", "INFO", "WARNING", "Finding", "examine"]
 
-_EXAMPLES = 3  # places that are named of one kind of finding on one topic
+_EXAMPLES = 3  # places listed for one kind of finding on one topic
 _EXACT = ("lockstep", "offline")  # modes in which every state is answered
-_GAP = 1.5  # periods between two messages, from which on there is a gap
+_GAP = 1.5  # periods between two messages: more is a gap
 
 
 def examine(
@@ -32,7 +32,7 @@ def examine(
     """Return all findings on an MCAP file or a rosbag2 folder; none of severity "error" or "warning"
     for a sound run.
 
-    Raises RecordingError where the path is not there or not a recording at all.
+    Raises RecordingError if the path does not exist or is not a recording at all.
     """
     path = Path(path)
     recording = Recording.open(path, progress)
@@ -42,8 +42,8 @@ def examine(
         for file in files:
             found += structure(file)
     except OSError as error:
-        raise RecordingError(f"{path}: {error.strerror}: give a file that can be read") from None
-    # What the scan says of a damaged byte, the structure has said with its place.
+        raise RecordingError(f"{path}: {error.strerror}: give a readable file") from None
+    # The structure check has already reported what the scan says of damaged bytes, with their place.
     known = {finding.message for finding in found}
     found += [
         Finding(WARNING if warning.startswith("recorded by") else ERROR, warning)
@@ -53,7 +53,7 @@ def examine(
     run = RecordedRun(recording)
     found += _provenance(run)
     found += [
-        Finding(ERROR, "its messages are not those that the recorder wrote (digest)", topic)
+        Finding(ERROR, "its messages are not the ones the recorder wrote (digest)", topic)
         for topic in recording.altered_topics()
     ]
     try:
@@ -94,10 +94,10 @@ def _joints(run: RecordedRun, topic: str) -> Iterator[Finding]:
     is_state = owner is not None
     answers = is_state or topic == recording.topic(names.EFFORT_COMMAND)
     exact = recording.provenance.get("mode") in _EXACT
-    # In real time the newest state is answered: some of them twice, some never.
+    # In real time the latest state is answered: some states twice, some never.
     loose = answers and not exact
     several = topic == recording.topic(names.EFFORT_COMMAND) and len(recording.controllers) > 1
-    # Of controllers that take turns, each one's commands are in order; together they need not be.
+    # With several controllers, each one's commands are in order; together they need not be.
     yield from _order(joints.stamp_ns, topic, INFO if loose or several else WARNING)
     by_simulator = {
         recording.topic(name)
@@ -131,14 +131,14 @@ def _turns(run: RecordedRun, controller: str | None, stamps: Integers) -> list[I
 def _order(stamp_ns: Integers, topic: str, severity: str) -> Iterator[Finding]:
     steps = np.diff(stamp_ns)
     for rows, what in (
-        (np.flatnonzero(steps < 0), "the stamp is before the one of the message before it"),
+        (np.flatnonzero(steps < 0), "the stamp is earlier than that of the message before it"),
         (np.flatnonzero(steps == 0), "the stamp appears twice"),
     ):
         yield from _places(severity, what, topic, stamp_ns[rows + 1])
 
 
 def _gaps(stamps: Integers, topic: str, period_ns: int | None, severity: str) -> Iterator[Finding]:
-    """Yield where steps are missing: by the period, or by the median distance of the stamps."""
+    """Yield where steps are missing, by the period or else the median distance of the stamps."""
     steps = np.diff(stamps)
     if not len(steps):
         return
@@ -147,7 +147,7 @@ def _gaps(stamps: Integers, topic: str, period_ns: int | None, severity: str) ->
     missing = np.rint(steps[wide] / period).astype(np.int64) - 1
     by = f"a period of {period / 1e6:g} ms{'' if period_ns else ', the median'}"
     for row, count in list(zip(wide.tolist(), missing.tolist(), strict=True))[:_EXAMPLES]:
-        text = f"steps are missing behind this stamp: {count} at {by}"
+        text = f"steps are missing after this stamp: {count} at {by}"
         yield Finding(severity, text, topic, int(stamps[row]))
     if len(wide) > _EXAMPLES:
         text = f"steps are missing in {len(wide)} places, {int(missing.sum())} in all at {by}"

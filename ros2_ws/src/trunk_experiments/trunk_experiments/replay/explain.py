@@ -1,4 +1,4 @@
-"""Why this torque at this instant: one update of a recorded controller, computed again term by term."""
+"""Why this torque at this instant: one update of a recorded controller, recomputed term by term."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Rule(NamedTuple):
 
 
 class Windup(NamedTuple):
-    """What became of the integral in rad s: before the update, its increment, as used, and kept after."""
+    """The integral in rad s: before the update, its increment, as used, and as kept afterwards."""
 
     strategy: str
     before: float
@@ -47,16 +47,16 @@ class Windup(NamedTuple):
 
     @property
     def acted(self) -> bool:
-        """True where anti-windup moved the integral behind the command's back."""
+        """True if anti-windup changed the integral after the command was computed."""
         return not same(self.after, self.used)
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """One update: what went in, what each part made of it, what came out. SI units and radians."""
+    """One update: its inputs, each term, its output. SI units and radians."""
 
     asked: float  # s
-    update: float  # s, when the command that holds then was computed
+    update: float  # s, when the command in force then was computed
     controller: str
     reference: float
     measurement: float  # rad, as the controller saw it
@@ -66,11 +66,11 @@ class Explanation:
     rules: tuple[Rule, ...]  # none for a plain PID
     limits: tuple[float, float]  # N m, the controller's
     windup: Windup
-    disturbance: Disturbance  # what acted on plant and measurement at the update
+    disturbance: Disturbance  # acting on plant and measurement at the update
     true_angle: float  # rad
-    took_over: bool  # here it became active while the plant moved: from the torque that acted
+    took_over: bool  # True: a takeover while the plant moved, from the torque that acted
     recorded: float  # N m, the command in the recording
-    applied: float  # N m, what the plant got over the step from the instant on
+    applied: float  # N m, applied to the plant over the step that begins then
 
     @property
     def by_model(self) -> float:
@@ -85,7 +85,7 @@ class Explanation:
 
     @property
     def agrees(self) -> bool:
-        """True where the command computed here has the recorded one's bits."""
+        """True if the recomputed command equals the recorded one bit by bit."""
         return same(self.terms.effort, self.recorded)
 
 
@@ -99,13 +99,13 @@ class _Update(NamedTuple):
     rate: float
     dt: float
     config: ControllerConfig
-    took_over: bool  # from another controller, whose torque the integral was set to
+    took_over: bool  # from another controller, to whose torque the integral was set
 
 
 def explain(recording: Recording, at: float) -> Explanation:
-    """Return the explanation of the command that holds at a time in s.
+    """Return the explanation of the command in force at a time in s.
 
-    Raises RecordingError where the run has no such command or its controller is not known.
+    Raises RecordingError if the run has no such command or its controller is unknown.
     """
     run = RecordedRun(recording)
     names = [name for name in run.controllers if name in CONTROLLERS]
@@ -126,7 +126,7 @@ def explain(recording: Recording, at: float) -> Explanation:
             f"give --at a time in it, not {at:g}"
         )
     commands = run.table(topics.EFFORT_COMMAND)
-    # Of several that took turns, whoever updated last.
+    # If several took turns: the one that updated last.
     updates = {
         name: found
         for name in names
@@ -162,7 +162,7 @@ def explain(recording: Recording, at: float) -> Explanation:
 
 
 def _last_update(run: RecordedRun, name: str, at_ns: int, commands: JointTable) -> _Update | None:
-    """Return a controller's last update at or before a stamp; None where there is none."""
+    """Return a controller's last update at or before a stamp, or None."""
     driven = DrivenController(run, name)
     found: _Update | None = None
     last_ns = 0
@@ -176,7 +176,7 @@ def _last_update(run: RecordedRun, name: str, at_ns: int, commands: JointTable) 
         answer = driven.answer(stamp_ns)
         config = driven.timeline.config
         if answer.fresh:
-            # Not started: the first update of all, or the first after a reset.
+            # Not started: the very first update, or the first after a reset.
             period_ns = stamp_ns - last_ns if before.started else config.period_ns
             last_ns = stamp_ns
             found = _Update(

@@ -1,4 +1,4 @@
-"""`RecordedRun`: a recording loaded once, for everything that judges, explains or repeats the run."""
+"""`RecordedRun`: a recording, loaded once for all that judge, explain or repeat the run."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ EXACT_MODES = (
 
 
 class JointTable:
-    """A JointState topic, its rows found by their stamps; of equal stamps the last row counts."""
+    """A JointState topic whose rows are found by stamp; of equal stamps the last row counts."""
 
     def __init__(self, recording: Recording, relative: str) -> None:
         self.topic = relative
@@ -45,7 +45,7 @@ class JointTable:
 
     @cached_property
     def stamps(self) -> list[int]:
-        """All stamps in the file's order, ns."""
+        """All stamps in file order, ns."""
         return [int(stamp) for stamp in self.stamp_ns.tolist()]
 
     @cached_property
@@ -62,32 +62,32 @@ class JointTable:
     def get(self, stamp_ns: int, quantity: str, count: int | None = None) -> list[float]:
         """Return a message's values of a quantity, one for each name; KeyError without the stamp.
 
-        Raises RecordingError where they are not as many as the names, or as ``count``.
+        Raises RecordingError if they are not as many as the names, or as ``count``.
         """
         values: list[float] = self._values[quantity][self.rows[stamp_ns]].tolist()
         needed = len(self.names) if count is None else count
         if not len(values) == len(self.names) == needed:
             raise RecordingError(
                 f"{self._where}: {len(values)} values of {quantity} for {len(self.names)} names at "
-                f"t = {seconds(stamp_ns):g} s, {needed} are needed: it cannot be computed again"
+                f"t = {seconds(stamp_ns):g} s, {needed} are needed: it cannot be recomputed"
             )
         return values
 
     def index(self, joint: str) -> int:
-        """Return where a joint's values stand. Raises RecordingError where they do not."""
+        """Return the index of a joint's values. Raises RecordingError if there is none."""
         if joint not in self.names:
             there = f"only {', '.join(self.names)}" if len(self) else "and no messages"
             raise RecordingError(
-                f"{self._where} has no joint {joint!r}, {there}: it cannot be computed again"
+                f"{self._where} has no joint {joint!r}, {there}: it cannot be recomputed"
             )
         return self.names.index(joint)
 
     def values(self, quantity: str) -> Floats:
-        """Return all values of a quantity [N, names], [N, 0] where no message carries it."""
+        """Return all values of a quantity [N, names], or [N, 0] if no message carries it."""
         return self._values[quantity]
 
     def rows_of(self, stamps: Integers) -> Integers:
-        """Return the row of each stamp, -1 where there is none."""
+        """Return the row of each stamp, -1 if there is none."""
         order = np.argsort(self.stamp_ns, kind="stable")
         known = self.stamp_ns[order]
         at = np.searchsorted(known, stamps, side="right") - 1
@@ -96,9 +96,9 @@ class JointTable:
 
 
 class RecordedRun:
-    """What a recording says of its run. Each part is read when it is first asked for, and kept.
+    """What a recording says about its run. Each part is read on first use and kept.
 
-    Raises RecordingError, where a part is asked for, for messages that cannot be read.
+    Reading a part raises RecordingError for messages that cannot be read.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -118,17 +118,17 @@ class RecordedRun:
 
     @property
     def mode(self) -> str:
-        """``real_time``, ``lockstep``, ``offline``; empty where it is not known."""
+        """``real_time``, ``lockstep``, ``offline``; empty if unknown."""
         return self.recording.provenance.get("mode", "")
 
     @property
     def exact(self) -> bool:
-        """True where time was exact: every state was answered, and can be recomputed."""
+        """True if time was exact: every state was answered, and can be recomputed."""
         return self.mode in EXACT_MODES
 
     @cached_property
     def controllers(self) -> Sequence[str]:
-        """All nodes whose ``~/state`` was recorded, in the order in which the run was planned."""
+        """All nodes whose ``~/state`` was recorded, in the plan's order."""
         return tuple(self.recording.controllers)
 
     @cached_property
@@ -142,7 +142,7 @@ class RecordedRun:
 
     @cached_property
     def events(self) -> Sequence[RunEvent]:
-        """The run's events in the file's order."""
+        """The run's events in file order."""
         return tuple(self.recording.events())
 
     @cached_property
@@ -163,7 +163,7 @@ class RecordedRun:
     def config(self, node: str) -> Any:
         """Return a node's configuration at the start.
 
-        Raises KeyError where it was not recorded, ParameterError where it cannot be used.
+        Raises KeyError if it was not recorded, ParameterError if it cannot be used.
         """
         if node not in self._configs:
             self._configs[node] = build(NODES[node].config, self.parameters[node])
@@ -177,7 +177,7 @@ class RecordedRun:
             for change in self._parameter_changes
             if change.node == name
         ]
-        # The plant's own turns are pauses: simulated time stands still in them.
+        # The plant's turns are pauses, in which simulated time stands still.
         wanted = (
             (Event.RESET, Event.ACTIVATED, Event.DEACTIVATED)
             if node in CONTROLLERS
@@ -188,7 +188,7 @@ class RecordedRun:
             for event in self.events
             if event.node == name and event.message in wanted
         ]
-        # A controller that joins a run under way says so a second time: it is active from there on.
+        # A controller that joins a run under way reports it once more: it is active from there on.
         stays = [
             not (one.event == after.event == Event.ACTIVATED and one.stamp_ns < after.stamp_ns)
             for one, after in pairwise(events)
@@ -196,13 +196,13 @@ class RecordedRun:
         return [*changes, *compress(events, [*stays, True])]
 
     def timeline(self, node: str) -> Timeline:
-        """Return a node's configuration at the start and what became of it."""
+        """Return a node's configuration at the start and its changes during the run."""
         return Timeline(self.config(node), self.changes(node))
 
     def plan(self) -> RunPlan:
         """Return the plan of the recorded run, as many steps as were recorded, and what happened in it.
 
-        Raises RecordingError where the recording does not hold what it takes.
+        Raises RecordingError if the recording lacks something that this needs.
         """
         controllers = self.controllers
         if not controllers or not set(controllers) <= set(CONTROLLERS):
@@ -231,7 +231,7 @@ class RecordedRun:
         )
 
     def _references(self) -> dict[int, float]:
-        """Return the references that the controllers had: no parameter holds those that came by topic."""
+        """Return the controllers' references that came by topic and are in no parameter."""
         found: dict[int, float] = {}
         for name in self.controllers:
             told = any(

@@ -1,4 +1,4 @@
-"""Which controller acted when, as the commands' own record tells it."""
+"""Which controller acted when, according to the recorded commands."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Turn(NamedTuple):
 
 
 def recorded_turns(recording: Recording) -> tuple[Turn, ...]:
-    """Return the turns in their order; one where there is one controller, none where there is none."""
+    """Return the turns in order: one for a single controller, none without a controller."""
     names = recording.controllers
     stamps = [
         recording.joints(recording.topic(topics.controller_state(name))).by_stamp().stamp_ns

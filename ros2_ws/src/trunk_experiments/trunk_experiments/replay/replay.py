@@ -1,8 +1,8 @@
-"""A recorded run's controllers and disturbances computed again: each command from the recorded states.
+"""A recorded run's controllers and disturbances recomputed: each command from the recorded states.
 
-The pure functions that the nodes compose are driven by the record; a change of parameters or a reset takes
-effect where the record says that it did. Long stretches in which all is equal are passed over by
-compiled code (`stretches`); what is not equal there is looked at here, step by step.
+The record drives the same pure functions that the nodes compose; a parameter change or a reset takes
+effect where the record says that it did. Compiled code (`stretches`) skips long stretches in which all
+is equal; where something is not, this module checks step by step.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from . import stretches
 from .bits import same
 from .record import JointTable, RecordedRun
 
-WORTH_COMPILING = 20_000  # steps: fewer are computed sooner than compiled code is loaded
+WORTH_COMPILING = 20_000  # steps: fewer are computed before compiled code would be loaded
 ACTIVE_CONTROLLERS = "active controllers"
 
 
 class Difference(NamedTuple):
-    """One value that the record has and the computation does not."""
+    """One value in which record and computation differ."""
 
     stamp_ns: int
     topic: str
@@ -40,12 +40,12 @@ class Difference(NamedTuple):
 
 
 class Checked(NamedTuple):
-    """Steps of a replay: one, with what differs in it, or many in which nothing does."""
+    """Steps of a replay: one and its differences, or many without any."""
 
     stamp_ns: int  # of the first
     found: Sequence[Difference]
     steps: int = 1
-    controller: str = ""  # who was to give the command; empty: not exactly one
+    controller: str = ""  # who was to send the command; empty: not exactly one
 
 
 def compare(
@@ -59,10 +59,10 @@ def compare(
 
 
 class DrivenController:
-    """A recorded controller, driven by its record: by the states, changes and turns that it had."""
+    """A recorded controller, driven by its recorded states, changes and turns."""
 
     def __init__(self, run: RecordedRun, node: str) -> None:
-        """Raise KeyError where its parameters were not recorded, RecordingError where no states were."""
+        """Raise KeyError if its parameters were not recorded, RecordingError if no states were."""
         self.states = run.table(topics.JOINT_STATES)
         self.terms = run.table(topics.controller_state(node))
         config, changes = run.config(node), run.changes(node)
@@ -79,7 +79,7 @@ class DrivenController:
         return self.states.get(stamp_ns, "position")[self.joint]
 
     def state(self, stamp_ns: int) -> tuple[float, float] | None:
-        """Return the measured angle and rate at a stamp; None where that state was not recorded."""
+        """Return the measured angle and rate at a stamp; None if that state was not recorded."""
         if stamp_ns not in self.states:
             return None
         position, velocity = (self.states.get(stamp_ns, q) for q in ("position", "velocity"))
@@ -109,7 +109,7 @@ class DrivenController:
         )
 
     def pass_over(self, record: stretches.CommandRecord, first: int, last: int) -> int:
-        """Go on over commands that are as recorded; return the first row that needs a closer look."""
+        """Skip commands that are as recorded; return the first row that needs a closer look."""
         controller = self.controller
         row, controller.memory = stretches.compiled_commands(controller.law.name)(
             first,
@@ -122,7 +122,7 @@ class DrivenController:
         return row
 
     def turn(self, stamp_ns: int) -> bool:
-        """Come to a stamp; return True where the controller is active there."""
+        """Advance to a stamp; return True if the controller is active there."""
         self.timeline.advance(stamp_ns, self.controller)
         return self.controller.active
 
@@ -146,12 +146,12 @@ class DrivenController:
 
 
 def in_turn(stamps: Integers, controllers: Sequence[str]) -> Integers:
-    """Return the stamps of commands in their order; of several publishers a file keeps none."""
+    """Return the commands' stamps, sorted: a file does not keep the order between publishers."""
     return np.sort(stamps) if len(controllers) > 1 else stamps
 
 
 def judged(stamps: Integers, until_ns: int | None) -> Integers:
-    """Return the stamps up to the last one that is to be judged."""
+    """Return the stamps up to the last one to be judged."""
     if until_ns is None:
         return stamps
     beyond = np.flatnonzero(stamps > until_ns)
@@ -163,7 +163,7 @@ def replay_controllers(
 ) -> Iterator[Checked]:
     """Yield what differs in each recorded command, and in its terms.
 
-    In real time the states that a controller acted on are those that its commands answer.
+    In real time a controller acted on those states that its commands answer.
     """
     driven = {node: DrivenController(run, node) for node in nodes}
     commands = run.table(topics.EFFORT_COMMAND)
@@ -194,7 +194,7 @@ def replay_controllers(
 def _records(
     driven: dict[str, DrivenController], commands: JointTable, stamps: Integers
 ) -> dict[str, stretches.CommandRecord]:
-    """Return the records to pass over, none where that is not worth it or not possible."""
+    """Return the records for compiled code; none if that is not worthwhile or not possible."""
     if len(stamps) < WORTH_COMPILING or not (np.diff(stamps) > 0).all():
         return {}
     return {
@@ -261,7 +261,7 @@ def disturbances_matrix(messages: JointTable) -> Floats:
 
 
 def acting_at(disturbances: JointTable, stamp_ns: int) -> Disturbance:
-    """Return what the record says disturbed at a stamp; nothing where there is no message."""
+    """Return the recorded disturbance at a stamp; none without a message."""
     if stamp_ns not in disturbances:
         return Disturbance()
     force, torque = disturbances.get(stamp_ns, "effort", 2)

@@ -1,4 +1,4 @@
-"""A recorded run's plant computed again: each state and its measurement from the commands."""
+"""A recorded run's plant recomputed: each state and its measurement from the commands."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _QUANTITIES = ("position", "velocity", "effort")
 class PlantReplay:
     """The plant of a lock-step or offline run: the torque over a step is the command for its first state.
 
-    After a difference the record's value is taken on, so that one altered value shows as one.
+    After a difference it continues from the recorded value, so that one altered value counts once.
     """
 
     def __init__(self, run: RecordedRun, until_ns: int | None = None) -> None:
@@ -44,15 +44,15 @@ class PlantReplay:
         self._row = -1  # before the first state
         self.retune(config)
         self.reset()
-        self._timeline.advance(0, self)  # what came before the first state acts on it
+        self._timeline.advance(0, self)  # changes before the first state act on it
         self._row = 0
 
     def retune(self, config: SimulatorConfig) -> None:
-        """Take new parameters of plant and sensors."""
+        """Change the parameters of plant and sensors."""
         self._plant, self._sensor, self._initial = config.plant, config.sensor, config.initial_state
 
     def reset(self) -> None:
-        """Put the plant back to its initial state, and let the sensors forget what was before."""
+        """Return the plant to its initial state and clear the sensors' past."""
         self._trunk = at_rest(self._initial, self._plant)
         self._falls = self._trunk.fallen
         self._remembered = self._row + 1
@@ -71,7 +71,7 @@ class PlantReplay:
             self._row += 1
 
     def _pass_over(self, record: stretches.PlantRecord) -> int:
-        """Go on over states that are as recorded; return how many they were."""
+        """Skip states that are as recorded; return how many."""
         before = self._row
         # A change stamped k came while state k was the newest: it acts on the step to k + 1.
         last = int(np.searchsorted(self._stamps, self._timeline.next_ns))
@@ -89,7 +89,7 @@ class PlantReplay:
         return self._row - before
 
     def _looked_at(self, stamp_ns: int) -> list[Difference]:
-        """Return what differs at the present state; go on from what was recorded where anything does."""
+        """Return what differs at the current state; if anything does, continue from the record."""
         trunk, found = self._trunk, list[Difference]()
         x, theta, x_dot, theta_dot = trunk.state
         for quantity, values in zip(
@@ -122,7 +122,7 @@ class PlantReplay:
         return PlantState(position[0], position[1], velocity[0], velocity[1])
 
     def _step(self, stamp_ns: int) -> bool:
-        """Step to the next state; False where the plant diverges, and there is none."""
+        """Step to the next state; return False if the plant diverges and there is none."""
         if stamp_ns not in self._commands:
             return True
         self._timeline.advance(stamp_ns + 1, self)
@@ -134,7 +134,7 @@ class PlantReplay:
         return not after.diverged
 
     def _record(self) -> stretches.PlantRecord | None:
-        """Return the record to pass over; None where that is not worth it or not possible."""
+        """Return the record for compiled code; None if that is not worthwhile or not possible."""
         stamps = self._stamps
         whole = all(_is_whole(table) for table in (self._truth, self._measured))
         if (
@@ -169,7 +169,7 @@ def _is_whole(table: JointTable) -> bool:
 
 
 def _by_row(table: JointTable, stamps: Integers) -> Floats:
-    """Return positions, velocities and efforts [N, 6] at these stamps, NaN where there is no message."""
+    """Return positions, velocities and efforts [N, 6] at these stamps, NaN without a message."""
     values = np.hstack([table.values(quantity) for quantity in _QUANTITIES])
     return _filled(values, table.rows_of(stamps))
 

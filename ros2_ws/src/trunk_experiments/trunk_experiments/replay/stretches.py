@@ -1,8 +1,8 @@
-"""Long stretches of a recorded run in which all that is computed is what was recorded, passed over quickly.
+"""Quickly skips long stretches of a recorded run whose recomputed values equal the recorded ones.
 
 Each function composes `sense`, `decide`, `act` or `disturbance_at` over the record's columns and returns
 where it stopped: at the end of the stretch, or at the first step in which something differs or is
-missing. That step is left to the replay, which looks at it in detail. Numba compiles these functions.
+missing. That step is left to the replay, which examines it in detail. Numba compiles these functions.
 
 Pure: functions of arrays, numbers and named tuples.
 """
@@ -27,13 +27,13 @@ from .bits import alike
 
 
 class PlantRecord(NamedTuple):
-    """What a run says of the plant, a row for each recorded true state; NaN where a message is missing."""
+    """A run's record of the plant, one row per recorded true state; NaN where a message is missing."""
 
     truth: Floats  # [N, 6]: positions, velocities, efforts of hip and trunk
     measured: Floats  # [N, 6], the same
     command: Floats  # [N], N m
     disturbance: Floats  # [N, 4], in the order of the channels
-    fell: Integers  # [N], 1 where the events say that the trunk fell
+    fell: Integers  # [N], 1 where the trunk fell by the events
     noise: Floats  # [N, 2], standard normal samples
 
 
@@ -48,9 +48,9 @@ def plant_stretch(
     sensor: SensorParameters,
     record: PlantRecord,
 ) -> tuple[int, Trunk, bool]:
-    """Return the first row in [first, last] that is not passed over, and trunk and fall there.
+    """Return the first row in [first, last] that is not skipped, and trunk and fall there.
 
-    ``remembered`` is the oldest row that the sensors' delay may look back to.
+    ``remembered`` is the oldest row that the sensors' delay may reach back to.
     """
     for row in range(first, last):
         state = trunk.state
@@ -95,7 +95,7 @@ def plant_stretch(
 
 
 class CommandRecord(NamedTuple):
-    """What a run says of a controller, a row for each command; rows of states and terms are -1 for none."""
+    """A run's record of a controller, one row per command; rows of states and terms are -1 for none."""
 
     stamp_ns: Integers  # [N]
     command: Floats  # [N], N m
@@ -106,7 +106,7 @@ class CommandRecord(NamedTuple):
 
 
 def commands_stretch_of(update: Update) -> Callable[..., tuple[int, Memory]]:
-    """Return the function that passes over the commands of a controller with this law."""
+    """Return the function that skips the commands of a controller with this law."""
 
     def commands_stretch(
         first: int,
@@ -116,7 +116,7 @@ def commands_stretch_of(update: Update) -> Callable[..., tuple[int, Memory]]:
         constants: Any,
         record: CommandRecord,
     ) -> tuple[int, Memory]:
-        """Return the first row in [first, last] that is not passed over, and the memory before it."""
+        """Return the first row in [first, last] that is not skipped, and the memory before it."""
         for row in range(first, last):
             at, told = record.state_row[row], record.terms_row[row]
             if at < 0:
@@ -151,7 +151,7 @@ def commands_stretch_of(update: Update) -> Callable[..., tuple[int, Memory]]:
 def disturbances_stretch(
     first: int, last: int, signals: Signals, stamp_ns: Integers, record: Floats
 ) -> int:
-    """Return the first row of ``record`` [N, 4] in [first, last] that is not what the signals give."""
+    """Return the first row of ``record`` [N, 4] in [first, last] that differs from the signals."""
     for row in range(first, last):
         acting = disturbance_at(stamp_ns[row], signals)
         if not (

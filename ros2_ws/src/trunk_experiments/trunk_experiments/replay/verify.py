@@ -1,4 +1,4 @@
-"""Does a recording follow from itself? Structure first, then every command and state computed again."""
+"""Does a recording follow from itself? Structure first, then every command and state recomputed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .replay import (
 from .replay_plant import PlantReplay
 
 VERIFIED, DIVERGES, UNJUDGED = 0, 1, 2
-# What decides the bits of sin, cos and exp, and of the noise.
+# What determines the bits of sin, cos and exp, and of the noise.
 _ARITHMETIC = ("libm", "machine", "numpy")
 
 
@@ -41,7 +41,7 @@ class Part:
     first: list[Difference] = field(default_factory=list)
 
     def take(self, checked: Checked) -> None:
-        """Take in some steps."""
+        """Add some steps."""
         self.steps += checked.steps
         if checked.found:
             self.wrong_steps += 1
@@ -52,7 +52,7 @@ class Part:
 class Verdict:
     """What `verify` found. ``obstacles``: why the run cannot be judged as a whole.
 
-    ``altered``: topics whose content is not what the recorder wrote, whether or not that decides a bit.
+    ``altered``: topics whose content is not what the recorder wrote, even if no computed bit depends on it.
     """
 
     parts: list[Part] = field(default_factory=list)
@@ -62,7 +62,7 @@ class Verdict:
 
     @property
     def exit_code(self) -> int:
-        """0 verified, 1 something diverges, 2 nothing diverges but the run cannot be judged."""
+        """0: verified, 1: something diverges, 2: nothing diverges but the run cannot be judged."""
         if self.altered or any(part.wrong_steps for part in self.parts):
             return DIVERGES
         return UNJUDGED if self.obstacles or not self.parts else VERIFIED
@@ -89,12 +89,12 @@ def describe(difference: Difference) -> str:
 
 
 def verify(recording: Recording) -> Verdict:
-    """Return the verdict on a recording; damage and gaps are obstacles, never passed over."""
+    """Return the verdict on a recording; damage and gaps are obstacles, never ignored."""
     return verdict_on(RecordedRun(recording))
 
 
 def verdict_on(run: RecordedRun) -> Verdict:
-    """Return the verdict on a recorded run, as `verify`."""
+    """Return the verdict on a recorded run, as `verify` does."""
     recording = run.recording
     verdict = Verdict()
     verdict.obstacles += recording.warnings
@@ -119,7 +119,7 @@ def verdict_on(run: RecordedRun) -> Verdict:
         until_ns = _recorded_until_ns(run)
         if until_ns is not None:
             verdict.obstacles.append(
-                f"the recorder was inactive from t = {seconds(until_ns):g} s: what came after is not judged"
+                f"the recorder was inactive from t = {seconds(until_ns):g} s: what follows is not judged"
             )
         verdict.parts += _recomputed(run, until_ns)
     except ParameterError as error:
@@ -135,7 +135,7 @@ def verdict_on(run: RecordedRun) -> Verdict:
 
 
 def _recorded_until_ns(run: RecordedRun) -> int | None:
-    """Return the last stamp before the recorder became inactive; None where the run had ended by then."""
+    """Return the last stamp before the recorder became inactive; None if the run had ended by then."""
     node = run.recording.topic("recorder")
     turns = [e for e in run.events if e.node == node and e.message == Event.DEACTIVATED]
     stamps = run.table(topics.EFFORT_COMMAND).stamp_ns
@@ -164,7 +164,7 @@ def _recomputed(run: RecordedRun, until_ns: int | None) -> list[Part]:
 
 
 def _gaps(run: RecordedRun, period_ns: int) -> list[str]:
-    """Return what is wrong with the stamps of each topic, and of the topics against one another."""
+    """Return what is wrong with the stamps of each topic, and between topics."""
     truth = run.table(topics.GROUND_TRUTH).stamp_ns
     found = _missing(topics.GROUND_TRUTH, *_absent_steps(truth, period_ns))
     for relative in (
@@ -177,7 +177,7 @@ def _gaps(run: RecordedRun, period_ns: int) -> list[str]:
             continue
         stamps = run.table(relative).stamp_ns
         if relative == topics.EFFORT_COMMAND and len(run.controllers) > 1:
-            stamps = np.sort(stamps)  # of several publishers a file keeps no order
+            stamps = np.sort(stamps)  # a file does not keep the order between publishers
         found += _disorder(relative, stamps)
         if run.exact or relative == topics.JOINT_STATES:
             absent = np.setdiff1d(truth, stamps)
@@ -188,9 +188,9 @@ def _gaps(run: RecordedRun, period_ns: int) -> list[str]:
 
 
 def _absent_steps(stamps: Integers, period_ns: int) -> tuple[int, int]:
-    """Return how many multiples of the period up to the last stamp are not there, and the first, in ns.
+    """Return how many multiples of the period up to the last stamp are missing, and the first, in ns.
 
-    The work is bounded by the number of stamps, whatever they say.
+    The work is bounded by the number of stamps, whatever their values.
     """
     if not len(stamps):
         return 0, 0
@@ -216,7 +216,7 @@ def _disorder(relative: str, stamps: Integers) -> list[str]:
     if after == before:
         return [f"{relative}: the stamp t = {seconds(after):g} s appears twice"]
     there_and_back = f"from t = {seconds(before):g} s to t = {seconds(after):g} s"
-    return [f"{relative}: stamps run back, {there_and_back}"]
+    return [f"{relative}: stamps go backwards, {there_and_back}"]
 
 
 def _platform(recording: Recording) -> list[str]:

@@ -1,4 +1,4 @@
-"""Runs side by side: metrics, parameters that differ, where each parts from the first."""
+"""Runs side by side: metrics, parameters that differ, where each diverges from the first."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Row(NamedTuple):
-    """A metric of every run; ``best``: the runs (by index) that have the least of it."""
+    """A metric of every run; ``best``: the indices of the runs with the lowest value."""
 
     key: str
     values: tuple[float | None, ...]
@@ -27,7 +27,7 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class Comparison:
-    """What `compare` found. Parameters: by ``role.name``, one value per run, None where it has none."""
+    """What `compare` found. Parameters: by ``role.name``, one value per run, None if it has none."""
 
     names: tuple[str, ...]
     rows: tuple[Row, ...]
@@ -36,7 +36,7 @@ class Comparison:
 
 
 def best_of(values: Sequence[float | None]) -> tuple[int, ...]:
-    """Return the indices of the least magnitude: all that tie, none where nothing is to choose."""
+    """Return the indices of the smallest magnitude: all that tie, none if there is nothing to choose."""
     magnitudes = [abs(value) for value in values if value is not None]
     if not magnitudes or len(values) < 2:
         return ()
@@ -45,11 +45,11 @@ def best_of(values: Sequence[float | None]) -> tuple[int, ...]:
 
 
 def metrics_of(view: RunView) -> dict[str, float | None]:
-    """Return a run's metrics. Raises RecordingError, naming the file, where its data allow none."""
+    """Return a run's metrics. Raises RecordingError, naming the file, if its data allow none."""
     try:
         return metrics(view.table).as_dict()
     except ValueError as error:
-        raise RecordingError(f"{view.path}: {error}; record a run that is whole") from None
+        raise RecordingError(f"{view.path}: {error}; record a complete run") from None
 
 
 def metric_rows(views: Sequence[RunView]) -> tuple[Row, ...]:
@@ -66,7 +66,7 @@ def metric_rows(views: Sequence[RunView]) -> tuple[Row, ...]:
 def differing_parameters(views: Sequence[RunView]) -> dict[str, tuple[Value | None, ...]]:
     """Return the parameters that are not the same in all runs.
 
-    Controllers stand in one another's place, whatever the node is called; the recorder decides nothing.
+    Controllers are matched by place, whatever their node is called; the recorder's parameters are left out.
     """
     runs = []
     for view in views:
@@ -84,12 +84,12 @@ def differing_parameters(views: Sequence[RunView]) -> dict[str, tuple[Value | No
 
 
 def divergence(first: Recording, other: Recording) -> RunDiff:
-    """Return where a run parts from the first; two laws have no ``~/state`` in common to be compared."""
+    """Return where a run diverges from the first; with different laws ``~/state`` is not compared."""
     return diff(first, other, terms=first.controllers == other.controllers)
 
 
 def compare(views: Sequence[RunView]) -> Comparison:
-    """Compare runs; the first is what the others' first divergence is told against."""
+    """Compare runs; the divergence of the others is relative to the first."""
     return Comparison(
         names=tuple(labels(views)),
         rows=metric_rows(views),

@@ -46,7 +46,7 @@ def write_npz(table: RunTable, path: Path) -> None:
     with (
         whole_file(path) as part,
         part.open("wb") as file,
-    ):  # given a name, NumPy would put .npz behind it
+    ):  # given a name, NumPy would append .npz
         np.savez_compressed(file, **{name: getattr(table, name) for name in COLUMNS})
 
 
@@ -59,9 +59,9 @@ def write_mcap(
 ) -> int:
     """Copy messages with ``start <= stamp <= end`` in s, byte for byte; return their number.
 
-    Stamps are the headers', or else log times. ``topics`` are absolute or relative, all without
-    any. Parameters that were set before the window are copied as well: they hold in it. The end
-    record calls what is not all of the run incomplete. Raises RecordingError for unknown topics.
+    Stamps are the headers', or else log times. ``topics`` are absolute or relative; empty: all.
+    Parameters set before the window are copied as well, since they apply in it. The end record marks
+    anything less than the whole run as incomplete. Raises RecordingError for unknown topics.
     """
     wanted = _chosen(recording, topics)
     first, last = _ns(start), _ns(end)

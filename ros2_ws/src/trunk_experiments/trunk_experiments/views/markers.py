@@ -1,6 +1,6 @@
-"""What a run looks like, as a few shapes: the hip's path, hip, trunk, torque, reference, disturbance.
+"""A run drawn as a few shapes: the hip's path, hip, trunk, torque, reference, disturbance.
 
-Pure. The picture lies in the x-z plane, x forward and z up; theta leans from the upward vertical forward.
+Pure. The picture lies in the x-z plane, x forward and z up; positive theta leans forward from the vertical.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ Color = tuple[float, float, float, float]  # red, green, blue, alpha, each from 
 FAR = 1e6  # m: nothing is drawn beyond
 _PATH_REACH = 4.0  # m, on either side of the hip
 _PATH_STEP = 0.05  # m
-_ARROW_REACH = 0.8  # m: what the longest arrow comes near
-_ARROW_SCALE = 40.0  # N m: about half of that
+_ARROW_REACH = 0.8  # m: the longest arrow approaches this
+_ARROW_SCALE = 40.0  # N m: an arrow of about half that length
 _LEAST_ARROW = 0.005  # m
 
 GREY: Color = (0.6, 0.6, 0.6, 1.0)
@@ -42,7 +42,7 @@ class MarkersConfig:
     rate: float = parameter(
         "rate", 30.0, "Pictures per second, at most", unit="Hz", minimum=1.0, maximum=30.0
     )
-    frame: str = parameter("frame", "world", "Frame in which the shapes stand", fixed=True)
+    frame: str = parameter("frame", "world", "Frame in which the shapes are drawn", fixed=True)
 
 
 class Kind(IntEnum):
@@ -55,7 +55,7 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True)
 class Shape:
-    """One shape; without points it is not there. ``size``: width, shaft or diameter, m."""
+    """One shape; without points it is not drawn. ``size``: width, shaft or diameter, m."""
 
     name: str
     kind: Kind
@@ -75,7 +75,7 @@ class Geometry:
 
     @classmethod
     def of(cls, parameters: Mapping[str, object]) -> Geometry:
-        """Return the geometry that the simulator's parameters, by name, say."""
+        """Return the geometry from the simulator's parameters, by name."""
         names = {
             "length": "plant.length",
             "amplitude": "path.amplitude",
@@ -99,7 +99,7 @@ class Geometry:
 
 @dataclass(frozen=True)
 class Scene:
-    """What there is to see at one instant; None: not known."""
+    """What is shown at one instant; None: not known."""
 
     x: float  # m
     theta: float  # rad
@@ -110,7 +110,7 @@ class Scene:
 
 
 def shapes(geometry: Geometry, scene: Scene) -> list[Shape]:
-    """Return the picture, always the same shapes in the same order; empty where there is no place."""
+    """Return the picture, always the same shapes in the same order; empty without a finite position."""
     if not (abs(scene.x) <= FAR and isfinite(scene.theta)):  # the outlines of nothing
         return [replace(shape, points=()) for shape in shapes(geometry, Scene(0.0, 0.0))]
     hip = geometry.hip(scene.x)
@@ -130,7 +130,7 @@ def shapes(geometry: Geometry, scene: Scene) -> list[Shape]:
 
 
 def path(geometry: Geometry, x: float) -> tuple[Point, ...]:
-    """Return the path near ``x``, on a fixed grid, so that it does not crawl along with the hip."""
+    """Return the path near ``x``, on a fixed grid, so that it does not move along with the hip."""
     first = floor((x - _PATH_REACH) / _PATH_STEP)
     count = round(2.0 * _PATH_REACH / _PATH_STEP) + 1
     return tuple(geometry.hip((first + i) * _PATH_STEP) for i in range(count))
@@ -143,9 +143,9 @@ def _ghost(geometry: Geometry, scene: Scene) -> tuple[Point, ...]:
 
 
 def torque_arrow(geometry: Geometry, scene: Scene) -> tuple[Point, ...]:
-    """Return the arrow at the mass, along the way on which the torque pushes it.
+    """Return the arrow at the mass, in the direction in which the torque pushes it.
 
-    Its length is that of ``tanh(torque / 40 N m)``: small torques can be told apart, large ones fit.
+    Its length goes with ``tanh(torque / 40 N m)``: small torques can be told apart, large ones fit.
     """
     reach = _ARROW_REACH * tanh(scene.torque / _ARROW_SCALE)
     if not abs(reach) >= _LEAST_ARROW:  # also where the torque is not a number

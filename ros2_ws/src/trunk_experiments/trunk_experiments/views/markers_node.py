@@ -1,6 +1,6 @@
 """The ``markers`` node: the run as visualization_msgs/MarkerArray, for RViz and Foxglove.
 
-It has no part in the run: it looks at the newest messages at its own pace, nothing waits for it, and it
+It takes no part in the run: it shows the latest messages at its own pace, nothing waits for it, and it
 leaves no trace in the record.
 """
 
@@ -35,7 +35,7 @@ from .markers import Geometry, Kind, MarkersConfig, Scene, Shape
 
 
 class Newest:
-    """The newest sample of a topic."""
+    """The latest sample of a topic."""
 
     def __init__(self, node: Node, topic: str) -> None:
         self.sample: JointSample | None = None
@@ -46,7 +46,7 @@ class Newest:
         self.sample = self._read(data)
 
     def value(self, field: str, name: str) -> float | None:
-        """Return a named value of ``position`` or ``effort``, None where there is none."""
+        """Return a named value of ``position`` or ``effort``, or None."""
         if self.sample is None or name not in self.sample.name:
             return None
         values: tuple[float, ...] = getattr(self.sample, field)
@@ -55,7 +55,7 @@ class Newest:
 
 
 class MarkersNode(Node):
-    """Publishes the picture of the newest state; the plant's constants come from ``run/parameters``."""
+    """Publishes the picture of the latest state; the plant's constants come from ``run/parameters``."""
 
     def __init__(self) -> None:
         """Declare and check the parameters. Raises ParameterError."""
@@ -84,7 +84,7 @@ class MarkersNode(Node):
             self._geometry = Geometry.of(self._plant)
 
     def show(self) -> None:
-        """Publish the picture where there is a new state."""
+        """Publish the picture if there is a new state."""
         if self._truth.sample is self._shown:
             return
         self._shown = self._truth.sample
@@ -103,7 +103,7 @@ class MarkersNode(Node):
         self._picture.publish(self._to_ros(markers.shapes(self._geometry, scene)))
 
     def _reference(self) -> float | None:
-        """Return the reference of the controller that spoke last."""
+        """Return the reference of the controller that published last."""
         speaking = [terms for terms in self._terms if terms.sample is not None]
         latest = max(speaking, key=lambda t: t.sample.stamp_ns if t.sample else -1, default=None)
         return latest.value("position", "reference") if latest else None
@@ -143,7 +143,7 @@ def _draw(shape: Shape, marker: Marker) -> None:
 
 
 def main() -> None:
-    """Show the newest state at the set rate until told to stop."""
+    """Show the latest state at the set rate until told to stop."""
     shutdown = Shutdown()
     middleware.prepare()
     try:
@@ -156,7 +156,7 @@ def main() -> None:
     executor = LoopExecutor()
     executor.add_node(node)
     while not shutdown.requested:
-        # Messages that come in between do not wake it: the queues hold the newest alone.
+        # Messages that arrive in between do not wake it: each queue keeps only the latest.
         time.sleep(1.0 / node.config.rate)
         executor.spin_once(timeout_sec=0.0)
         node.show()

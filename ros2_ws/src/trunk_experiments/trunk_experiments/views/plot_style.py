@@ -1,4 +1,4 @@
-"""How every printed picture looks: colours, dashes, fonts, and files that do not change by themselves."""
+"""How every plot looks: colours, dashes, fonts, and reproducible files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from trunk_msgs_util.whole_file import whole_file
 
-# Okabe and Ito's colours, told apart with any colour vision, and line styles that survive grey print.
+# Okabe and Ito's colours, distinct with any colour vision, and line styles that survive grey print.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 DASHES: tuple[Any, ...] = (
     "solid",
@@ -20,7 +20,7 @@ DASHES: tuple[Any, ...] = (
     (0, (1.2, 1.2)),
     (0, (9, 2, 3, 2)),
 )
-SUFFIXES: dict[str, dict[str, Any]] = {  # and what takes the date out of the file
+SUFFIXES: dict[str, dict[str, Any]] = {  # and what keeps the date out of the file
     ".png": {},
     ".svg": {"Date": None},
     ".pdf": {"CreationDate": None},
@@ -50,7 +50,7 @@ STYLE = {
 
 
 def line_style(index: int) -> dict[str, Any]:
-    """Return colour and dashes of the i-th run; of 7 x 5 runs no two look the same."""
+    """Return colour and dashes of the i-th run; up to 7 x 5 runs look different."""
     return {
         "color": COLORS[index % len(COLORS)],
         "linestyle": DASHES[index % len(DASHES)],
@@ -60,12 +60,12 @@ def line_style(index: int) -> dict[str, Any]:
 def save(figure: Figure, path: Path) -> None:
     """Write the picture in the format of the file's suffix; the same runs give the same bytes.
 
-    Raises ValueError for a suffix that is none of png, svg, pdf.
+    Raises ValueError for a suffix other than png, svg or pdf.
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise ValueError(f"{path}: a picture's name ends in one of {', '.join(SUFFIXES)}")
-    picture = BytesIO()  # matplotlib's own writers do not say what went wrong with a file
+    picture = BytesIO()  # matplotlib's writers do not say what went wrong with a file
     with rc_context(STYLE):
         figure.savefig(
             picture, format=suffix[1:], dpi=150, metadata=SUFFIXES[suffix], facecolor="white"

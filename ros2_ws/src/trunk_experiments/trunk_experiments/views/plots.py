@@ -1,6 +1,6 @@
 """Runs as printed pictures: an overview of everything, or the layout of one of the paper's figures.
 
-Drawn on `matplotlib.figure.Figure` alone: no window, no global state, whatever the environment says.
+Drawn only on `matplotlib.figure.Figure`: no window, no global state, whatever the environment.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .run_view import RunView, labels, off_scale, same_pulses
 BAND, PULSE, REFERENCE, LIMIT = "#7a7a7a", "#E69F00", "#222222", "#B00020"
 TURN = "#555555"
 TURN_LINE: dict[str, Any] = {"color": TURN, "linewidth": 1.0, "linestyle": (0, (5, 2, 1, 2))}
-_NAMED_TURNS = 6  # more of them would write over one another
+_NAMED_TURNS = 6  # more would overlap
 FIGURES = {
     6: "zero reference",
     7: "step reference",
@@ -38,7 +38,7 @@ FIGURES = {
 
 
 def overview(views: Sequence[RunView]) -> Figure:
-    """Return everything there is to see of one run or several: angle, torque, gains, path, phase."""
+    """Return the overview of one run or several: angle, torque, gains, path, phase."""
     names = labels(views)
     with rc_context(STYLE):
         figure = Figure(figsize=(10.0, 10.8), layout="constrained")
@@ -84,7 +84,7 @@ def _run_handles(names: Sequence[str]) -> list[Line2D | Patch]:
 
 
 def _context_handles(views: Sequence[RunView], limits: bool = True) -> list[Line2D | Patch]:
-    """Return the legend's entries for what is no run: the reference, its band, pulses, limits."""
+    """Return the legend's entries other than runs: the reference, its band, pulses, limits."""
     found: list[Line2D | Patch] = [
         Line2D([], [], color=REFERENCE, linewidth=1.0, linestyle=(0, (2, 2)), label="reference"),
         Patch(color=BAND, alpha=0.22, linewidth=0, label=f"reference ±{SETTLING_BAND_DEG:g}°"),
@@ -101,7 +101,7 @@ def _context_handles(views: Sequence[RunView], limits: bool = True) -> list[Line
 def _legend(
     figure: Figure, where: str, runs: list[Line2D | Patch], context: list[Line2D | Patch]
 ) -> None:
-    """Add a legend outside all axes: rows of runs, then a row of what they are seen against."""
+    """Add a legend outside all axes: rows of runs, then a row of everything else."""
     columns = max(min(4, len(runs)), len(context))
     rows = [runs[i : i + columns] for i in range(0, len(runs), columns)] + [context]
     if len(runs) == 1:
@@ -114,7 +114,7 @@ def _legend(
 
 
 def _plain(text: str) -> str:
-    """Return a name that Matplotlib does not take for mathematics, nor (``_…``) for one to leave out."""
+    """Return a name that Matplotlib neither reads as mathematics nor (``_…``) leaves out."""
     return text.replace("$", r"\$") if not text.startswith("_") else f" {text}".replace("$", r"\$")
 
 
@@ -124,7 +124,7 @@ def _pulse_spans(axes: Axes, views: Sequence[RunView]) -> None:
 
 
 def _turns(axes: Axes, views: Sequence[RunView], named: bool = False) -> None:
-    """Draw where another controller takes over; ``named``: say which, where there is one run."""
+    """Mark where another controller takes over; ``named``: say which, if there is one run."""
     for start in sorted({turn.start for view in views for turn in view.turns[1:]}):
         axes.axvline(start, zorder=1.0, **TURN_LINE)
     turns = views[0].turns if named and len(views) == 1 else ()
@@ -149,7 +149,7 @@ def _angle(axes: Axes, views: Sequence[RunView]) -> None:
         t, reference = view.table.t, np.degrees(view.table.reference)
         levels = np.flatnonzero(np.diff(reference)) + 1
         shape = (reference[0], *t[levels], *reference[levels])
-        if shape not in drawn:  # the band of a shared reference is not laid on itself
+        if shape not in drawn:  # a shared reference's band is drawn once
             drawn.add(shape)
             axes.fill_between(
                 t,
@@ -173,7 +173,7 @@ def _whole_time(axes: Axes, views: Sequence[RunView]) -> None:
 
 
 def _peak(view: RunView) -> float:
-    """Return the greatest magnitude of the torque in N m; 0 where none was recorded."""
+    """Return the largest magnitude of the torque in N m; 0 if none was recorded."""
     return float(np.max(np.abs(view.table.torque), initial=0.0, where=~np.isnan(view.table.torque)))
 
 
@@ -224,7 +224,7 @@ def _gains(grid: Sequence[Axes], views: Sequence[RunView]) -> None:
         _whole_time(axes, views)
         low, high = axes.get_ylim()
         middle = (low + high) / 2.0
-        if high - low < 0.2 * abs(middle):  # a constant gain is a line, not a magnified rounding
+        if high - low < 0.2 * abs(middle):  # a constant gain is a line, not magnified noise
             axes.set_ylim(middle - 0.1 * abs(middle), middle + 0.1 * abs(middle))
         axes.yaxis.set_major_locator(MaxNLocator(4))
         axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
@@ -241,7 +241,7 @@ def _path(axes: Axes, views: Sequence[RunView]) -> None:
         amplitude, wavenumber = view.hip_path
         traveled = np.linspace(float(view.table.x.min()), float(view.table.x.max()), 800)
         y = _heights(traveled, amplitude, wavenumber)
-        # Wide below, narrow above: every run's range shows where they overlap.
+        # Wide below, narrow above: every run's range shows even where they overlap.
         width = 2.2 + 2.4 * (len(views) - 1 - i)
         color = COLORS[i % len(COLORS)]
         axes.plot(traveled, y, color=color, linewidth=width, solid_capstyle="butt")
@@ -253,10 +253,10 @@ def _path(axes: Axes, views: Sequence[RunView]) -> None:
         textcoords="offset points",
         fontsize=8.0,
     )
-    axes.set_title("Hip path, traveled range in colour")
+    axes.set_title("Hip path, travelled range in colour")
     axes.set_xlabel(r"$x$ (m)")
     axes.set_ylabel(r"$y = A\,\sin(k x)$ (m)")
-    if high - low < 20.0:  # a hip that runs away has a path too long to be drawn true to scale
+    if high - low < 20.0:  # the path of a runaway hip is too long to be drawn to scale
         axes.set_aspect("equal", adjustable="datalim")
 
 

@@ -1,4 +1,4 @@
-"""What a report says in words and tables, computed before any page is written."""
+"""A report's text and tables, computed before any page is written."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class RuleCell:
 
 @dataclass(frozen=True)
 class RunSection:
-    """What is said of one run."""
+    """What the report says about one run."""
 
     label: str
     title: str
@@ -87,13 +87,13 @@ def number(value: float | None) -> str:
 
 
 def quantity_label(key: str) -> tuple[str, str]:
-    """Return a metric's name for people and its unit."""
+    """Return a metric's readable name and its unit."""
     quantity = QUANTITIES.get(key)
     return (quantity.label, quantity.unit) if quantity else (key, "")
 
 
 def said_of(view: RunView) -> list[str]:
-    """Return what is wrong with a run: what `examine` finds, and what kept its parameters from use."""
+    """Return what is wrong with a run: what `examine` finds, and why its parameters cannot be used."""
     found = [finding.describe() for finding in examine(view.path) if finding.severity != INFO]
     return found + [w for w in view.warnings if w not in view.recording.warnings]
 

@@ -1,4 +1,4 @@
-"""What a report's page plots and animates, as plain values: columns in full precision, surfaces, rule use."""
+"""A report page's plots and animation as plain values: columns in full precision, surfaces, rule use."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .run_view import Pulse, RunView, labels, off_scale
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Floats
 
-_SURFACE_POINTS = 61  # a side: each of the 7 peaks is one of them where the peaks are even
+_SURFACE_POINTS = 61  # per side: evenly spaced peaks fall on grid points
 _CHANNELS = {  # what a pulse acts on, its unit
     "hip_effort": ("on the hip", "N"),
     "trunk_effort": ("on the trunk", "N·m"),
@@ -30,7 +30,7 @@ _CHANNELS = {  # what a pulse acts on, its unit
 def packed(values: Floats) -> dict[str, Any]:
     """Return an array of doubles as base64 of its little-endian bytes, or as its constant.
 
-    Every value comes back with the same bits (of a constant, all NaN alike), NaN included.
+    Every value, NaN included, comes back with the same bits (in a constant column all NaNs are alike).
     """
     data = np.ascontiguousarray(values, "<f8")
     if len(data) and (data.view("<i8") == data.view("<i8")[0]).all() and isfinite(data[0]):
@@ -80,14 +80,14 @@ def _run(view: RunView, label: str) -> dict[str, Any]:
 
 
 def pulse_text(pulse: Pulse) -> str:
-    """Return what a pulse does, for people: ``+100° on the measured angle``."""
+    """Return what a pulse does, as text: ``+100° on the measured angle``."""
     where, unit = _CHANNELS[pulse.channel]
     value = degrees(pulse.magnitude) if unit == "°" else pulse.magnitude
     return f"{value:+.4g}{'' if unit == '°' else ' '}{unit} {where}"
 
 
 def _updates(view: RunView) -> tuple[Floats, Floats, Floats]:
-    """Return the stamps [s], errors [rad] and rates [rad/s] that the controller inferred from."""
+    """Return the stamps [s], errors [rad] and rates [rad/s] that were the inputs of the inference."""
     terms = view.terms
     return (
         terms.stamp_ns / 1_000_000_000,

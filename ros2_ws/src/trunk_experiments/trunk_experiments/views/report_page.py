@@ -1,8 +1,8 @@
-"""The report as one HTML file that needs nothing else: no network, no server, no second file.
+"""The report as one self-contained HTML file: no network, no server, no second file.
 
-Whatever a recording says gets into the page in two ways only: as text, escaped by Jinja's autoescaping,
-and as JSON in a script block that is not run, with every ``<`` escaped. The content security policy
-allows the page's own scripts, by their digests, and no connection at all.
+A recording's content enters the page in only two ways: as text, escaped by Jinja's autoescaping, and as
+JSON in a script block that is not run, with every ``<`` escaped. The content security policy allows the
+page's own scripts, by their digests, and no connections.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def render(report: Report) -> str:
         data=htmlsafe_json_dumps(report.data, allow_nan=False, separators=(",", ":")),
         labels=INPUT_LABELS,
         policy=_policy(scripts),
-        # Our own files, not the recording's words: the only text that is not escaped.
+        # Our own files, nothing from the recording: the only text that is not escaped.
         style=Markup((assets / "style.css").read_text(encoding="utf-8")),
         scripts=[Markup(script) for script in scripts],
     )
@@ -58,14 +58,14 @@ def write(report: Report, path: Path) -> int:
 
 
 def _inline(script: str) -> str:
-    """Return a script that its own text cannot end early."""
+    """Return a script whose text cannot end its script block early."""
     return script.replace("</script", r"<\/script").replace("<!--", r"<\!--")
 
 
 def _policy(scripts: list[str]) -> str:
     digests = (hashlib.sha256(script.encode("utf-8")).digest() for script in scripts)
     sources = " ".join(f"'sha256-{base64.b64encode(d).decode('ascii')}'" for d in digests)
-    # Plotly sets styles on what it draws, and exports pictures by data and blob URLs.
+    # Plotly sets inline styles, and exports pictures by data and blob URLs.
     return (
         f"default-src 'none'; script-src {sources}; style-src 'unsafe-inline'; "
         "img-src data: blob:; base-uri 'none'; form-action 'none'"

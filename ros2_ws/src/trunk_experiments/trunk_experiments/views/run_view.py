@@ -1,4 +1,4 @@
-"""`RunView`: what pictures, comparisons and reports show of a recorded run, read once."""
+"""`RunView`: what plots, comparisons and reports show of a recorded run, read once."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from trunk_msgs_util.parameters.declarations import Value
     from trunk_msgs_util.recording.joint_arrays import Floats, Integers, JointArrays
 
-_TURNS_IN_TITLE = 4  # more of them are not spelled out
+_TURNS_IN_TITLE = 4  # more are not spelled out
 
 
 class Pulse(NamedTuple):
@@ -44,15 +44,15 @@ class Pulse(NamedTuple):
 
 @dataclass(frozen=True)
 class RunView:
-    """A recorded run. A configuration is None where it was not recorded or cannot be used.
+    """A recorded run. A configuration is None if it was not recorded or cannot be used.
 
-    Of several controllers that took turns, ``controller`` is the one whose inference can be shown, else
-    the one with most updates; ``controllers`` has all whose parameters are known.
+    If several controllers took turns, ``controller`` is the one whose inference can be shown, or else
+    the one with the most updates; ``controllers`` has all whose parameters are known.
     """
 
     recording: Recording
     table: RunTable
-    terms: JointArrays  # of ~/state, by stamp; empty where there is none
+    terms: JointArrays  # of ~/state, by stamp; empty if there is none
     disturbances: JointArrays  # by stamp
     controller_name: str | None
     controller: ControllerConfig | None
@@ -65,9 +65,9 @@ class RunView:
 
     @classmethod
     def read(cls, recording: Recording) -> RunView:
-        """Return what can be shown of a recording; what cannot is said in ``warnings``.
+        """Return what can be shown of a recording; ``warnings`` lists what cannot.
 
-        Raises RecordingError where there are no true states.
+        Raises RecordingError if there are no true states.
         """
         run = RecordedRun(recording)
         warnings = list(recording.warnings)
@@ -148,7 +148,7 @@ class RunView:
 
 
 def _in_words(name: str, config: ControllerConfig | None) -> str:
-    """Return a controller's label, and what its law says of its configuration: ``PID (60, 36, 9)``."""
+    """Return a controller's label with its law's note on the configuration: ``PID (60, 36, 9)``."""
     if name not in CONTROLLERS:
         return name
     law = law_named(name)
@@ -157,7 +157,7 @@ def _in_words(name: str, config: ControllerConfig | None) -> str:
 
 
 def _pulses(run: RecordedRun, stamps: Integers) -> list[Pulse]:
-    """Return the windows of the recorded stamps in which a pulse acted, changes of parameters and all."""
+    """Return the windows of stamps in which a pulse acted, with parameter changes applied."""
     timeline = run.timeline("disturbance")
     signals = timeline.config.signals
     found: list[Pulse] = []
@@ -181,9 +181,9 @@ def _pulses(run: RecordedRun, stamps: Integers) -> list[Pulse]:
 
 
 def labels(views: Sequence[RunView], name: Callable[[RunView], str] | None = None) -> list[str]:
-    """Return one distinct name per run: the file's, with as much of its path, or a number, as it takes.
+    """Return one distinct name per run: the file's, plus as much of its path, or a number, as needed.
 
-    ``name`` gives the names to begin with.
+    ``name`` gives the names to start from.
     """
     names = [name(view) if name else view.path.stem for view in views]
     if name is None and len(set(names)) < len(names):
@@ -201,9 +201,9 @@ def same_pulses(views: Sequence[RunView]) -> list[Pulse]:
 
 
 def off_scale(values: Floats) -> float | None:
-    """Return a half-range that shows all but short spikes, None where the whole fits.
+    """Return a half-range that shows all but short spikes; None if everything fits.
 
-    A derivative of a step makes peaks a hundred times what surrounds them; an axis that holds them
+    The derivative of a step makes peaks a hundred times their surroundings; an axis that holds them
     shows nothing else.
     """
     finite = np.abs(values[np.isfinite(values)])

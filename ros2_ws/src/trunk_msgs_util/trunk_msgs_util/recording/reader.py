@@ -154,7 +154,7 @@ class Recording:
         return self._sound and self.end is not None and self.end.get("complete") == "true"
 
     def altered_topics(self) -> list[str]:
-        """Return the topics whose messages are not those that the recorder wrote, by its digests."""
+        """Return the topics whose messages differ from what the recorder wrote, by its digests."""
         found = {topic: hashlib.blake2b(digest_size=16) for topic in self.digests}
         for block in self.blocks(self.digests):
             for topic, messages in block.items():
