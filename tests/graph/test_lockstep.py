@@ -86,7 +86,7 @@ def test_incommensurate_rate_is_refused_by_the_run(children: Children, tmp_path:
     )
     assert run.wait() == 2
     (line,) = run.stderr.splitlines()
-    assert "update_rate 300 Hz is no integer divisor of the simulator's 1000 Hz" in line
+    assert "update_rate 300 Hz is not an integer divisor of the simulator's 1000 Hz" in line
     assert not (tmp_path / "refused").exists()
 
 

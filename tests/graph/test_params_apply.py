@@ -105,7 +105,7 @@ def test_mistakes_are_told_in_one_line(
         (("spare", "pid_as_printed"), 2, ("pid_as_printed.yaml: nothing for /spare in it",)),
         (("spare", "absent.yaml"), 2, ("no parameter file 'absent.yaml'",)),
         (("spare", misspelt), 2, ("misspelt.yaml: spare: ", "did you mean 'gains.p'?")),
-        (("spare", mixed), 1, ("'reference.times': [1.0, 'two'] is no value",)),
+        (("spare", mixed), 1, ("'reference.times': [1.0, 'two'] cannot be the value",)),
     ):
         found, said, (line,) = apply(*arguments)
         assert (found, said) == (code, []), line

@@ -15,7 +15,7 @@ from launch import LaunchDescription
 def generate_launch_description() -> LaunchDescription:
     files = Path(get_package_share_directory("trunk_experiments")) / "ros2_control"
     description = {"robot_description": (files / "trunk.urdf").read_text(encoding="utf-8")}
-    # Everything goes by the plant's clock: a command's stamp is then that of the newest state.
+    # Everything uses the plant's clock: a command's stamp is then that of the latest state.
     plant_time = {"use_sim_time": True}
     return LaunchDescription(
         [
@@ -43,7 +43,7 @@ def generate_launch_description() -> LaunchDescription:
                 arguments=["pid_controller", "--param-file", str(files / "controllers.yaml")],
                 output="screen",
             ),
-            # Last: where one of the others is not installed, nothing has been started yet.
+            # Last: if one of the others is not installed, nothing has been started yet.
             Node(
                 package="trunk_sim",
                 executable="simulator",

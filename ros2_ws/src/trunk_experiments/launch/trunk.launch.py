@@ -17,7 +17,7 @@ from trunk_experiments.runs.graph import RunFiles
 
 
 class OrderlyEnd:
-    """Ends the set in order once one node has ended; a node that failed makes the launch fail."""
+    """Stops the set in order once one node has ended; a failed node makes the launch fail."""
 
     def __init__(self, names: list[str]) -> None:
         self.actions: dict[str, Node] = {}
@@ -75,7 +75,7 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     ]
     said = [LogInfo(msg=f"warning: {text}") for text in plan.warnings]
     said.append(LogInfo(msg=f"recording: {files.recording}"))
-    # Viewers first: where RViz is not installed, nothing has been started yet.
+    # Viewers first: if RViz is not installed, nothing has been started yet.
     return [*said, *shown, *end.actions.values()]
 
 

@@ -85,7 +85,7 @@ def test_time_that_was_lost_must_have_been_counted(record):
     assert soak.problems_of_steps(found, {soak.OVERDUE: 600}, 0.005) == []
     (line,) = soak.problems_of_steps(found, {soak.OVERDUE: 300}, 0.005)
     assert "3.0 s longer" in line
-    assert "make 1.5 s" in line
+    assert "explain 1.5 s" in line
 
 
 @pytest.mark.parametrize(("slope", "grows"), [(0, False), (100, False), (2000, True)])

@@ -95,11 +95,11 @@ MISTAKES = {
     ),
     "rates that do not fit": (
         vary("parameter: controller.update_rate, values: [700]", HEAD + "rate: 1000\n"),
-        "700 Hz is no integer divisor of the simulator's 1000 Hz",
+        "700 Hz is not an integer divisor of the simulator's 1000 Hz",
     ),
     "reserved name": (
         HEAD + DELAY.replace("delay:", "draw:"),
-        "vary.draw: is no name for a column",
+        "vary.draw: is not a column name",
     ),
     "mixed": (
         vary("parameter: simulator.hip.mode, values: [passive, 2]"),

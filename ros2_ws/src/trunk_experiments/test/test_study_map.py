@@ -75,7 +75,7 @@ def test_what_cannot_be_drawn_is_told(path, tmp_path):
     with pytest.raises(StudyError, match="'status' holds no numbers"):
         panels(results, "status", ("delay", "gain"), False)
     (tmp_path / "text.parquet").write_text("no parquet")
-    with pytest.raises(StudyError, match="no Parquet file"):
+    with pytest.raises(StudyError, match="not a Parquet file"):
         Results.read(tmp_path / "text.parquet")
     pq.write_table(pa.table({"a": [1]}), tmp_path / "other.parquet")
     with pytest.raises(StudyError, match="not written by trunk sweep"):
@@ -98,7 +98,7 @@ def test_results_that_are_damaged_are_one_line(path, tmp_path):
             Results.read(_changed(path, target, {b"grid": grid}))
     with pytest.raises(StudyError, match=r"changed\.parquet: there are no runs in it"):
         Results.read(_changed(path, target, rows=slice(0)))
-    with pytest.raises(StudyError, match="'pid' and 'fuzzy_pid' did not meet the same draws"):
+    with pytest.raises(StudyError, match="'pid' and 'fuzzy_pid' do not have the same draws"):
         compare_study(Results.read(_changed(path, target, rows=slice(-1))))
     with pytest.raises(StudyError, match="there is no such file"):
         Results.read(tmp_path / "nix.parquet")

@@ -143,7 +143,7 @@ def test_the_code_that_makes_a_rows_plan_is_in_the_sources():
 
 def test_a_file_in_place_of_the_folder_is_refused(study, tmp_path):
     (tmp_path / "out.parquet.blocks").write_text("mine")
-    with pytest.raises(StudyError, match=r"out\.parquet\.blocks: is no folder"):
+    with pytest.raises(StudyError, match=r"out\.parquet\.blocks: not a folder"):
         Sweep(study, tmp_path / "out.parquet").check()
 
 

@@ -1,4 +1,4 @@
 """Scenarios, offline runs, graph runs and everything behind the ``trunk`` command.
 
-Contract: only ``*_node.py`` imports ROS; every offline verb works where ROS is not installed.
+Contract: only ``*_node.py`` imports ROS; every offline verb works without ROS installed.
 """

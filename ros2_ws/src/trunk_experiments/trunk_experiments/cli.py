@@ -10,21 +10,21 @@ import click
 
 from trunk_msgs_util.errors import EXIT_USAGE, TrunkError
 
-# Verb: module of `commands` that holds it, and one line for the overview (which thus imports nothing).
+# Verb: its module in `commands`, and one line for the overview (which thus imports nothing).
 _VERBS = {
     "run": ("run", "Run a scenario in the ROS 2 graph and record it."),
-    "simulate": ("simulate", "Run a scenario without ROS, by the same functions."),
+    "simulate": ("simulate", "Run a scenario without ROS, with the same functions."),
     "plan": ("plan", "Write a run's parameter file, to start its nodes elsewhere."),
     "metrics": ("metrics", "Print a recorded run's metrics."),
-    "report": ("report", "Write recorded runs as one HTML page to look at."),
+    "report": ("report", "Write recorded runs as one HTML page."),
     "compare": ("compare", "Compare recorded runs side by side."),
-    "explain": ("explain", "Say why a run had this torque at this instant."),
+    "explain": ("explain", "Explain why a run had this torque at this instant."),
     "plot": ("plot", "Draw recorded runs as PNG, SVG or PDF."),
-    "diff": ("diff", "Say where two recorded runs part, bit by bit."),
-    "verify": ("verify", "Recompute a recorded run from itself."),
-    "info": ("info", "Say what is in a recording."),
-    "doctor": ("doctor", "Say what is wrong with a recording, and where."),
-    "recover": ("recover", "Write a whole file out of a broken one."),
+    "diff": ("diff", "Find where two recorded runs diverge, bit by bit."),
+    "verify": ("verify", "Recompute a recorded run from its own data."),
+    "info": ("info", "Show what is in a recording."),
+    "doctor": ("doctor", "Report what is wrong with a recording, and where."),
+    "recover": ("recover", "Write a valid file from a broken one."),
     "export": ("export", "Write a recorded run as CSV, Parquet, npz or a smaller MCAP."),
     "params": ("params", "List every parameter that the nodes declare; change a running node's."),
     "sweep": ("sweep", "Run a study: grids and draws over any parameter, compiled."),
@@ -34,19 +34,19 @@ _VERBS = {
     "bench": ("bench", "Measure speed, as ratios in one run."),
 }
 
-_ELSEWHERE = ": give a place that can be written to"
+_ELSEWHERE = ": give a writable place"
 _ADVICE = {
     errno.ENOSPC: ": free some space, or give another place",
     errno.EDQUOT: ": free some space, or give another place",
     errno.EROFS: _ELSEWHERE,
     errno.EACCES: _ELSEWHERE,
     errno.EPERM: _ELSEWHERE,
-    errno.ENOTDIR: ": a part of this path is a file; give another place",
+    errno.ENOTDIR: ": part of this path is a file; give another place",
 }
 
 
 class _Lazy(click.Group):
-    """A group that imports a verb's module when it is called."""
+    """A group that imports a verb's module only when it is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(_VERBS)
@@ -71,7 +71,7 @@ def trunk() -> None:
 def main() -> None:
     """Run the command; a user's mistake is one line on stderr, never a traceback."""
     try:
-        code = trunk(standalone_mode=False)  # what a verb gave to ctx.exit comes back as a value
+        code = trunk(standalone_mode=False)  # what a verb passes to ctx.exit comes back as a value
         sys.exit(code if isinstance(code, int) else 0)
     except click.exceptions.Exit as stop:
         sys.exit(stop.exit_code)
@@ -81,7 +81,7 @@ def main() -> None:
     except (click.Abort, KeyboardInterrupt):
         sys.exit("interrupted")
     except BrokenPipeError:
-        sys.stderr.close()  # the reader of a pipe went away: nothing more to say
+        sys.stderr.close()  # the reader of the pipe is gone: nothing more to print
         sys.exit(1)
     except TrunkError as error:
         sys.exit(_say(error, error.exit_code))

@@ -1,13 +1,13 @@
-"""Pure functions compiled by numba, as they stand: nothing is written twice.
+"""Pure functions compiled by numba unchanged: nothing is written twice.
 
-numba lets a function of ours be called from compiled code once it is registered (`register_jitable`):
+numba lets compiled code call a plain function once it is registered (`register_jitable`):
 CPython still runs the function itself, compiled code its translation. `compiled` registers a function
-and every function of this project that it calls, found through its global names and, for a function that
-a factory has built, its closure; then it compiles it. A law is handed to such a factory as an argument.
+and every function of this project that it calls, found through its global names and, for a function
+built by a factory, its closure; then it compiles it. A law is passed to such a factory as an argument.
 
 Compiled code gives the bits of CPython: no fast-math, no fused multiply-add, sines from the same C library.
-What differs is how a division by zero shows: inf or NaN where CPython raises; the pure functions divide by
-nothing that can be zero.
+Only a division by zero differs: inf or NaN where CPython raises; the pure functions never divide by
+anything that can be zero.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from numba.extending import register_jitable
 from trunk_sim.step import Plant
 
 _OURS = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
-# Without numba's count of references (_nrt): to keep it for the arrays in the named tuples that pass from
-# function to function took half of a run's time. So compiled code uses the arrays that it is given, which
-# the caller keeps alive, and makes none: numba refuses a function that does.
+# Without numba's reference counting (_nrt): for the arrays in the named tuples that pass from function to
+# function it took half of a run's time. So compiled code uses the arrays that it is given, which
+# the caller keeps alive, and creates none: numba refuses a function that does.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "_nrt": False}
 _registered: set[FunctionType] = set()
 
@@ -39,10 +39,10 @@ Record = TypeVar("Record")
 
 
 def compiled(function: Function) -> Function:
-    """Return a function's compiled twin; it compiles at its first call, or comes from disk.
+    """Return a function's compiled twin; it is compiled on the first call, or loaded from disk.
 
-    The machine code is kept in `cache_folder`, under the fingerprint of all sources that it is made of:
-    numba's own cache looks at the age of one source file only. Where no folder can be written, nothing
+    The machine code is kept in `cache_folder`, under a fingerprint of all its sources:
+    numba's own cache checks the age of one source file only. If no folder is writable, nothing
     is kept.
     """
     for callee in _reached(function):
@@ -63,8 +63,8 @@ def compiled(function: Function) -> Function:
 
 
 def fingerprint(function: Callable[..., Any]) -> str:
-    """Return a hash of the source files that a twin is made of and of numba's version."""
-    names = {Path(__file__)}  # the options are a part of it
+    """Return a hash of a twin's source files and of numba's version."""
+    names = {Path(__file__)}  # the options are part of it
     names |= {Path(reached.__code__.co_filename) for reached in _reached(function)}
     digest = hashlib.sha256(version("numba").encode())
     for path in sorted(names, key=lambda path: (path.name, str(path))):
@@ -112,9 +112,9 @@ _INTEGERS = {"pulse_starts", "times", "turns_ns"}  # fields of ns
 
 
 def with_arrays(record: Record) -> Record:
-    """Return a named tuple with its tuples as arrays, so that their lengths are no part of its type.
+    """Return a named tuple with its tuples as arrays, so that its type does not include their lengths.
 
-    The named tuples in it are treated likewise; what is no named tuple is returned as it is.
+    Nested named tuples are treated likewise; anything else is returned unchanged.
     """
     if not hasattr(record, "_fields"):
         return record
@@ -129,9 +129,9 @@ def with_arrays(record: Record) -> Record:
 
 
 def pruned(plant: Plant) -> Plant:
-    """Return a plant whose False flags are None: their branches are known, and gone, once compiled.
+    """Return a plant whose False flags are None, so that the compiler removes their branches.
 
-    A third of a run's time goes with them, for a sine and a cosine of one angle are then computed together.
+    That saves a third of a run's time: sine and cosine of one angle are then computed together.
     """
     body: Any = plant.body
     return plant._replace(

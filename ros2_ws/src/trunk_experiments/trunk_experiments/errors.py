@@ -1,4 +1,4 @@
-"""What can go wrong in an experiment; the exit code stands on the class."""
+"""What can go wrong in an experiment; the exit code is on the class."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
 
 
 class PlanError(TrunkError):
-    """A run that cannot be: what is wrong, its value, what is allowed."""
+    """A run that is not possible: what is wrong, its value, what is allowed."""
 
 
 class TuningError(PlanError):
-    """A tuning that cannot be: why, and what to give instead."""
+    """A tuning that is not possible: why, and what to give instead."""
 
 
 class StudyError(PlanError):
@@ -20,7 +20,7 @@ class StudyError(PlanError):
 
 
 class DrawError(TrunkError):
-    """Numbers that make no distribution."""
+    """Numbers that do not make a distribution."""
 
 
 class ExecutableError(TrunkError):
@@ -28,11 +28,11 @@ class ExecutableError(TrunkError):
 
 
 class BenchError(TrunkError):
-    """A library is missing, or does not compute what we compute."""
+    """A library is missing, or its results differ from ours."""
 
 
 class RunError(TrunkError):
-    """A run that ended otherwise than it should: who, why."""
+    """A run that did not end as it should: who, why."""
 
     exit_code: ClassVar[int] = EXIT_FAILED
 
@@ -42,10 +42,10 @@ class SweepError(RunError):
 
 
 class BenchRunError(RunError):
-    """A process of a benchmark that did not do its part."""
+    """A process of a benchmark that failed."""
 
 
 class LiveParametersError(TrunkError):
-    """A running node that is not there, does not answer, or refuses."""
+    """A running node that is missing, does not answer, or refuses."""
 
     exit_code: ClassVar[int] = EXIT_FAILED

@@ -1,4 +1,4 @@
-"""The executables: what `ros2 run` and a shell start, orderly to end from their first moment on."""
+"""The executables that `ros2 run` and a shell start; they end cleanly on a signal at any time."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ markers = early_signals.node("trunk_experiments.views.markers_node")
 
 
 class _Interrupted(BaseException):
-    """Unwinds a verb, so that it leaves nothing half done behind; no ``except Exception`` stops it."""
+    """Unwinds a verb, so that it leaves nothing half done; no ``except Exception`` stops it."""
 
     def __init__(self, number: int) -> None:
         self.number = number
 
 
 def _unwind(number: int) -> None:
-    early_signals.end_by(_end)  # whoever asks twice does not want to wait
+    early_signals.end_by(_end)  # a second signal: do not wait
     raise _Interrupted(number)
 
 
@@ -30,7 +30,7 @@ def _end(number: int) -> None:
 
 
 def trunk() -> None:
-    """Run the ``trunk`` command; Ctrl-C or SIGTERM at any instant is one line, and code 130 or 143."""
+    """Run the ``trunk`` command; Ctrl-C or SIGTERM at any time gives one line and code 130 or 143."""
     early_signals.end_by(_end)
     from .cli import main
 

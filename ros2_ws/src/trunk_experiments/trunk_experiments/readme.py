@@ -1,4 +1,4 @@
-"""Generated tables of README.md and docs/recording.md; ``scripts/update_readme.sh`` puts them in."""
+"""Generated tables of README.md and docs/recording.md; ``scripts/update_readme.sh`` inserts them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def topics_table() -> str:
 
 def events_table() -> str:
     """Return the events of ``run/events`` as a Markdown table."""
-    lines = ["| event | said by | values | what |", "|---|---|---|---|"]
+    lines = ["| event | sent by | values | meaning |", "|---|---|---|---|"]
     lines += [
         f"| {event} | {event.said_by} | {', '.join(event.carries)} | {event.meaning} |"
         for event in Event
@@ -63,7 +63,7 @@ _SECTIONS = {
 
 
 def refreshed(text: str) -> str:
-    """Return a page's text with its generated sections made anew."""
+    """Return a page's text with its generated sections regenerated."""
     return _SECTION.sub(lambda m: f"{m[1]}{_SECTIONS[m[2]]()}\n{m[3]}", text)
 
 

@@ -1,1 +1,1 @@
-"""Many runs: the closed loop compiled."""
+"""Many runs, with the compiled closed loop."""

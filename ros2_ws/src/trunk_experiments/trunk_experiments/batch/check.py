@@ -1,4 +1,4 @@
-"""Random runs, stepped by CPython and by compiled code: whether every number has the same bits."""
+"""Compares random runs in CPython and in compiled code, bit by bit."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from .closed_loop import Batch, Outcome
 
 
 def first_difference(plan: RunPlan, batch: Batch) -> str | None:
-    """Return where compiled and interpreted runs of a plan part, None where all bits are equal.
+    """Return where compiled and interpreted runs of a plan diverge; None if all bits are equal.
 
-    A plan that both refuse, in the same words, makes no difference.
+    A plan that both refuse with the same message counts as equal.
     """
     try:
         outcome = batch.run(plan)

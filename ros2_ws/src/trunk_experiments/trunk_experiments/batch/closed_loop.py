@@ -1,7 +1,7 @@
-"""One closed-loop run as one loop over pure functions: compiled for batches, the bits of `offline.steps`.
+"""One closed-loop run as one loop over pure functions, compiled for batches; same bits as `offline.steps`.
 
-The loop composes `sense`, `decide` and `act`, which the nodes run, and holds no arithmetic of its own. It is
-ordinary Python as well, so that what numba compiles can be stepped through.
+The loop composes the nodes' `sense`, `decide` and `act` and adds no arithmetic. It is also ordinary Python,
+so that what numba compiles can be stepped through.
 """
 
 from __future__ import annotations
@@ -47,27 +47,27 @@ class Surroundings(NamedTuple):
     plant: Plant
     sensor: SensorParameters
     signals: Signals
-    disturbed: bool  # False: nothing disturbs, whatever ``signals`` says
+    disturbed: bool  # False: nothing disturbs, whatever ``signals`` holds
     delay_steps: int
     period_ns: int
     fall_stop: bool
 
 
 class Participant(NamedTuple):
-    """A controller in the loop: what `decide` takes, and whose motion it reads beside the trunk's."""
+    """A controller in the loop: what `decide` takes, and whose motion it reads besides the trunk's."""
 
     setting: Setting
     constants: Any
     hip: int  # 0: the hip's, 1: the trunk's, -1: none
 
 
-# A list in pairs, ``(first, (second, ()))``: each law's constants are of a type of their own.
+# Nested pairs, ``(first, (second, ()))``: each law's constants have a different type.
 Chain = tuple[Any, ...]
 Decided = tuple[Chain, Answer]
 
 
 def reading_of(stamp_ns: int, measured: Measurement, effort: float, hip: int) -> Reading:
-    """Return a measured state as a controller reads it that takes the hip for this joint."""
+    """Return a measured state as read by a controller that uses this joint as the hip."""
     motion = _STILL
     if hip == 0:
         motion = Hip(measured.x, measured.x_dot)
@@ -77,7 +77,7 @@ def reading_of(stamp_ns: int, measured: Measurement, effort: float, hip: int) ->
 
 
 def decide_by(update: Update, others: Callable[..., Decided] | None) -> Callable[..., Decided]:
-    """Return the function that decides for a law's controller and then for the ``others``.
+    """Return a function that decides for a law's controller and then for the ``others``.
 
     It takes ``(memories, participants, stamp_ns, measured, effort)``, memories and participants as
     `Chain`, and returns the next memories and the answer of the one whose turn it is.
@@ -110,9 +110,9 @@ def loop_of(*updates: Update) -> Callable[..., tuple[int, bool]]:
     """Return the loop of a run with these laws, in the order of its participants.
 
     ``loop(surroundings, memories, participants, noise, out)`` fills ``out`` [ROWS, N + 1] with a run of N
-    steps and returns how many states there are, and True where the plant diverged in the step after the
-    last of them. A run that ends with a fall has fewer than N + 1, too. The columns behind are not
-    written. ``noise`` [N + 1, 2] are standard normal samples, its last row standing for all that follow.
+    steps and returns the number of states, and True if the plant diverged in the step after the
+    last of them. A run that ends with a fall has fewer than N + 1, too. Later columns are not
+    written. ``noise`` [N + 1, 2] are standard normal samples; its last row is used for all that follow.
     """
     decide_all: Callable[..., Decided] | None = None
     for update in reversed(updates):
@@ -169,12 +169,12 @@ def compiled_loop(laws: tuple[str, ...]) -> Callable[..., tuple[int, bool]]:
 
 
 def loops_fingerprint() -> str:
-    """Return a hash of all sources that decide a compiled run's numbers."""
+    """Return a hash of all sources that determine a compiled run's numbers."""
     return "-".join(fingerprint(loop_of(law_named(name).update)) for name in CONTROLLERS)
 
 
 class Outcome(NamedTuple):
-    """A run's table up to the last finite state; ``diverged_at`` [s] is None where all are finite."""
+    """A run's table up to the last finite state; ``diverged_at`` [s] is None if all are finite."""
 
     table: RunTable
     diverged_at: float | None
@@ -185,13 +185,13 @@ class Outcome(NamedTuple):
 
 
 class Batch:
-    """Runs plans one after another in memory that is used again: a result lasts until the next run."""
+    """Runs plans one after another in reused memory: a result lasts until the next run."""
 
     def __init__(self) -> None:
         self._out = np.empty((ROWS, 0))
 
     def run(self, plan: RunPlan) -> Outcome:
-        """Run a plan by compiled code. Raises PlanError for one that a compiled loop cannot model."""
+        """Run a plan in compiled code. Raises PlanError for one that a compiled loop cannot model."""
         check(plan)
         check_turns(plan)
         if plan.changes:
@@ -259,7 +259,7 @@ _NO_NOISE = np.zeros((1, 2))
 
 
 def _noise(plan: RunPlan, states: int) -> Floats:
-    """Return the samples that a NoiseStream yields, or a row of zeros where none is used."""
+    """Return the samples that a NoiseStream yields, or a row of zeros if none is used."""
     sensor = plan.simulator.sensor
     if sensor.position_noise == 0.0 and sensor.velocity_noise == 0.0:
         return _NO_NOISE

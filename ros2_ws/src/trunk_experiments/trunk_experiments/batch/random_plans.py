@@ -1,7 +1,7 @@
-"""Random plans over every declared parameter: what compiled code is compared with CPython on.
+"""Random plans over every declared parameter, for comparing compiled code with CPython.
 
-A value is drawn from its declaration; what a run needs to last a while (masses, limits, times that fall
-into it) is drawn near what it usually is. A new parameter is drawn without a word here.
+A value is drawn from its declaration; what lets a run last a while (masses, limits, times that fall
+into it) is drawn near its usual value. A new parameter needs no change here.
 """
 
 from __future__ import annotations
@@ -26,9 +26,17 @@ from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import Swap, turns_of
 
 STEPS = 250
-_RATES = (60.0, 144.0, 200.0, 333.0, 700.0, 1000.0, 4000.0)  # Hz; of some, periods are no whole ns
+_RATES = (
+    60.0,
+    144.0,
+    200.0,
+    333.0,
+    700.0,
+    1000.0,
+    4000.0,
+)  # Hz; for some the period is not a whole number of ns
 _OFTEN_DEFAULT = 0.4
-# Who acts, in turns; few of many orders, for each is compiled on its own.
+# Who acts, in turns; only a few orders, because each is compiled separately.
 _PARTIES: tuple[tuple[str, ...], ...] = (
     *((name,) for name in CONTROLLERS),
     *((name,) for name in CONTROLLERS),
@@ -46,7 +54,7 @@ class _Draw:
         return values[int(self.rng.integers(len(values)))]
 
     def one(self, d: Declaration, near: float) -> Any:
-        """Return one allowed element, at the size of ``near``."""
+        """Return one allowed element, of about the size of ``near``."""
         kind = d.kind.removesuffix(" array")
         if d.choices:
             return self.pick(*d.choices)
@@ -65,7 +73,7 @@ class _Draw:
         return float(np.clip(self.rng.uniform(-2.0, 2.0) * size, low, high))
 
     def value(self, d: Declaration) -> Value:
-        """Return an allowed value of a parameter; most often another than the default."""
+        """Return an allowed value of a parameter, usually not the default."""
         if self.rng.random() < _OFTEN_DEFAULT:
             return d.default
         if not d.kind.endswith("array"):
@@ -84,7 +92,7 @@ class _Draw:
         return tuple(sorted(drawn) if ascend else drawn)
 
     def config(self, node: str, **given: Any) -> Any:
-        """Return a node's configuration; what does not fit the rest takes its default."""
+        """Return a node's configuration; a value that does not fit the rest gets its default."""
         declared = declarations(NODES[node].config)
         values = {name: self.value(d) for name, d in declared.items()}
         values["autostart"] = bool(self.rng.random() > 0.02)
@@ -101,7 +109,7 @@ class _Draw:
 
 
 def random_plan(index: int) -> RunPlan:
-    """Return the index-th random plan: some diverge, some fall, in some controllers take over."""
+    """Return the index-th random plan: some diverge, some fall, some hand over between controllers."""
     rng = np.random.default_rng([1963, index])
     rate = float(rng.choice(_RATES))
     draw = _Draw(rng, STEPS / rate)
@@ -129,7 +137,7 @@ def random_plan(index: int) -> RunPlan:
 
 
 def _simulator(draw: _Draw, rate: float) -> dict[str, Value]:
-    """Return the values that keep a run in bounds, or that must fit one another."""
+    """Return the values that keep a run in bounds, or that depend on one another."""
     printed = draw.rng.random() < 0.1
     values: dict[str, Value] = {
         "update_rate": rate,

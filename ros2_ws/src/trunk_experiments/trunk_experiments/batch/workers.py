@@ -1,4 +1,4 @@
-"""Processes that share work on this machine: they end with their parent, and get work as they need it."""
+"""Worker processes on this machine: they end with their parent, and get work as they need it."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from trunk_msgs_util.node import early_signals
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-IN_FLIGHT = 3  # tasks per process: one at work, and the next ones at hand when it is done
+IN_FLIGHT = 3  # tasks per process: one running, the others ready to follow
 
 
 def worker_pool(count: int) -> Executor:
     """Return a pool whose processes end with this one, even when it is killed."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of each worker: there is one per core
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # per worker: there is one worker per core
     return _Pool(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
 
 
 def as_completed_bounded(
     pool: Executor, function: Callable[[Item], Result], items: Iterable[Item], limit: int
 ) -> Iterator[Result]:
-    """Yield ``function`` of each item, in the order in which they are done.
+    """Yield ``function`` of each item, in order of completion.
 
-    At most ``limit`` items are with the pool at a time: more are taken as results come. Raises what the
-    function raises, and BrokenProcessPool where a process died. The pool is shut down at the end.
+    At most ``limit`` items are in the pool at a time: more are added as results arrive. Raises what the
+    function raises, and BrokenProcessPool if a process died. The pool is shut down at the end.
     """
     waiting: set[Future[Result]] = set()
     items = iter(items)
@@ -49,10 +49,10 @@ def as_completed_bounded(
 
 
 class _Pool(ProcessPoolExecutor):
-    """Ctrl-C is for the parent to handle: a worker hit while importing would print a traceback."""
+    """Leave Ctrl-C to the parent: a worker hit while importing would print a traceback."""
 
     def submit(self, *arguments: Any, **named: Any) -> Future[Any]:
-        """Submit; a worker that this starts begins with the signals held back."""
+        """Submit; a worker started by this begins with the signals blocked."""
         with early_signals.held():
             return super().submit(*arguments, **named)
 

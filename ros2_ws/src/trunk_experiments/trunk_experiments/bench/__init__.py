@@ -1,1 +1,1 @@
-"""Speed, as ratios in one run, and what a long run must show."""
+"""Benchmarks as ratios measured in one run, and the checks of a long run."""

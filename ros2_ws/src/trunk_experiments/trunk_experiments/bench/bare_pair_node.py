@@ -1,7 +1,7 @@
-"""Bare pairs of rclpy processes that echo the messages of a loop and do nothing else.
+"""Bare pairs of rclpy processes that only echo the messages of a loop.
 
 The yardsticks of ``trunk bench lockstep`` (``ping`` and ``echo``) and ``trunk bench realtime`` (``timer`` and
-``answer``): what a round trip costs before there is any plant or controller.
+``answer``): the cost of a round trip without any plant or controller.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def ping(trips: int) -> None:
     node.create_subscription(JointState, topics.EFFORT_COMMAND, on_answer, 10)
     while not (measured.get_subscription_count() and node.count_publishers(topics.EFFORT_COMMAND)):
         rclpy.spin_once(node, timeout_sec=0.05)
-    while done == 0:  # until the other side has matched us too
+    while done == 0:  # until the other side is matched too
         publish()
         rclpy.spin_once(node, timeout_sec=0.2)
     executor = rclpy.get_global_executor()
@@ -74,7 +74,7 @@ def echo() -> None:
 
 
 def timer(rate: float) -> None:
-    """Publish a state ``rate`` times a second by a steady timer, until told to stop."""
+    """Publish a state ``rate`` times a second from a steady timer, until told to stop."""
     node = Node("bare_timer")
     states = node.create_publisher(JointState, topics.JOINT_STATES, 10)
     message = sample_to_ros(_JOINTS)
@@ -88,7 +88,7 @@ def timer(rate: float) -> None:
 
 
 def answer() -> None:
-    """Publish each state that comes as the command that answers it, until told to stop."""
+    """Publish each received state back as its command, until told to stop."""
     node = Node("bare_answer")
     command = node.create_publisher(JointState, topics.EFFORT_COMMAND, 10)
     node.create_subscription(JointState, topics.JOINT_STATES, command.publish, 10)

@@ -1,8 +1,8 @@
 """The core against public libraries, side by side in one run: fuzzy inference and the PID update.
 
-Times depend on the machine; what is compared are ratios of times taken in turns, in one process.
-The libraries are optional and are imported here alone (pyfuzzylite is GPL-3.0); each must give our
-results first.
+Times depend on the machine, so ratios are compared, of times taken alternately in one process.
+The libraries are optional and imported only here (pyfuzzylite is GPL-3.0); each must first give our
+results.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ PID_TOLERANCE = 1e-9  # N m, after 200 updates
 _DT = 0.005  # s
 _LIMIT = 100.0  # N m
 _GAINS = Gains(60.0, 100.0, 9.0)
-# What simple-pid does: derivative on the measurement, integral term and command clamped alike.
+# As in simple-pid: derivative on the measurement, integral term and command with the same limits.
 _LAW = PidLaw(DERIVATIVE_ON_MEASUREMENT, 0.0, -_LIMIT, _LIMIT, -_LIMIT, _LIMIT)
 
-Batch = Callable[[], int]  # does some calls and returns how many
+Batch = Callable[[], int]  # makes some calls and returns how many
 
 
 @dataclass(frozen=True)
@@ -45,15 +45,15 @@ class BenchRow:
     name: str
     ours_s: float  # one call
     theirs_s: float  # one call
-    ratio: float  # of the two times, the way round that the name says
-    goal: str  # for people; empty: for information
+    ratio: float  # of the two times, in the order that the name gives
+    goal: str  # as text; empty: for information only
     met: bool | None
 
 
 def bench_core(rounds: int = 9) -> list[BenchRow]:
     """Return the comparisons: fuzzy inference, PID update and, for information, Fuzzy-PID update.
 
-    Raises BenchError where a library is missing or disagrees with us.
+    Raises BenchError if a library is missing or its results differ from ours.
     """
     if rounds < 1:
         raise ValueError(f"rounds must be 1 or greater, not {rounds!r}")
@@ -114,7 +114,7 @@ def library(module: str, package: str, requirements: str) -> Any:
 
 
 def _measure(batches: Mapping[str, Batch], rounds: int) -> dict[str, list[float]]:
-    """Return each batch's seconds per call, round by round, the order rotated by one each round."""
+    """Return each batch's seconds per call, round by round; the order rotates by one each round."""
     names = list(batches)
     times: dict[str, list[float]] = {name: [] for name in names}
     collecting = gc.isenabled()
@@ -135,7 +135,7 @@ def _measure(batches: Mapping[str, Batch], rounds: int) -> dict[str, list[float]
 
 
 def _inputs(config: FuzzyPidConfig, count: int, seed: int) -> list[tuple[float, float]]:
-    """Return random (e, e_dot), one in ten or so beyond the universe."""
+    """Return random (e, e_dot), about one in ten beyond the universe."""
     random = Random(seed)
     error, rate = 1.05 * config.error_range, 1.05 * config.rate_range
     return [(random.uniform(-error, error), random.uniform(-rate, rate)) for _ in range(count)]
@@ -155,7 +155,7 @@ def _infer_batch(config: FuzzyPidConfig) -> Batch:
 
 
 def _fuzzylite_batch(fuzzylite: Any, config: FuzzyPidConfig) -> Batch:
-    """Return the batch of `_infer_batch` by pyfuzzylite, seen first to give the same outputs."""
+    """Return the batch of `_infer_batch` by pyfuzzylite, once it has given the same outputs."""
     engine = _fuzzylite_engine(fuzzylite, config)
     error_input, rate_input = engine.input_variables
 
@@ -254,7 +254,7 @@ def _pid_batch() -> Batch:
 
 
 def _simple_pid_batch(simple_pid: Any) -> Batch:
-    """Return the batch of `_pid_batch` by simple-pid, once it is seen to give the same commands."""
+    """Return the batch of `_pid_batch` by simple-pid, once it has given the same commands."""
     pid = simple_pid.PID(*_GAINS, setpoint=0.0, sample_time=None, output_limits=(-_LIMIT, _LIMIT))
     measurements = _measurements()
     state = PidState()

@@ -67,7 +67,7 @@ def _graph(plan: RunPlan, names: tuple[str, ...]) -> Way:
 def bench_lockstep(rounds: int = 5, steps: int = 5000) -> list[LockstepRow]:
     """Measure each way ``rounds`` times in turn; the medians make the ratios.
 
-    Raises BenchRunError where a process does not finish.
+    Raises BenchRunError if a process does not finish.
     """
     pair = "trunk_experiments"
     quiet, full = _plan(False, False, steps), _plan(True, True, steps)

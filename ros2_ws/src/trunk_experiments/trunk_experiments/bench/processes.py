@@ -1,4 +1,4 @@
-"""The processes of a benchmark's run: started on one parameter file, and stopped whatever happens."""
+"""The processes of a benchmark run: started with one parameter file, and stopped whatever happens."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..runs.processes import NodeProcess, stop
 
 @dataclass(frozen=True)
 class Way:
-    """A set of processes: (name, package, arguments), in the order of their start."""
+    """A set of processes: (name, package, arguments), in start order."""
 
     processes: tuple[tuple[str, str, tuple[str, ...]], ...]
     plan: RunPlan | None = None

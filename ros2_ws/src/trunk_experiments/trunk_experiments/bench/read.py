@@ -1,8 +1,8 @@
 """Our reader against rosbags' on the same file, side by side in one run; arrays must be equal.
 
 Ours opens the file, checks every checksum and returns arrays of stamps and values; theirs is
-`rosbags.highlevel.AnyReader` with ``deserialize``, which returns a message at a time. Making arrays
-of those is not counted.
+`rosbags.highlevel.AnyReader` with ``deserialize``, which returns one message at a time. Turning those
+into arrays is not counted.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class ReadRow:
 def bench_read(rounds: int = 5, duration: float = 20.0, path: Path | None = None) -> list[ReadRow]:
     """Return the comparison on a recording, or on a simulated run of ``duration`` s.
 
-    Raises BenchError where the arrays are not equal to the last bit.
+    Raises BenchError unless the arrays are equal to the last bit.
     """
     if rounds < 1:
         raise BenchError(f"rounds must be 1 or greater, not {rounds!r}")
@@ -101,7 +101,7 @@ def theirs(path: Path) -> dict[str, list[Any]]:
 
 
 def _agreed(path: Path) -> int:
-    """Return the number of messages. Raises BenchError where the two sides are not equal."""
+    """Return the number of messages. Raises BenchError unless the two sides are equal."""
     arrays, messages = ours(path), theirs(path)
     if arrays.keys() != messages.keys():
         raise BenchError(f"{path}: rosbags reads {sorted(messages)}, we read {sorted(arrays)}")

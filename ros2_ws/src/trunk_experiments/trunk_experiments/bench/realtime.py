@@ -1,12 +1,12 @@
 """Jitter and latency of the loop in real time against a bare pair of rclpy processes, in one run.
 
-The bare pair is what anybody would write: a node with a timer that publishes a JointState, and a second
-one that publishes at once what it has received; rclpy's own executor, reliable topics. Both are measured
-in the same way by the same observer, from the instants at which DDS says that a message was written:
+The bare pair is plain rclpy: a node with a timer that publishes a JointState, and a second one that
+republishes at once what it receives; rclpy's own executor, reliable topics. Both are measured
+in the same way by the same observer, from DDS's source timestamps:
 
-- period: between two states that were written one after the other;
+- period: between two consecutive states;
 - missed steps: periods of the set rate that passed without a state;
-- latency: from the writing of a state to the writing of the answer with its stamp, so the way to the
+- latency: from writing a state to writing the answer with its stamp, so the way to the
   other process, its waking up, and what it does before it answers;
 - processor time of each process, as the operating system counts it, per second.
 """
@@ -69,9 +69,9 @@ class RealtimeRow:
 
 
 def _measure(way: Way, rate: float, seconds: float, folder: Path) -> dict[str, float]:
-    """Run once and return the measures; first in ``way`` who publishes states, then who answers.
+    """Run once and return the measures; ``way`` names the publisher of states first, then the answerer.
 
-    Raises BenchRunError where a process ends early.
+    Raises BenchRunError if a process ends early.
     """
     from ..live.observer_node import Observer
 
@@ -91,7 +91,7 @@ def _observed(
                 raise BenchRunError(f"benchmark: {process.describe_end()}")
 
     deadline = time.monotonic() + _START_S
-    while not all(observer.written_ns.values()):  # of both: each is discovered by itself
+    while not all(observer.written_ns.values()):  # of both: each is discovered separately
         observer.watch(0.2, check)
         if time.monotonic() > deadline:
             raise BenchRunError(
@@ -117,12 +117,12 @@ def timing(
 ) -> dict[str, float]:
     """Return the measures of two streams: stamp -> instant of writing, ns. ``rate`` in Hz.
 
-    Answers to states of before are left out, and so are the last states, which nobody can have answered.
-    Raises BenchRunError where too little came.
+    Answers to earlier states are left out, and so are the last states, which nobody can have answered yet.
+    Raises BenchRunError if there are too few.
     """
     written = np.sort(np.fromiter(states_ns.values(), np.int64))
     if len(written) < 3:
-        raise BenchRunError(f"benchmark: only {len(written)} states came; measure for longer")
+        raise BenchRunError(f"benchmark: only {len(written)} states arrived; measure for longer")
     period = np.diff(written) / 1e9
     deviation = np.abs(period - 1.0 / rate)
     latency = np.array([t - states_ns[s] for s, t in answers_ns.items() if s in states_ns]) / 1e9
@@ -152,9 +152,9 @@ def _graph(controller: str, rate: float, recorded: bool = False) -> Way:
 def bench_realtime(
     rate: float = 1000.0, seconds: float = 10.0, rounds: int = 3
 ) -> list[RealtimeRow]:
-    """Measure each loop at ``rate`` Hz for so long, ``rounds`` times in turn.
+    """Measure each loop at ``rate`` Hz for ``seconds``, ``rounds`` times in turn.
 
-    Raises BenchError for a number that is not allowed, BenchRunError where a process does not do its part.
+    Raises BenchError for a number that is not allowed, BenchRunError if a process fails.
     """
     if rounds < 1:
         raise BenchError(f"rounds must be 1 or greater, not {rounds!r}")

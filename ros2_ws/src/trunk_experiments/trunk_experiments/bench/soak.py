@@ -1,8 +1,8 @@
-"""What a long run in real time must show: memory that does not grow, no missed step that nobody counted.
+"""What a long real-time run must show: memory that does not grow, and every missed step counted.
 
-A step is missed in the sense that it was not driven by the answer to its own state. The record shows it
-without any clock: the torque over a step stands in the next true state, the answer in the command with
-the step's stamp. The simulator counts the same as it happens.
+A step is missed if it was not driven by the answer to its own state. The record shows this
+without any clock: the next true state carries the torque over a step, the command with
+the step's stamp carries the answer. The simulator counts the same as it happens.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ from ..replay.verify import VERIFIED, verify
 
 SETTLED_S = 60.0
 MAX_GROWTH = 0.02
-# The index stands at the end of an MCAP file: until then a recorder holds that of every chunk. With two
-# chunks a second and six topics that was 1.9 kB/s.
+# The index is written at the end of an MCAP file: until then a recorder holds every chunk's entry. With
+# two chunks a second and six topics that was 1.9 kB/s.
 INDEX_BYTES_PER_S = 2000.0
 UNANSWERED, LATE = "states unanswered", "commands late"
 IDLE, OVERDUE = "steps without a fresh command", "deadlines missed"
-# Between two messages' log times lie also the ways of both to the recorder.
+# The difference of two log times includes both messages' way to the recorder.
 _LOG_TOLERANCE_S = 1.0
 
 
 def settled_at(duration_s: float) -> float:
-    """Return from when on memory must be flat: 60 s, in a shorter run its half.
+    """Return the time in s after which memory must be flat: 60 s, or half of a shorter run.
 
-    Publishers keep their last 5000 messages: at 200 Hz a node grows by right for 25 s.
+    Publishers keep their last 5000 messages: at 200 Hz a node is expected to grow for 25 s.
     """
     return min(SETTLED_S, duration_s / 2.0)
 
 
 @dataclass(frozen=True)
 class Growth:
-    """A node's memory in bytes when it had settled, and the most since, a recorder's index apart."""
+    """A node's settled memory in bytes, and its maximum since, without a recorder's index."""
 
     node: str
     settled: float
@@ -50,15 +50,15 @@ class Growth:
 
     @property
     def ratio(self) -> float:
-        """Growth as a part of the settled memory."""
+        """Growth as a fraction of the settled memory."""
         return self.most / self.settled - 1.0
 
 
 def growth(node: str, samples: Sequence[tuple[float, int]], settled_s: float) -> Growth:
-    """Return what became of a node's memory from ``(s, bytes)`` samples in their order.
+    """Return the growth of a node's memory from ``(s, bytes)`` samples in order.
 
-    The settled memory is the median of the first tenth of the samples from ``settled_s`` on. What a
-    recorder's index takes is subtracted. Raises ValueError where there are no such samples.
+    The settled memory is the median of the first tenth of the samples from ``settled_s`` on. The size
+    of a recorder's index is subtracted. Raises ValueError if there are no such samples.
     """
     index = INDEX_BYTES_PER_S if node == "recorder" else 0.0
     later = [size - index * (t - settled_s) for t, size in samples if t >= settled_s]
@@ -69,19 +69,19 @@ def growth(node: str, samples: Sequence[tuple[float, int]], settled_s: float) ->
 
 @dataclass(frozen=True)
 class Steps:
-    """What a record shows of a run's steps."""
+    """What a record shows about a run's steps."""
 
     states: int
     unanswered: int  # states without a command
-    late: int  # steps made before the command that answers their state had come
-    idle: int  # steps after the first torque that were made without any, against their command
+    late: int  # steps made before the command answering their state arrived
+    idle: int  # steps after the first torque made with none, contrary to their command
     lost_s: float  # by how much the wall clock ran ahead of the stamps
 
 
 def steps_of(recording: Recording) -> Steps:
-    """Return what the record of a run in real time shows; its controller answers every state.
+    """Return what the record of a real-time run shows; its controller answers every state.
 
-    Raises ValueError where the run has fewer than two states.
+    Raises ValueError if the run has fewer than two states.
     """
     config: SimulatorConfig = RecordedRun(recording).config("simulator")
     trunk = config.joints[1]
@@ -119,7 +119,7 @@ def problems_of_memory(found: Sequence[Growth]) -> list[str]:
 
 
 def problems_of_steps(found: Steps, counted: Mapping[str, int], period_s: float) -> list[str]:
-    """Return a line for each kind of missed step of which the record shows more than was counted."""
+    """Return a line for each kind of missed step that the record shows more often than counted."""
     problems = []
     shown_by_name = {UNANSWERED: found.unanswered, LATE: found.late, IDLE: found.idle}
     for name, shown in shown_by_name.items():
@@ -131,13 +131,13 @@ def problems_of_steps(found: Steps, counted: Mapping[str, int], period_s: float)
     if found.lost_s > overdue_s + _LOG_TOLERANCE_S:
         problems.append(
             f"the run took {found.lost_s:.1f} s longer than its stamps say, the {OVERDUE} that "
-            f"/diagnostics counted make {overdue_s:.1f} s"
+            f"/diagnostics counted explain {overdue_s:.1f} s"
         )
     return problems
 
 
 def problems_of_file(recording: Recording) -> list[str]:
-    """Return what hinders the file from being a whole, verified run."""
+    """Return what keeps the file from being a whole, verified run."""
     verdict = verify(recording)
     if verdict.exit_code == VERIFIED:
         return []

@@ -1,9 +1,8 @@
 """Compiled closed-loop runs against MuJoCo and scikit-fuzzy in Python loops; how runs and cores scale.
 
-Times depend on the machine; what is compared are ratios of times taken in turns: of the processor's time
-where one process works, of the clock's where two do. The libraries are
-optional and are imported here alone. MuJoCo must first give our motion on a flat path; scikit-fuzzy
-defuzzifies otherwise than we do, so of its gains only the ranges are checked.
+Times depend on the machine, so ratios are compared, of times taken alternately: processor time for one
+process, wall time for two. The libraries are optional and imported only here. MuJoCo must first give our
+motion on a flat path; scikit-fuzzy defuzzifies differently, so only the ranges of its gains are checked.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from .core import BenchRow, library
 
 MUJOCO_GOAL = 40.0
 SCIKIT_GOAL = 10_000.0
-LINEAR_GOAL = 1.15  # at most: cost of a run among many over that among few
+LINEAR_GOAL = 1.15  # at most: cost per run of many over that of few
 CORES_GOAL = 1.8
 MUJOCO_TOLERANCE = 1e-6  # rad, over one second on a flat path
 
@@ -41,7 +40,7 @@ _STEPS = 10_000  # 10 s at 1 kHz
 _SCIKIT_STEPS = 20
 _FEW, _MANY = 20, 80  # runs
 
-# A cart-pole of the trunk's size: masses in one point, no friction, no contacts.
+# A cart-pole of the trunk's size: point masses, no friction, no contacts.
 MJCF = """
 <mujoco>
   <option timestep="0.001" gravity="0 0 -{body.gravity}" integrator="{integrator}">
@@ -65,7 +64,7 @@ MJCF = """
 
 
 def bench_sweep(rounds: int = 3) -> list[BenchRow]:
-    """Return the comparisons. Raises BenchError where a library is missing or disagrees with us."""
+    """Return the comparisons. Raises BenchError if a library is missing or its results differ from ours."""
     if rounds < 1:
         raise ValueError(f"rounds must be 1 or greater, not {rounds!r}")
     mujoco = library("mujoco", "MuJoCo", "--no-deps -r requirements/bench.txt")
@@ -120,7 +119,7 @@ def bench_plan() -> RunPlan:
 
 
 def check_mujoco(mujoco: Any) -> None:
-    """Refuse a MuJoCo whose cart-pole does not move as our plant on a flat path."""
+    """Refuse a MuJoCo whose cart-pole does not move like our plant on a flat path."""
     plan = bench_plan()
     flat = replace(plan, simulator=replace(plan.simulator, amplitude=0.0, duration=1.0))
     ours = float(Batch().run(flat).table.theta[-1])
@@ -217,7 +216,7 @@ def scikit_simulation(config: FuzzyPidConfig) -> Any:
 
 
 def cores_row(plan: RunPlan, rounds: int) -> BenchRow:
-    """Return how much quicker two processes are than one; without two cores, for information."""
+    """Return how much faster two processes are than one; without two cores, for information only."""
     times: dict[int, list[float]] = {1: [], 2: []}
     with worker_pool(1) as one, worker_pool(2) as two:
         pools = {1: one, 2: two}

@@ -1,4 +1,4 @@
-"""What the operating system says of running processes: memory and processor time (Linux's ``/proc``)."""
+"""Memory and processor time of running processes, from Linux's ``/proc``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 _PROC = Path("/proc")
 _TICKS_HZ = os.sysconf("SC_CLK_TCK")
-# Of /proc/PID/stat, counted behind the name in brackets: user and system time of all threads.
+# Fields of /proc/PID/stat, counted after the name in brackets: user and system time of all threads.
 _UTIME, _STIME = 11, 12
 
 

@@ -22,15 +22,15 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class FiniteRange(click.FloatRange):
-    """A range of floats that holds neither NaN nor, whatever its ends, an infinity."""
+    """A range of floats that excludes NaN and, whatever its ends, infinity."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """Return the number. Raises click.BadParameter for what is none, or is not in the range."""
+        """Return the number. Raises click.BadParameter if it is not one or not in the range."""
         number: float = super().convert(value, param, ctx)
         if not isfinite(number):
-            self.fail(f"{value} is no finite number.", param, ctx)
+            self.fail(f"{value} is not a finite number.", param, ctx)
         return number
 
 
@@ -56,7 +56,7 @@ def plan_options(function: Function, required: bool = True) -> Function:
             "settings",
             multiple=True,
             metavar="NODE.PARAM=VALUE",
-            help="One value over all files; repeatable.",
+            help="One value, overrides all files; repeatable.",
         ),
         click.option(
             "--swap-at",
@@ -86,7 +86,7 @@ def plan_of(
     namespace: str = "",
     swaps: Sequence[str] = (),
 ) -> RunPlan:
-    """Return the plan that the options of `plan_options` ask for, and ``extra`` for all nodes."""
+    """Return the plan for the options of `plan_options`, with ``extra`` for all nodes."""
     everywhere: dict[str, object] = dict(extra or {})
     if duration is not None:
         everywhere["duration"] = duration
@@ -107,10 +107,10 @@ def plan_of(
 
 
 def check_output(path: Path, suffixes: Sequence[str] = (), force: bool = True) -> None:
-    """Refuse, before any work, an output that could not be written in the end.
+    """Refuse, before any work, an output that could not be written at the end.
 
-    ``suffixes``: what its name may end in, anything where there are none. ``force``: it may be there
-    already. Raises PlanError.
+    ``suffixes``: what its name may end in; empty: anything. ``force``: it may exist already.
+    Raises PlanError.
     """
     if suffixes and path.suffix.lower() not in suffixes:
         allowed = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
@@ -129,7 +129,7 @@ def check_output(path: Path, suffixes: Sequence[str] = (), force: bool = True) -
 
 
 def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table: first column left, the others right; plain where there is no terminal."""
+    """Print a table: first column left, the others right; plain without a terminal."""
     table = Table(title=title, box=SIMPLE_HEAD, title_justify="left", title_style="bold")
     for i, column in enumerate(header):
         table.add_column(column, justify="left" if i == 0 else "right", overflow="fold")

@@ -29,9 +29,9 @@ from .common import print_table
 @click.option("--csv", "form", flag_value="csv", help="Print the metrics as CSV.")
 @click.option("--markdown", "form", flag_value="markdown", help="Print Markdown tables.")
 def command(runs: tuple[Path, ...], study: Path | None, form: str | None) -> None:
-    """Compare recorded runs: metrics, parameters, and where each parts from the first.
+    """Compare recorded runs: metrics, parameters, and where each diverges from the first.
 
-    The best of a row, the least in magnitude, is marked; what never happened comes last.
+    The best of a row, the smallest in magnitude, is marked; what never happened ranks last.
     """
     if (study is None) == (not runs):
         raise click.UsageError("give RUN..., or --study OUT.parquet")
@@ -56,7 +56,7 @@ def command(runs: tuple[Path, ...], study: Path | None, form: str | None) -> Non
 
 
 def divergences(found: Comparison) -> list[tuple[str, str]]:
-    """Return, for each run behind the first, its name and where it parts from the first."""
+    """Return, for each run after the first, its name and where it diverges from the first."""
     return [
         (name, "identical, bit for bit" if d.first is None else d.first.describe())
         for name, d in zip(found.names[1:], found.diffs, strict=True)
@@ -84,7 +84,7 @@ def as_values(found: Comparison) -> dict[str, object]:
 
 
 def as_csv(found: Comparison) -> str:
-    """Return the metrics as CSV in full precision; empty where a quantity does not exist."""
+    """Return the metrics as CSV in full precision; empty if a quantity does not exist."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["quantity", "unit", *found.names, "best"])
@@ -121,12 +121,12 @@ def _quantity(key: str) -> Quantity:
 
 
 def number(value: float | None) -> str:
-    """Return a metric for people."""
+    """Return a metric as text."""
     return "never" if value is None else f"{value:.6g}"
 
 
 def setting(value: object) -> str:
-    """Return a parameter's value for people, a dash where a run has none."""
+    """Return a parameter's value as text, a dash if a run has none."""
     if isinstance(value, tuple):
         return "[" + ", ".join(map(setting, value)) + "]"
     if isinstance(value, float):

@@ -1,4 +1,4 @@
-"""``trunk diff``: where two recorded runs part."""
+"""``trunk diff``: where two recorded runs diverge."""
 
 from __future__ import annotations
 

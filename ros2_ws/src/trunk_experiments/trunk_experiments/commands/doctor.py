@@ -15,7 +15,7 @@ FINE, FINDINGS = 0, 1
 
 
 def exit_code(found: list[Finding]) -> int:
-    """Return 0 where there is nothing but information, 1 otherwise."""
+    """Return 0 if there is nothing but information, 1 otherwise."""
     return FINDINGS if any(f.severity in (ERROR, WARNING) for f in found) else FINE
 
 
@@ -24,9 +24,9 @@ def exit_code(found: list[Finding]) -> int:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.pass_context
 def command(context: click.Context, run: Path, as_json: bool) -> None:
-    """Say what is wrong with a recording: checksums, indexes, stamps, gaps, values, digests.
+    """Report what is wrong with a recording: checksums, indexes, stamps, gaps, values, digests.
 
-    Exit code: 0 nothing wrong, 1 findings, 2 cannot be read.
+    Exit code: 0 nothing wrong, 1 findings, 2 unreadable.
     """
     with progress_bar(f"examining {run.name}") as tell:
         found = examine(run, tell)

@@ -21,9 +21,9 @@ from .common import print_table
 @click.option("--json", "as_json", is_flag=True, help="Print JSON; null for an infinite limit.")
 @click.pass_context
 def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
-    """Say why the controller of a recorded run commanded this torque at this instant.
+    """Explain why the controller of a recorded run commanded this torque at this instant.
 
-    Exit code 0: the command computed again is the recorded one; 1: it is not.
+    Exit code 0: the recomputed command equals the recorded one; 1: it does not.
     """
     recording = Recording.open(run)
     for warning in recording.warnings:
@@ -81,7 +81,7 @@ def _show(found: Explanation) -> None:
             rows.append((f"disturbance: {name.replace('_', ' ')}", f"{shown:.6g}", unit))
     if not any(found.disturbance):
         rows.append(("disturbance", "none", ""))
-    print_table("what went in", ("quantity", "value", "unit"), rows)
+    print_table("inputs", ("quantity", "value", "unit"), rows)
     if found.rules:
         print_table(
             "rules that fired",
@@ -102,7 +102,7 @@ def _show(found: Explanation) -> None:
     low, high = found.limits
     free = not (isfinite(low) or isfinite(high))
     print_table(
-        "what came out",
+        "outputs",
         ("quantity", "value", "unit"),
         [
             ("P: Kp e", f"{terms.p_term:.6g}", "N m"),
@@ -112,7 +112,7 @@ def _show(found: Explanation) -> None:
             ("their sum", f"{terms.unsaturated:.6g}", "N m"),
             ("limits", "none" if free else f"{low:g} … {high:g}", "" if free else "N m"),
             ("command" + (", limited" if found.limited else ""), f"{terms.effort:.6g}", "N m"),
-            ("torque that the plant got", f"{found.applied:.6g}", "N m"),
+            ("torque applied to the plant", f"{found.applied:.6g}", "N m"),
             ("Kp", f"{terms.kp:.6g}", "N m/rad"),
             ("Ki", f"{terms.ki:.6g}", "N m/(rad s)"),
             ("Kd", f"{terms.kd:.6g}", "N m s/rad"),
@@ -121,7 +121,7 @@ def _show(found: Explanation) -> None:
     )
     if found.took_over:
         click.echo(
-            f"{found.controller} took over here: it went on from the torque that acted, without a jump"
+            f"{found.controller} took over here: it continued from the torque that acted, without a jump"
         )
     acted = "acted" if windup.acted else "did not act"
     click.echo(
@@ -129,7 +129,7 @@ def _show(found: Explanation) -> None:
         f"{windup.increment:.6g}, used {windup.used:.6g}, kept {windup.after:.6g} rad s"
     )
     click.echo(
-        "computed again: equal to the recorded command, bit for bit"
+        "recomputed: equal to the recorded command, bit for bit"
         if found.agrees
-        else f"computed again: {terms.effort!r}, but {found.recorded!r} N m is recorded"
+        else f"recomputed: {terms.effort!r}, but {found.recorded!r} N m is recorded"
     )

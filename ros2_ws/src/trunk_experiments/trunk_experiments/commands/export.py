@@ -16,14 +16,12 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
 
 @click.command("export")
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--csv", type=_FILE, help="CSV: a row per true state, full precision.")
+@click.option("--csv", type=_FILE, help="CSV: one row per true state, full precision.")
 @click.option("--parquet", type=_FILE, help="Parquet: the same columns and alpha.")
 @click.option("--npz", type=_FILE, help="NumPy archive: the same columns and alpha.")
 @click.option("--mcap", type=_FILE, help="MCAP: messages as they are, byte for byte.")
-@click.option(
-    "--from", "start", type=float, default=-inf, metavar="S", help="From this time on, s."
-)
-@click.option("--to", "end", type=float, default=inf, metavar="S", help="Up to this time, s.")
+@click.option("--from", "start", type=float, default=-inf, metavar="S", help="Start time, s.")
+@click.option("--to", "end", type=float, default=inf, metavar="S", help="End time, s.")
 @click.option(
     "--topics",
     multiple=True,
@@ -42,7 +40,7 @@ def command(
 ) -> None:
     """Write a recorded run as CSV, Parquet, NumPy archive or MCAP; SI units and radians.
 
-    Times are simulated seconds, by the messages' stamps; both ends are in.
+    Times are simulated seconds, by the messages' stamps; both ends are included.
     """
     if not (csv or parquet or npz or mcap):
         raise click.UsageError("give at least one of --csv, --parquet, --npz, --mcap")

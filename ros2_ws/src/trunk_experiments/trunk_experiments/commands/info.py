@@ -23,8 +23,8 @@ _UNITS = ("B", "kB", "MB", "GB", "TB")
 def summary(recording: Recording) -> dict[str, Any]:
     """Return a recording's content as plain values; times are the headers' stamps, in s.
 
-    Gaps are between log times. ``checked`` is False where a long file was judged by its indexes
-    alone; a size is then None where messages differ in theirs.
+    Gaps are between log times. ``checked`` is False if a long file was judged only by its indexes;
+    a size is then None if messages differ in theirs.
     """
     fell = recording.fell_at_ns
     return {
@@ -121,7 +121,7 @@ def _state(found: dict[str, Any]) -> str:
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def command(run: Path, as_json: bool) -> None:
-    """Say what is in a recording, an MCAP file or a rosbag2 folder, and whether it is whole.
+    """Show what is in a recording, an MCAP file or a rosbag2 folder, and whether it is whole.
 
     Long files are judged by their indexes, in an instant.
     """

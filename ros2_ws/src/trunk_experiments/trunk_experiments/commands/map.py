@@ -21,13 +21,17 @@ from .sweep import run_sweep
     type=click.Path(path_type=Path, dir_okay=False),
     help="The picture: .png, .svg or .pdf.  [default: beside the results, .png]",
 )
-@click.option("--x", "x", metavar="NAME", help="Grid variable to the right.  [default: the first]")
-@click.option("--y", "y", metavar="NAME", help="Grid variable upwards.  [default: the second]")
+@click.option(
+    "--x", "x", metavar="NAME", help="Grid variable on the horizontal axis.  [default: the first]"
+)
+@click.option(
+    "--y", "y", metavar="NAME", help="Grid variable on the vertical axis.  [default: the second]"
+)
 @click.option(
     "--metric",
     default="steady_state_error_rms_deg",
     show_default=True,
-    help="The column that is coloured.",
+    help="The column to show as colour.",
 )
 @click.option("--no-floquet", is_flag=True, help="Leave out the line of the Floquet multipliers.")
 def command(
@@ -40,9 +44,9 @@ def command(
 ) -> None:
     """Draw a sweep's results over two of its grid's variables, a panel per controller.
 
-    A study that was not swept yet is swept first, into STUDY.parquet here. Grey: more than half of the
-    draws fell. The line of the Floquet multipliers belongs to the loop linearised about the upright
-    trunk, the hip driven at its initial speed and no limit on the torque.
+    A study that has not been swept is swept first, into STUDY.parquet here. Grey: more than half of the
+    draws fell. The line of the Floquet multipliers is for the loop linearised about the upright trunk,
+    with the hip driven at its initial speed and no torque limit.
     """
     from ..study.map import draw, panels
     from ..study.results import Results
@@ -67,7 +71,7 @@ def command(
 
 
 def _sweep(source: str, path: Path, wanted: tuple[str | None, str | None], metric: str) -> None:
-    """Sweep a study into a file. Raises PlanError, before the first run, where no map comes of it."""
+    """Sweep a study into a file. Raises PlanError before the first run if it cannot give a map."""
     from ..study.file import read_study
     from ..study.map import check_mappable
     from ..study.sweep import Sweep
@@ -80,9 +84,9 @@ def _sweep(source: str, path: Path, wanted: tuple[str | None, str | None], metri
 
 
 def choose_axes(grid: Sequence[str], x: str | None, y: str | None, source: str) -> tuple[str, str]:
-    """Return the grid variables to the right and upwards: the first ones that are not given otherwise.
+    """Return the horizontal and vertical grid variables, by default the first two.
 
-    Raises PlanError where there are not two.
+    Raises PlanError if there are not two.
     """
     known = ", ".join(grid) or "none"
     for name in (x, y):

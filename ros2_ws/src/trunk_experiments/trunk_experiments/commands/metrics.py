@@ -34,7 +34,7 @@ def show_metrics(recording: Recording, title: str) -> None:
 
 
 def _values(recording: Recording) -> dict[str, float | None]:
-    # What metrics need and no more: an hour at 1 kHz then takes a third of a GiB.
+    # Only what metrics need: an hour at 1 kHz then takes a third of a GiB.
     table = RunTable.from_recording(recording, only=("reference",))
     try:
         return metrics(table).as_dict()
@@ -45,7 +45,7 @@ def _values(recording: Recording) -> dict[str, float | None]:
 @click.command("metrics")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option(
-    "--json", "as_json", is_flag=True, help="Print JSON; null where a quantity does not exist."
+    "--json", "as_json", is_flag=True, help="Print JSON; null if a quantity does not exist."
 )
 def command(run: Path, as_json: bool) -> None:
     """Print a recorded run's metrics."""

@@ -27,7 +27,7 @@ from .common import print_table
 def command(context: click.Context, output: Path, graph: bool) -> None:
     """Reproduce Figs 6 to 9 and judge the paper's claims by the numbers.
 
-    Exit code 1 where a graph run has other bits than the offline run, or an erratum is not shown.
+    Exit code 1 if a graph run's bits differ from the offline run's, or an erratum is not shown.
     """
     from ..paper.report import write_report
     from ..paper.reproduction import reproduce

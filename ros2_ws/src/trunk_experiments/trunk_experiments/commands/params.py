@@ -60,7 +60,7 @@ def markdown(node: str) -> str:
 
 
 class _Verb(click.Group):
-    """Takes a node's name, to list its parameters, where another verb takes a command."""
+    """A group that also takes a node's name, to list its parameters, in place of a command."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
         found = super().get_command(ctx, cmd_name)
@@ -115,9 +115,9 @@ def command(ctx: click.Context, as_json: bool, as_markdown: bool) -> None:
     metavar="S",
     help="How long the node may take to be found, and to answer.",
 )
-@click.option("--dry-run", is_flag=True, help="Show what differs, and change nothing.")
+@click.option("--dry-run", is_flag=True, help="Show what differs; change nothing.")
 def apply(node: str, file: str, timeout: float, dry_run: bool) -> None:
-    """Set the parameters of the running NODE to what FILE says of it: all at once, or none.
+    """Set the parameters of the running NODE to its values in FILE: all at once, or none.
 
     NODE is a node's name, such as pid or /robot2/pid; FILE a parameter file, by path or shipped name.
     """

@@ -1,4 +1,4 @@
-"""``trunk plan``: a run's one parameter file, for nodes that are started elsewhere."""
+"""``trunk plan``: one parameter file for all nodes of a run that are started elsewhere."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from .common import plan_of, plan_options
 @click.option(
     "--lockstep", is_flag=True, help="Step when every node has answered: the same bits each time."
 )
-@click.option("--namespace", default="", help="Of all nodes, such as robot1.")
+@click.option("--namespace", default="", help="Namespace of all nodes, such as robot1.")
 def command(output: Path, lockstep: bool, namespace: str, **options: Any) -> None:
-    """Write the parameter file of a run of SCENARIO, and print how each of its nodes is started.
+    """Write the parameter file of a run of SCENARIO, and print how to start each of its nodes.
 
     The nodes may run on several hosts and in containers; each takes the same file.
     """

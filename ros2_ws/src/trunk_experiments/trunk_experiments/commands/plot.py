@@ -21,10 +21,10 @@ from trunk_msgs_util.recording.reader import Recording
     "--fig",
     "number",
     type=click.IntRange(6, 9),
-    help="Lay it out like the paper's figure: the angles alone, in one axes.",
+    help="Lay it out like the paper's figure: only the angles, in one axes.",
 )
 def command(runs: tuple[Path, ...], output: Path | None, number: int | None) -> None:
-    """Draw one recorded run, or several over one another, as PNG, SVG or PDF."""
+    """Draw one recorded run, or several overlaid, as PNG, SVG or PDF."""
     from ..views.plot_style import SUFFIXES, save
     from ..views.plots import overview, paper_figure
     from ..views.run_view import RunView

@@ -1,4 +1,4 @@
-"""Opening a recording for a verb: a progress bar where a person waits, and warnings."""
+"""Opening a recording for a verb: a progress bar on terminals, and warnings."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Tell = Callable[[int, int], None]
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[Tell]:
-    """Yield a function that is told how much of how much is done; a bar on terminals alone."""
+    """Yield a function to call with the amount done and the total; a bar only on terminals."""
     console = Console(stderr=True)
     columns = (TextColumn(what), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)

@@ -1,4 +1,4 @@
-"""``trunk recover``: a whole file out of a broken one."""
+"""``trunk recover``: a valid file from a broken one."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from trunk_msgs_util.recording.recover import recover
     required=True,
     help="The MCAP file to write.",
 )
-@click.option("--force", is_flag=True, help="Replace the file where it exists.")
+@click.option("--force", is_flag=True, help="Replace the file if it exists.")
 @click.pass_context
 def command(context: click.Context, broken: Path, output: Path, force: bool) -> None:
-    """Write a finished, indexed file with everything that can be read of a broken one.
+    """Write a finished, indexed file with everything that can be read from a broken one.
 
     The new file is marked as recovered and never passes for a complete run.
 

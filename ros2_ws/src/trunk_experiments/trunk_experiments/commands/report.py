@@ -1,4 +1,4 @@
-"""``trunk report``: runs as one page to look at."""
+"""``trunk report``: runs as one HTML page."""
 
 from __future__ import annotations
 

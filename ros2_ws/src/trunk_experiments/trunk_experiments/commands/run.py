@@ -35,7 +35,7 @@ from .metrics import show_metrics
     type=float,
     default=0.0,
     metavar="FACTOR",
-    help="Pace of a lock-step run, as a multiple of real time.  [default: as fast as it goes]",
+    help="Pace of a lock-step run, as a multiple of real time.  [default: as fast as possible]",
 )
 def command(
     output: Path | None, lockstep: bool, composed: bool, speed: float, **options: Any

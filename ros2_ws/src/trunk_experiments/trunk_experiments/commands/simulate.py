@@ -24,12 +24,12 @@ from .common import plan_of, plan_options
     required=True,
     help="The MCAP file to write.",
 )
-@click.option("--force", is_flag=True, help="Replace the file where it exists.")
+@click.option("--force", is_flag=True, help="Replace the file if it exists.")
 @click.option(
     "--like",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     metavar="RUN.mcap",
-    help="Run a recorded run again, from its recording alone; in place of SCENARIO.",
+    help="Repeat a recorded run from its recording; in place of SCENARIO.",
 )
 def command(output: Path, force: bool, like: Path | None, **options: Any) -> None:
     """Run SCENARIO without ROS: same functions, files, topics and schemas.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path, dir_okay=False),
     help="The Parquet file to write.",
 )
-@click.option("--force", is_flag=True, help="Replace the file where it exists.")
+@click.option("--force", is_flag=True, help="Replace the file if it exists.")
 @click.option(
     "--jobs",
     type=click.IntRange(1, 1024),
@@ -57,7 +57,7 @@ def command(
 
 
 def run_sweep(sweep: Sweep, jobs: int | None = None, scheduler: str | None = None) -> None:
-    """Run a sweep, or the rest of an interrupted one, with a progress bar; say how its runs ended."""
+    """Run a sweep, or the rest of an interrupted one, with a progress bar; report how its runs ended."""
     from ..study.sweep import outcome_counts, processes
 
     total = sweep.study.total

@@ -37,7 +37,7 @@ def _options(function: Any) -> Any:
             type=click.Path(path_type=Path, dir_okay=False),
             help="The ROS 2 parameter file to write, for --params or --params-file.",
         ),
-        click.option("--force", is_flag=True, help="Replace the file where it exists."),
+        click.option("--force", is_flag=True, help="Replace the file if it exists."),
         click.option(
             "--params",
             multiple=True,
@@ -64,7 +64,7 @@ def _options(function: Any) -> Any:
 
 
 def _largest(name: str, default: float, text: str) -> Callable[[Function], Function]:
-    """Add a largest acceptable value: the range keeps the Riccati equation solvable."""
+    """Add an option for a largest acceptable value; its range keeps the Riccati equation solvable."""
     return click.option(
         name, type=FiniteRange(1e-6, 1e6), default=default, show_default=True, help=text
     )
@@ -85,8 +85,8 @@ def _plan(
 def command() -> None:
     """Compute gains, report their margins, and write them as a parameter file that the nodes load.
 
-    poles, lqr and relay use the trunk linearised about the upright, its hip prescribed; optimise uses
-    whole runs of the nonlinear plant. The profile is profile_practical unless --params says otherwise.
+    poles, lqr and relay use the trunk linearised about the upright, with a prescribed hip; optimise uses
+    whole runs of the nonlinear plant. The profile is profile_practical unless --params gives another.
     """
 
 
@@ -102,7 +102,7 @@ def command() -> None:
     help="Two or three, distinct, negative.",
 )
 def poles_command(controller: str, poles: tuple[float, ...], **options: Any) -> None:
-    """Place the poles of the loop: at -12, -8 and -2 unless told otherwise."""
+    """Place the poles of the loop, by default at -12, -8 and -2."""
     from ..tuning.methods import by_poles
 
     plan, plant = _linear(controller, options)
@@ -150,8 +150,8 @@ def lqr_command(integral: float, angle: float, speed: float, torque: float, **op
 def relay_command(lag: float, damping: float, amplitude: float, **options: Any) -> None:
     """Find Ku and Tu by a relay experiment, then Table 1's PID; an error where no ultimate gain exists.
 
-    The plant itself has neither lag nor damping, and no ultimate gain: both are declared here, and the
-    margins are those of the loop that has them.
+    The plant itself has neither lag nor damping, and thus no ultimate gain: declare both here; the margins
+    are those of the loop with them.
     """
     from ..tuning.methods import relay, ziegler_nichols
 
@@ -191,7 +191,7 @@ def optimise_command(
 ) -> None:
     """Search for the smallest mean of a metric over scenarios, by seeded differential evolution.
 
-    For pid over the gains; for fuzzy_pid over the ranges of the gains, both universes and all three
+    For pid it searches the gains; for fuzzy_pid the ranges of the gains, both universes and all three
     rule tables, symmetric in e and its rate.
     """
     from ..tuning.search import search

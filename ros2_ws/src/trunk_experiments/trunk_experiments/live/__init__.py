@@ -1,1 +1,1 @@
-"""A running graph, from outside."""
+"""Access to a running graph from outside."""

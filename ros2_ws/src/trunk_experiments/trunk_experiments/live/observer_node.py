@@ -1,4 +1,4 @@
-"""When messages were written, by the word of the middleware that wrote them."""
+"""When messages were written, according to the middleware that wrote them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from trunk_msgs_util.node import middleware, qos
 from trunk_msgs_util.node.conversions import WireReader
 
-# Messages may gather for so long: an observer that woke for each would take time from whom it observes.
+# Messages may queue this long: waking for each would take processor time from the observed processes.
 _GATHER_S = 0.05
 
 
@@ -46,7 +46,7 @@ class Observer:
         rclpy.try_shutdown(context=self._context)
 
     def take(self) -> None:
-        """Take in what has come."""
+        """Take the messages that have arrived."""
         for topic, subscription in self._subscriptions.items():
             written_ns, read = self.written_ns[topic], self._readers[topic]
             while (taken := subscription.handle.take_message(JointState, True)) is not None:
@@ -54,7 +54,7 @@ class Observer:
                 written_ns[read(data).stamp_ns] = about["source_timestamp"]
 
     def watch(self, seconds: float, check: Callable[[], None]) -> None:
-        """Take in what comes for so long, from now on; ``check`` is called now and then."""
+        """Take the messages that arrive in the next ``seconds``; ``check`` is called now and then."""
         self.take()
         for written_ns in self.written_ns.values():
             written_ns.clear()

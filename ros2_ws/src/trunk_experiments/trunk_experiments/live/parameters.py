@@ -1,4 +1,4 @@
-"""What a parameter file changes in a running node: compared, and told. Pure."""
+"""What a parameter file would change in a running node. Pure."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
 
 
 class LiveChange(NamedTuple):
-    """A parameter that a file sets to another value than the node has."""
+    """A parameter to which a file gives another value than the node has."""
 
     name: str
     old: object
     new: object
-    fixed: bool  # the node takes it at its start alone
+    fixed: bool  # can be set only at start
 
     def __str__(self) -> str:
         mark = " (fixed at start)" if self.fixed else ""
@@ -25,7 +25,7 @@ class LiveChange(NamedTuple):
 
 
 def yaml_text(value: object) -> str:
-    """Return a value as it stands in a parameter file, on one line."""
+    """Return a value as written in a parameter file, on one line."""
     text: str = yaml.safe_dump(value, default_flow_style=True, width=float("inf"))
     return text.removesuffix("...\n").strip()
 
@@ -36,10 +36,10 @@ def full_name(node: str) -> str:
 
 
 def said_of(node: str, layer: Layer, declared: Sequence[str]) -> dict[str, object]:
-    """Return what a file says of a node (fully qualified name) that declares these parameters.
+    """Return a file's values for a node (fully qualified name) that declares these parameters.
 
-    Raises ParameterFileError where no section is for the node, and for a name that it does not declare in
-    a section that is for it by name; one with a wildcard may be for other nodes.
+    Raises ParameterFileError if no section applies to the node, and for an undeclared name in a section
+    that names the node; a wildcard section may be meant for other nodes.
     """
     sections = [section for section in layer.sections if section.matches(node)]
     if not sections:
@@ -58,7 +58,7 @@ def said_of(node: str, layer: Layer, declared: Sequence[str]) -> dict[str, objec
 def differences(
     said: Mapping[str, object], present: Mapping[str, object], fixed: Iterable[str]
 ) -> list[LiveChange]:
-    """Return the parameters whose said value is not the present one; integers are taken for doubles."""
+    """Return the parameters whose value in the file differs from the node's; integers pass for doubles."""
     unchangeable = set(fixed)
     changes = []
     for name, value in said.items():
@@ -69,7 +69,7 @@ def differences(
 
 
 def _alike(value: object, present: object) -> object:
-    """Return a number as a float where the present value is one; another type is the node's to judge."""
+    """Return a number as a float if the current value is one; the node judges any other type."""
     if isinstance(present, float) and type(value) is int:
         return _as_float(value)
     if isinstance(value, list) and isinstance(present, list):

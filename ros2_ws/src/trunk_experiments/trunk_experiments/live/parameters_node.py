@@ -18,7 +18,7 @@ from trunk_msgs_util.node import middleware
 
 from ..errors import LiveParametersError
 
-# A response that is sent before the server has matched the client is lost: then it is asked again.
+# A response sent before the server has matched the client is lost: the request is then repeated.
 _ASK_AGAIN_S = 1.0
 
 
@@ -26,7 +26,7 @@ class LiveParameters:
     """The parameters of one running node; a context manager that owns its ROS context."""
 
     def __init__(self, name: str, timeout_s: float) -> None:
-        """Take the node's fully qualified name; every step may take ``timeout_s``."""
+        """Take the node's fully qualified name; each step may last ``timeout_s``."""
         self._name = name
         self._timeout_s = timeout_s
         middleware.prepare()
@@ -42,7 +42,7 @@ class LiveParameters:
         self._client = AsyncParameterClient(self._node, name)
 
     def __enter__(self) -> LiveParameters:
-        """Wait for the node. Raises LiveParametersError naming the nodes that are there instead."""
+        """Wait for the node. Raises LiveParametersError naming the nodes that are running instead."""
         try:
             if not self._until(self._client.services_are_ready):
                 raise LiveParametersError(self._absent())
@@ -64,13 +64,13 @@ class LiveParameters:
         return list(response.result.names)
 
     def values(self, names: Sequence[str]) -> dict[str, Any]:
-        """Return present values by name."""
+        """Return current values by name."""
         response = self._ask(lambda: self._client.get_parameters(list(names)))
         values = (parameter_value_to_python(value) for value in response.values)
         return dict(zip(names, values, strict=True))
 
     def fixed(self, names: Sequence[str]) -> list[str]:
-        """Return those of the parameters that are read-only."""
+        """Return the parameters that are read-only."""
         response = self._ask(lambda: self._client.describe_parameters(list(names)))
         return [d.name for d in response.descriptors if d.read_only]
 
@@ -82,7 +82,7 @@ class LiveParameters:
                 parameters.append(Parameter(name, value=value).to_parameter_msg())
             except (TypeError, ValueError, AssertionError):
                 raise LiveParametersError(
-                    f"{self._name}: parameter {name!r}: {value!r} is no value of a ROS 2 parameter"
+                    f"{self._name}: parameter {name!r}: {value!r} cannot be the value of a ROS 2 parameter"
                 ) from None
         response = self._ask(lambda: self._client.set_parameters_atomically(parameters))
         if not response.result.successful:

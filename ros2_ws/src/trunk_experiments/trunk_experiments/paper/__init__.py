@@ -1,1 +1,1 @@
-"""The paper: its figures reproduced, its claims judged, its misprints shown."""
+"""Reproduces the paper's figures, judges its claims and shows its misprints."""

@@ -1,7 +1,7 @@
-"""What the paper claims, sentence by sentence, and whether our runs bear it out.
+"""What the paper claims, sentence by sentence, and whether our runs confirm it.
 
-A claim is data: the sentence, and the comparisons that it comes to. Its verdict is a function of the
-numbers alone, so that none can be written by hand.
+A claim is data: the sentence, and the comparisons that it amounts to. Its verdict is a function of the
+numbers only, so that none can be written by hand.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from math import isinf
 from ..analysis.metrics import SETTLING_BAND_DEG
 from .runs import Case, Runs
 
-ANGLE = 0.5  # deg: what passes for none, on a figure that spans 30 to 100 degrees
+ANGLE = 0.5  # deg: counts as none, on a figure that spans 30 to 100 degrees
 FALLEN = 90.0  # deg
 FUZZY = ("fuzzy_as_printed", "fuzzy_zhao_1993")
 PRINTED, TABLE_1 = "pid_as_printed", "pid_ziegler_nichols"
@@ -29,15 +29,15 @@ class Check:
     relation: str  # "<=" or ">"
     bound: float
     unit: str
-    against: str = ""  # of whom the bound is, where it is a run's
+    against: str = ""  # whose run gives the bound, if one does
 
     @property
     def holds(self) -> bool:
-        """Whether it is so."""
+        """True if the comparison holds."""
         return self.value <= self.bound if self.relation == "<=" else self.value > self.bound
 
     def text(self) -> str:
-        """Return it in words and numbers."""
+        """Return the comparison in words and numbers."""
         what = f"{self.label}: {_shown(self.value)}"
         word = {"<=": "at most", ">": "more than"}[self.relation]
         whose = f" ({self.against})" if self.against else ""
@@ -50,7 +50,7 @@ def _shown(value: float) -> str:
 
 @dataclass(frozen=True)
 class Claim:
-    """A sentence of the paper and what it comes to. ``checks`` takes the runs and a profile."""
+    """A sentence of the paper and its comparisons. ``checks`` takes the runs and a profile."""
 
     key: str
     figures: str
@@ -62,7 +62,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class ClaimVerdict:
-    """What became of a claim with one set of runs."""
+    """The result of a claim for one set of runs."""
 
     claim: Claim
     checks: tuple[Check, ...]
@@ -74,7 +74,7 @@ class ClaimVerdict:
         return REPRODUCED if held == len(self.checks) else PARTLY if held else NOT
 
     def text(self) -> str:
-        """Return the verdict, naming what holds and what does not where it is mixed."""
+        """Return the verdict; a mixed one names what holds and what does not."""
         if self.word != PARTLY:
             return self.word
         holds = "; ".join(check.label for check in self.checks if check.holds)

@@ -21,7 +21,7 @@ from trunk_sim.plant import PlantState, accelerations
 
 from ..tuning.linear import LinearLoop, linearise
 
-KU, TU = 100.0, 1.2  # as printed, but for the sign: N m/rad, s
+KU, TU = 100.0, 1.2  # as printed, except for the sign: N m/rad, s
 
 
 class Erratum(NamedTuple):
@@ -30,14 +30,14 @@ class Erratum(NamedTuple):
     where: str
     printed: str
     correct: str
-    show: Callable[[], tuple[bool, str]]  # whether it is one, and by what computation
+    show: Callable[[], tuple[bool, str]]  # whether it is one, and the computation that shows it
 
 
 @cache
 def lagrange() -> dict[str, Any]:
     """Return the derived equations: rows ``x`` and ``theta`` (left sides), momentum, and the symbols.
 
-    Each row is ``d/dt dL/dq' - dL/dq``, that is what equals the force on x and the torque on theta.
+    Each row is ``d/dt dL/dq' - dL/dq``, which equals the force on x and the torque on theta.
     """
     big, m, length, g = sp.symbols("M m l g", positive=True)
     names = ("x", "th", "xd", "thd", "xdd", "thdd")
@@ -67,7 +67,7 @@ def lagrange() -> dict[str, Any]:
 
 
 def _row_difference(name: str, printed: Callable[[dict[str, Any]], Any]) -> tuple[bool, str]:
-    """Return that a printed row is not the derived one, and what is left between them."""
+    """Return whether a printed row differs from the derived one, and by what."""
     s = lagrange()
     left = sp.simplify(sp.expand(printed(s) - s[name]))
     return left != 0, f"printed minus derived (SymPy, from eq. 7) = {left}, not 0"
@@ -149,7 +149,7 @@ def _gravity() -> tuple[bool, str]:
 
 
 def _equation_12() -> tuple[bool, str]:
-    """Return how far eq. 12's signs are from the truth, once M, V and G themselves are right."""
+    """Return how far off eq. 12's signs are once M, V and G themselves are right."""
     s = lagrange()
     rows = [sp.expand(s["row_x"]), sp.expand(s["row_th"])]
     still = {s["xd"]: 0, s["thd"]: 0, s["xdd"]: 0, s["thdd"]: 0}
@@ -207,7 +207,7 @@ def _range() -> tuple[bool, str]:
 
 
 def single_repairs(table: tuple[str, ...]) -> list[tuple[int, int]]:
-    """Return the cells of a table of S and B whose change alone makes it symmetric in e and in ė."""
+    """Return the single cells whose change makes a table of S and B symmetric in e and in ė."""
     cells = [row.split() for row in table]
 
     def symmetric() -> bool:
@@ -276,7 +276,7 @@ ERRATA = (
         "rows swapped: symmetric, positive determinant",
         _mass_matrix,
     ),
-    Erratum("under (11), G", "both signs: gravity points up", "both turned over", _gravity),
+    Erratum("under (11), G", "both signs: gravity points up", "both reversed", _gravity),
     Erratum("(12)", "Ż = …, +M⁻¹V, −M⁻¹U", "[Ż; Z̈] = …, −M⁻¹V, +M⁻¹U", _equation_12),
     Erratum("gains", "Ku = −100, Kp = −60 …", "positive for e = r − θ", _negative_gains),
     Erratum("kd, ki", "−400, −36", "−9, −100 by Table 1 and eq. 13", _gain_conversion),

@@ -1,4 +1,4 @@
-"""The report of the reproduction: one HTML file with its pictures inside, figures, JSON."""
+"""The report of the reproduction: one HTML file with embedded pictures, figures, JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The whole reproduction: runs, claims, errata, what depends on the rate, what the misprints would give."""
+"""The whole reproduction: runs, claims, errata, dependence on the rate, effect of the misprints."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Reproduction:
     """Everything that the report shows."""
 
     runs: Runs = field(default_factory=dict)
-    graph: Runs = field(default_factory=dict)  # of the paper's profile; empty: not asked for
+    graph: Runs = field(default_factory=dict)  # of the paper's profile; empty: not requested
     errata: list[tuple[Erratum, bool, str]] = field(default_factory=list)
     rates: dict[str, dict[float, dict[str, float] | None]] = field(default_factory=dict)
     literal: dict[str, dict[str, float] | None] = field(default_factory=dict)
@@ -43,12 +43,12 @@ class Reproduction:
 
     @property
     def differing(self) -> list[Run]:
-        """The graph runs whose bits are not the offline runs'."""
+        """The graph runs whose bits differ from the offline runs'."""
         return [run for run in self.graph.values() if run.graph_differs != ""]
 
 
 def reproduce(folder: Path, graph: bool, say: Say) -> Reproduction:
-    """Make all runs into the folder and return what came of them; ``say`` hears what is done next."""
+    """Record all runs in the folder and return the results; ``say`` is called with each next step."""
     result = Reproduction()
     recordings = folder / "runs"
     recordings.mkdir(parents=True, exist_ok=True)
@@ -80,7 +80,7 @@ def rate_dependence(rates: tuple[float, ...] = RATES) -> dict[str, Any]:
     """Return, by figure and rate, the printed PID's metrics; None where it diverged.
 
     With Kd h near the bound 2 m l^2 M / (M + m) a derivative on the error turns the reference's step
-    and the pulses into torques of Kd step / h: the smaller the period, the larger.
+    and the pulses into torques of Kd step / h, which grow as the period shrinks.
     """
     batch = Batch()
     found: dict[str, Any] = {}
@@ -110,7 +110,7 @@ def literal_model() -> dict[str, Any]:
 
 
 def as_json(result: Reproduction) -> dict[str, Any]:
-    """Return all numbers as JSON would have them; None for never and for infinity."""
+    """Return all numbers as JSON values; None for never and for infinity."""
 
     def number(value: float) -> float | None:
         return None if isinf(value) else value

@@ -1,4 +1,4 @@
-"""The runs by which the paper is judged: figures x controllers x profiles, offline and in the graph."""
+"""The runs that judge the paper: figures x controllers x profiles, offline and in the graph."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PROFILES = ("profile_paper", "profile_practical")
 
 
 class PaperController(NamedTuple):
-    """A controller with its gains: node, parameter file, name for people, the same for a legend."""
+    """A controller with its gains: node, parameter file, label, short label for a legend."""
 
     node: str
     params: tuple[str, ...]
@@ -33,7 +33,7 @@ class PaperController(NamedTuple):
     short: str = ""
 
 
-# Those that the paper compares, and what else ought to be compared with them.
+# The controllers that the paper compares, and others worth comparing with them.
 OF_THE_PAPER = {
     "pid_as_printed": PaperController(
         "pid", ("pid_as_printed",), "PID, gains as printed", "PID, printed"
@@ -79,16 +79,16 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True)
 class Run:
-    """What came of a case. ``metrics`` is None where the plant diverged; then ``failure`` says when."""
+    """The result of a case. ``metrics`` is None if the plant diverged; then ``failure`` says when."""
 
     case: Case
     metrics: Metrics | None
-    undershoot_deg: float  # the swing back past the reference, after the first swing past it
+    undershoot_deg: float  # the swing back across the reference after the overshoot
     failure: str = ""
-    graph_differs: str | None = None  # a graph run: "" where it has the offline run's bits
+    graph_differs: str | None = None  # a graph run: "" if it has the offline run's bits
 
     def value(self, key: str) -> float:
-        """Return a metric; infinity where it does not exist (never settled, diverged)."""
+        """Return a metric; infinity if it does not exist (never settled, diverged)."""
         if key == "undershoot_deg":
             return self.undershoot_deg
         if key == "largest_deg":  # either way
@@ -111,7 +111,7 @@ def cases(contenders: tuple[str, ...] = tuple(CONTENDERS)) -> Iterator[Case]:
 def undershoot(table: RunTable) -> float:
     """Return by how many degrees the angle swings back past the last level of the reference.
 
-    0 where it never crosses it. Counts from the last change of the reference.
+    0 if it never crosses it. Counts from the last change of the reference.
     """
     changes = np.flatnonzero(np.diff(table.reference)) + 1
     start = int(changes[-1]) if len(changes) else 0
@@ -136,7 +136,7 @@ def run_in_graph(
 ) -> Run:
     """Run a case in the node graph, in lock-step and composed, and compare its bits with the offline run's.
 
-    Raises RunError where the graph fails.
+    Raises RunError if the graph fails.
     """
     files = RunFiles(folder / case.stem)
     files.recording.unlink(missing_ok=True)

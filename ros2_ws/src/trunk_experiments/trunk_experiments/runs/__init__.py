@@ -1,1 +1,1 @@
-"""Running what a plan says: in the ROS 2 graph, and offline."""
+"""Runs plans, in the ROS 2 graph and offline."""

@@ -1,4 +1,4 @@
-"""All nodes of a run in one process and one executor: the same classes, topics and bits, less waiting."""
+"""All nodes of a run in one process and executor: same classes, topics and bits, less waiting."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _CLASSES = {
 
 
 def node_maker(name: str) -> Callable[[], TrunkNode[Any]]:
-    """Return what makes a node, by its name."""
+    """Return each node's factory, by name."""
     if name in CONTROLLERS:
         return partial(
             import_module("trunk_control.controller_node").ControllerNode, law_named(name)

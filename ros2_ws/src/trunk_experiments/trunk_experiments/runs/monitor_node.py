@@ -1,4 +1,4 @@
-"""What a run tells of itself while it goes on: events, progress, doubled nodes."""
+"""What is seen of a run in progress: events, progress, duplicate nodes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Monitor:
 
     def __init__(self) -> None:
         self.started = False
-        self.finished = False  # the simulator has said that the run is whole
+        self.finished = False  # the simulator has reported the run as whole
         self.told = 0  # how often the simulator has given a sign of life
         self.ready: set[str] = set()
         self.failure: str | None = None
@@ -45,11 +45,11 @@ class Monitor:
         rclpy.try_shutdown(context=self._context)
 
     def spin(self, timeout_s: float) -> None:
-        """Take in what has come, or wait for it."""
+        """Take the messages that have arrived, or wait for one."""
         self._executor.spin_once(timeout_sec=timeout_s)
 
     def doubled(self, names: list[str]) -> list[str]:
-        """Return those of our nodes' names that appear twice in the graph."""
+        """Return the names of our nodes that appear twice in the graph."""
         count = Counter(self._node.get_fully_qualified_node_names())
         return [name for name in names if count[f"/{name}"] > 1]
 
@@ -67,7 +67,7 @@ class Monitor:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name == "/simulator":  # not one in a namespace: the topic is everybody's
+            if status.name == "/simulator":  # not one in another namespace: the topic is shared
                 values = {v.key: v.value for v in status.values}
                 self.told += 1
                 self.time = float(values.get("time", self.time))

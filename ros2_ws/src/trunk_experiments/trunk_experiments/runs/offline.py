@@ -20,7 +20,7 @@ from ..plans.timeline import begins_active
 
 
 class Step(NamedTuple):
-    """All that is said at one stamp."""
+    """All messages of one stamp."""
 
     stamp_ns: int
     truth: JointSample
@@ -30,8 +30,8 @@ class Step(NamedTuple):
     answer: Answer
     turned: tuple[
         tuple[str, bool], ...
-    ]  # whom the schedule made active, or inactive, before the answer
-    falls: bool  # with this state the trunk has fallen
+    ]  # made active or inactive by the schedule, before the answer
+    falls: bool  # the trunk fell in this state
 
 
 class _Participant:
@@ -49,7 +49,7 @@ class _Participant:
         self._hip = hip_index(config, joints)
 
     def decide(self, measured: JointSample) -> tuple[Answer, bool]:
-        """Return the answer to a state, and True where the schedule has turned the controller first."""
+        """Return the answer to a state, and True if the schedule switched the controller before it."""
         stamp_ns = measured.stamp_ns
         self._timeline.advance(stamp_ns, self.controller)
         before = self.controller.active
@@ -69,9 +69,9 @@ class _Participant:
 
 
 def check(plan: RunPlan) -> None:
-    """Raise PlanError for what a run without a graph cannot do.
+    """Raise PlanError for a plan that cannot be run without a graph.
 
-    It needs an end, and nobody is there to publish references or to activate a controller.
+    It needs an end, and nobody can publish references or activate a controller.
     """
     check_joints(plan)
     if not plan.simulator.duration:
@@ -96,8 +96,8 @@ def check(plan: RunPlan) -> None:
 def steps(plan: RunPlan) -> Iterator[Step]:
     """Yield the N + 1 steps of a run.
 
-    Raises PlanError for a plan that cannot be run so (`check`), DivergedError (after the last finite
-    step) where the loop is unstable.
+    Raises PlanError for a plan that cannot be run offline (`check`), DivergedError (after the last finite
+    step) if the loop is unstable.
     """
     check(plan)
     simulator = plan.simulator
@@ -106,7 +106,7 @@ def steps(plan: RunPlan) -> Iterator[Step]:
     participants = [_Participant(name, plan) for name in plan.controllers]
     disturbances = disturbance_source(plan)
     last = step_count(simulator.duration, simulator.update_rate)
-    of_simulator.advance(0, simulation)  # what came before the first state acts on it
+    of_simulator.advance(0, simulation)  # changes before the first state act on it
     while True:
         stamp_ns = simulation.stamp_ns
         acting = disturbances(stamp_ns)
@@ -117,7 +117,7 @@ def steps(plan: RunPlan) -> Iterator[Step]:
         if len(answers) != 1:
             raise PlanError(
                 f"{len(answers)} controllers are active at t = {seconds(stamp_ns):g} s: "
-                "one at a time is needed, at each time; see active.times"
+                "exactly one must act at any time; see active.times"
             )
         ((name, answer),) = answers
         truth, falls = simulation.truth(), simulation.falls_now
@@ -129,7 +129,7 @@ def steps(plan: RunPlan) -> Iterator[Step]:
 
 
 def disturbance_source(plan: RunPlan) -> Callable[[int], Disturbance]:
-    """Return a function of rising stamps that says what acts."""
+    """Return a function that gives the acting disturbance at increasing stamps."""
     if plan.disturbance is None:
         quiet = Disturbance()
         return lambda stamp_ns: quiet

@@ -1,4 +1,4 @@
-"""An offline run written as a recording: the topics, schemas and parameters that the graph records."""
+"""Records an offline run with the topics, schemas and parameters that the graph records."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def record_offline(plan: RunPlan, path: Path, overwrite: bool = False) -> int:
     """Run the plan and write its recording; return the number of states.
 
     Raises DivergedError (the file then ends, marked incomplete, with the last finite state), and OSError
-    (there is no file then; one that was there is as it was).
+    (no file is written then; an existing one stays as it was).
     """
     diverged = None
     with whole_file(path, overwrite=overwrite) as part, RecordingWriter(part) as writer:
@@ -51,7 +51,7 @@ def record_offline(plan: RunPlan, path: Path, overwrite: bool = False) -> int:
 
 
 class _OfflineRecorder:
-    """Says in a recording what the nodes would have said, stamped and logged in simulated time."""
+    """Records what the nodes would have published, stamped and logged in simulated time."""
 
     def __init__(self, plan: RunPlan, writer: RecordingWriter) -> None:
         self._plan = plan
@@ -105,7 +105,7 @@ class _OfflineRecorder:
         self._put(topics.RUN_PARAMETERS, stamp_ns, data)
 
     def _change(self, node: str, change: Change) -> None:
-        """Write, as the first record did, what came from outside."""
+        """Write what came from outside, as in the original recording."""
         if change.values is not None:
             self._parameters(change.stamp_ns, node, {}, change.values)
         else:
@@ -113,7 +113,7 @@ class _OfflineRecorder:
             self._put(topics.RUN_EVENTS, change.stamp_ns, data)
 
     def write(self, step: Step) -> None:
-        """Write one step, in the order in which the graph says it."""
+        """Write one step, in the graph's order."""
         plan, stamp_ns, answer = self._plan, step.stamp_ns, step.answer
         controller = plan.controllers[step.controller]
         joints = plan.simulator.joints
@@ -137,7 +137,7 @@ class _OfflineRecorder:
         self.states += 1
 
     def _disturbance(self, stamp_ns: int) -> None:
-        """Write what acts at a stamp: like the node, one step ahead of the state."""
+        """Write the disturbance at a stamp: like the node, one step ahead of the state."""
         if self._plan.disturbance is not None:
             joints = self._plan.simulator.joints
             sample = disturbance_sample(stamp_ns, joints, self._acting(stamp_ns))

@@ -1,1 +1,1 @@
-"""Studies: draws and grids over any parameter, swept, compared, mapped."""
+"""Studies: grids and draws over any parameter; sweeps, comparisons, maps."""

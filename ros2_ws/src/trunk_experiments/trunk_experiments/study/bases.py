@@ -1,4 +1,4 @@
-"""From a study to the plans of its runs: the plans that they start from, and what a row changes."""
+"""From a study to the plans of its runs: the base plans, and what each row changes."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ SEEDS = {"simulator": "sensor.seed", "disturbance": "noise.seed"}
 
 
 def make_bases(study: Study) -> Bases:
-    """Return the plans that the runs start from, once the whole study is checked.
+    """Return the plans that the runs start from, after checking the whole study.
 
-    Raises StudyError for a variable that fits no parameter or leaves its bounds, for a run that no
-    compiled loop can make, and for scenario and parameter files that `make_plan` refuses.
+    Raises StudyError for a variable that matches no parameter or leaves its bounds, for a run that a
+    compiled loop cannot make, and for scenario and parameter files that `make_plan` refuses.
     """
     varied = structural(study)
     for v in varied:
@@ -62,7 +62,7 @@ def make_bases(study: Study) -> Bases:
 
 
 def plan_of(study: Study, bases: Bases, row: Row) -> RunPlan:
-    """Return a row's plan. Raises ParameterError where its values do not fit one another."""
+    """Return a row's plan. Raises ParameterError if its values do not fit together."""
     contender = next(c for c in study.contenders if c.label == row["controller"])
     base = bases[contender.label, tuple(row[v.name] for v in structural(study))]
     configs = base.configs
@@ -104,7 +104,7 @@ def _base(study: Study, contender: Contender, settings: list[str]) -> Base:
         made = plan()
         if made.disturbance is not None:
             return Base(made, made.disturbance)
-        # A plan drops a disturbance that does nothing. A sine keeps it in, and is set to zero again below.
+        # A plan drops a disturbance that does nothing. A sine keeps it in; it is zeroed again below.
         forced = plan("disturbance.sine.amplitude=1.0").disturbance
     except (PlanError, ParameterError, ParameterFileError) as error:
         raise StudyError(f"{study.source}: {contender.label}: {error}") from None

@@ -1,4 +1,4 @@
-"""Studies that cannot be run: refused before the first run, in one line."""
+"""Refuses studies that cannot be run, before the first run and in one line."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .design import drawn_values
 from .study import Contender, Study, Target, Variable
 from .targets import Base, Bases, field_of, is_meant, kind_of, new_value
 
-# Where these are zero, runs with other seeds are the same runs.
+# If these are zero, the seed makes no difference.
 _NOISE = {
     "simulator": ("sensor.position_noise", "sensor.velocity_noise"),
     "disturbance": ("noise.rms",),
@@ -29,7 +29,7 @@ def mistake(study: Study, v: Variable, message: str) -> StudyError:
 
 
 def check_contender(study: Study, contender: Contender, base: Base) -> None:
-    """Raise StudyError where a compiled loop cannot run the contender, or not for so long."""
+    """Raise StudyError if a compiled loop cannot run the contender, or not for that long."""
     try:
         check(base.plan)
         check_turns(base.plan)
@@ -41,7 +41,7 @@ def check_contender(study: Study, contender: Contender, base: Base) -> None:
 
 
 def check_variable(study: Study, v: Variable, contender: Contender, base: Base) -> None:
-    """Raise StudyError where a variable fits no parameter of the contender's, or leaves its bounds."""
+    """Raise StudyError if a variable matches none of the contender's parameters, or leaves its bounds."""
     values = v.values if v.distribution is None else drawn_values(study)[v.name]
     for target in v.targets:
         if not is_meant(target, contender):
@@ -59,7 +59,7 @@ def check_variable(study: Study, v: Variable, contender: Contender, base: Base) 
 
 
 def check_durations(study: Study, v: Variable, contender: Contender, bases: Bases) -> None:
-    """Raise StudyError where a variable makes one of the contender's runs endless, or too long."""
+    """Raise StudyError if a variable makes one of the contender's runs endless, or too long."""
     for target in v.targets:
         if (target.node, target.name) != ("simulator", "duration"):
             continue
@@ -74,14 +74,14 @@ def check_durations(study: Study, v: Variable, contender: Contender, bases: Base
 
 
 def check_repetition(study: Study, bases: Iterable[Base]) -> None:
-    """Raise StudyError where a study asks for several runs that are all the same."""
+    """Raise StudyError if a study asks for several identical runs."""
     if study.runs == 1 or any(v.distribution for v in study.variables):
         return
     if any(_noisy(base) for base in bases):
         return
     for v in study.variables:
         noise = any(target.name in _NOISE.get(target.node, ()) for target in v.targets)
-        if noise and v.how != "factor" and any(v.values):  # times a factor, no noise stays none
+        if noise and v.how != "factor" and any(v.values):  # a factor leaves zero noise at zero
             return
     raise StudyError(
         f"{study.source}: runs: is {study.runs}, but nothing is drawn and there is no noise: "
@@ -98,7 +98,7 @@ def _check_target(
         raise mistake(study, v, f"{contender.label}: {target}: {text}")
     kind = declared[target.name].kind
     if target.name.startswith(("lockstep.", "wait_for", "joints")):
-        raise mistake(study, v, f"{target} does not decide a compiled run")
+        raise mistake(study, v, f"{target} has no effect on a compiled run")
     old = getattr(config, field_of(config, target.name))
     if isinstance(old, tuple) and (target.index is None or target.index >= len(old)):
         raise mistake(

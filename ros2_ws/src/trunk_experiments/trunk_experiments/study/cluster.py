@@ -13,13 +13,13 @@ from .sweep import RunBlock, Runner, run_block
 
 _CONNECT_S = 10.0
 _IN_FLIGHT = 4  # blocks per thread of the cluster
-_RETRIES = 3  # of a task whose worker was lost; the scheduler itself allows as many losses
+_RETRIES = 3  # of a task whose worker was lost; the scheduler itself allows as many
 
 
 def dask_runner(address: str) -> Runner:
     """Return a runner on the cluster whose scheduler listens at an address (tcp://HOST:PORT).
 
-    A block whose worker dies is run again by another. Raises StudyError where Dask is not installed or
+    A block whose worker dies is run again by another. Raises StudyError if Dask is not installed or
     the scheduler does not answer.
     """
     try:
@@ -43,7 +43,7 @@ def dask_runner(address: str) -> Runner:
             done = as_completed()
 
             def submit() -> None:
-                """Keep every thread of the cluster busy, and no more blocks than that in memory."""
+                """Keep every thread of the cluster busy, with no more blocks in memory than that needs."""
                 most = _IN_FLIGHT * max(1, sum(client.nthreads().values()))
                 for block in islice(left, max(0, most - len(numbers))):
                     task = client.submit(run_block, block, retries=_RETRIES, pure=False)

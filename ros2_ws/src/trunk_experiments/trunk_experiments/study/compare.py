@@ -1,4 +1,4 @@
-"""Controllers of one sweep against each other: differences over the same draws, with confidence intervals."""
+"""Compares a sweep's controllers: differences over the same draws, with confidence intervals."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PAIR = "pair"  # grid point and draw, by which runs are paired
 class PairedDifference:
     """A metric of ``first`` minus that of ``second``, over the pairs in which both have it.
 
-    ``low`` and ``high`` bound the mean difference at 95 %; low > high where fewer than two pairs are left.
+    ``low`` and ``high`` bound the mean difference at 95 %; low > high if fewer than two pairs are left.
     """
 
     metric: str
@@ -48,7 +48,7 @@ class PairedDifference:
 
 
 def compare_study(results: Results, metrics: tuple[str, ...] = METRICS) -> list[PairedDifference]:
-    """Return all pairs of controllers, metric by metric; first how often each falls.
+    """Return all pairs of controllers, metric by metric, beginning with how often each falls.
 
     Runs are paired by grid point and draw. Angles and errors that may be negative are compared by their
     magnitude. Raises StudyError for a single controller or an unknown metric.
@@ -66,7 +66,7 @@ def compare_study(results: Results, metrics: tuple[str, ...] = METRICS) -> list[
             a, b = by_name[first], by_name[second]
             if not np.array_equal(a[PAIR], b[PAIR]):
                 raise StudyError(
-                    f"{results.path}: {first!r} and {second!r} did not meet the same draws: rows are missing"
+                    f"{results.path}: {first!r} and {second!r} do not have the same draws: rows are missing"
                 )
             found.append(_difference(metric, first, second, a[metric], b[metric]))
     return found

@@ -1,7 +1,7 @@
-"""The table of what varies: a row per run.
+"""The table of what varies: one row per run.
 
 Row = ((grid point) x runs + draw) x controllers + controller: what is drawn, seeds included, depends
-on the draw alone, so that all controllers and all grid points meet the same conditions.
+only on the draw, so that all controllers and all grid points meet the same conditions.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def design(study: Study, first: int, last: int) -> dict[str, list[Any]]:
 
 @lru_cache(maxsize=1)
 def drawn_values(study: Study) -> dict[str, list[Any]]:
-    """Return each drawn variable's values by its name, and the seeds of the noise by an empty one."""
+    """Return each drawn variable's values by name, and the noise seeds under an empty name."""
     found = {
         v.name: v.distribution.draw(study.runs, study.seed, v.name)
         for v in study.variables

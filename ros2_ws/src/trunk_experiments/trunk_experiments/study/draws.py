@@ -1,4 +1,4 @@
-"""Seeded draws: each variable has a stream of its own, so that adding one changes no other's values."""
+"""Seeded draws: each variable has its own stream, so that adding one changes no other's values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The file of a study: YAML, checked word by word, each mistake one line. docs/sweep.md describes it."""
+"""A study's file: strictly checked YAML, each mistake one line. docs/sweep.md describes it."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def parse_study(text: str, source: str) -> Study:
 
 
 class _Reader:
-    """Turns a tree of YAML into a study; knows where it is, for errors."""
+    """Turns a YAML tree into a study; keeps track of the place for errors."""
 
     def __init__(self, source: str) -> None:
         self.source = source
@@ -57,7 +57,7 @@ class _Reader:
         found = self.mapping(tree, "the file", (*known, "runs", "seed", "block", "vary"))
         for key in ("scenario", "controllers", "vary"):
             if key not in found:
-                raise self.error(key, "missing: every study names it")
+                raise self.error(key, "missing: every study needs it")
         study = Study(
             source=self.source,
             text=text,
@@ -106,7 +106,7 @@ class _Reader:
     def number(self, value: object, place: str) -> float:
         if isinstance(value, str) and re.fullmatch(r"[-+.\deE]+", value):
             try:
-                return float(value)  # "1e-3" is a number to people, but not to YAML 1.1
+                return float(value)  # "1e-3" is a number to the user, but not to YAML 1.1
             except ValueError:
                 pass
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
@@ -159,7 +159,7 @@ class _Reader:
         if not re.fullmatch(r"[A-Za-z]\w*", name) or name in RESERVED:
             raise self.error(
                 place,
-                f"is no name for a column: letters, digits, _, and none of {', '.join(RESERVED)}",
+                f"is not a column name: letters, digits, _, and none of {', '.join(RESERVED)}",
             )
         if not isinstance(entry, dict) or "parameter" not in entry:
             raise self.error(place, "needs a parameter: NODE.PARAM, or a list of them")

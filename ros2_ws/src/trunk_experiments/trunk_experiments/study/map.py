@@ -30,16 +30,16 @@ from .design import design
 from .results import METRICS, Results
 from .study import Scalar, Study, Variable
 
-Progress = Callable[[int, int], None]  # takes what is done, of how much
-_MANY = 200  # points: fewer are quicker without processes
-_CHUNK = 16  # points that wait for each process
+Progress = Callable[[int, int], None]  # takes the amount done and the total
+_MANY = 200  # points: fewer are faster without processes
+_CHUNK = 16  # points queued per process
 QUIET_DEG = 1.0  # RMS of the last 2 s: less is a trunk at rest
 _FLOQUET, _FALLEN, _BOUNDARY = COLORS[1], "#bdbdbd", "#000000"
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One controller's map: [y, x]; NaN where no run has a value."""
+    """One controller's map [y, x]; NaN where no run has a value."""
 
     controller: str
     x: Floats
@@ -51,7 +51,7 @@ class Panel:
 
 
 def check_mappable(study: Study, axes: tuple[str, str], metric: str) -> None:
-    """Raise StudyError where the study's results will hold no numbers for the axes or the metric."""
+    """Raise StudyError if the study's results will hold no numbers for the axes or the metric."""
     texts = [v.name for v in study.variables if isinstance(_first(v), str)]
     for name in (*axes, metric):
         if name in texts:
@@ -73,9 +73,9 @@ def panels(
     with_floquet: bool,
     progress: Progress = lambda done, of: None,
 ) -> list[Panel]:
-    """Return a panel per controller. Raises StudyError for axes that are no grid of numbers.
+    """Return a panel per controller. Raises StudyError for axes that are not a grid of numbers.
 
-    ``progress`` is called with the number of points whose Floquet multipliers are done, and of all.
+    ``progress`` is called with the number of points whose Floquet multipliers are done, and the total.
     """
     for name in axes:
         if name not in results.grid:
@@ -110,7 +110,7 @@ def _panel(
 
 
 def _growth(results: Results, axes: tuple[str, str], progress: Progress) -> Mapping[str, Floats]:
-    """Return each controller's Floquet growth over the grid, at the first draw of other variables."""
+    """Return each controller's Floquet growth over the grid, at the first draw of all other variables."""
     study = results.study
     bases = results.bases()
     columns = design(study, 0, study.total)
@@ -128,7 +128,7 @@ def _growth(results: Results, axes: tuple[str, str], progress: Progress) -> Mapp
         try:
             plans.append(plan_of(study, bases, row))
         except ParameterError:
-            continue  # refused: there was no run either
+            continue  # refused, and not run either
         at = levels[1].index(float(place[2])), levels[0].index(float(place[1]))
         places.append((row["controller"], *at))
     for (name, j, i), growth in zip(places, _growths(plans, progress), strict=True):
@@ -138,7 +138,7 @@ def _growth(results: Results, axes: tuple[str, str], progress: Progress) -> Mapp
 
 
 def _growths(plans: list[RunPlan], progress: Progress) -> list[float]:
-    """Return each plan's growth, on all cores where there are many; NaN where there is none."""
+    """Return each plan's growth, on all cores if there are many plans; NaN if undefined."""
     found = [nan] * len(plans)
     for done, (k, growth) in enumerate(_numbered_growths(plans), start=1):
         found[k] = growth
@@ -165,12 +165,12 @@ def _growth_of(numbered: tuple[int, RunPlan]) -> tuple[int, float]:
     number, plan = numbered
     try:
         return number, floquet(plan).growth
-    except PlanError:  # a hip that hardly moves: its period is too long
+    except PlanError:  # the hip hardly moves: its period is too long
         return number, nan
 
 
 def draw(found: list[Panel], metric: str, axes: tuple[str, str], title: str) -> Figure:
-    """Return the panels side by side, on one scale of colours."""
+    """Return the panels side by side, with a common colour scale."""
     told = np.concatenate([panel.values[np.isfinite(panel.values)] for panel in found])
     low, high = np.percentile(told, (2, 98)) if len(told) else (0.0, 1.0)
     with rc_context({**STYLE, "axes.grid": False}):
@@ -219,7 +219,7 @@ def _line(plot: Axes, panel: Panel, values: Floats, level: float, color: str, da
 
 
 def _geometric(values: Floats) -> bool:
-    """Return True for values that grow by equal factors."""
+    """Return True for values in geometric progression."""
     if len(values) < 4 or values[0] <= 0.0:
         return False
     ratios = values[1:] / values[:-1]

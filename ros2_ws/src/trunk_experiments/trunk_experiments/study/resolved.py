@@ -1,7 +1,7 @@
-"""The plans behind a study's runs as plain values: what its results rest on, whatever became of files.
+"""The plans behind a study's runs as plain values, independent of later changes to files.
 
 They are kept in the results' metadata, as JSON (with Python's ``Infinity``), and decide whether an
-interrupted sweep may go on.
+interrupted sweep may resume.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def plans_json(study: Study, bases: Bases) -> str:
 
 
 def bases_from(study: Study, text: str, source: str) -> Bases:
-    """Return what `plans_json` was given. Raises StudyError naming the source."""
+    """Return the input of `plans_json`. Raises StudyError naming the source."""
     bases: Bases = {}
     try:
         for told in json.loads(text):
@@ -60,7 +60,7 @@ def bases_from(study: Study, text: str, source: str) -> Bases:
 
 
 def identity(study: Study, bases: Bases) -> dict[str, Any]:
-    """Return what decides a sweep's results, as JSON would: neither names of files nor comments."""
+    """Return, as JSON values, what determines a sweep's results: no file names, no comments."""
     told = {
         "variables": [asdict(v) for v in study.variables],
         "controllers": [[c.label, c.node] for c in study.contenders],
@@ -80,7 +80,7 @@ def digest(what: Mapping[str, Any]) -> str:
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """Return in words how blocks of an old identity differ from a new one's; empty: not at all."""
+    """Return in words how blocks of an old identity differ from those of a new one; empty: not at all."""
     for name in ("variables", "controllers", "runs", "seed", "draws", "block"):
         if old.get(name) != new[name]:
             return f"are another study's: its {name} differ{'s' * (name in ('seed', 'block'))}"

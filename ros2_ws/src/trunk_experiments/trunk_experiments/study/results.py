@@ -36,13 +36,15 @@ class Results:
 
     @classmethod
     def read(cls, path: Path) -> Results:
-        """Return the results in a Parquet file. Raises StudyError where it is not a sweep's."""
+        """Return the results in a Parquet file. Raises StudyError if it is not a sweep's."""
         if not path.exists():
             raise StudyError(f"{path}: there is no such file")
         try:
             table = pq.read_table(path)
         except (pa.ArrowInvalid, pa.ArrowTypeError, OSError) as error:
-            raise StudyError(f"{path}: no Parquet file: {' '.join(str(error).split())}") from None
+            raise StudyError(
+                f"{path}: not a Parquet file: {' '.join(str(error).split())}"
+            ) from None
         told = table.schema.metadata or {}
         grid = _names(told.get(b"grid"))
         if (
@@ -64,13 +66,13 @@ class Results:
 
     @property
     def study(self) -> Study:
-        """The study; raises StudyError where this version does not understand it."""
+        """The study; raises StudyError if this version does not understand it."""
         return parse_study(self.study_text, f"the study in {self.path}")
 
     def bases(self) -> Bases:
         """Return the plans that the runs started from, as they were when they ran.
 
-        Raises StudyError where the file holds none, or this version does not understand them.
+        Raises StudyError if the file holds none, or this version does not understand them.
         """
         if self.plans is None:
             raise StudyError(
@@ -102,7 +104,7 @@ class Results:
 
     @property
     def fallen(self) -> Floats:
-        """1.0 where the loop diverged or the trunk fell, 0.0 where it stayed up, NaN for refused runs."""
+        """1.0 if the loop diverged or the trunk fell, 0.0 if it stayed up, NaN for refused runs."""
         status = np.array(self.table["status"].to_pylist(), dtype=object)
         lies = np.maximum(self.column("theta_max_deg"), -self.column("theta_min_deg")) >= FALLEN_DEG
         return np.where(status == "refused", np.nan, (status == "diverged") | lies)

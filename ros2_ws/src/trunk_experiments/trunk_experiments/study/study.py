@@ -10,13 +10,13 @@ Scalar = bool | int | float | str
 HOWS = ("value", "factor", "offset")
 SPACINGS = ("linear", "log")
 MAX_RUNS = 100_000_000
-# Columns of the results beside the variables.
+# Columns of the results besides the variables.
 RESERVED = ("run", "controller", "point", "draw", "seed", "status", "reason", "diverged_at_s")
 
 
 @dataclass(frozen=True)
 class Target:
-    """One parameter: a node's, or that of whichever controller runs; ``index`` for an array's element."""
+    """One parameter of a node, or of whichever controller runs; ``index`` for an array's element."""
 
     node: str  # "controller" means the one that runs
     name: str
@@ -39,7 +39,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Contender:
-    """One controller of the study: its node, parameter files and values of its own."""
+    """One controller of the study, with its own node, parameter files and values."""
 
     label: str
     node: str
@@ -49,7 +49,7 @@ class Contender:
 
 @dataclass(frozen=True)
 class Study:
-    """A study as its file says; ``text`` is the file itself."""
+    """A study as read from its file; ``text`` is the file's content."""
 
     source: str
     text: str
@@ -71,7 +71,7 @@ class Study:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The numbers of values of the grid's variables."""
+        """The number of values of each grid variable."""
         return tuple(len(v.values) for v in self.grid)
 
     @property

@@ -1,8 +1,8 @@
 """A sweep: a study's runs in blocks, on all cores or a cluster; a killed one keeps its finished blocks.
 
-Each block becomes a file of its own, written under another name and renamed when whole; the last step
-merges them in order. What a sweep writes depends on study and sources alone: not on workers, order,
-time, or how often it was interrupted.
+Each block becomes its own file, written under another name and renamed when complete; the last step
+merges them in order. A sweep's output depends only on study and sources: not on workers, order,
+time, or interruptions.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ Progress = Callable[[int], None]  # takes the number of finished runs
 
 @dataclass(frozen=True)
 class RunBlock:
-    """Some runs of a study, with all that it takes to make them: no file is read where they run."""
+    """Some runs of a study with everything they need: a worker reads no files."""
 
     index: int
     study: Study
@@ -54,7 +54,7 @@ Runner = Callable[[Iterable[RunBlock]], Iterator[tuple[int, pa.Table]]]
 
 
 def sources() -> str:
-    """Return a hash of the sources and of the libraries that decide a run's numbers."""
+    """Return a hash of the sources and of the libraries that determine a run's numbers."""
     libraries = {name: text for name, text in gather().items() if name in ("numpy", "libm")}
     code = f"{loops_fingerprint()}-{fingerprint(metrics)}-{fingerprint(plan_of)}"
     return f"{code}-{json.dumps(libraries, sort_keys=True)}"
@@ -115,13 +115,13 @@ class Sweep:
     def check(self) -> None:
         """Resolve the plans and refuse what cannot be swept; nothing is written.
 
-        Raises StudyError for a study that cannot be, or where finished blocks are another study's.
+        Raises StudyError for a study that is not possible, or if finished blocks belong to another study.
         """
         self.bases = make_bases(self.study)
         self._identity = identity(self.study, self.bases)
         self._key = {_PROGRAM: sources(), _CONTENT: digest(self._identity)}
         if self.folder.exists() and not self.folder.is_dir():
-            raise StudyError(f"{self.folder}: is no folder: move it, or give another -o")
+            raise StudyError(f"{self.folder}: not a folder: move it, or give another -o")
         reason = self._foreign()
         if reason:
             raise StudyError(
@@ -142,7 +142,7 @@ class Sweep:
         return self.study.total - sum(len(self._rows(i)) for i in self.missing)
 
     def _foreign(self) -> str:
-        """Return why the finished blocks are not this sweep's; empty where they are, or none are there."""
+        """Return why the finished blocks are not this sweep's; empty if they are, or if there are none."""
         if not self._mark.exists():
             return "are of an unknown study" if any(self.folder.glob("*.parquet")) else ""
         try:
@@ -155,12 +155,12 @@ class Sweep:
 
     @property
     def warnings(self) -> list[str]:
-        """What the plans of the study warn of, each once."""
+        """The warnings of the study's plans, each once."""
         told = {text: None for base in self.bases.values() for text in base.plan.warnings}
         return list(told)
 
     def waiting(self) -> Iterator[RunBlock]:
-        """Yield the blocks that are missing, each made when it is asked for."""
+        """Yield the missing blocks, each created on demand."""
         for i in self.missing:
             rows = self._rows(i)
             columns = design(self.study, rows.start, rows.stop)
@@ -173,7 +173,7 @@ class Sweep:
             progress(len(table))
 
     def keep(self, index: int, table: pa.Table) -> None:
-        """Write a finished block. Raises SweepError for one that other code or another study made."""
+        """Write a finished block. Raises SweepError if other code or another study made it."""
         if not self._ours(table.schema):
             raise SweepError(
                 f"block {index} comes from a worker with other sources or libraries: "
@@ -233,7 +233,7 @@ class Sweep:
 
 
 def processes(count: int) -> Runner:
-    """Return a runner on so many processes of this machine; 1 stays in this process."""
+    """Return a runner on this many processes of this machine; 1 stays in this process."""
 
     def run(blocks: Iterable[RunBlock]) -> Iterator[tuple[int, pa.Table]]:
         try:
@@ -261,6 +261,6 @@ def _indexed(block: RunBlock) -> tuple[int, pa.Table]:
 
 
 def outcome_counts(path: Path) -> dict[str, int]:
-    """Return how many runs of a result ended in which status."""
+    """Return how many runs of a result ended in each status."""
     statuses = pq.read_table(path, columns=["status"]).column("status").to_pylist()
     return {name: statuses.count(name) for name in ("ok", "diverged", "refused")}

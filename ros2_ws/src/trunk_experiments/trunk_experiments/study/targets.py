@@ -1,4 +1,4 @@
-"""Which parameter of a run a study's entry means, and the value that it gets."""
+"""Which parameter of a run a study's entry refers to, and the value that it gets."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from trunk_sim.disturbance_config import DisturbanceConfig
 from ..plans.plan import RunPlan
 from .study import Contender, Scalar, Study, Target, Variable
 
-# These are checked by `make_plan` against other nodes' values: each value has a plan of its own.
+# `make_plan` checks these against other nodes' values: each value needs its own plan.
 STRUCTURAL = ("update_rate", "joint")
 
 
@@ -22,7 +22,7 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Base:
-    """A plan before anything varies, with the disturbance's values even where nothing disturbs."""
+    """A plan before anything varies, with the disturbance's values even if nothing disturbs."""
 
     plan: RunPlan
     disturbance: DisturbanceConfig
@@ -42,7 +42,7 @@ Bases = dict[Key, Base]
 
 
 def structural(study: Study) -> list[Variable]:
-    """Return the variables whose values need plans of their own."""
+    """Return the variables whose values need their own plans."""
     return [v for v in study.variables if any(t.name in STRUCTURAL for t in v.targets)]
 
 
@@ -65,7 +65,7 @@ def kind_of(target: Target, contender: Contender) -> str:
 
 
 def is_meant(target: Target, contender: Contender) -> bool:
-    """Return True where the target is a parameter of a node that runs with the contender."""
+    """Return True if the target is a parameter of a node that runs with the contender."""
     return target.node in ("simulator", "disturbance", "controller", contender.node)
 
 
@@ -75,7 +75,7 @@ def field_of(config: Any, name: str) -> str:
 
 
 def new_value(config: Any, target: Target, old: Any, how: str, value: Any) -> Value:
-    """Return a parameter's new value. Raises ParameterError where it is not allowed."""
+    """Return a parameter's new value. Raises ParameterError if it is not allowed."""
     declaration = _fields(type(config))[target.name][1]
     one = old if target.index is None else old[target.index]
     if how == "factor":

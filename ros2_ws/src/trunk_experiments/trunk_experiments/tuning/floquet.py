@@ -1,9 +1,10 @@
-"""Floquet multipliers of the sampled loop about the upright trunk, the hip driven along its path.
+"""Floquet multipliers of the sampled loop about the upright trunk, with the hip driven along its path.
 
 With the hip prescribed at constant horizontal speed v, the upright trunk (reference 0) is a solution, and
 the path shakes it vertically with the period 2 pi / (k v). The loop of plant, delay and sampled law is
-linearised there sample by sample, by central differences of the very functions that run it; the product
-over one period is the monodromy matrix. All its eigenvalues inside the unit circle: small errors die out.
+linearised there sample by sample, by central differences of the same functions that run it; the product
+over one period is the monodromy matrix. If all its eigenvalues are inside the unit circle, small errors
+die out.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from ..errors import PlanError
 from ..plans.plan import RunPlan
 
 _STEP = 1e-6  # of the differences: rad, rad/s, rad s, N m
-_INPUTS = 9  # angle, rate, the same as delayed, and five of the law's memory
+_INPUTS = 9  # angle, rate, both delayed, and five of the law's memory
 _OUTPUTS = 7  # angle, rate, and the law's memory: integral, error, measurement, derivative, effort
 _MOST_STEPS = 1_000_000  # of a period
 
@@ -39,7 +40,7 @@ _SENSOR = SensorParameters(0.0, 0.0, 0.0, 0.0)
 
 
 class SampledLoop(NamedTuple):
-    """Plant and sampled law, without what a small error does not meet: limits of the actuator, falls."""
+    """Plant and sampled law, without what a small error never reaches: actuator limits, falls."""
 
     plant: Plant
     law: PidLaw
@@ -67,7 +68,7 @@ class Floquet(NamedTuple):
 
 
 def monodromy_of(update: Update) -> Callable[..., int]:
-    """Return the function that linearises a loop with this law's update over one period."""
+    """Return a function that linearises a loop with this law's update over one period."""
 
     def sample(
         z: Floats, x: float, v: float, due: bool, s: SampledLoop, constants: Any, out: Floats

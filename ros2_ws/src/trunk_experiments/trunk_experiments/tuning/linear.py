@@ -1,6 +1,6 @@
 """The trunk linearised about the upright, hip prescribed, and the sampled loop around it.
 
-``theta'' = a theta + b tau`` with a = g / l and b = 1 / (m l^2), taken from the plant's own equations.
+``theta'' = a theta + b tau`` with a = g / l and b = 1 / (m l^2), taken from the plant's equations.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Linear(NamedTuple):
 
     a: float  # 1/s^2
     b: float  # 1/(kg m^2)
-    c: float = 0.0  # 1/s, damping that is declared, not the plant's
+    c: float = 0.0  # 1/s, declared damping, not the plant's
     lag: float = 0.0  # s
 
     def matrices(self) -> tuple[Floats, Floats]:
@@ -45,7 +45,7 @@ class Linear(NamedTuple):
 def linearise(plant: Body) -> Linear:
     """Return the plant's linearisation at theta = 0 with a hip that moves uniformly on level ground.
 
-    Raises PlanError for a plant whose accelerations are no finite numbers.
+    Raises PlanError for a plant whose accelerations are not finite.
     """
     p = plant._replace(prescribed=True, as_printed=False, amplitude=0.0)
 
@@ -112,16 +112,16 @@ class LinearLoop:
             keep = [k for k in range(len(step)) if k != len(step) - 2]
             step = step[np.ix_(keep, keep)]
         if not np.all(np.isfinite(step)):
-            return np.inf  # a period so long that the trunk falls beyond all numbers
+            return np.inf  # so long a period that the fall overflows
         return float(np.max(np.abs(np.linalg.eigvals(step))))
 
     @property
     def stable(self) -> bool:
-        """True where every disturbance dies out."""
+        """True if every disturbance dies out."""
         return self.radius() < 1.0 - 1e-12
 
     def response(self, frequency: Floats) -> Complexes:
-        """Return the loop's frequency response L(e^(j w h)) at w in rad/s, the loop cut at the torque."""
+        """Return the open-loop frequency response L(e^(j w h)) at w in rad/s, cut at the torque."""
         a, b = self.plant.matrices()
         n = len(a)
         held = expm(np.block([[a, b], [np.zeros((1, n + 1))]]) * self.h)
@@ -162,10 +162,10 @@ class Margins(NamedTuple):
 
 
 def margins(loop: LinearLoop) -> Margins:
-    """Return a stable loop's margins. Raises ValueError where it is not stable.
+    """Return a stable loop's margins. Raises ValueError if it is not stable.
 
-    Gains are found by bisection on the loop's own eigenvalues, the phase at the crossovers of the
-    frequency response, the modulus on a grid of 8000 frequencies.
+    Gain margins are found by bisection on the loop's eigenvalues, the phase margin at the crossovers of
+    the frequency response, the modulus margin on a grid of 8000 frequencies.
     """
     if not loop.stable:
         raise ValueError("the loop is unstable: it has no margins")
@@ -183,8 +183,8 @@ def margins(loop: LinearLoop) -> Margins:
 def largest_delay(loop: LinearLoop, limit: int = 400) -> int:
     """Return how many periods of delay the loop tolerates on top of its own, up to a limit.
 
-    A delay turns the phase alone: an eigenvalue leaves the unit circle first at the crossover whose phase
-    is used up first. The loop's own eigenvalues decide on which side of that delay a whole period lies.
+    A delay changes only the phase: an eigenvalue leaves the unit circle first at the crossover whose phase
+    margin is used up first. The loop's eigenvalues decide on which side of that delay a whole period lies.
     """
     w = loop.crossovers()
     left = np.mod(np.angle(loop.response(w)) + np.pi, 2.0 * np.pi) / (w * loop.h)
@@ -201,7 +201,7 @@ def _delayed(loop: LinearLoop, extra: int) -> LinearLoop:
 
 
 def _edge(loop: LinearLoop, inside: float, outside: float) -> float:
-    """Return the factor on all gains at which stability ends, on the way from 1 to ``outside``."""
+    """Return the factor on all gains at which stability ends, between 1 and ``outside``."""
 
     def stable(factor: float) -> bool:
         gains = Gains(*(factor * gain for gain in loop.gains))

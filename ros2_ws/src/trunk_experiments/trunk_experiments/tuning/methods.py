@@ -41,8 +41,8 @@ def by_lqr(plant: Linear, integral: float, angle: float, rate: float, torque: fl
     """Return the LQR gains with integral action, weights by the largest acceptable values.
 
     They minimise ``integral (I^2/I_0^2 + e^2/e_0^2 + e'^2/w_0^2 + u^2/u_0^2) dt``: I_0 in rad s,
-    e_0 in rad, w_0 in rad/s, u_0 in N m, each positive. Raises TuningError where they are so far apart
-    that the Riccati equation has no solution in floating point.
+    e_0 in rad, w_0 in rad/s, u_0 in N m, each positive. Raises TuningError if they are so far apart
+    that the Riccati equation cannot be solved in floating point.
     """
     if min(integral, angle, rate, torque) <= 0.0:
         raise TuningError("the weights' values must be greater than 0")
@@ -70,15 +70,15 @@ class Ultimate(NamedTuple):
 
 
 def ultimate(plant: Linear) -> tuple[float, float]:
-    """Return the gain [N m/rad] and period [s] at which pure P stops being stable.
+    """Return the gain [N m/rad] and period [s] at the stability limit of pure P.
 
     With a lag T and damping c, ``T s^3 + (1 + T c) s^2 + (c - T a) s + (b K - a)`` has an imaginary
-    pair at ``w^2 = (c - T a) / T`` and ``b K = a + (1 + T c) w^2``. Raises TuningError where there is
-    none: without a lag or with too little damping pure P is stable for no gain or for all.
+    pair at ``w^2 = (c - T a) / T`` and ``b K = a + (1 + T c) w^2``. Raises TuningError if there is
+    none: without a lag or with too little damping, pure P is stable for no gain or for all.
     """
     if plant.lag <= 0.0 or plant.c <= plant.lag * plant.a:
         raise TuningError(
-            "no ultimate gain: it takes an actuator lag > 0 s and a damping > "
+            "no ultimate gain: it needs an actuator lag > 0 s and a damping > "
             f"{plant.lag * plant.a / plant.b:.4g} N m s/rad (lag x m g l); declare both"
         )
     square = plant.c / plant.lag - plant.a
@@ -86,10 +86,10 @@ def ultimate(plant: Linear) -> tuple[float, float]:
 
 
 def relay(plant: Linear, amplitude: float, steps: int = 4000, cycles: int = 60) -> Ultimate:
-    """Return what a relay of +-``amplitude`` N m in place of the controller makes the trunk do.
+    """Return the response of the trunk to a relay of +-``amplitude`` N m in place of the controller.
 
     Astrom and Hagglund's experiment on the linear plant, torque exact between the ``steps`` of
-    each expected period; the last cycles of ``cycles`` are measured. Raises TuningError where no limit
+    each expected period; the last cycles of ``cycles`` are measured. Raises TuningError if no limit
     cycle settles.
     """
     exact_gain, exact_period = ultimate(plant)
@@ -99,7 +99,7 @@ def relay(plant: Linear, amplitude: float, steps: int = 4000, cycles: int = 60) 
     held = expm(np.block([[a, b], [np.zeros((1, n + 1))]]) * step)
     phi, gamma = held[:n, :n], held[:n, n]
     state = np.zeros(n)
-    # Inside what the relay can hold against gravity, near where the describing function expects it.
+    # Within what the relay can hold against gravity, near the describing function's prediction.
     state[0] = 2.0 * amplitude / (pi * exact_gain)
     crossings: list[float] = []
     peaks: list[float] = []

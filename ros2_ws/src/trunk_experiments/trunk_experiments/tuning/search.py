@@ -1,4 +1,4 @@
-"""Gains, or fuzzy rules and ranges, found by seeded differential evolution on whole simulated runs."""
+"""Searches gains, or fuzzy rules and ranges, by seeded differential evolution on whole simulated runs."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from ..errors import PlanError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 
-FAILED = 1e9  # the cost of a run that diverges, or has no such metric
+FAILED = 1e9  # cost of a run that diverges or lacks the metric
 _HALF = len(INPUT_LABELS) // 2 + 1  # a table is symmetric in both directions: a quarter defines it
 _CELLS = _HALF * _HALF
 
 
 class Found(NamedTuple):
-    """The best parameters, their cost and what the search cost."""
+    """The best parameters, their cost, and the effort of the search."""
 
     values: dict[str, Value]
     cost: float
@@ -34,7 +34,7 @@ class Found(NamedTuple):
 
 
 class Space(NamedTuple):
-    """What is searched: bounds of a vector, which entries are whole numbers, and its meaning."""
+    """The search space: bounds of a vector, which entries are integers, and its meaning."""
 
     bounds: list[tuple[float, float]]
     integrality: list[bool]
@@ -43,7 +43,7 @@ class Space(NamedTuple):
 
 
 def gains_space(config: Any) -> Space:
-    """Return the gains p, i, d from a tenth to ten times the present ones, as powers of ten."""
+    """Return the gains p, i, d from a tenth to ten times the current ones, as powers of ten."""
     now = [max(float(values_of(config)[f"gains.{name}"]), 1e-3) for name in "pid"]  # type: ignore[arg-type]
     start = [log10(value) for value in now]
 
