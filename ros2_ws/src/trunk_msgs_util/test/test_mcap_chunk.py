@@ -86,5 +86,5 @@ def test_lies_are_refused_and_cost_nothing(data, size, compression, says):
 @pytest.mark.parametrize("size", [0, 10, 31, 40, 47])
 def test_a_head_that_is_cut_off_is_refused(size):
     whole = body(DATA, size=len(DATA), compression="")
-    with pytest.raises(ValueError, match=r"head makes no sense|claims 600"):
+    with pytest.raises(ValueError, match=r"header makes no sense|claims 600"):
         chunk_records(whole[:size])

@@ -76,7 +76,7 @@ def test_messages_stand_by_channel_and_others_beside_them():
 @pytest.mark.parametrize(
     ("data", "says"),
     [
-        (record(5, b"short"), "too short for its head"),
+        (record(5, b"short"), "too short for its header"),
         (message(1, 0, b"")[:-1], "goes beyond its chunk"),
         (message(1, 2**63, b""), "log time"),
         (record(8, b"") * (2**18 + 1), "records that are not messages"),

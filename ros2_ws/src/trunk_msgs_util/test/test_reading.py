@@ -221,7 +221,7 @@ def test_a_damaged_part_ends_the_run(tmp_path):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda bag: (bag / "bag_2.mcap").unlink(), "bag_2.mcap, which is not there"),
+        (lambda bag: (bag / "bag_2.mcap").unlink(), "bag_2.mcap, which is missing"),
         (lambda bag: (bag / "metadata.yaml").write_text("{"), "does not describe a bag"),
         (lambda bag: (bag / "metadata.yaml").write_text("a: b"), "does not describe a bag"),
         (
@@ -232,7 +232,7 @@ def test_a_damaged_part_ends_the_run(tmp_path):
         (lambda bag: replace(bag, "relative_file", "other"), "lists no files"),
         # What stands elsewhere is not read, whatever the metadata say.
         (lambda bag: replace(bag, "bag_1.mcap", "/etc/passwd"), "lists /etc/passwd, which is not"),
-        (lambda bag: replace(bag, "bag_1.mcap", ".."), "lists .., which is not there"),
+        (lambda bag: replace(bag, "bag_1.mcap", ".."), "lists .., which is missing"),
         (lambda bag: [path.unlink() for path in bag.iterdir()], "a directory without"),
     ],
 )

@@ -1,5 +1,4 @@
-"""Names, units, declarations, recordings and metrics that every package of the project shares.
+"""Names, units, declarations, recordings and node base classes that all packages share.
 
-Contract: only ``*_node.py``, ``conversions.py``, ``qos.py`` and ``parameters.py`` import ROS; all else
-works where ROS is not installed.
+Contract: only the folder ``node`` imports ROS; everything else works without ROS installed.
 """

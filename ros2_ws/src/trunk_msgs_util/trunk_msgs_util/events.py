@@ -1,4 +1,4 @@
-"""`Event`: every word that a node says on ``run/events``."""
+"""`Event`: every event that a node publishes on ``run/events``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from enum import Enum
 class Event(str, Enum):
     """The ``message`` of a status on ``run/events``; the node is its ``name``.
 
-    A member is also its word, so that it compares equal to what a message or a file holds. The class
+    A member is also a string, so that it compares equal to what a message or a file holds. The class
     is what the standard library calls a StrEnum from Python 3.11 on.
     """
 
@@ -16,7 +16,7 @@ class Event(str, Enum):
     meaning: str
     carries: tuple[str, ...]  # keys of the status' values, in order
 
-    CONFIGURED = "configured", "every node", "Its topics, services and files are there"
+    CONFIGURED = "configured", "every node", "Its topics, services and files are open"
     ACTIVATED = "activated", "every node", "It acts from the next state on"
     DEACTIVATED = "deactivated", "every node", "It holds from the next state on"
     CLEANED_UP = "cleaned up", "every node", "It has released its topics, services and files"
@@ -42,14 +42,14 @@ class Event(str, Enum):
     FELL = (
         "fell",
         "simulator",
-        "The first state beyond the angle of a fall; `angle`, `limit` in rad",
+        "The first state beyond the fall angle; `angle`, `limit` in rad",
         "angle",
         "limit",
     )
     FINISHED = (
         "finished",
         "simulator",
-        "The run is whole: `states` of them were published",
+        "The run is complete: `states` states were published",
         "reason",
         "states",
     )
@@ -74,7 +74,7 @@ class Event(str, Enum):
     )
 
     def __new__(cls, word: str, said_by: str, meaning: str, *carries: str) -> Event:
-        """Make a member that is its word."""
+        """Make a member that is also its string."""
         event = str.__new__(cls, word)
         event._value_ = word
         event.said_by = said_by
@@ -89,5 +89,5 @@ class Event(str, Enum):
         return format(self.value, spec)
 
 
-# Said by the simulator, each of these ends the run.
+# Sent by the simulator, each of these ends the run.
 ENDS = (Event.FINISHED, Event.STOPPED, Event.FAILED)

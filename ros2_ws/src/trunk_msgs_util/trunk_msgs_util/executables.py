@@ -1,4 +1,4 @@
-"""The executables: what `ros2 run` starts, quick to load and orderly to end from its first moment on."""
+"""The executables that `ros2 run` starts: quick to load, and they end cleanly on a signal at any time."""
 
 from __future__ import annotations
 

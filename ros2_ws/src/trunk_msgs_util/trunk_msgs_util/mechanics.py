@@ -1,9 +1,9 @@
-"""Mechanics of a trunk whose hip rides a sinusoidal path: the path, and the equations of motion, once.
+"""Mechanics of a trunk whose hip rides a sinusoidal path: the path and the equations of motion.
 
 The hip (mass M) is at ``(x, y)`` with ``y = A sin(k x)``; the trunk's centre of mass (mass m) is at
 ``(x + l sin theta, y + l cos theta)``, theta measured from the upward vertical, forward lean positive.
 Derived from the Lagrangian of the paper (its eq. 7); every misprint of its eqs. 8-12 is corrected.
-The plant solves the equations for the accelerations, a controller that rests on a model for the torque.
+The plant solves the equations for the accelerations, a model-based controller for the torque.
 
 Pure: scalar functions of floats and named tuples, which CPython runs and numba compiles unchanged.
 """
@@ -24,9 +24,7 @@ class Body(NamedTuple):
     amplitude: float = 1.0  # A, m
     wavenumber: float = 1.0  # k, rad/m
     prescribed: bool = False  # True: the hip keeps its horizontal speed whatever the trunk does
-    as_printed: bool = (
-        False  # True: the paper's misprinted equations, wrong physics (the plant alone)
-    )
+    as_printed: bool = False  # True: the paper's misprinted equations, wrong physics (plant only)
 
 
 Motion = tuple[float, float, float, float, float, float]
@@ -55,9 +53,9 @@ def equations_of_motion(
         a11 = (M+m)(1 + y'^2),   a12 = m l (cos th - y' sin th),   a22 = m l^2
         det = a11 a22 - a12^2 = m l^2 (M (1 + y'^2) + m (sin th + y' cos th)^2)
 
-    with ``y' = A k cos(k x)`` and ``y'' = -A k^2 sin(k x)``. The determinant is given in a form without
-    cancellation, and is positive for positive masses and length. All are NaN where an angle is not
-    finite, for which CPython would raise.
+    with ``y' = A k cos(k x)`` and ``y'' = -A k^2 sin(k x)``. The determinant is in a form without
+    cancellation, and is positive for positive masses and length. All are NaN if an angle is not
+    finite, where CPython would raise.
     """
     phase = body.wavenumber * x
     angles = phase + theta
@@ -95,14 +93,14 @@ def forward_dynamics(
 ) -> tuple[float, float]:
     """Return ``(x'', theta'')`` in m/s^2 and rad/s^2 under a force F [N] along x and a torque [N m].
 
-    A prescribed hip keeps its speed, x'' = 0, and only the second row is solved. NaN where the motion
-    is too large to be solved in floats.
+    A prescribed hip keeps its speed, x'' = 0, and only the second row is solved. NaN if the motion
+    is too large for floats.
     """
     a11, a12, a22, b1, b2, determinant = equations_of_motion(x, theta, x_dot, theta_dot, body)
     b2 = b2 + torque
     if body.prescribed:
         return 0.0, b2 / a22 if a22 != 0.0 else nan
-    if determinant == 0.0:  # too small for a float
+    if determinant == 0.0:  # underflow
         return nan, nan
     b1 = b1 + hip_force
     return (a22 * b1 - a12 * b2) / determinant, (a11 * b2 - a12 * b1) / determinant
@@ -117,7 +115,7 @@ def inverse_dynamics(
 
         H = det / a11,    c = (a12 / a11) b1 - b2
 
-    A prescribed hip leaves ``H = a22`` and ``c = -b2``. NaN where the motion is too large for floats.
+    A prescribed hip leaves ``H = a22`` and ``c = -b2``. NaN if the motion is too large for floats.
     """
     a11, a12, a22, b1, b2, determinant = equations_of_motion(x, theta, x_dot, theta_dot, body)
     if body.prescribed:

@@ -19,7 +19,7 @@ _LIBRARIES = ("numpy", "numba", "mcap", "rosbags")
 
 
 def gather(**known: str) -> dict[str, str]:
-    """Return what is found of code and machine, with ``known`` (scenario, rmw ...) over it."""
+    """Return what can be found out about code and machine; ``known`` (scenario, rmw ...) overrides it."""
     libc, libc_version = platform.libc_ver()
     found = {
         "started_utc": datetime.now(timezone.utc).isoformat(timespec="seconds"),

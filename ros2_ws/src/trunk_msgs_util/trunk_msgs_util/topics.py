@@ -28,15 +28,15 @@ DESCRIPTIONS = (
         JOINT_STATE_TYPE,
         "simulator",
         (
-            "hip and trunk as *measured*: position [m, rad], velocity, effort [N, N m]; delay, bias, noise "
-            "and pulses on"
+            "hip and trunk as *measured*: position [m, rad], velocity, effort [N, N m]; with delay, bias, noise "
+            "and pulses"
         ),
     ),
     (
         GROUND_TRUTH,
         JOINT_STATE_TYPE,
         "simulator",
-        "the same, true; effort is the torque applied over the step before",
+        "the same, true; effort is the torque applied over the previous step",
     ),
     (
         EFFORT_COMMAND,
@@ -57,7 +57,7 @@ DESCRIPTIONS = (
         REFERENCE,
         JOINT_STATE_TYPE,
         "anyone",
-        "trunk: position [rad]; used where `reference.profile` is `topic`",
+        "trunk: position [rad]; used if `reference.profile` is `topic`",
     ),
     (
         "CONTROLLER/state",
@@ -86,12 +86,12 @@ DESCRIPTIONS = (
         "recorder",
         "lock-step: the stamp up to which the whole loop is in the file",
     ),
-    ("/clock", CLOCK_TYPE, "simulator", "simulated time, where `publish_clock` is true"),
+    ("/clock", CLOCK_TYPE, "simulator", "simulated time, if `publish_clock` is true"),
     (
         "/diagnostics",
         DIAGNOSTIC_ARRAY_TYPE,
         "every node",
-        "once a second: rates, lateness, and what was refused or limited, counted",
+        "once a second: rates, lateness, and counts of what was refused or limited",
     ),
 )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 NANOSECONDS = 1_000_000_000
-LAST_STAMP_NS = 2**31 * NANOSECONDS - 1  # the greatest that a ROS message can carry
+LAST_STAMP_NS = 2**31 * NANOSECONDS - 1  # the largest that a ROS message can carry
 
 
 def nanoseconds(seconds: float) -> int:
@@ -12,7 +12,7 @@ def nanoseconds(seconds: float) -> int:
 
 
 def seconds(stamp_ns: int) -> float:
-    """Return a stamp in ns as s, correctly rounded (a division: 1e-9 is no double)."""
+    """Return a stamp in ns as s, correctly rounded (by division: 1e-9 is not a double)."""
     return stamp_ns / NANOSECONDS
 
 

@@ -1,4 +1,4 @@
-"""`Value`: what a parameter may hold, in a node, a file and a recording alike."""
+"""`Value`: what a parameter may hold, in a node, a file or a recording."""
 
 from __future__ import annotations
 

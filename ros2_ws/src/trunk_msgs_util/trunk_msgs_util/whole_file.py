@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Files that appear complete or not at all."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 
 @contextmanager
 def whole_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
-    """Yield a name to write to; what is written there becomes ``path`` when the block is left.
+    """Yield a name to write to; what is written there becomes ``path`` when the block ends.
 
     Whatever happens in the block (a full disk, an exception, kill -9), ``path`` stays as it was. Anything
     but a regular file, such as /dev/stdout, is written to directly. Raises OSError that names ``path``,
-    and FileExistsError where there is one, unless ``overwrite``.
+    and FileExistsError if it exists, unless ``overwrite``.
     """
     if path.exists() and not overwrite:
         raise FileExistsError(f"{path} exists: choose another name, or --force")

@@ -1,4 +1,4 @@
-"""The declarations of a body's constants, once: the plant's own, and those that a controller believes in."""
+"""The declarations of a body's constants, for the plant and for a controller's model of it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _WORDS: dict[str, tuple[str, dict[str, Any]]] = {
 def body_parameter(name: str, field: str, believed: bool = False) -> Any:
     """Return the declaration, under a parameter's ``name``, of a `Body`'s field, or of ``hip_mode``.
 
-    ``believed``: it is what a controller's model says of the body, which may be wrong.
+    ``believed``: it belongs to a controller's model of the body, which may be wrong.
     """
     description, limits = _WORDS[field]
     default = "passive" if field == "hip_mode" else getattr(_DEFAULTS, field)

@@ -1,4 +1,4 @@
-"""What every node declares, and every parameter of the recorder, declared once."""
+"""The parameters that every node declares, and those of the recorder."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .declarations import parameter
 
 @dataclass(frozen=True)
 class ManagedConfig:
-    """What every node declares: all are managed (lifecycle) nodes."""
+    """The parameters that every node declares: all are managed (lifecycle) nodes."""
 
     autostart: bool = parameter(
         "autostart",
@@ -30,7 +30,7 @@ class RecorderConfig(ManagedConfig):
         "File to write; empty: trunk_<UTC time>.mcap in the working directory",
         fixed=True,
     )
-    overwrite: bool = parameter("overwrite", False, "Replace the file where it exists", fixed=True)
+    overwrite: bool = parameter("overwrite", False, "Replace the file if it exists", fixed=True)
     controllers: tuple[str, ...] = parameter(
         "controllers",
         (),
@@ -48,7 +48,7 @@ class RecorderConfig(ManagedConfig):
     flush_interval: float = parameter(
         "flush_interval",
         0.5,
-        "A chunk is finished at least this often: all that a killed recorder can lose",
+        "A chunk is finished at least this often; a killed recorder loses no more",
         unit="s",
         above=0.0,
         maximum=1.0,
@@ -72,5 +72,5 @@ class RecorderConfig(ManagedConfig):
 
     @property
     def lockstep(self) -> bool:
-        """True in lock-step, where the recorder tells the plant how far it has come."""
+        """True in lock-step, where the recorder reports its progress to the plant."""
         return self.mode == "lockstep"

@@ -37,7 +37,7 @@ def _shown(value: object) -> str:
 
 @dataclass(frozen=True)
 class Declaration:
-    """What is known of one parameter. ``kind`` is the type's name as ROS 2 prints it."""
+    """One parameter's declaration. ``kind`` is the type's name as ROS 2 prints it."""
 
     name: str
     default: Value
@@ -54,7 +54,7 @@ class Declaration:
     fixed: bool = False  # cannot change after start
 
     def allowed(self) -> str:
-        """Return what is allowed, as a phrase for people."""
+        """Return what is allowed, as a readable phrase."""
         each = "each " if self.kind.endswith("array") else ""
         phrase = self.kind
         if self.length is not None:
@@ -67,7 +67,7 @@ class Declaration:
         return f"{phrase}{', ' + each if bounds else ''}{bounds}"
 
     def bounds(self) -> str:
-        """Return the bounds as a phrase, empty where there are none."""
+        """Return the bounds as a phrase, empty if there are none."""
         parts = []
         if self.above is not None:
             parts.append(f"> {self.above:g}")
@@ -136,7 +136,7 @@ def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
 
 
 def check(declaration: Declaration, value: object) -> Value:
-    """Return the value as the declared type; an integer is taken for a double, a list for an array.
+    """Return the value as the declared type; an integer passes for a double, a list for an array.
 
     Raises ParameterError for another type, a value out of bounds, NaN, or a wrong length.
     """
@@ -154,7 +154,7 @@ def check(declaration: Declaration, value: object) -> Value:
 
 
 def unknown_name(name: str, known: Iterable[str]) -> str:
-    """Return what to say of a name that nothing declares."""
+    """Return the message for a name that nothing declares."""
     close = get_close_matches(name, list(known), n=1)
     return f"no such parameter; did you mean {close[0]!r}?" if close else "no such parameter"
 
@@ -162,7 +162,7 @@ def unknown_name(name: str, known: Iterable[str]) -> str:
 def build(config: type[Config], values: Mapping[str, object]) -> Config:
     """Return the configuration with ``values`` (by parameter name) over the defaults.
 
-    Raises ParameterError for an unknown name, a bad value, or values that do not fit one another
+    Raises ParameterError for an unknown name, a bad value, or values that do not fit together
     (checked by the class's ``__post_init__``).
     """
     declared = declarations(config)
@@ -178,7 +178,7 @@ def build(config: type[Config], values: Mapping[str, object]) -> Config:
 
 
 def values_of(config: Any) -> dict[str, Value]:
-    """Return a configuration's values by parameter name: what `build` would take."""
+    """Return a configuration's values by parameter name, as `build` takes them."""
     return {
         f.metadata["declaration"].name: getattr(config, f.name)
         for f in fields(config)

@@ -33,7 +33,7 @@ class Section:
     values: Mapping[str, object]
 
     def matches(self, node: str) -> bool:
-        """Return True where the pattern covers the fully qualified node name."""
+        """Return True if the pattern covers the fully qualified node name."""
         pattern = self.pattern if self.pattern.startswith("/") else "/" + self.pattern
         parts = re.split(r"(/\*\*|/\*)", pattern)
         expressions = {"/**": r"(/\w+)*", "/*": r"/\w+"}
@@ -55,7 +55,7 @@ class Layer:
     def within(self, namespace: str) -> Layer:
         """Return the layer with its relative node names (``pid``, not ``/pid``) in the namespace.
 
-        rcl takes ``pid`` for ``/pid``: this is for a file that is resolved here and not handed to nodes.
+        rcl takes ``pid`` for ``/pid``: this is for a file that is resolved here and not passed to nodes.
         """
         return Layer(
             self.source,
@@ -117,7 +117,7 @@ def read(path: Path) -> Layer:
 
 
 def resolve(node: str, layers: Iterable[Layer], declared: Iterable[str]) -> dict[str, object]:
-    """Return what the layers say of a node (fully qualified name), of the names that it declares."""
+    """Return the layers' values for a node (fully qualified name), of the parameters that it declares."""
     names = set(declared)
     values: dict[str, object] = {}
     for layer in layers:
@@ -128,7 +128,7 @@ def resolve(node: str, layers: Iterable[Layer], declared: Iterable[str]) -> dict
 
 
 def check_names(layers: Iterable[Layer], nodes: Mapping[str, Iterable[str]]) -> None:
-    """Refuse misspelt parameters: each must be declared by a node that its section can mean.
+    """Refuse misspelt parameters: each must be declared by a node that its section can apply to.
 
     ``nodes``: the declared parameter names by node base name. Sections of other projects' nodes pass.
     Raises ParameterFileError naming the file, the section and the parameter.

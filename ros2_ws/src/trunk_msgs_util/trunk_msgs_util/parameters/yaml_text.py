@@ -1,4 +1,4 @@
-"""YAML as this project reads it: plain values, numbers as rcl takes them, every mistake one line."""
+"""YAML as this project reads it: plain values, numbers as in rcl, every mistake one line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import yaml
 
 from ..errors import TrunkError
 
-MAX_DEPTH = 50  # of lists and mappings within one another
+MAX_DEPTH = 50  # of nested lists and mappings
 
 
 class YamlTextError(TrunkError):
@@ -19,7 +19,7 @@ class YamlTextError(TrunkError):
 def load(text: str) -> Any:
     """Return the value in a YAML text. Raises YamlTextError naming the line.
 
-    As for rcl, ``1e3`` is a number and aliases are refused. A key may stand only once in a mapping.
+    As in rcl, ``1e3`` is a number and aliases are refused. A key may appear only once in a mapping.
     """
     try:
         return yaml.load(text, Loader=_Loader)
@@ -31,7 +31,7 @@ def load(text: str) -> Any:
 
 
 class _Loader(yaml.SafeLoader):
-    """Safe YAML without aliases, and with an error for each thing that PyYAML itself fails at."""
+    """Safe YAML without aliases, with an error for everything that PyYAML itself fails at."""
 
     _depth = 0
 
@@ -52,13 +52,13 @@ class _Loader(yaml.SafeLoader):
         except (ValueError, LookupError, AttributeError):  # "0x_", "!!bool q", "2026-13-45"
             kind = node.tag.rsplit(":", 1)[-1]
             shown = node.value if len(node.value) <= 40 else node.value[:37] + "..."
-            raise _mistake(f"{shown!r} is no {kind}", node.start_mark) from None
+            raise _mistake(f"{shown!r} is not a valid {kind}", node.start_mark) from None
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         seen: set[str] = set()
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
-                raise _mistake("a list or mapping stands for a key: name it", key.start_mark)
+                raise _mistake("a list or mapping as a key: use a name", key.start_mark)
             if key.value in seen:
                 raise _mistake(f"{key.value!r} appears twice", key.start_mark)
             seen.add(key.value)

@@ -1,1 +1,1 @@
-"""Any MCAP recording of ROS 2: written, read, mended. Knows no plant, no controller, no verdict."""
+"""Writes, reads and repairs any MCAP recording of ROS 2. Knows no plant, no controller, no verdict."""

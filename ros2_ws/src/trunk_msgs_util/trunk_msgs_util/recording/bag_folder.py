@@ -1,4 +1,4 @@
-"""The MCAP files of a rosbag2 folder, in their order."""
+"""The MCAP files of a rosbag2 folder, in order."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ METADATA = "metadata.yaml"
 
 
 class BagFolder(NamedTuple):
-    """A bag's files; ``message_count`` is what its metadata say, None without them."""
+    """A bag's files; ``message_count`` is from its metadata, None without them."""
 
     files: list[Path]
     message_count: int | None
 
 
 def bag_folder(folder: Path) -> BagFolder:
-    """Return the files of a bag. Raises RecordingError where it is none that can be read."""
+    """Return the files of a bag. Raises RecordingError if it cannot be read as one."""
     if not (folder / METADATA).is_file():
         files = sorted(folder.glob("*.mcap"), key=_natural)
         if not files:
@@ -64,13 +64,13 @@ def _information(path: Path) -> dict[str, Any]:
 
 
 def _inside(folder: Path, name: str) -> Path:
-    """Return a listed file: by its name alone, which is all that may count in metadata from elsewhere.
+    """Return a listed file by its bare name: paths in metadata from elsewhere are not trusted.
 
-    Bags of old list a file with their own folder's name before it.
+    Old bags list a file with their own folder's name before it.
     """
     path = folder / name.rsplit("/", 1)[-1]
     if path == folder or not path.is_file():
-        raise RecordingError(f"{folder / METADATA} lists {name}, which is not there: bring it back")
+        raise RecordingError(f"{folder / METADATA} lists {name}, which is missing: restore it")
     return path
 
 

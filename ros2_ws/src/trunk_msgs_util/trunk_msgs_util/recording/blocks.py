@@ -1,4 +1,4 @@
-"""The blocks of an MCAP file, in order, as far as the file is sound and no further.
+"""The blocks of an MCAP file, in order, up to the first damage.
 
 A block is what holds messages: a chunk, or a run of messages outside chunks.
 """
@@ -26,7 +26,7 @@ BLOCKS = (Opcode.CHUNK, Opcode.MESSAGE)
 
 _CRC = struct.Struct("<I")
 _RUN = 1 << 20  # bytes of messages outside chunks that are read at a time
-# These may be longer than `MAX_CHUNK`; nothing here reads what is in them.
+# These may be longer than `MAX_CHUNK`; their content is not read here.
 _SKIPPED = (Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX)
 # What may come before the end of the data; any other kind is a damaged record.
 _DATA = (
@@ -44,15 +44,15 @@ _INDEX_HEAD = struct.Struct("<HI")  # channel, bytes of the entries
 
 
 class DamageError(ValueError):
-    """The file is not sound from some byte on."""
+    """The file is damaged from some byte on."""
 
 
 class ChecksumError(DamageError):
-    """The file is whole, but something in it was altered."""
+    """The file is complete, but something in it was altered."""
 
 
 class Record(NamedTuple):
-    """A record, or a run of messages outside chunks with their heads (``opcode`` is MESSAGE)."""
+    """A record, or a run of messages outside chunks with their headers (``opcode`` is MESSAGE)."""
 
     offset: int  # in the file; of the chunk, for a record inside one
     opcode: int
@@ -61,22 +61,21 @@ class Record(NamedTuple):
 
     @property
     def stream(self) -> ReadDataStream:
-        """What mcap's records read themselves from."""
+        """The stream from which mcap reads a record."""
         return ReadDataStream(BytesIO(self.body))
 
 
 def name_of(opcode: int) -> str:
-    """Return what a record of this kind is called."""
+    """Return the name of this kind of record."""
     return Opcode(opcode).name if opcode in Opcode._value2member_map_ else f"record {opcode:#x}"
 
 
 def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Record]:
     """Yield the records of a file of ``size`` bytes positioned at ``start``, after its magic.
 
-    From a later ``start`` the checksum of the data cannot be checked, and is not.
-    Raises DamageError at a record that the file does not hold whole or that is too long to be read,
-    and ChecksumError after the data where they do not have the checksum that they were written
-    with.
+    From a later ``start`` the data's checksum cannot be checked, and is not.
+    Raises DamageError at a record that is cut off or too long to be read, and ChecksumError after
+    data whose checksum is wrong.
     """
     crc = zlib.crc32(MAGIC)
     offset = start
@@ -126,7 +125,7 @@ def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Reco
 
 
 def _is_index(first: bytes, length: int) -> bool:
-    """Return True where a message index is as long as it says: a chunk misnamed so is not."""
+    """Return True if a message index is as long as it claims: a chunk labelled as one is not."""
     return (
         len(first) == _INDEX_HEAD.size and _INDEX_HEAD.unpack(first)[1] == length - _INDEX_HEAD.size
     )
@@ -153,7 +152,7 @@ def _run(file: BinaryIO, first: bytes, left: int) -> bytes:
 
 
 def damaged(record: Record, error: Exception) -> DamageError:
-    """Return what to raise where a record's body makes no sense."""
+    """Return the error for a record whose body makes no sense."""
     what = str(error) or type(error).__name__
     return DamageError(
         f"the {name_of(record.opcode)} record at byte {record.offset} is damaged ({what})"
@@ -164,7 +163,7 @@ def content_of(record: Record) -> Content:
     """Return the content of a block. Raises DamageError."""
     try:
         return split(chunk_records(record.body) if record.opcode == Opcode.CHUNK else record.body)
-    except Exception as error:  # anything that a decompressor may raise on damaged bytes
+    except Exception as error:  # whatever a decompressor may raise on damaged bytes
         raise damaged(record, error) from None
 
 

@@ -1,7 +1,7 @@
-"""A chunk's records out of its compressed bytes, never more of them than `MAX_CHUNK`.
+"""Decompresses a chunk's records, never more than `MAX_CHUNK` bytes of them.
 
-What a file says of its own sizes is not believed: the bound is checked against every size that is
-claimed before anything is decompressed, and it also bounds what a decompressor may put out.
+The sizes that a file claims are not trusted: each is checked against the bound before anything is
+decompressed, and the bound also limits what a decompressor may output.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import lz4.frame
 import zstandard
 
 # Largest uncompressed chunk, and largest record outside chunks, that is read: 128 MiB. Recorders
-# write chunks of 1 MiB or so; with this bound no file makes its reader take 1 GiB.
+# write chunks of about 1 MiB; with this bound no file makes its reader use 1 GiB.
 MAX_CHUNK = 128 << 20
 
 _HEAD = struct.Struct("<QQQI")  # start, end, uncompressed size, checksum
@@ -23,19 +23,19 @@ _LONG = struct.Struct("<Q")
 
 
 class ChunkHead(NamedTuple):
-    """What a chunk says of itself; ``start`` and ``end`` bound its log times, in ns."""
+    """A chunk's header; ``start`` and ``end`` bound its log times, in ns."""
 
     start_ns: int
     end_ns: int
     size: int  # uncompressed
     crc: int  # 0: none
     compression: str
-    at: int  # where the compressed data begin in the record's body
+    at: int  # start of the compressed data in the record's body
     length: int  # of the compressed data
 
 
 def chunk_head(body: bytes) -> ChunkHead:
-    """Return the head of a chunk record's body. Raises ValueError where it makes no sense."""
+    """Return the header in a chunk record's body. Raises ValueError if it makes no sense."""
     try:
         start, end, size, crc = _HEAD.unpack_from(body)
         (letters,) = _SIZE.unpack_from(body, _HEAD.size)
@@ -43,7 +43,7 @@ def chunk_head(body: bytes) -> ChunkHead:
         compression = body[_HEAD.size + _SIZE.size : at].decode()
         (length,) = _LONG.unpack_from(body, at)
     except (struct.error, UnicodeDecodeError):
-        raise ValueError("its head makes no sense") from None
+        raise ValueError("its header makes no sense") from None
     at += _LONG.size
     if at + length > len(body):
         raise ValueError(f"it claims {length} bytes of data and has {len(body) - at}")
@@ -53,7 +53,7 @@ def chunk_head(body: bytes) -> ChunkHead:
 def chunk_records(body: bytes) -> bytes:
     """Return the records of a chunk, checked against its checksum.
 
-    Raises ValueError for data that are damaged, lie about their size, or exceed `MAX_CHUNK`.
+    Raises ValueError for data that are damaged, of a wrong size, or longer than `MAX_CHUNK`.
     """
     head = chunk_head(body)
     if head.size > MAX_CHUNK:

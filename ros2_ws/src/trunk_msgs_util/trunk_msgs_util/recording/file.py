@@ -1,4 +1,4 @@
-"""`RecordingFile`: one MCAP file scanned once; where its messages are and what it says of itself."""
+"""`RecordingFile`: one MCAP file, scanned once: where its messages are, and its metadata."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from .messages import Messages
     from .split import Content
 
-# These types begin with a stamp, right after the encapsulation.
+# These types begin with a stamp, right after the encapsulation header.
 STAMPED = (
     names.JOINT_STATE_TYPE,
     names.PARAMETER_EVENT_TYPE,
@@ -49,7 +49,7 @@ class RecordingError(TrunkError):
 
 @dataclass
 class Topic:
-    """What is recorded of a topic; stamps are the headers', or else the log times."""
+    """What is recorded on a topic; stamps are the headers', or else the log times."""
 
     type: str
     count: int = 0
@@ -57,7 +57,7 @@ class Topic:
     last_stamp_ns: int | None = None
     size: int = 0  # encoded bytes
     last_log_ns: int | None = None
-    longest_gap_ns: int = 0  # between the log times of two messages that follow one another
+    longest_gap_ns: int = 0  # between the log times of consecutive messages
 
     def take(self, messages: Messages) -> None:
         """Count some messages that follow the earlier ones."""
@@ -67,7 +67,7 @@ class Topic:
         self.take_log(messages.log_time_ns)
 
     def take_stamps(self, first: Messages, last: Messages) -> None:
-        """Take in the stamps of the first of some messages, and of the last of others."""
+        """Take account of the first stamp of some messages, and of the last stamp of others."""
         begin, end = (
             stamp_at(messages.data, int(messages.start[i]))
             if self.type in STAMPED
@@ -79,7 +79,7 @@ class Topic:
         self.last_stamp_ns = end
 
     def take_log(self, log_time_ns: Integers) -> None:
-        """Take in the log times of one or more messages that follow the earlier ones."""
+        """Take account of the log times of one or more messages that follow the earlier ones."""
         first, last = int(log_time_ns[0]), int(log_time_ns[-1])
         if self.last_log_ns is not None:
             self.longest_gap_ns = max(self.longest_gap_ns, first - self.last_log_ns)
@@ -90,7 +90,7 @@ class Topic:
 
 @dataclass(frozen=True)
 class Block:
-    """Where a chunk or a run of messages is, and which channels have messages in it."""
+    """Where a chunk or a run of messages is, and which channels it contains."""
 
     offset: int
     end: int
@@ -101,7 +101,7 @@ class RecordingFile:
     """One file. Nothing after its first damaged byte counts; ``warning`` names that byte."""
 
     def __init__(self, path: Path, topics: dict[str, Topic]) -> None:
-        """Get ready to scan a file into ``topics``, which may hold those of earlier files."""
+        """Prepare to scan a file into ``topics``, which may hold those of earlier files."""
         self.path = path
         self.topics = topics
         self.library = ""
@@ -113,7 +113,7 @@ class RecordingFile:
         self.schemas: dict[int, Schema] = {}
 
     def scan(self, progress: Callable[[int], None] = lambda _: None) -> None:
-        """Read the file; ``progress`` is told the bytes read. Raises RecordingError and OSError."""
+        """Read the file; ``progress`` is called with the bytes read. Raises RecordingError and OSError."""
         size = self.path.stat().st_size
         with self.path.open("rb") as file:
             check_magic(self.path, file, size)
@@ -133,11 +133,11 @@ class RecordingFile:
             return
         try:
             self.take_record(record)
-        except Exception as error:  # anything that mcap may raise on a damaged record
+        except Exception as error:  # whatever mcap may raise on a damaged record
             raise damaged(record, error) from None
 
     def take_record(self, record: Record) -> None:
-        """Take in a record that holds no messages. Raises whatever mcap raises."""
+        """Process a record without messages. Raises whatever mcap raises."""
         if record.opcode == Opcode.HEADER:
             self.library = Header.read(record.stream).library
         elif record.opcode == Opcode.SCHEMA:
@@ -152,7 +152,7 @@ class RecordingFile:
                 self.metadata[metadata.name] = metadata.metadata
 
     def take_described(self, item: Schema | Channel) -> None:
-        """Take in a schema or a channel; the first with a number counts."""
+        """Process a schema or a channel; the first with a given number counts."""
         if isinstance(item, Schema):
             self.schemas.setdefault(item.id, item)
         elif self.channels.setdefault(item.id, item) is item:
@@ -167,7 +167,7 @@ class RecordingFile:
         self.take_content(content, record)
 
     def take_content(self, content: Content, record: Record) -> None:
-        """Count a block's messages. Raises DamageError for channels that are not known."""
+        """Count a block's messages. Raises DamageError for unknown channels."""
         if not content.channels.keys() <= self.channels.keys():
             raise DamageError(
                 f"the record at byte {record.offset} has messages of an unknown channel"
@@ -203,7 +203,7 @@ class RecordingFile:
 
 
 def check_magic(path: Path, file: BinaryIO, size: int) -> None:
-    """Read past the magic. Raises RecordingError where it is not there."""
+    """Read past the magic. Raises RecordingError if it is missing."""
     if size == 0:
         raise RecordingError(f"{path} is empty: nothing was recorded; record the run again")
     if file.read(len(MAGIC)) != MAGIC:

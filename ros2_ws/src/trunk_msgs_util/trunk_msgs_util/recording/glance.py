@@ -1,4 +1,4 @@
-"""A file known by its summary and indexes alone: instant, whatever its length; nothing is checked."""
+"""Reads only a file's summary and indexes: instant, whatever its length; nothing is checked."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 
 def glance(path: Path, topics: dict[str, Topic]) -> RecordingFile | None:
-    """Return what the file's summary says of it, with ``topics`` filled as a scan would.
+    """Return the file as its summary describes it, with ``topics`` filled as by a scan.
 
-    Topics' sizes are those of their first and last chunk's messages where these are all equal, and
-    else 0. None where the summary does not say all of it or does not fit the file.
+    A topic's size is that of the messages in its first and last chunk if these are all equal, or
+    else 0. None if the summary is incomplete or does not fit the file.
     """
     found: dict[str, Topic] = {}
     try:
@@ -37,16 +37,16 @@ def glance(path: Path, topics: dict[str, Topic]) -> RecordingFile | None:
                 break  # the header
             _describe(recording, summary, file)
             _measure(recording, summary, file)
-    except Exception:  # anything that a damaged summary may raise: the file is scanned instead
+    except Exception:  # whatever a damaged summary may raise: the file is scanned instead
         return None
     if any(name in topics and topics[name].count for name in found):
-        return None  # topics go on from a file before: their gaps are not known here
+        return None  # topics continue from an earlier file: their gaps are not known here
     topics.update(found)
     return recording
 
 
 def _fits(summary: Summary) -> bool:
-    """Return whether the summary is whole and its chunks follow one another."""
+    """Return whether the summary is complete and its chunks are contiguous."""
     statistics = summary.statistics
     if statistics is None or summary.footer.summary_crc not in (0, summary.crc):
         return False
@@ -64,7 +64,7 @@ def _fits(summary: Summary) -> bool:
 
 
 def _describe(recording: RecordingFile, summary: Summary, file: BinaryIO) -> None:
-    """Take in schemas, channels, metadata records and where the chunks are."""
+    """Read schemas, channels, metadata records and the places of the chunks."""
     described: list[Schema | Channel] = [*summary.schemas, *summary.channels]
     for item in described:
         recording.take_described(item)

@@ -29,7 +29,7 @@ QUANTITIES = ("position", "velocity", "effort")
 class JointArrays:
     """N messages in the order of the file.
 
-    A quantity is [N, names], NaN where a message does not carry it, or [N, 0] where none does.
+    A quantity is [N, names], NaN where a message does not carry it, or [N, 0] if none does.
     """
 
     names: tuple[str, ...]
@@ -43,14 +43,14 @@ class JointArrays:
         return len(self.stamp_ns)
 
     def column(self, quantity: str, name: str) -> Floats:
-        """Return one joint's values of a quantity [N]; NaN where it or the name is not there."""
+        """Return one joint's values of a quantity [N]; NaN where it or the name is missing."""
         values: Floats = getattr(self, quantity)
         if name not in self.names or not values.shape[1]:
             return np.full(len(self), np.nan)
         return values[:, self.names.index(name)]
 
     def by_stamp(self) -> JointArrays:
-        """Return the messages by rising stamps, the first of those with the same one."""
+        """Return the messages by increasing stamp, the first of those with equal stamps."""
         if (np.diff(self.stamp_ns) > 0).all():
             return self
         _, rows = np.unique(self.stamp_ns, return_index=True)
@@ -61,8 +61,8 @@ class JointArrays:
 def structured(messages: Messages) -> tuple[tuple[str, ...], NDArray[Any]] | None:
     """Return the names and an array of fields sec, nanosec, position, velocity, effort.
 
-    No Python work for each message; a quantity is [N, values]. None where the messages do not all
-    share one layout, are big-endian or malformed.
+    No Python work per message; a quantity is [N, values]. None if the messages do not all
+    share one layout, or are big-endian or malformed.
     """
     data, _, start, end = messages
     sizes = end - start
@@ -82,9 +82,9 @@ def stamps(array: NDArray[Any]) -> Integers:
 
 
 def decode(messages: Messages) -> JointArrays:
-    """Return one or more serialized messages as arrays, in bulk where they share a layout.
+    """Return one or more serialized messages as arrays, in bulk if they share a layout.
 
-    Raises ValueError for bytes that are not JointState, and where values do not match names.
+    Raises ValueError for bytes that are not JointState, and if values do not match names.
     """
     log = messages.log_time_ns
     found = structured(messages)
@@ -119,7 +119,7 @@ def _one(sample: JointSample, log: Integers) -> JointArrays:
 
 
 def concatenate(parts: Sequence[JointArrays]) -> JointArrays:
-    """Return the parts one after another; names that a part does not have are NaN there."""
+    """Return the parts concatenated; names that a part lacks are NaN there."""
     names = tuple(dict.fromkeys(name for part in parts for name in part.names))
 
     def spread(values: Floats, part: JointArrays) -> Floats:

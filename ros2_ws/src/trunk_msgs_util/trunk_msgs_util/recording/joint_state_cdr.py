@@ -1,9 +1,9 @@
 """XCDR1, little-endian, of sensor_msgs/JointState messages whose layout stays the same.
 
-A layout (frame, names, number of values) fixes every byte of a message but its stamp and its
+A layout (frame, names, number of values) fixes every byte of a message except its stamp and
 values: one precomputed struct packs it, and one NumPy type reads thousands of joined messages at
 once. Bytes are those of Fast CDR and of rosbags. Padding is written as zeros and ignored when read:
-Fast CDR leaves in it what the buffer held before. Big-endian messages are not read here.
+Fast CDR leaves old buffer content in it. Big-endian messages are not read here.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _ENCAPSULATION = b"\x00\x01\x00\x00"  # CDR, little-endian, no options
 _ORIGIN = len(_ENCAPSULATION)  # alignment counts from here
-# rmw_serialize leaves such a tail: room for alignments that empty arrays turn out not to need.
+# rmw_serialize leaves such a tail: room for alignment that empty arrays do not need.
 _MAX_TRAILING = 16
 
 
@@ -71,7 +71,7 @@ class _Plan:
 
 @dataclass(frozen=True)
 class JointStateLayout:
-    """What is constant in a stream of JointState messages: names, and numbers of values."""
+    """What is constant in a stream of JointState messages: names and numbers of values."""
 
     name: tuple[str, ...]
     position: int = 0
@@ -124,7 +124,7 @@ class JointStateLayout:
     def _constant_spans(self) -> list[tuple[int, NDArray[np.uint8]]]:
         """Offsets and values of all bytes that are the same in every message of this layout."""
         pieces = [piece for group in self._pieces for piece in group]
-        # The encapsulation's two bytes of options may hold anything.
+        # The two option bytes of the encapsulation header may hold anything.
         spans = [(0, _ENCAPSULATION[:2]), *zip(self._plan.piece_offsets, pieces, strict=True)]
         joined: list[tuple[int, bytes]] = []
         for at, piece in spans:
@@ -135,7 +135,7 @@ class JointStateLayout:
         return [(at, np.frombuffer(piece, np.uint8)) for at, piece in joined]
 
     def pack(self, sample: JointSample) -> bytes:
-        """Return the message. Raises ValueError where the sample does not have this layout."""
+        """Return the message. Raises ValueError if the sample does not have this layout."""
         stamp_ns, name, position, velocity, effort = sample
         if name != self.name or (len(position), len(velocity), len(effort)) != self._counts:
             raise ValueError(f"a sample of {name!r} does not have the layout {self!r}")
@@ -157,7 +157,7 @@ class JointStateLayout:
             raise ValueError(f"the sample at {stamp_ns} ns cannot be packed: {error}") from None
 
     def unpack(self, data: bytes) -> JointSample:
-        """Return the sample. Raises ValueError where the message does not have this layout."""
+        """Return the sample. Raises ValueError if the message does not have this layout."""
         if not self.size <= len(data) <= self.size + _MAX_TRAILING or data[:2] != b"\x00\x01":
             raise ValueError(f"a message of {len(data)} bytes does not have the layout {self!r}")
         _, sec, nanosec, *rest = self._struct.unpack_from(data)
@@ -181,7 +181,7 @@ class JointStateLayout:
     def decode_at(self, data: bytes, start: NDArray[np.int64]) -> NDArray[Any]:
         """Return the messages that begin at some bytes of ``data`` as an array of `dtype`.
 
-        A view where they are equally spaced, and else a copy. Raises ValueError unless all
+        A view if they are equally spaced, otherwise a copy. Raises ValueError unless all
         have this layout.
         """
         size = self.size
@@ -212,7 +212,7 @@ class JointStateLayout:
 
     @classmethod
     def parse(cls, data: bytes) -> JointStateLayout:
-        """Return a message's layout. Raises ValueError where it is malformed or big-endian."""
+        """Return a message's layout. Raises ValueError if it is malformed or big-endian."""
         if data[:2] != b"\x00\x01":
             raise ValueError("not a little-endian CDR message")
         cursor = _Cursor(data)
@@ -226,7 +226,7 @@ class JointStateLayout:
 
 
 class _Cursor:
-    """Reads the parts of a message that decide its layout, never past its end."""
+    """Reads the parts of a message that determine its layout, never past its end."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data

@@ -1,4 +1,4 @@
-"""`Messages`: the message records of a block, with the head that each has before its data."""
+"""`Messages`: the message records of a block, each with the header before its data."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ class Messages(NamedTuple):
         return [data[start:end] for start, end in spans]
 
     def first(self) -> Messages:
-        """Return the first message alone."""
+        """Return only the first message."""
         return Messages(self.data, self.log_time_ns[:1], self.start[:1], self.end[:1])
 
     def head(self, row: int) -> MessageHead:
-        """Return the head of message ``row``."""
+        """Return the header of message ``row``."""
         at = int(self.start[row]) - _MESSAGE_HEAD.size
         return MessageHead._make(_MESSAGE_HEAD.unpack_from(self.data, at))
 
@@ -63,12 +63,12 @@ class Messages(NamedTuple):
 
 
 def data_starts(offsets: Integers) -> Integers:
-    """Return where the messages whose records begin at ``offsets`` have their data."""
+    """Return where the data begin of the message records at ``offsets``."""
     return offsets + (HEAD.size + _MESSAGE_HEAD.size)
 
 
 def head_field(data: bytes, offsets: Integers, name: str) -> NDArray[Any]:
-    """Return one field [N] of the heads of the message records that begin at ``offsets``.
+    """Return one header field [N] of the message records at ``offsets``.
 
     ``name`` is channel, sequence, log_time or publish_time.
     """

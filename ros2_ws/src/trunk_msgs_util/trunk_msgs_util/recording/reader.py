@@ -1,4 +1,4 @@
-"""`Recording`: what a run's MCAP file or rosbag2 folder says, as far as it is sound."""
+"""`Recording`: the content of a run's MCAP file or rosbag2 folder, as far as it is sound."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ __all__ = ["Recording", "RecordingError", "Topic"]
 
 Parsed = TypeVar("Parsed")
 
-# Decompressed chunks that are kept for the next topic: a run of a minute is decompressed once.
+# Decompressed chunks kept for the next topic: a one-minute run is decompressed once.
 _KEPT = 64 << 20
-# Larger files are not read whole by `Recording.glance`; smaller ones are scanned in no time.
+# `Recording.glance` does not read larger files whole; smaller ones are scanned in no time.
 _GLANCE = 32 << 20
-_OURS = "trunk_msgs_util"  # begins the library's name in files that must have an end record
+_OURS = "trunk_msgs_util"  # prefix of the library's name in files that must have an end record
 
 
 class Recording:
-    """A run's file or files, scanned once; messages are read when they are asked for.
+    """A run's file or files, scanned once; messages are read on demand.
 
-    ``warnings`` says what is missing or damaged, and from which byte on. Nothing after the first
+    ``warnings`` lists what is missing or damaged, and from which byte on. Nothing after the first
     damaged byte counts.
     """
 
@@ -57,9 +57,9 @@ class Recording:
     def open(
         cls, path: str | Path, progress: Callable[[int, int], None] = lambda _done, _of: None
     ) -> Recording:
-        """Scan a file or a folder; ``progress`` is told bytes read and bytes in all.
+        """Scan a file or a folder; ``progress`` is called with the bytes read and the total.
 
-        Raises RecordingError where it is not there, not readable, or not MCAP.
+        Raises RecordingError if it is missing, not readable, or not MCAP.
         """
         return cls(path)._opened(progress)
 
@@ -67,7 +67,7 @@ class Recording:
     def glance(
         cls, path: str | Path, progress: Callable[[int, int], None] = lambda _done, _of: None
     ) -> Recording:
-        """Open a recording by its summary and indexes; ``checked`` is False where that was enough.
+        """Open a recording by its summary and indexes; ``checked`` is False if that was enough.
 
         Files of less than `_GLANCE` bytes, and those without a sound summary, are scanned.
         Raises as `open` does.
@@ -81,7 +81,7 @@ class Recording:
             self._scan(progress)
         except OSError as error:
             raise RecordingError(
-                f"{self.path}: {error.strerror}: give an MCAP file that can be read"
+                f"{self.path}: {error.strerror}: give a readable MCAP file"
             ) from None
         return self
 
@@ -115,7 +115,7 @@ class Recording:
         self._judge(is_bag, counted)
 
     def _judge(self, is_bag: bool, counted: int | None) -> None:
-        """Warn where nothing says that the run is whole."""
+        """Warn if nothing says that the run is whole."""
         found = sum(topic.count for topic in self.topics.values())
         if counted is not None and counted != found:
             self._sound = False
@@ -145,12 +145,12 @@ class Recording:
 
     @property
     def library(self) -> str:
-        """What wrote the first file, as it says itself."""
+        """What wrote the first file, according to the file."""
         return self._files[0].library
 
     @property
     def complete(self) -> bool:
-        """True where the recorder says that the whole run is in the file, and nothing was altered."""
+        """True if the recorder marked the run as complete, and nothing was altered."""
         return self._sound and self.end is not None and self.end.get("complete") == "true"
 
     def altered_topics(self) -> list[str]:
@@ -173,13 +173,13 @@ class Recording:
 
     @property
     def controller(self) -> str | None:
-        """The node whose ``~/state`` was recorded; of several the one with most messages."""
+        """The node whose ``~/state`` was recorded; of several, the one with most messages."""
         counts = self._controllers()
         return max(counts, key=lambda name: counts[name], default=None)
 
     @property
     def controllers(self) -> list[str]:
-        """All nodes whose ``~/state`` was recorded, in the order in which the run was planned."""
+        """All nodes whose ``~/state`` was recorded, in the plan's order."""
         counts = self._controllers()
         planned = self.provenance.get("controller", "").split()
         return sorted(
@@ -196,14 +196,14 @@ class Recording:
 
     @property
     def fell_at_ns(self) -> int | None:
-        """When the trunk fell, by the run's events; None where they do not say so."""
+        """When the trunk fell, by the run's events; None if they report no fall."""
         return next((e.stamp_ns for e in self.events() if e.message == Event.FELL), None)
 
     def blocks(self, topics: Iterable[str]) -> Iterator[dict[str, Messages]]:
-        """Yield the messages of some topics, block by block in the file's order.
+        """Yield the messages of some topics, block by block in file order.
 
-        One pass: each block is decompressed once for all of the topics. A topic of which a block
-        has nothing is not in its dictionary.
+        One pass: each block is decompressed once for all topics. A topic without messages in a block
+        is not in its dictionary.
         """
         asked = list(topics)
         for file, content in self._contents(asked):
@@ -211,7 +211,7 @@ class Recording:
             yield {topic: messages for topic, messages in found.items() if messages is not None}
 
     def copies(self, topics: Iterable[str]) -> Iterator[tuple[RecordingFile, Messages]]:
-        """Yield the messages of some topics together, in the file's order, with their file."""
+        """Yield the messages of some topics together, in file order, with their file."""
         asked = list(topics)
         for file, content in self._contents(asked):
             messages = content.messages([c for topic in asked for c in file.numbers(topic)])
@@ -234,7 +234,7 @@ class Recording:
     def _keep(self, key: tuple[int, int], content: Content) -> None:
         self._kept[key] = content
         self._kept.move_to_end(key)
-        # Offsets take about as much as short messages do.
+        # Offsets take about as much memory as short messages.
         while sum(2 * len(kept.data) for kept in self._kept.values()) > _KEPT:
             self._kept.popitem(last=False)
 
@@ -246,12 +246,12 @@ class Recording:
     def joints(self, topic: str) -> JointArrays:
         """Return all messages of a JointState topic (absolute name), none for an unknown topic.
 
-        Raises RecordingError where they are not JointState messages.
+        Raises RecordingError if they are not JointState messages.
         """
         return self.joints_of([topic])[topic]
 
     def joints_of(self, topics: Iterable[str]) -> Mapping[str, JointArrays]:
-        """Return all messages of some JointState topics, read in one pass. Raises as `joints`."""
+        """Return all messages of some JointState topics, read in one pass. Raises as `joints` does."""
         parts: dict[str, list[JointArrays]] = {topic: [] for topic in topics}
         for block in self.blocks(parts):
             for topic, messages in block.items():

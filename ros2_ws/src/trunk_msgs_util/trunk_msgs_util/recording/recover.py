@@ -1,4 +1,4 @@
-"""A whole, indexed file out of a broken one: everything that can still be read, and what was lost."""
+"""Makes a valid, indexed file from a broken one, with everything readable, and reports what was lost."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class Recovery:
 
 
 def recover(path: Path, output: Path, overwrite: bool = False) -> Recovery:
-    """Write all that can be read of an MCAP file as a finished one, and return what came of it.
+    """Write everything readable in an MCAP file as a finished one, and return the outcome.
 
     Damaged chunks are left out; after damage that hides where the next record begins, the file's
     own index says where to go on. The end record says "complete: false" and why. Raises RecordingError
-    where nothing can be read, FileExistsError, and OSError.
+    if nothing can be read, FileExistsError, and OSError.
     """
     recovery = Recovery()
     size = path.stat().st_size
@@ -56,7 +56,7 @@ def recover(path: Path, output: Path, overwrite: bool = False) -> Recovery:
 
 
 class _Copy:
-    """Schemas and channels keep what they say, and get new numbers."""
+    """Schemas and channels keep their content and get new numbers."""
 
     def __init__(self, file: BinaryIO, size: int, target: BinaryIO, recovery: Recovery) -> None:
         self._file, self._size, self._recovery = file, size, recovery
@@ -64,7 +64,7 @@ class _Copy:
         self._schemas: dict[int, int] = {0: 0}
         self._channels: dict[int, tuple[int, str]] = {}
         self._end: dict[str, str] | None = None
-        self._seen = 8  # all before this byte was read or given up
+        self._seen = 8  # everything before this byte was read or given up
 
     def run(self) -> None:
         self._writer.start("ros2", LIBRARY)
@@ -81,7 +81,7 @@ class _Copy:
         self._writer.finish()
 
     def _described(self) -> None:
-        """Know schemas and channels by the summary, should the chunk that has them be lost."""
+        """Read schemas and channels from the summary, in case their chunk is lost."""
         try:
             summary = read_summary(self._file, self._size)
         except ValueError:
@@ -105,7 +105,7 @@ class _Copy:
             self._channels[item.id] = (number, item.topic)
 
     def _stretch(self, start: int) -> int:
-        """Copy from a byte on; return where to go on after damage, or the file's size."""
+        """Copy from a byte on; return where to resume after damage, or the file's size."""
         self._file.seek(start)
         try:
             for record in records(self._file, self._size, start):
@@ -124,7 +124,7 @@ class _Copy:
         return self._size
 
     def _next_chunk(self) -> int:
-        """Return where the index has a chunk after the damage."""
+        """Return where the index gives a chunk after the damage."""
         try:
             summary = read_summary(self._file, self._size)
         except ValueError:
@@ -154,10 +154,10 @@ class _Copy:
                 if metadata.name == END:
                     self._end = metadata.metadata
                 elif metadata.name != DIGESTS or not self._recovery.lost:
-                    # Digests are of the whole run: with a loss they would accuse what is left.
+                    # Digests cover the whole run: after a loss they would flag what is left as altered.
                     self._writer.flush()
                     self._writer.add_metadata(metadata.name, metadata.metadata)
-        except Exception as error:  # anything that mcap may raise on a damaged record
+        except Exception as error:  # whatever mcap may raise on a damaged record
             raise damaged(record, error) from None
 
     def _messages(self, content: Content, record: Record) -> None:

@@ -1,6 +1,6 @@
-"""ROS messages without ROS: definitions, and the few messages that an offline run has to build.
+"""ROS messages without ROS: definitions, and the few messages that an offline run builds.
 
-All from rosbags' store of Jazzy's types, loaded at first use.
+All from rosbags' store of Jazzy's types, loaded on first use.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def _store() -> Typestore:
 
 @cache
 def definition(type_name: str) -> bytes:
-    """Return a type's ``ros2msg`` text, with all that it nests. Raises ValueError if unknown."""
+    """Return a type's ``ros2msg`` text with all nested types. Raises ValueError if unknown."""
     if type_name not in _store().fielddefs:
         raise ValueError(f"ROS 2 Jazzy has no message type {type_name!r}")
     text, _ = _store().generate_msgdef(type_name, ros_version=2)
@@ -85,7 +85,7 @@ def serialize(type_name: str, message: Any) -> bytes:
 
 
 def deserialize(type_name: str, data: bytes) -> Any:
-    """Return the message. Raises ValueError where the bytes are not one of this type."""
+    """Return the message. Raises ValueError if the bytes are not of this type."""
     try:
         return _store().deserialize_cdr(data, type_name)
     except (SerdeError, IndexError, MemoryError, OverflowError) as error:
@@ -142,7 +142,7 @@ def parameter_event(
     """Return a serialized ParameterEvent.
 
     ``kinds`` gives kinds by name, as `declarations.Declaration.kind` has them; others are taken
-    from the value. Raises ValueError for an empty array whose kind is not told.
+    from the value. Raises ValueError for an empty array whose kind is not given.
     """
     told = kinds or {}
 
@@ -177,7 +177,7 @@ def _values(parameters: list[Any]) -> dict[str, Value]:
 
 
 def parse_parameter_event(data: bytes) -> ParameterChange:
-    """Return what a serialized ParameterEvent says. Raises ValueError where it is malformed."""
+    """Return the content of a serialized ParameterEvent. Raises ValueError if malformed."""
     message = deserialize(PARAMETER_EVENT_TYPE, data)
     return ParameterChange(
         stamp_of(message.stamp),
@@ -214,7 +214,7 @@ def event(
 
 
 def parse_event(data: bytes) -> RunEvent:
-    """Return what a serialized DiagnosticArray says. Raises ValueError if malformed or empty."""
+    """Return the content of a serialized DiagnosticArray. Raises ValueError if malformed or empty."""
     message = deserialize(DIAGNOSTIC_ARRAY_TYPE, data)
     if not message.status:
         raise ValueError("a DiagnosticArray without a status")

@@ -1,4 +1,4 @@
-"""Chosen columns of JointState topics, read in one pass with little more memory than they take."""
+"""Chosen columns of JointState topics, read in one pass with little memory beyond their own."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Column = tuple[str, str]  # quantity, name
 
 @dataclass(frozen=True)
 class Series:
-    """Some columns [N] of a topic by rising stamps, the first of those with the same one."""
+    """Some columns [N] of a topic by increasing stamp, the first of those with equal stamps."""
 
     stamp_ns: Integers
     columns: Mapping[Column, Floats]
@@ -29,7 +29,7 @@ class Series:
         return len(self.stamp_ns)
 
     def column(self, quantity: str, name: str) -> Floats:
-        """Return a column that was asked for; NaN where a message did not carry it."""
+        """Return a requested column; NaN where a message did not carry it."""
         return self.columns[quantity, name]
 
 
@@ -38,7 +38,7 @@ def read_series(
 ) -> dict[str, Series]:
     """Return columns of some topics (absolute names), empty ones for unknown topics.
 
-    Raises RecordingError where a topic has other messages than JointState, or not as many as were
+    Raises RecordingError if a topic has messages other than JointState, or not as many as were
     counted when the recording was opened.
     """
     series = {
@@ -63,7 +63,7 @@ def read_series(
 
 
 def in_turn(series: Sequence[Series]) -> Series:
-    """Return what several topics with the same columns say, as one by rising stamps."""
+    """Return several topics with the same columns merged into one, by increasing stamp."""
     if len(series) == 1:
         return series[0]
     stamp_ns, rows = np.unique(np.concatenate([s.stamp_ns for s in series]), return_index=True)
@@ -89,7 +89,7 @@ def joint_names(recording: Recording, topic: str) -> tuple[str, ...]:
 
 
 class _Filling:
-    """Columns made at their full length, filled block by block."""
+    """Columns allocated at full length and filled block by block."""
 
     def __init__(self, count: int, columns: Iterable[Column]) -> None:
         self.count = count
@@ -121,7 +121,7 @@ class _Filling:
             values[rows] = array[quantity][:, names.index(name)] if has else np.nan
 
     def ordered(self) -> Series:
-        """Return what was filled; nothing is copied where the stamps rise."""
+        """Return what was filled, without a copy if the stamps increase."""
         if (self._stamp_ns[1:] > self._stamp_ns[:-1]).all():
             return Series(self._stamp_ns, self._columns)
         _, rows = np.unique(self._stamp_ns, return_index=True)

@@ -1,8 +1,8 @@
 """Where the records of a chunk begin, found in bulk.
 
-Records follow one another by their lengths. A recorder writes the same few topics again and again,
-so their lengths repeat with a period: it is looked for in the lengths walked so far, and NumPy then
-checks thousands of records against it at once. Where they are irregular, they are walked.
+Each record's length gives the start of the next. A recorder writes the same few topics again and again,
+so the lengths repeat with a period: it is searched in the lengths read so far, and NumPy then
+checks thousands of records against it at once. Irregular records are read one by one.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from .joint_arrays import Integers
 
 _LENGTH = struct.Struct("<Q")
-_WINDOW = 128  # lengths in which a period is looked for
+_WINDOW = 128  # lengths in which a period is searched
 _MAX_WALK = 8192
-_OTHERS = 1 << 18  # records that are not messages: all schemas and channels that there can be
+_OTHERS = 1 << 18  # records that are not messages: as many as schemas and channels can exist
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Content:
     others: list[tuple[int, bytes]] = field(default_factory=list)  # opcode, body
 
     def messages(self, channels: Iterable[int]) -> Messages | None:
-        """Return the messages of some channels in the order of the file, None without any."""
+        """Return the messages of some channels in file order, or None."""
         found = [self.channels[c] for c in channels if c in self.channels]
         if len(found) < 2:
             return found[0] if found else None
@@ -50,7 +50,7 @@ class Content:
 
 
 def split(data: bytes) -> Content:
-    """Return the content of a chunk. Raises ValueError where its records make no sense."""
+    """Return the content of a chunk. Raises ValueError if its records make no sense."""
     offsets, end = record_offsets(data)
     if end != len(data):
         raise ValueError("a record goes beyond its chunk")
@@ -70,7 +70,7 @@ def split(data: bytes) -> Content:
         return content
     starts = data_starts(offsets)
     if (ends < starts).any():
-        raise ValueError("a message is too short for its head")
+        raise ValueError("a message is too short for its header")
     log = head_field(data, offsets, "log_time")
     if log.max() > np.iinfo(np.int64).max:
         raise ValueError("a log time is beyond the year 2262")
@@ -106,7 +106,7 @@ def record_offsets(data: bytes) -> tuple[Integers, int]:
             at += sum(period) * (len(repeats) // len(period))
             steps = _WINDOW
         else:
-            steps = min(2 * steps, _MAX_WALK)  # so that looking costs little where there is none
+            steps = min(2 * steps, _MAX_WALK)  # so that the search costs little if there is none
     return (np.concatenate(parts) if parts else np.empty(0, np.int64)), at
 
 
@@ -120,12 +120,12 @@ def _period(offsets: list[int]) -> list[int]:
 
 
 def _repeats(data: bytes, at: int, sizes: list[int]) -> Integers:
-    """Return the offsets of the whole periods that follow one another from ``at`` on."""
+    """Return the offsets of the consecutive whole periods from ``at`` on."""
     stride = sum(sizes)
     within = np.cumsum([0, *sizes[:-1]])
     possible = (len(data) - at) // stride
     count, tried = 0, 64
-    while count < possible:  # in growing steps: what is not regular for long stays cheap
+    while count < possible:  # in growing steps: short regular stretches stay cheap
         tried = good = min(tried, possible - count)
         for begin, size in zip(within.tolist(), sizes, strict=True):
             where = at + count * stride + begin + 1

@@ -25,7 +25,7 @@ ERROR, WARNING, INFO = "error", "warning", "info"
 
 @dataclass(frozen=True)
 class Finding:
-    """Something about a recording, and where it is; None where a place makes no sense."""
+    """A finding about a recording and its place; None if a place makes no sense."""
 
     severity: str  # ERROR: wrong or lost; WARNING: missing; INFO
     message: str
@@ -34,7 +34,7 @@ class Finding:
     byte: int | None = None
 
     def describe(self) -> str:
-        """Return it as one line, place first."""
+        """Return the finding as one line, place first."""
         place = [
             *([self.topic] if self.topic is not None else []),
             *([f"t = {seconds(self.stamp_ns):.9g} s"] if self.stamp_ns is not None else []),
@@ -62,7 +62,7 @@ def structure(path: Path) -> list[Finding]:
 
 
 class _Walk:
-    """What a pass through the records has seen, for the indexes to be judged by."""
+    """What a pass through the records has seen, to check the indexes against."""
 
     def __init__(self) -> None:
         self.end = 8
@@ -72,7 +72,7 @@ class _Walk:
         self.in_data = True
 
     def take(self, record: Record) -> Iterator[Finding]:
-        """Count in a record; yield what is wrong with it."""
+        """Count a record; yield what is wrong with it."""
         self.end = record.end
         if record.opcode == Opcode.DATA_END:
             self.in_data = False
@@ -99,7 +99,7 @@ class _Walk:
 
 
 def _mark(log_time_ns: Integers, offsets: Integers) -> int:
-    """Return a checksum of what an index says of a channel, in the order of the chunk."""
+    """Return a checksum of a channel's index entries, in the chunk's order."""
     order = np.argsort(offsets, kind="stable")
     return zlib.crc32(log_time_ns[order].tobytes(), zlib.crc32(offsets[order].tobytes()))
 
@@ -112,7 +112,7 @@ def _chunk(record: Record, content: Content) -> Iterator[Finding]:
     if times:
         span = min(int(t.min()) for t in times), max(int(t.max()) for t in times)
         if span != (head.start_ns, head.end_ns):
-            text = "the chunk's span of time is not that of its messages"
+            text = "the chunk's time span is not that of its messages"
             yield Finding(ERROR, text, byte=record.offset)
 
 
@@ -148,7 +148,7 @@ def _summary(file: BinaryIO, size: int, walk: _Walk) -> Iterator[Finding]:
         yield from _chunk_index(file, chunk, walk)
     for index in summary.metadata:
         if index.offset not in walk.metadata:
-            text = f"the index has a metadata record {index.name!r} here, the file has not"
+            text = f"the index has a metadata record {index.name!r} here, the file does not"
             yield Finding(ERROR, text, byte=index.offset)
 
 
@@ -162,7 +162,7 @@ def _chunk_index(file: BinaryIO, chunk: ChunkIndex, walk: _Walk) -> Iterator[Fin
         yield Finding(ERROR, "the index gives the chunk another length", byte=at)
         return
     if not chunk.message_index_offsets:
-        return  # a file may do without
+        return  # optional in a file
     try:
         told = message_indexes(file, chunk)
     except ValueError as error:

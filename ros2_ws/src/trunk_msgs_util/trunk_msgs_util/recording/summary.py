@@ -1,4 +1,4 @@
-"""What is at an MCAP file's end: statistics and indexes, read without the messages."""
+"""Reads the statistics and indexes at an MCAP file's end, without the messages."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Summary:
 
     start: int
     footer: Footer
-    crc: int  # of what the footer's checksum is about
+    crc: int  # of what the footer's checksum covers
     schemas: list[Schema] = field(default_factory=list)
     channels: list[Channel] = field(default_factory=list)
     statistics: Statistics | None = None
@@ -40,9 +40,9 @@ class Summary:
 
 
 def read_summary(file: BinaryIO, size: int) -> Summary | None:
-    """Return the summary of a file of ``size`` bytes, None where it ends without one.
+    """Return the summary of a file of ``size`` bytes, or None if it has none.
 
-    Raises ValueError where what is there makes no sense; its checksum is not checked.
+    Raises ValueError if the summary makes no sense; its checksum is not checked.
     """
     at = size - len(MAGIC) - _FOOTER
     if at < len(MAGIC):
@@ -69,7 +69,7 @@ def read_summary(file: BinaryIO, size: int) -> Summary | None:
         record = Record(start + offset, data[offset], data[offset + HEAD.size : until], until)
         try:
             _take(summary, record)
-        except Exception as error:  # anything that mcap may raise on a damaged record
+        except Exception as error:  # whatever mcap may raise on a damaged record
             raise ValueError(f"the summary's record at byte {record.offset}: {error}") from None
     return summary
 
@@ -90,7 +90,7 @@ def _take(summary: Summary, record: Record) -> None:
 def message_indexes(file: BinaryIO, index: ChunkIndex) -> dict[int, tuple[Integers, Integers]]:
     """Return (log times in ns, offsets in the chunk's records) by channel, of one chunk.
 
-    Raises ValueError where they are not where the chunk's index says.
+    Raises ValueError if they are not where the chunk's index says.
     """
     first = index.chunk_start_offset + index.chunk_length
     if index.message_index_length > MAX_CHUNK:

@@ -1,4 +1,4 @@
-"""Any topic as NumPy arrays, one for each field, whatever its type in ROS 2 Jazzy."""
+"""Any topic as NumPy arrays, one per field, for any ROS 2 Jazzy type."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def topic_arrays(recording: Recording, topic: str) -> dict[str, NDArray[Any]]:
     """Return a topic's N messages as arrays [N] by field.
 
     JointState is decoded in bulk: ``stamp_ns`` and ``position[hip]`` and so on. Other messages are
-    decoded one by one; fields of fields are joined by dots (``header.stamp.sec``), and fields of
-    changing length, arrays and sequences, are arrays of objects. `LOG_TIME` is always there.
-    Raises RecordingError for an unknown topic, and where its messages are not of its type.
+    decoded one by one; nested field names are joined by dots (``header.stamp.sec``), and arrays and
+    sequences become arrays of objects. `LOG_TIME` is always included.
+    Raises RecordingError for an unknown topic, and if its messages are not of its type.
     """
     if topic not in recording.topics:
         raise RecordingError(
@@ -57,7 +57,7 @@ def topic_arrays(recording: Recording, topic: str) -> dict[str, NDArray[Any]]:
 
 
 def _fields(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield a message's fields in their order, those of nested messages by their path."""
+    """Yield a message's fields in order, those of nested messages by path."""
     if not hasattr(value, "__dataclass_fields__"):
         yield prefix, value
         return
@@ -70,6 +70,6 @@ def _array(values: list[Any]) -> NDArray[Any]:
     if all(isinstance(value, (bool, int, float, str)) for value in values):
         return np.array(values)
     objects = np.empty(len(values), object)
-    for i, value in enumerate(values):  # as a whole, arrays of one length would be stacked
+    for i, value in enumerate(values):  # assigned at once, arrays of equal length would be stacked
         objects[i] = value
     return objects

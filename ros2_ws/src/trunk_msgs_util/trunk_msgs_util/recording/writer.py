@@ -1,4 +1,4 @@
-"""`RecordingWriter`: one run into one MCAP file, as ROS 2's own tools would write it."""
+"""`RecordingWriter`: writes one run into one MCAP file, as ROS 2's tools would."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if not hasattr(Writer, "flush"):
 
 PROVENANCE = "trunk_provenance"
 END = "trunk_end"
-# By topic: BLAKE2b (16 bytes) over its messages in their order.
+# By topic: BLAKE2b (16 bytes) over its messages in order.
 DIGESTS = "trunk_digests"
 
 _COMPRESSIONS = {
@@ -35,15 +35,15 @@ _COMPRESSIONS = {
 class RecordingWriter:
     """Writes an MCAP file: profile ``ros2``, CDR, ``ros2msg`` schemas, chunks, all checksums on.
 
-    As a context manager it finishes the file as complete, or, left by an exception, as incomplete
+    As a context manager it finishes the file as complete, or, after an exception, as incomplete
     with the reason. After a failed write (a full disk) nothing more is written: the file ends
-    there, without an end record, and reads as incomplete.
+    there, without an end record, and is read as incomplete.
     """
 
     def __init__(
         self, path: str | Path, compression: str = "zstd", *, overwrite: bool = False
     ) -> None:
-        """Create the file. Raises FileExistsError where it exists, unless ``overwrite``."""
+        """Create the file. Raises FileExistsError if it exists, unless ``overwrite``."""
         self.path = Path(path)
         try:
             self._file = self.path.open("wb" if overwrite else "xb")
@@ -94,9 +94,9 @@ class RecordingWriter:
             raise self._failed(error) from None
 
     def flush(self) -> None:
-        """Finish the chunk and hand all to the operating system: SIGKILL then loses nothing.
+        """Finish the chunk and hand everything to the operating system: SIGKILL then loses nothing.
 
-        Raises OSError if it fails, also where the file has been deleted: nobody would ever read it.
+        Raises OSError if it fails, also if the file has been deleted, since nobody could ever read it.
         """
         self._check()
         try:
@@ -109,7 +109,7 @@ class RecordingWriter:
     def finish(self, *, complete: bool, reason: str) -> None:
         """Write the end record and the index, and close the file; a second call does nothing.
 
-        Raises OSError, with the file closed, where a write has failed.
+        Raises OSError, with the file closed, if a write has failed.
         """
         if self._file.closed:
             return
@@ -126,7 +126,7 @@ class RecordingWriter:
             raise self._failed(error) from None
 
     def _failed(self, error: OSError) -> OSError:
-        """Return the first failure, by the file's name; nothing is written after it."""
+        """Return the first failure, naming the file; nothing is written after it."""
         if self._failure is None:
             self._failure = OSError(error.errno, error.strerror, str(self.path))
         return self._failure
