@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Step random runs by CPython and by compiled code and compare every number bit by bit.
 
-scripts/check_compiled.py [RUNS]     default 1000; exit code 1 where a bit differs
+scripts/check_compiled.py [RUNS]     default 1000; exit code 1 if a bit differs
 """
 
 from __future__ import annotations

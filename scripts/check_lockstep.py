@@ -56,9 +56,9 @@ def check(plan: RunPlan, folder: Path, repeat: int, shuffle: random.Random) -> l
 
 @click.command()
 @click.option("--repeat", default=3, show_default=True, help="Graph runs of each kind.")
-@click.option("--seed", default=1, show_default=True, help="Of the order of start.")
+@click.option("--seed", default=1, show_default=True, help="Seed of the start order.")
 def main(repeat: int, seed: int) -> None:
-    """Check the whole matrix; exit code 1 where any run differs."""
+    """Check the whole matrix; exit code 1 if any run differs."""
     shuffle = random.Random(seed)
     load = [
         subprocess.Popen([sys.executable, "-c", "while True: pass"])

@@ -1,10 +1,10 @@
-"""Half an hour of the graph in real time: memory flat, no missed step uncounted, the file whole.
+"""Half an hour of the graph in real time: flat memory, every missed step counted, a whole file.
 
     source scripts/env.sh && python scripts/check_soak.py [--minutes 30] [--rate 200] [--output FOLDER]
 
 Simulator, disturbance, Fuzzy-PID and recorder run as `scripts/run.sh` runs them. Memory is each process's
-resident set (RSS of /proc/PID/smaps_rollup), looked at once a second from outside; from the first minute
-on (in a run of less than two minutes: from its half on) it may grow by less than 2 %.
+resident set (RSS of /proc/PID/smaps_rollup), read once a second from outside; after the first minute
+(in a run shorter than two minutes: after its first half) it may grow by less than 2 %.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ NOISE = ("simulator.sensor.position_noise=1e-4", "simulator.sensor.velocity_nois
 
 
 class Watch:
-    """What can be seen of a run from outside: memory by node, the simulator's last diagnosis."""
+    """What can be seen of a run from outside: memory by node, the simulator's last diagnostics."""
 
     def __init__(self) -> None:
         self.memory: dict[str, list[tuple[float, int]]] = defaultdict(list)
@@ -64,7 +64,7 @@ class Watch:
         self._looked = 0.0
 
     def look(self, run_s: float) -> None:
-        """Take in what there is; called many times a second while the run is at ``run_s``."""
+        """Take a sample; called many times a second, with the run at ``run_s``."""
         if self._executor is None:  # only now: the run's processes are started before threads are
             self._listen()
         self.hear(0.0)
@@ -75,7 +75,7 @@ class Watch:
                     self.memory[node].append((run_s, resident_bytes(pid)))
 
     def hear(self, timeout_s: float) -> None:
-        """Take in diagnostics, or wait for them."""
+        """Process diagnostics, or wait for them."""
         if self._executor is not None:
             self._executor.spin_once(timeout_sec=timeout_s)
 
@@ -94,7 +94,7 @@ class Watch:
                 self.diagnosis = {v.key: v.value for v in status.values}
 
     def write_memory(self, path: Path) -> None:
-        """Leave all samples in a file, for who wants to see when something grew."""
+        """Save all samples to a file, to show when something grew."""
         lines = [f"{node},{t:.3f},{size}" for node, seen in self.memory.items() for t, size in seen]
         path.write_text("\n".join(["node,time_s,rss_bytes", *lines, ""]))
 
@@ -103,7 +103,9 @@ class Watch:
         deadline = time.monotonic() + HUNG_S
         while int(self.diagnosis.get("step", -1)) + 1 < states:
             if time.monotonic() > deadline:
-                raise RunError(f"the simulator's diagnosis after its {states} states was not heard")
+                raise RunError(
+                    f"the simulator's diagnostics after its {states} states did not arrive"
+                )
             self.hear(0.1)
         names = (UNANSWERED, LATE, IDLE, OVERDUE)
         return {name: int(self.diagnosis.get(name, 0)) for name in names}
@@ -165,10 +167,10 @@ def soak(plan: RunPlan, folder: Path) -> list[str]:
 @click.option(
     "--output",
     type=click.Path(path_type=Path, file_okay=False),
-    help="Folder for the recording, memory.csv and logs.  [default: one that is removed]",
+    help="Folder for the recording, memory.csv and logs.  [default: a temporary one]",
 )
 def main(minutes: float, rate: float, output: Path | None) -> None:
-    """Run for so long; exit code 1, with the reasons on one line, where something is wrong."""
+    """Run for this long; exit code 1, with the reasons on one line, if something is wrong."""
     with tempfile.TemporaryDirectory(prefix="soak_") as folder:
         try:
             plan = make_plan(

@@ -1,4 +1,4 @@
-"""A copy of a recording in which something was planted, written by a library that is not ours."""
+"""A copy of a recording with a planted change, written by another library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The adult trunk that walks: its numbers follow from their sources, its gains from trunk tune."""
+"""The walking adult trunk: its numbers follow from their sources, its gains from trunk tune."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_every_controller_walks_upright(controller):
     assert max(found.theta_max_deg, -found.theta_min_deg) < 5.5
 
 
-def test_computed_torque_hardly_feels_the_path():
+def test_computed_torque_is_hardly_affected_by_the_path():
     plan = make_plan("fig6", "computed_torque", FILES, everywhere={"duration": 2.0})
     angles = [step.truth.position[1] for step in steps(plan)]
     assert max(map(abs, angles[-500:])) < 1e-4

@@ -1,4 +1,4 @@
-"""The baselines as whole runs: recorded, verified from the record, and as good as their theory says."""
+"""The baselines as whole runs: recorded, verified from the record, and as good as theory predicts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def recorded(path, scenario, controller, params=(), settings=(), duration=3.0):
 
 @pytest.mark.parametrize("controller", ["lqr", "computed_torque"])
 @pytest.mark.parametrize("profile", ["profile_paper", "profile_practical"])
-def test_a_recorded_run_is_verified_from_itself(controller, profile, tmp_path):
+def test_a_recorded_run_verifies(controller, profile, tmp_path):
     verdict = verify(recorded(tmp_path / "run.mcap", "fig9", controller, [profile]))
     assert verdict.exit_code == VERIFIED, verdict
     assert [part.steps for part in verdict.parts] == [3001, 3002, 3001]
@@ -47,19 +47,19 @@ def test_the_feed_forward_holds_a_lean_without_an_integral(tmp_path):
     assert abs(metrics(RunTable.from_recording(recording)).steady_state_error_mean_deg) < 1e-3
 
 
-def test_a_hip_joint_that_is_not_there_is_told():
+def test_a_missing_hip_joint_is_reported():
     with pytest.raises(
         PlanError, match="'pelvis' is not one of the simulator's joints: hip, trunk"
     ):
         make_plan("fig6", "computed_torque", settings=["computed_torque.hip_joint=pelvis"])
 
 
-def test_the_bound_of_the_sampled_loop_counts_the_model_s_inertia():
+def test_the_bound_of_the_sampled_loop_includes_the_models_inertia():
     plan = make_plan("fig6", "computed_torque", settings=["computed_torque.gains.d=1500"])
     assert "kd = 750" in plan.warnings[0]
 
 
-def test_a_controller_of_another_joint_has_no_plant():
+def test_a_controller_of_another_joint_is_refused():
     with pytest.raises(
         PlanError, match="pid: joint 'hip': the simulator takes commands only for 'trunk'"
     ):

@@ -53,7 +53,7 @@ def test_the_two_targets():
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_an_image_is_no_root_has_an_init_and_passes_signals_on(stage):
+def test_an_image_is_not_root_has_an_init_and_passes_signals_on(stage):
     assert last(stage, "USER") == "trunk"
     entrypoint = json.loads(last(stage, "ENTRYPOINT"))  # exec form: JSON
     assert entrypoint[0] == "/usr/bin/tini"

@@ -1,4 +1,4 @@
-"""The errors of all packages are one family, and the command line knows its root alone."""
+"""The errors of all packages are one family, and the command line knows only its root."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from trunk_msgs_util.recording.file import RecordingError
 from trunk_sim.simulation import DivergedError
 
 PACKAGES = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
-# These never reach a user: whoever reads a file turns them into a RecordingError that names it.
+# These never reach a user: readers turn them into a RecordingError that names the file.
 INTERNAL = {"DamageError", "ChecksumError", "_Interrupted"}
 
 

@@ -1,4 +1,4 @@
-"""All but the shells works where ROS is not installed, and all of it is installed."""
+"""Everything except the node shells works without ROS, and everything is installed."""
 
 from __future__ import annotations
 
@@ -58,10 +58,10 @@ def import_blocked(*modules: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_modules_import_without_ros(package):
+def test_modules_import_without_ros_installed(package):
     modules = [name for name in PURE if name.split(".")[0] == package]
     assert modules
-    # One interpreter for all is quick; one each only where it must tell which module fails.
+    # One interpreter for all is fast; one each only to find out which module fails.
     if import_blocked(*modules).returncode != 0:
         failed = {name: import_blocked(name).stderr.strip().splitlines()[-1:] for name in modules}
         assert {name: error for name, error in failed.items() if error} == {}

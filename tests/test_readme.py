@@ -1,4 +1,4 @@
-"""The generated tables of the pages say what the declarations say."""
+"""The pages' generated tables agree with the declarations."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PAGES = {"README.md": 3, "docs/recording.md": 1}  # generated tables of each
 
 
 @pytest.mark.parametrize(("page", "tables"), PAGES.items(), ids=PAGES)
-def test_the_tables_are_those_of_the_declarations(page, tables):
+def test_the_tables_match_the_declarations(page, tables):
     text = (ROOT / page).read_text(encoding="utf-8")
     assert text.count("<!-- generated: ") == tables
     assert refreshed(text) == text, "run scripts/update_readme.sh"

@@ -51,14 +51,14 @@ def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
     assert [node for message, node in turns if message == "activated"] == [
         f"/{name}" for name in (controller, *(swap.split(":")[1] for swap in swaps))
     ]
-    # The torque goes on across each turn; what no integral takes up comes in steps of 1 N m.
+    # The torque continues across each turn; what the integral cannot absorb comes in steps of 1 N m.
     table = RunTable.from_recording(recording)
     assert not np.isnan(table.kp).any()
     for swap in swaps:
         k = int(np.searchsorted(table.t, float(swap.split(":")[0])))
         bound = 1e-6 if table.ki[k] else 1.0 + 1e-9
         assert abs(table.torque[k] - table.torque[k - 1]) < bound
-    # People are told who acted when.
+    # The output says who acted when.
     view = RunView.read(recording)
     starts = [0.0, *(float(swap.split(":")[0]) for swap in swaps)]
     assert [turn.start for turn in view.turns] == starts
@@ -75,13 +75,13 @@ def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
     assert diff(recording, Recording.open(again)).identical
 
 
-def test_commands_of_two_publishers_may_lie_in_any_order(tmp_path):
+def test_commands_of_two_publishers_may_be_in_any_order(tmp_path):
     path = tmp_path / "swapped.mcap"
     swaps = [parse_swap("0.5:fuzzy_pid")]
     record_offline(make_plan("fig8", "pid", everywhere={"duration": 1.0}, swaps=swaps), path)
 
     def late(messages):
-        """Put the first controller's last command behind many of the other's."""
+        """Put the first controller's last command after many of the other's."""
         commands = [i for i, message in enumerate(messages) if message[0] == "/effort_command"]
         messages.insert(commands[800], messages.pop(commands[499]))
 
@@ -120,7 +120,7 @@ def test_impossible_swaps_are_refused(controller, swaps, text):
 
 
 @pytest.mark.parametrize("text", ["", "4.0", "4.0:", "x:pid", "4:nobody", "nan:pid"])
-def test_what_is_no_swap_is_refused(text):
+def test_a_malformed_swap_is_refused(text):
     with pytest.raises(PlanError, match="T:CONTROLLER is needed"):
         parse_swap(text)
 
@@ -130,13 +130,13 @@ def test_a_time_without_a_controller_is_refused():
         make_plan("fig8", "pid", settings=["pid.active.times=[0.0, 1.0]"])
 
 
-def test_who_keeps_times_of_its_own_is_awaited_as_one_that_takes_turns():
+def test_a_controller_with_its_own_times_is_awaited_like_others_that_take_turns():
     alone = make_plan("fig8", "pid", settings=["pid.active.times=[0.0]"])
     assert alone.simulator.controllers == ("pid",)
     assert make_plan("fig8", "pid").simulator.controllers == ()
 
 
-def test_a_fall_is_marked_and_judged(tmp_path):
+def test_a_fall_is_marked_and_verified(tmp_path):
     path = tmp_path / "fell.mcap"
     weak = ["pid.u_clamp_max=0.1", "pid.u_clamp_min=-0.1"]
     plan = make_plan("fig8", "pid", settings=weak, everywhere={"duration": 3.0})

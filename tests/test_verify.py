@@ -26,7 +26,7 @@ PARAMETERS = "/run/parameters"
 
 @pytest.fixture(autouse=True, params=["step by step", "by stretches"])
 def way(request, monkeypatch):
-    """Judge every file in both ways: all in detail, and with compiled code for what is as recorded."""
+    """Judge every file in both ways: all in detail, and with compiled code for equal stretches."""
     if request.param == "by stretches":
         monkeypatch.setattr(replay, "WORTH_COMPILING", 0)
 
@@ -51,7 +51,7 @@ def flip_last_bit(message):
 
 
 def swap(messages, topic, k):
-    """Let message k and its follower change places in the file."""
+    """Swap message k and the next one in the file."""
     a, b = of(messages, topic)[k : k + 2]
     a[1:], b[1:] = b[1:], a[1:]
 
@@ -139,7 +139,7 @@ def test_one_bit_of_one_command_is_found_at_its_step_one_ulp_apart(whole, tmp_pa
     assert ", 1 ULP apart" in found.first.describe()
 
 
-def test_a_change_that_decides_no_bit_is_caught_by_the_digests(whole, tmp_path):
+def test_a_change_without_effect_on_any_bit_is_caught_by_the_digests(whole, tmp_path):
     unused = {"i_clamp_max": 1e9}
     copy = copied(
         whole,
@@ -233,7 +233,7 @@ def test_changes_during_a_run_are_replayed_and_rebuilt(whole, tmp_path):
     assert diff(recording, Recording.open(again)).identical
 
 
-def test_a_reference_from_a_topic_is_followed_as_long_as_it_was_asked_for(tmp_path):
+def test_a_reference_by_topic_is_followed_while_the_profile_asks_for_it(tmp_path):
     plan = make_plan("fig6", "pid", everywhere={"duration": 0.3, "update_rate": 200.0})
     told = {"reference.profile": "topic"}
     let_go = {"reference.profile": "constant"}
@@ -252,7 +252,7 @@ def test_a_reference_from_a_topic_is_followed_as_long_as_it_was_asked_for(tmp_pa
     assert diff(recording, Recording.open(again)).identical
 
 
-def test_runs_of_different_controllers_are_told_apart(whole, tmp_path):
+def test_runs_of_different_controllers_differ(whole, tmp_path):
     other = tmp_path / "pid.mcap"
     plan = make_plan("fig8", "pid")
     plan = replace(plan, simulator=replace(plan.simulator, duration=0.1))

@@ -37,7 +37,7 @@ WORDS = (SCRIPT, CLOSE, QUOTES)
 
 
 def write_hostile(source, path):
-    """Copy a run; every free word in it tries to get out of the text of a page."""
+    """Copy a run in which every free text tries to break out of a page's text."""
     with source.open("rb") as file, RecordingWriter(path) as writer:
         writer.add_metadata(PROVENANCE, {"scenario": SCRIPT, QUOTES: CLOSE, "mode": QUOTES})
         channels = {}

@@ -1,4 +1,4 @@
-"""The comparison itself: rows, agreement first, turns, missing libraries. No time is asserted."""
+"""The comparison itself: rows, agreement first, alternation, missing libraries. No time is asserted."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_a_missing_library_is_one_clear_line(monkeypatch, library, line):
     assert str(caught.value) == line
 
 
-def test_contenders_take_turns_and_the_first_place_rotates():
+def test_contenders_alternate_and_the_order_rotates():
     order: list[str] = []
 
     def batch(name):

@@ -31,6 +31,6 @@ def test_arrays_must_be_equal(short_run, monkeypatch):
         bench.bench_read(rounds=1, path=short_run())
 
 
-def test_no_round_is_no_bench():
+def test_rounds_are_at_least_one():
     with pytest.raises(bench.BenchError, match="rounds"):
         bench.bench_read(rounds=0)

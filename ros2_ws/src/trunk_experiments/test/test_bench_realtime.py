@@ -1,4 +1,4 @@
-"""What is made of two streams of instants; no process, no time of this machine."""
+"""Measures computed from two streams of timestamps; no process, no timing of this machine."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def test_an_even_stream_answered_at_once():
         assert found[name] == pytest.approx(200.0)
 
 
-def test_steps_that_are_late_or_left_out():
+def test_late_and_missed_steps():
     states = {k: t for k, t in EVEN.items() if k not in (10, 20, 21)}
     states[50] += 2 * MS  # late by less than a period: not missed
     found = bench.timing(states, states, 200.0)
@@ -53,7 +53,7 @@ def test_the_last_states_cannot_have_been_answered():
     [({1: 1, 2: 2}, {}, "only 2 states"), (EVEN, {-1: 0}, "no state was answered")],
     ids=["too few states", "no answers"],
 )
-def test_too_little_came(states, answers, message):
+def test_too_few_messages_are_refused(states, answers, message):
     with pytest.raises(BenchRunError, match=message):
         bench.timing(states, answers, 200.0)
 

@@ -14,7 +14,7 @@ from trunk_experiments.errors import BenchError
 ABSENT = "libraries compared against in benchmarks: scripts/bench_libraries.sh"
 
 
-def test_mujoco_moves_as_our_plant_on_a_flat_path():
+def test_mujoco_moves_like_our_plant_on_a_flat_path():
     bench.check_mujoco(pytest.importorskip("mujoco", reason=ABSENT))
 
 

@@ -1,4 +1,4 @@
-"""Whatever is wrong with a file: a valid prefix and a warning, or one clear line and exit code 2."""
+"""Any broken file gives a valid prefix and a warning, or one clear line and exit code 2."""
 
 from __future__ import annotations
 
@@ -161,10 +161,10 @@ def test_flipped_bits(whole, trunk, tmp_path):
         altered[at] ^= 1 << chosen.randrange(8)
         path.write_bytes(altered)
         complete, _ = judge(trunk, path, whole)
-        assert not complete or at >= data_end  # behind it are indexes alone
+        assert not complete or at >= data_end  # only indexes follow
 
 
-def test_no_recordings(trunk, tmp_path):
+def test_files_that_are_not_recordings(trunk, tmp_path):
     empty, text = tmp_path / "empty.mcap", tmp_path / "text.mcap"
     empty.write_bytes(b"")
     text.write_text("t,x\n0,0\n")
@@ -291,7 +291,7 @@ finally:
 
 @pytest.mark.parametrize("hostile", HOSTILE.values(), ids=HOSTILE.keys())
 @pytest.mark.slow
-def test_hostile_files_cost_neither_time_nor_memory(hostile, tmp_path):
+def test_hostile_files_take_neither_time_nor_memory(hostile, tmp_path):
     path = with_bytes(tmp_path / "a.mcap", hostile())
     done = subprocess.run(
         [sys.executable, "-c", LIMITED, "metrics", path],

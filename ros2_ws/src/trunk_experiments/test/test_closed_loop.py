@@ -39,7 +39,7 @@ def test_random_runs_have_the_same_bits(batch):
     assert [text for text in differences if text] == []
 
 
-# Names, and what decides how the graph waits and when nodes act: turns are drawn as swaps.
+# Names, and what decides how the graph waits and when nodes act (turns are drawn as swaps).
 NOT_DRAWN = {"joint", "joints", "wait_for", "controllers", "autostart", "plant.equations"}
 
 
@@ -58,7 +58,7 @@ def test_every_parameter_is_drawn():
     assert any(plan.simulator.equations == "as_printed" for plan in plans)
 
 
-def test_the_comparison_sees_one_changed_bit(batch, monkeypatch):
+def test_the_comparison_detects_one_changed_bit(batch, monkeypatch):
     plan = random_plan(0)
     loop = closed_loop.compiled_loop(tuple(plan.controllers))
 
@@ -105,7 +105,7 @@ def test_metrics_are_those_of_the_recording(batch, short_run, controller):
     assert batch.run(plan).metrics() == expected
 
 
-def test_divergence_is_told(batch):
+def test_divergence_is_reported(batch):
     plan = make_plan("fig6", "pid", settings=["pid.gains.d=5000"])
     outcome = batch.run(plan)
     assert outcome.metrics() is None
@@ -125,14 +125,14 @@ def test_what_a_compiled_loop_cannot_model_is_refused_by_name(batch):
         batch.run(plan.with_controller(replace(plan.controller, active_times=(1.0,))))
 
 
-def test_fingerprints_tell_the_laws_apart_and_stay():
+def test_fingerprints_differ_by_law_and_are_stable():
     pid, fuzzy_pid = (closed_loop.loop_of(law_named(name).update) for name in ("pid", "fuzzy_pid"))
     assert compiled.fingerprint(pid) != compiled.fingerprint(fuzzy_pid)
     again = closed_loop.loop_of(law_named("pid").update)
     assert compiled.fingerprint(pid) == compiled.fingerprint(again)
 
 
-def test_without_a_folder_to_write_it_compiles_all_the_same(tmp_path, monkeypatch):
+def test_it_compiles_even_without_a_writable_folder(tmp_path, monkeypatch):
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
@@ -140,7 +140,7 @@ def test_without_a_folder_to_write_it_compiles_all_the_same(tmp_path, monkeypatc
     assert twin(3.0, 2.0) == 2.0
 
 
-def test_the_script_says_what_it_found():
+def test_the_script_reports_what_it_found():
     script = Path(__file__).parents[4] / "scripts" / "check_compiled.py"
     if not script.is_file():
         pytest.skip("not in a checkout")

@@ -1,4 +1,4 @@
-"""`trunk compare`: the best of each row, what differs, where runs part."""
+"""`trunk compare`: the best of each row, what differs, where runs diverge."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def invoke(*arguments):
         ((1.0,), ()),
     ],
 )
-def test_the_least_magnitude_is_best_and_null_comes_last(values, best):
+def test_the_smallest_magnitude_is_best_and_null_ranks_last(values, best):
     assert best_of(values) == best
 
 
@@ -76,9 +76,9 @@ def test_parameters_that_differ(short_run, found):
     }
 
 
-def test_where_runs_part(runs, found, short_run):
+def test_where_runs_diverge(runs, found, short_run):
     (difference,) = found.diffs
-    # At t = 0 both know the same state; the first torque already differs.
+    # At t = 0 both see the same state; the first torque already differs.
     assert (difference.first.topic, difference.first.stamp_ns) == ("effort_command", 0)
     same = compare([RunView.read(Recording.open(runs[0]))] * 2)
     assert same.diffs[0].identical
@@ -108,13 +108,13 @@ def test_markdown_marks_the_best(runs):
     assert not cells[-1].startswith("**")
 
 
-def test_a_table_for_people(runs):
+def test_the_table_on_a_terminal(runs):
     text = invoke(*runs)
     assert "* 0." in text
     assert "fig6-fuzzy_pid against fig6-pid: t = 0 s: effort_command" in text
 
 
-def test_a_file_that_is_no_recording(tmp_path):
+def test_a_file_that_is_not_a_recording(tmp_path):
     path = tmp_path / "a.mcap"
     path.write_bytes(b"no")
     done = CliRunner().invoke(trunk, ["compare", str(path)])

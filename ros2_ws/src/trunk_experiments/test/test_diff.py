@@ -1,4 +1,4 @@
-"""Two runs that differ in nothing but how often a stamp stands."""
+"""Two runs that differ only in how often a stamp appears."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MS = 1_000_000
 
 
 def run(path, *messages):
-    """Record (stamp in ms, torque) as commands; a stamp alone has its own value as torque."""
+    """Record (stamp in ms, torque) as commands; a bare stamp is its own torque."""
     with RecordingWriter(path) as writer:
         channel = writer.channel(f"/{topics.EFFORT_COMMAND}", topics.JOINT_STATE_TYPE)
         for message in messages:
@@ -43,7 +43,7 @@ def test_every_message_of_a_stamp_counts(tmp_path, a, b, stamp, values):
     assert found.first.topic == topics.EFFORT_COMMAND
 
 
-def test_doubled_stamps_in_both_are_no_difference(tmp_path):
+def test_equal_doubled_stamps_do_not_differ(tmp_path):
     stamps = (0, 1, 1, 2, (2, 7.0))
     found = diff(run(tmp_path / "a.mcap", *stamps), run(tmp_path / "b.mcap", *stamps))
     assert found.identical

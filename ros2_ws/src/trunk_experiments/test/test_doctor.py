@@ -78,7 +78,7 @@ def test_a_sound_run_has_no_findings(tmp_path, short_run):
         ({"end": False}, "no trunk_end record"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_place(tmp_path, options, says):
+def test_findings_name_their_place(tmp_path, options, says):
     found = examine(write_run(tmp_path / "a.mcap", **options))
     assert any(finding.describe().startswith(says) for finding in found), found
     assert exit_code(found) == 1
@@ -126,7 +126,7 @@ def test_one_flipped_bit_is_found_where_it_is(tmp_path, opcode, within, says):
 
 
 def test_an_altered_message_is_found_by_its_digest(tmp_path):
-    """All checksums are right, an index is there: only the digest can tell."""
+    """All checksums are right and there is an index: only the digest can tell."""
     path = write_run(tmp_path / "a.mcap")
     run = Recording.open(path)
     forged = tmp_path / "b.mcap"
@@ -164,13 +164,13 @@ def test_recover_saves_all_but_the_damaged_chunk(tmp_path):
     assert not saved.complete
     assert saved.end["recovered"] == "true"
     assert saved.provenance == {"mode": "offline", "scenario": "fig6"}
-    # Digests of the whole run would accuse the messages that are left of having been altered.
+    # Digests of the whole run would flag the remaining messages as altered.
     assert saved.digests == {}
     assert saved.altered_topics() == []
     assert not [f for f in examine(tmp_path / "b.mcap") if f.byte is not None]
 
 
-def test_recover_goes_on_behind_a_record_without_an_end(tmp_path):
+def test_recover_resumes_after_a_record_without_an_end(tmp_path):
     path = write_run(tmp_path / "a.mcap")
     data = bytearray(path.read_bytes())
     chunks = [at for opcode, at, _ in records_of(data) if opcode == 6]
@@ -182,7 +182,7 @@ def test_recover_goes_on_behind_a_record_without_an_end(tmp_path):
     assert joints.position[:, 1].tolist() == [float(k) for k in range(5, 20)]
 
 
-def test_recover_finishes_what_was_cut(tmp_path):
+def test_recover_finishes_a_cut_file(tmp_path):
     path = write_run(tmp_path / "a.mcap", end=False)
     path.write_bytes(path.read_bytes()[:-50])
     recovery = recover(path, tmp_path / "b.mcap")
@@ -193,7 +193,7 @@ def test_recover_finishes_what_was_cut(tmp_path):
     ]
 
 
-def test_recover_keeps_the_digests_where_no_message_is_lost(tmp_path):
+def test_recover_keeps_the_digests_if_no_message_is_lost(tmp_path):
     path = write_run(tmp_path / "a.mcap")
     data = bytearray(path.read_bytes())
     data[next(at for opcode, at, _ in records_of(data) if opcode == 2) + 20] ^= 1  # the footer
@@ -221,8 +221,8 @@ def test_recover_refuses_what_it_must(tmp_path):
     assert not (tmp_path / "c.mcap").exists()
 
 
-def test_whatever_is_broken_is_examined_and_recovered(tmp_path):
-    """Damage anywhere: findings, never another exception; what is recovered is right and sound."""
+def test_any_damage_can_be_examined_and_recovered(tmp_path):
+    """Damage anywhere gives findings, never another exception; what is recovered is correct and sound."""
     path, output = write_run(tmp_path / "a.mcap"), tmp_path / "b.mcap"
     data = path.read_bytes()
     data_end = data.rindex(struct.pack("<BQ", 15, 4))

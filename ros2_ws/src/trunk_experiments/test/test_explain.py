@@ -23,7 +23,7 @@ FIELDS = ("error", "error_rate", "p_term", "i_term", "d_term", "kp", "ki", "kd",
 @pytest.mark.parametrize("scenario", ["fig8", "demo"])
 @pytest.mark.parametrize("controller", ["pid", "fuzzy_pid", "lqr", "computed_torque"])
 @pytest.mark.parametrize("at", [0.0, 0.5, 1.0, 1.05, 1.1, 1.3])
-def test_terms_are_the_recorded_ones(short_run, scenario, controller, at):
+def test_terms_equal_the_recorded_ones(short_run, scenario, controller, at):
     recording = Recording.open(short_run(scenario, controller))
     found = explain(recording, at)
     state = recording.joints(recording.topic(f"{controller}/state"))
@@ -82,7 +82,7 @@ def test_limits_and_anti_windup(short_run):
     assert free.windup.after == free.windup.before + free.windup.increment
 
 
-def test_an_instant_between_updates_is_that_of_the_held_command(short_run):
+def test_between_updates_the_held_command_is_explained(short_run):
     run = short_run("fig8", "pid", settings=("pid.update_rate=100.0",))
     found = explain(Recording.open(run), 0.5079)
     assert found.update == 0.5
@@ -103,7 +103,7 @@ def test_the_first_update_after_a_reset(tmp_path):
 
 
 @pytest.mark.parametrize("at", [-0.1, 1.4, float("nan")])
-def test_an_instant_outside_the_run(short_run, at):
+def test_a_time_outside_the_run(short_run, at):
     with pytest.raises(RecordingError, match=r"from t = 0 s to t = 1\.3 s"):
         explain(Recording.open(short_run("fig8", "pid")), at)
 

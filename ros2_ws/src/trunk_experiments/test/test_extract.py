@@ -57,7 +57,7 @@ def test_a_part_is_copied_byte_for_byte(run, tmp_path):
     assert "t = 0.5 to 0.6 s" in part.end["reason"]
 
 
-def test_all_of_a_run_is_complete_and_the_same(run, tmp_path):
+def test_the_whole_run_is_copied_complete_and_unchanged(run, tmp_path):
     path = tmp_path / "all.mcap"
     assert write_mcap(run, path) == sum(topic.count for topic in run.topics.values())
     copy = Recording.open(path)

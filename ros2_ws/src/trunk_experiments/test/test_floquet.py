@@ -1,4 +1,4 @@
-"""Floquet multipliers against the loop itself, and against matrices made by hand."""
+"""Floquet multipliers against the loop itself, and against matrices worked out by hand."""
 
 from __future__ import annotations
 

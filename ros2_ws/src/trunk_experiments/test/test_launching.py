@@ -58,7 +58,7 @@ def test_arguments_make_the_same_plan_as_options():
 
 
 @pytest.mark.parametrize("namespace", ["", "robot1", "/left/robot1/"])
-def test_each_node_finds_its_own_section_and_no_other_does(namespace, tmp_path):
+def test_each_node_finds_only_its_own_section(namespace, tmp_path):
     plan = launch_plan(given(scenario="fig8", namespace=namespace))
     plan = RunFiles.for_run(plan, tmp_path / "run").record(plan)
     layer = read(tmp_path / "run" / "params.yaml")
@@ -78,7 +78,7 @@ def test_shipped_files_fit_nodes_in_any_namespace():
             assert section.pattern.startswith("/**"), path
 
 
-def test_relative_names_stand_within_the_namespace_and_absolute_ones_alone(tmp_path):
+def test_relative_names_get_the_namespace_and_absolute_ones_do_not(tmp_path):
     text = "{}:\n  ros__parameters: {{gains: {{p: 7.0}}}}\n"
     for name, found in {"pid": 7.0, "/a/pid": 7.0, "/**/pid": 7.0, "/pid": 60.0}.items():
         path = tmp_path / "mine.yaml"
@@ -89,7 +89,7 @@ def test_relative_names_stand_within_the_namespace_and_absolute_ones_alone(tmp_p
     assert [s.pattern for s in layer.within("").sections] == ["/pid"]
 
 
-def test_viewers_are_no_part_of_the_plan(tmp_path):
+def test_viewers_are_not_part_of_the_plan(tmp_path):
     plan = launch_plan(given(namespace="a"))
     assert launch_viewers(plan, given(), tmp_path) == []
     only = launch_viewers(plan, given(markers="true"), tmp_path)
@@ -124,14 +124,14 @@ def test_the_simulator_stops_first_and_the_recorder_last():
     ],
     ids=str,
 )
-def test_what_cannot_be_is_refused_in_one_line(bad):
+def test_impossible_requests_are_refused_in_one_line(bad):
     with pytest.raises(PlanError) as caught:
         launch_plan(given(**bad))
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda p: p.name)
-def test_launch_files_compile_and_use_what_there_is(path):
+def test_launch_files_compile_and_use_existing_names(path):
     tree = ast.parse(path.read_text(encoding="utf-8"), str(path))
     compile(tree, str(path), "exec")
     used = {

@@ -1,4 +1,4 @@
-"""``trunk map`` as a user meets it: what cannot be drawn is told before anything is swept."""
+"""``trunk map`` as a user sees it: what cannot be drawn is refused before anything is swept."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_a_study_is_swept_and_drawn(here):
     assert "mine.parquet: it exists: give it in place of mine.yaml, or delete it" in told
 
 
-def test_a_picture_is_replaced_only_where_it_is_named(here):
+def test_a_picture_is_replaced_only_if_named(here):
     run("mine.yaml", "-o", "x.png")
     (here / "mine.png").write_text("mine")
     done, told = run("mine.parquet")
@@ -82,12 +82,12 @@ def test_a_picture_is_replaced_only_where_it_is_named(here):
     assert (here / "mine.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_one_axis_that_is_given_leaves_the_other_for_the_other(here):
+def test_giving_one_axis_leaves_the_other_variable_for_the_other(here):
     _, told = run("mine.yaml", "--y", "delay")
     assert "over gain and delay" in told
 
 
-def test_a_terminal_sees_how_far_it_is(here, monkeypatch):
+def test_a_terminal_shows_the_progress(here, monkeypatch):
     screen = io.StringIO()
 
     def terminal(**_):

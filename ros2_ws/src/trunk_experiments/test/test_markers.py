@@ -19,7 +19,7 @@ def picture(scene, geometry=GEOMETRY):
 
 
 @given(REAL, REAL)
-def test_the_trunk_is_as_long_as_it_is_and_leans_forward(x, theta):
+def test_the_trunk_has_its_length_and_leans_forward(x, theta):
     hip, mass = picture(Scene(x, theta))["trunk"].points
     assert hip == (x, 0.0, pytest.approx(0.7 * math.sin(2.0 * x)))
     assert math.dist(hip, mass) == pytest.approx(1.3)
@@ -48,7 +48,7 @@ def test_the_arrow_turns_with_the_torque(x, theta, torque):
 
 @given(ANY, ANY, ANY, st.none() | ANY)
 @example(9e307, 0.0, 0.0, None)
-def test_whatever_comes_all_shapes_are_there_and_every_point_is_finite(x, theta, torque, reference):
+def test_all_shapes_are_present_and_finite_for_any_input(x, theta, torque, reference):
     found = shapes(GEOMETRY, Scene(x, theta, torque, reference, True, True))
     assert [s.name for s in found] == [s.name for s in shapes(GEOMETRY, Scene(0.0, 0.0))]
     assert all(math.isfinite(v) for s in found for point in s.points for v in point)
@@ -61,14 +61,14 @@ def test_each_kind_has_the_points_that_it_needs():
         assert len(shape.points) >= least[shape.kind], shape.name
 
 
-def test_the_path_is_near_and_does_not_crawl():
+def test_the_path_is_near_the_hip_and_stays_on_its_grid():
     near, nearer = path(GEOMETRY, 1.0), path(GEOMETRY, 1.049)
     assert near[0][0] == pytest.approx(-3.0, abs=0.06)
     assert near[-1][0] == pytest.approx(5.0, abs=0.06)
     assert len(set(near) & set(nearer)) >= len(near) - 1
 
 
-def test_reference_and_disturbance_are_seen_where_there_are_any():
+def test_reference_and_disturbance_are_shown_if_present():
     quiet = picture(Scene(0.0, 0.2))
     assert [n for n, s in quiet.items() if not s.points] == [
         "reference",

@@ -1,4 +1,4 @@
-"""Numbers on the command line that cannot be: refused where they are read, never a traceback."""
+"""Impossible numbers on the command line: refused when parsed, never a traceback."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_a_number_has_both_ends_and_no_traceback(words, option):
         ("relay --lag=0 --damping=1", "no ultimate gain"),
     ],
 )
-def test_far_out_gains_are_told_or_refused(words, says):
+def test_extreme_gains_are_reported_or_refused(words, says):
     done = CliRunner().invoke(trunk, ["tune", *words.split()])
     told = f"{done.exception} {done.output}"
     assert done.exit_code == 0 or isinstance(done.exception, TrunkError), done.exception

@@ -1,4 +1,4 @@
-"""The paper's verdicts: they say what their numbers say, every erratum is shown, the report is whole."""
+"""The paper's verdicts agree with their numbers, every erratum is shown, the report is complete."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def invented(seed):
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=40)
-def test_a_verdict_s_text_agrees_with_its_numbers(seed):
+def test_a_verdicts_text_agrees_with_its_numbers(seed):
     result = Reproduction(runs=invented(seed), graph=invented(seed))
     text = json.dumps(as_json(result), allow_nan=False)  # as a reader gets it
     for claim in json.loads(text)["claims"]:
@@ -68,7 +68,7 @@ def test_a_verdict_s_text_agrees_with_its_numbers(seed):
         assert claim["offline"] == claim["graph"]
 
 
-def test_a_claim_flips_with_the_number_that_it_rests_on():
+def test_a_claim_flips_with_its_deciding_number():
     runs = invented(1)
     steady = next(claim for claim in CLAIMS if claim.key == "fuzzy-steady")
     names = ("fuzzy_as_printed", "fuzzy_zhao_1993")
@@ -80,7 +80,7 @@ def test_a_claim_flips_with_the_number_that_it_rests_on():
         assert judge(steady, runs, PROFILES[0]).word == word
 
 
-def test_claims_are_told_apart():
+def test_claims_are_distinct():
     assert len({claim.key for claim in CLAIMS}) == len(CLAIMS)
     for claim in CLAIMS:
         assert claim.quote

@@ -158,7 +158,7 @@ EDITS = {
 
 
 def of_another_robot(path, topic):
-    """Write what somebody else's arm says of itself, on a topic of ours."""
+    """Write another robot arm's states on one of our topics."""
     with RecordingWriter(path) as writer:
         channel = writer.channel(topic, topics.JOINT_STATE_TYPE)
         for k in range(50):

@@ -22,7 +22,7 @@ def test_every_scenario_makes_a_plan(scenario, controller):
 
 
 @pytest.mark.parametrize("name", sorted(shipped_files()))
-def test_every_shipped_file_is_read_and_says_what_it_is(name):
+def test_every_shipped_file_is_readable_and_described(name):
     path = shipped_files()[name]
     assert path.read_text().startswith("# ")
     scenario, params = (name, []) if name in SCENARIOS else ("fig6", [name])
@@ -132,7 +132,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(("arguments", "more", "kind", "says"), BAD.values(), ids=BAD.keys())
-def test_what_cannot_be_is_refused_in_one_line(arguments, more, kind, says):
+def test_impossible_requests_are_refused_in_one_line(arguments, more, kind, says):
     with pytest.raises(kind) as caught:
         make_plan(*arguments, **more)
     assert says in str(caught.value)
@@ -144,7 +144,7 @@ def test_what_cannot_be_is_refused_in_one_line(arguments, more, kind, says):
     ("rate", "says"),
     [(1000.0, "near the bound 800"), (500.0, "beyond the bound 400"), (2000.0, None)],
 )
-def test_a_derivative_gain_near_the_sampled_bound_is_warned_of(rate, says):
+def test_a_derivative_gain_near_the_sampled_bound_gives_a_warning(rate, says):
     plan = make_plan("fig6", "pid", ["pid_as_printed"], everywhere={"update_rate": rate})
     assert len(plan.warnings) == (says is not None)
     assert says is None or says in plan.warnings[0]
@@ -167,7 +167,7 @@ def test_a_value_that_is_not_yaml_is_one_short_line(value):
 
 
 @pytest.mark.parametrize("text", ["inf", ".inf", "1e400"])
-def test_an_infinite_value_may_be_written_as_people_do(text):
+def test_infinity_may_be_written_without_a_dot(text):
     assert (
         make_plan("fig6", "pid", settings=[f"simulator.max_effort={text}"]).simulator.max_effort
         == math.inf

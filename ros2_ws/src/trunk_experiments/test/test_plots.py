@@ -35,7 +35,7 @@ def has_line(axes, x, y):
 @pytest.mark.parametrize("suffix", MAGIC)
 @pytest.mark.parametrize("draw", [overview, lambda views: paper_figure(views, 8)])
 @pytest.mark.slow
-def test_every_format_is_written_and_the_same_twice(views, tmp_path, suffix, draw):
+def test_every_format_is_written_reproducibly(views, tmp_path, suffix, draw):
     path = tmp_path / f"a{suffix}"
     save(draw(views), path)
     first = path.read_bytes()
@@ -92,7 +92,7 @@ def test_torque_limits_are_drawn(short_run):
     assert "torque limits" in [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-def test_a_spike_is_cut_off_and_said_with_its_height(views):
+def test_a_spike_is_cut_off_and_its_height_is_given(views):
     axes = axes_of(overview(views), "Torque")
     peak = max(np.abs(view.table.torque).max() for view in views)
     assert axes.get_ylim()[1] < peak / 2
@@ -126,7 +126,7 @@ def test_runs_differ_in_colour_and_dashes():
     assert len(set(COLORS)) == len(COLORS)
 
 
-def test_names_are_distinct_and_no_mathematics(views, tmp_path, short_run):
+def test_names_are_distinct_and_not_read_as_mathematics(views, tmp_path, short_run):
     assert labels(views) == ["fig8-pid", "fig8-fuzzy_pid"]
     assert len(set(labels([views[0]] * 2))) == 2
     hostile = tmp_path / "_$x^$.mcap"

@@ -1,4 +1,4 @@
-"""The report without a browser: its data to the last bit, its words escaped, nothing from elsewhere."""
+"""The report without a browser: data to the last bit, text escaped, nothing from elsewhere."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_packing_keeps_every_value(values):
     assert np.array_equal(unpacked(packed(array)), array, equal_nan=True)
 
 
-def test_packing_tells_zeros_apart():
+def test_packing_distinguishes_the_zeros():
     assert np.signbit(unpacked(packed(np.array([0.0, -0.0])))).tolist() == [False, True]
     assert np.signbit(unpacked(packed(np.array([-0.0, -0.0])))).all()
 
@@ -109,7 +109,7 @@ def test_the_page_holds_every_value_of_every_run(views, page):
         assert pulse["text"] == "+100° on the measured angle"
 
 
-def test_surfaces_are_what_is_inferred(views, page):
+def test_surfaces_equal_the_inference(views, page):
     pid, fuzzy = page.data["runs"]
     assert pid["fuzzy"] is None
     surface = fuzzy["fuzzy"]
@@ -156,7 +156,7 @@ def test_nothing_comes_from_elsewhere(page):
     assert not any(tag in {"link", "img", "iframe", "object", "base"} for tag, _ in page.tags)
 
 
-def test_the_policy_allows_these_scripts_alone(page):
+def test_the_policy_allows_only_these_scripts(page):
     (policy,) = (
         a["content"] for t, a in page.tags if a.get("http-equiv") == "Content-Security-Policy"
     )
@@ -181,7 +181,7 @@ def test_hostile_words_are_text(hostile_run):
     assert "<" not in page.scripts[0]
 
 
-def test_damage_is_said(short_run, tmp_path):
+def test_damage_is_reported(short_run, tmp_path):
     path = tmp_path / "cut.mcap"
     path.write_bytes(short_run("fig8", "pid").read_bytes()[:-3000])
     report = make_report([view_of(path)])

@@ -1,4 +1,4 @@
-"""The report as a reader meets it: opened from disk in a headless Chromium that may reach nothing else."""
+"""The report as a reader sees it: opened from disk in a headless Chromium without network access."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def file(views, tmp_path_factory):
 
 @pytest.fixture
 def opened(browser):
-    """Return a function that opens a page; at the end nothing may have been asked for or complained of."""
+    """Return a function that opens a page; at the end there must be no requests and no console errors."""
     contexts, requests, complaints = [], [], []
 
     def go(path, viewport=DESKTOP, **options):
@@ -172,7 +172,7 @@ def test_hovering_shows_the_data_and_moves_the_clock(opened, file, views):
             }""",
             name,
         )
-        page.mouse.move(*place)  # one move, one event: what is shown is what it told
+        page.mouse.move(*place)  # one move, one event: the chart shows what the event reports
         page.wait_for_function("() => window.hovered")
         page.locator(f"#plot-{name} .hovertext").first.wait_for(state="attached")
         points = {run: (x, y) for x, y, run in page.evaluate("() => window.hovered")}
@@ -240,7 +240,7 @@ def test_keys(opened, file):
     assert page.get_attribute("#scrub", "aria-valuetext") == "0.010 seconds"
 
 
-def test_focus_is_seen_and_everything_has_a_name(opened, file):
+def test_focus_is_visible_and_everything_has_a_name(opened, file):
     page = opened(file)
     page.keyboard.press("Tab")
     assert page.evaluate("() => document.activeElement.className") == "skip"
@@ -255,7 +255,7 @@ def test_focus_is_seen_and_everything_has_a_name(opened, file):
     assert unnamed == []
 
 
-def test_two_runs_stand_side_by_side_on_a_desktop(opened, file):
+def test_two_runs_are_side_by_side_on_a_desktop(opened, file):
     page = opened(file)
     left, right = (page.locator(f"#stage-{i}").bounding_box() for i in range(2))
     assert left["y"] == right["y"]

@@ -1,4 +1,4 @@
-"""The files for ros2_control say what our nodes' own declarations say."""
+"""The files for ros2_control agree with our nodes' declarations."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_the_hardware_is_our_topics_and_the_trunks_joint():
     assert [j.get("name") for j in URDF.findall("joint")] == list(SimulatorConfig().joints)
 
 
-def test_their_controller_has_the_gains_of_ours():
+def test_their_controller_has_our_gains():
     theirs = CONTROLLERS["pid_controller"]["ros__parameters"]
     (joint,) = theirs["dof_names"]
     assert joint == SimulatorConfig().joints[1]
@@ -54,7 +54,7 @@ def test_their_controller_has_the_gains_of_ours():
     assert gains["antiwindup_strategy"] == ours.antiwindup_strategy
 
 
-def test_the_plant_runs_at_their_rate_and_by_a_clock():
+def test_the_plant_runs_at_their_rate_and_publishes_the_clock():
     config = configured("simulator.yaml", "simulator", SimulatorConfig)
     rate = CONTROLLERS["controller_manager"]["ros__parameters"]["update_rate"]
     assert config.update_rate == rate
@@ -64,7 +64,7 @@ def test_the_plant_runs_at_their_rate_and_by_a_clock():
 
 
 @pytest.mark.parametrize(("node", "config"), [("pid", PidConfig), ("fuzzy_pid", FuzzyPidConfig)])
-def test_our_controllers_take_another_robots_joint(node, config):
+def test_our_controllers_accept_another_robots_joint(node, config):
     found = configured("another_robot.yaml", node, config)
     assert found.joint == "torso_pitch_joint"
     assert 0.0 < found.u_clamp_max < 100.0

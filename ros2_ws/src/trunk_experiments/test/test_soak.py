@@ -1,4 +1,4 @@
-"""What a soak run is judged by: planted growth, planted late steps, a broken file."""
+"""The checks of a soak run: planted growth, planted late steps, a broken file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NONE = np.empty((0, 0))
 
 
 class Record:
-    """The two topics that a run's steps are judged by; in real time each torque is the answer before."""
+    """The two topics that show a run's steps; in real time each torque is the previous answer."""
 
     path = "run.mcap"
 
@@ -47,7 +47,7 @@ def record(monkeypatch):
     return made
 
 
-def test_a_run_without_fault(record):
+def test_a_faultless_run(record):
     assert soak.steps_of(record) == soak.Steps(101, 0, 0, 0, 0.0)
     assert soak.problems_of_steps(soak.steps_of(record), {}, 0.005) == []
 
@@ -78,7 +78,7 @@ def test_a_state_without_a_command_must_have_been_counted(record):
     assert line == "states unanswered: the record shows 2, /diagnostics counted 1"
 
 
-def test_time_that_was_lost_must_have_been_counted(record):
+def test_lost_time_must_have_been_counted(record):
     record.log[60:] += 3_000_000_000
     found = soak.steps_of(record)
     assert found.lost_s == 3.0

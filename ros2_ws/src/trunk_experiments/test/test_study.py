@@ -1,4 +1,4 @@
-"""A study's mistakes: each one line that says file, place, value, what is allowed."""
+"""A study's mistakes: each gives one line with file, place, value and what is allowed."""
 
 from __future__ import annotations
 
@@ -124,12 +124,12 @@ def test_no_such_study():
         read_study("nix")
 
 
-def test_numbers_as_people_write_them():
+def test_exponents_without_a_dot_are_numbers():
     text = vary("parameter: simulator.sensor.delay, values: [1e-3, 0.002]")
     assert parse_study(text, "s").variables[0].values == (0.001, 0.002)
 
 
-def test_comments_are_no_content():
+def test_comments_are_not_content():
     def content(text, source):
         study = parse_study(text, source)
         return identity(study, make_bases(study))

@@ -91,7 +91,7 @@ def _changed(path, target, metadata=None, rows=slice(None)):
     return target
 
 
-def test_results_that_are_damaged_are_one_line(path, tmp_path):
+def test_damaged_results_give_one_line(path, tmp_path):
     target = tmp_path / "changed.parquet"
     for grid in (None, b"[", b"3", b"[3]"):
         with pytest.raises(StudyError, match="not written by trunk sweep"):
@@ -129,7 +129,7 @@ def test_differences_are_over_the_same_draws(path):
 
 
 def test_intervals_cover_the_truth():
-    """Of 95 % intervals of known means, about 95 % hold it."""
+    """About 95 % of the 95 % intervals contain the known mean."""
     from trunk_experiments.study.compare import _difference
 
     rng = np.random.default_rng(5)

@@ -1,4 +1,4 @@
-"""Sweeps: the same file however they run; a killed one goes on; runs equal `trunk simulate`'s."""
+"""Sweeps: the same file however they run; a killed one resumes; runs equal `trunk simulate`'s."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_draws_are_paired(undisturbed):
     assert len(set.union(*drawn.values())) == 5
 
 
-def test_one_more_draw_or_variable_changes_no_other(study):
+def test_another_draw_or_variable_changes_no_others(study):
     more = parse_study(
         STUDY.replace("runs: 5", "runs: 6")
         + "  angle: {parameter: 'simulator.initial.position[1]', "
@@ -172,7 +172,7 @@ def test_a_worker_with_other_sources_is_refused(study, tmp_path):
         sweep.run(foreign)
 
 
-def test_values_that_do_not_fit_one_another_are_told(tmp_path):
+def test_values_that_do_not_fit_together_are_reported(tmp_path):
     text = STUDY.replace("[pid, fuzzy_pid]", "[fuzzy_pid]").replace("runs: 5\n", "")
     text = text[: text.index("vary:")] + (
         "vary:\n  p_max: {parameter: fuzzy_pid.gains.p_max, values: [20.0, 60.0]}\n"
@@ -185,7 +185,7 @@ def test_values_that_do_not_fit_one_another_are_told(tmp_path):
     assert (second["status"], second["reason"]) == ("ok", None)
 
 
-def test_a_row_that_no_run_can_be_made_of_is_told(tmp_path):
+def test_a_row_that_cannot_be_run_is_reported(tmp_path):
     text = STUDY.replace("[pid, fuzzy_pid]", "[pid]").replace("runs: 5\n", "")
     text = text[: text.index("vary:")] + (
         "vary:\n  profile: {parameter: pid.reference.profile, values: [topic, constant]}\n"

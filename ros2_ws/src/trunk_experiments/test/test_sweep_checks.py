@@ -1,4 +1,4 @@
-"""``trunk sweep --check`` refuses what ``trunk sweep`` refuses, in the same words, before any run."""
+"""``trunk sweep --check`` refuses what ``trunk sweep`` refuses, with the same message, before any run."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ REFUSED = {
         HEAD + "vary:\n  t: {parameter: simulator.duration, as: factor, values: [1.0, 1.0e+6]}\n",
         "vary.t: simulator.duration: 100000001 states in a run: at most",
     ),
-    "a worthless repetition": (
+    "a pointless repetition": (
         HEAD + "runs: 3\n" + DELAY,
         "runs: is 3, but nothing is drawn and there is no noise: leave it out",
     ),
@@ -51,7 +51,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("text", "line"), REFUSED.values(), ids=REFUSED)
-def test_check_and_sweep_say_the_same(tmp_path, text, line):
+def test_check_and_sweep_give_the_same_error(tmp_path, text, line):
     study, output = tmp_path / "study.yaml", tmp_path / "out.parquet"
     study.write_text(text)
     checked = told("sweep", study, "-o", output, "--check")
@@ -61,7 +61,7 @@ def test_check_and_sweep_say_the_same(tmp_path, text, line):
     assert [path.name for path in tmp_path.iterdir()] == ["study.yaml"]
 
 
-def test_check_sees_the_blocks_of_another_study(tmp_path):
+def test_check_notices_the_blocks_of_another_study(tmp_path):
     study, output = tmp_path / "study.yaml", tmp_path / "out.parquet"
     study.write_text(HEAD + DELAY)
     (tmp_path / "out.parquet.blocks").mkdir()
@@ -80,7 +80,7 @@ def test_check_sees_the_blocks_of_another_study(tmp_path):
         ("study.yaml/out.parquet", "is not a folder"),
     ],
 )
-def test_an_output_that_cannot_be_is_told_first(tmp_path, name, line):
+def test_an_impossible_output_is_refused_first(tmp_path, name, line):
     study = tmp_path / "study.yaml"
     study.write_text(HEAD + DELAY)
     (tmp_path / "there.parquet").write_text("mine")
@@ -90,7 +90,7 @@ def test_an_output_that_cannot_be_is_told_first(tmp_path, name, line):
     assert (tmp_path / "there.parquet").read_text() == "mine"
 
 
-def test_check_makes_nothing(tmp_path):
+def test_check_writes_nothing(tmp_path):
     study = tmp_path / "study.yaml"
     study.write_text(HEAD + DELAY)
     code, line = told("sweep", study, "-o", tmp_path / "out.parquet", "--check")
@@ -129,6 +129,6 @@ def test_noise_that_varies_makes_runs_differ(vary):
         + "runs: 3\nvary:\n  n: {parameter: disturbance.noise.rms, as: factor, values: [1.0, 2.0]}\n",
     ],
 )
-def test_words_alone_make_no_noise(text):
+def test_repeats_without_noise_are_refused(text):
     with pytest.raises(StudyError, match="runs: is 3, but nothing is drawn and there is no noise"):
         make_bases(parse_study(text, "study.yaml"))

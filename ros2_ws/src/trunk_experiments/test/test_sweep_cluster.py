@@ -87,7 +87,7 @@ def test_the_loss_of_a_worker_changes_nothing(study, cluster, tmp_path):
     assert path.read_bytes() == plain.output.read_bytes()
 
 
-def test_no_scheduler_is_one_line(monkeypatch):
+def test_a_missing_scheduler_gives_one_line(monkeypatch):
     from trunk_experiments.study import cluster as sweep_cluster
 
     monkeypatch.setattr(sweep_cluster, "_CONNECT_S", 0.5)

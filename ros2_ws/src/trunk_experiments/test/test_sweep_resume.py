@@ -95,7 +95,7 @@ def test_an_edited_parameter_file_is_refused(study, parameters, tmp_path, old, n
     assert "\n" not in str(caught.value)
 
 
-def test_the_same_values_from_elsewhere_go_on(study, parameters, tmp_path):
+def test_the_same_values_from_another_file_resume(study, parameters, tmp_path):
     interrupted(study, tmp_path / "out.parquet")
     parameters.write_text("# a comment\n" + PARAMETERS.replace("1.0", "1.00"))
     other = parameters.rename(tmp_path / "renamed.yaml")
@@ -137,7 +137,7 @@ def test_blocks_with_other_draws_are_refused(study, tmp_path, monkeypatch):
     design.drawn_values.cache_clear()
 
 
-def test_the_code_that_makes_a_rows_plan_is_in_the_sources():
+def test_the_sources_include_the_code_that_makes_a_rows_plan():
     assert fingerprint(plan_of) in module.sources()
 
 
@@ -148,7 +148,7 @@ def test_a_file_in_place_of_the_folder_is_refused(study, tmp_path):
 
 
 @pytest.mark.parametrize("mark", [None, "", "{}", "[1]"])
-def test_blocks_that_nothing_describes_are_refused(study, tmp_path, mark):
+def test_undescribed_blocks_are_refused(study, tmp_path, mark):
     sweep = interrupted(study, tmp_path / "out.parquet")
     path = sweep.folder / "sweep.json"
     path.unlink()
@@ -170,7 +170,7 @@ def test_a_block_from_another_folder_is_not_merged(study, parameters, tmp_path):
     assert not sweep.output.exists()
 
 
-def test_a_block_that_cannot_be_read_is_one_line(study, tmp_path):
+def test_an_unreadable_block_gives_one_line(study, tmp_path):
     sweep = interrupted(study, tmp_path / "out.parquet")
     (sweep.folder / "00000000.parquet").write_bytes(b"PAR1")
     sweep.run(processes(1))
@@ -203,7 +203,7 @@ def test_the_file_holds_the_values_that_its_runs_used(study, parameters, tmp_pat
         assert told["parameters"][node] == expected
 
 
-def test_a_map_needs_no_file_but_the_results(study, parameters, tmp_path):
+def test_a_map_needs_only_the_results(study, parameters, tmp_path):
     path = whole(study, tmp_path / "out.parquet")
     (before,) = panels(Results.read(path), "iae", ("delay", "gain"), with_floquet=True)
     parameters.write_text(PARAMETERS.replace("plant.length: 1.0", "plant.length: 0.2"))

@@ -1,4 +1,4 @@
-"""What happened in a run takes effect in its order, from the first state after its stamp on."""
+"""Changes during a run take effect in order, from the first state after their stamp."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording
 
 
-def test_of_two_values_between_the_same_states_the_later_one_holds():
+def test_the_later_of_two_changes_between_two_states_holds():
     changes = [
         Change(5, {"gains.p": 2.0}),
         Change(0, {"gains.p": 9.0}),
@@ -30,7 +30,7 @@ def test_of_two_values_between_the_same_states_the_later_one_holds():
     assert not timeline.advance(7, controller)
 
 
-def test_turns_between_the_same_states_end_as_the_last_one_says():
+def test_the_last_of_several_turns_between_two_states_holds():
     turns = [Change(5, None, what) for what in (Event.DEACTIVATED, Event.ACTIVATED, Event.RESET)]
     timeline = Timeline(PidConfig(), turns, lambda stamp_ns: 0.1)
     controller = Controller(timeline.config)
@@ -39,7 +39,7 @@ def test_turns_between_the_same_states_end_as_the_last_one_says():
     assert not controller.takes_over  # the reset came after
 
 
-def test_what_is_changed_before_the_first_state_acts_on_it(tmp_path):
+def test_a_change_before_the_first_state_acts_on_it(tmp_path):
     plan = make_plan("fig6", "pid", everywhere={"duration": 0.1})
     changes = {"simulator": [Change(-1, {"sensor.position_bias": 0.125})]}
     changed = replace(plan, changes=changes)

@@ -1,4 +1,4 @@
-"""The `trunk` command as a user meets it: real processes, their output and exit codes."""
+"""The `trunk` command as a user sees it: real processes, their output and exit codes."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_simulate_and_metrics_reproduce_the_reference_table(run, expected, tmp_p
             assert values[key] == pytest.approx(wanted, rel=1e-4, abs=6e-5)
 
 
-def test_metrics_keys_are_the_promised_ones(fig7):
+def test_metrics_have_the_documented_keys(fig7):
     assert list(json.loads(trunk("metrics", fig7, "--json").stdout)) == [
         "overshoot_deg",
         "settling_time_6deg_s",
@@ -127,7 +127,7 @@ def test_export_writes_a_row_per_state_in_full_precision(fig7, tmp_path):
     assert all(repr(float(v)) == v for row in rows[1:50] for v in row)
 
 
-def test_info_says_what_is_there(fig7):
+def test_info_shows_the_content(fig7):
     found = json.loads(trunk("info", fig7, "--json").stdout)
     assert found["complete"] is True
     assert found["topics"]["/joint_states"]["messages"] == 10001
@@ -144,7 +144,7 @@ def test_simulate_like_gives_the_same_bits(fig7, tmp_path):
     trunk("verify", again)
 
 
-def test_diff_says_where_two_runs_part(fig7, tmp_path):
+def test_diff_finds_where_two_runs_diverge(fig7, tmp_path):
     other = tmp_path / "other.mcap"
     trunk("simulate", "fig7", "--controller", "pid", "--set", "pid.gains.d=9.5", "-o", other)
     said = trunk("diff", fig7, other, code=1).stdout
@@ -169,7 +169,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize(("arguments", "code", "says"), MISTAKES.values(), ids=MISTAKES.keys())
-def test_a_mistake_is_told_in_one_line(arguments, code, says, tmp_path):
+def test_a_mistake_gives_one_line(arguments, code, says, tmp_path):
     if code == 1:
         arguments = (*arguments, "--rate", "250", "-o", "x.mcap")
     said = trunk(*arguments, code=code, cwd=tmp_path).stderr

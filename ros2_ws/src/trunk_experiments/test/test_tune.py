@@ -1,4 +1,4 @@
-"""Tuning: poles where they were asked for, margins that a simulation confirms, files that nodes load."""
+"""Tuning: poles where requested, margins that a simulation confirms, files that nodes load."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def test_a_plant_beyond_floating_point_is_refused(length):
 
 @given(st.lists(st.floats(-40.0, -0.5), min_size=2, max_size=3, unique=True))
 @settings(max_examples=60)
-def test_by_poles_places_them(poles):
+def test_by_poles_places_the_poles(poles):
     if min(np.diff(sorted(poles))) < 0.05:
-        return  # nearly double: roots of polynomials are not that exact
+        return  # nearly double: polynomial roots are less exact there
     p, i, d = by_poles(PLANT, poles).p, by_poles(PLANT, poles).i, by_poles(PLANT, poles).d
     polynomial = [1.0, PLANT.b * d, PLANT.b * p - PLANT.a, PLANT.b * i]
     found = np.sort(np.roots(polynomial[: len(poles) + 1]).real)
@@ -48,12 +48,12 @@ def test_by_poles_places_them(poles):
 
 
 @pytest.mark.parametrize("poles", [(-1.0,), (-1.0, -1.0), (1.0, -2.0)], ids=str)
-def test_poles_that_cannot_be(poles):
+def test_impossible_poles_are_refused(poles):
     with pytest.raises(TuningError, match="distinct negative"):
         by_poles(PLANT, poles)
 
 
-def test_by_lqr_gives_the_node_s_defaults():
+def test_by_lqr_gives_the_nodes_defaults():
     gains = by_lqr(PLANT, 0.1, np.radians(6.0), 1.0, 5.0)
     assert gains == pytest.approx(LqrConfig().gains, rel=1e-5)
 
@@ -90,7 +90,7 @@ def test_a_simulation_confirms_the_largest_delay(gains, h, rate):
             "pid.u_clamp_max=.inf",
             "pid.u_clamp_min=-.inf",
         ]
-        # As long as the slowest mode takes to change a hundredfold, if that can be waited for.
+        # Until the slowest mode has changed a hundredfold, if that is not too long.
         periods = min(int(5.0 / abs(np.log(radius))), 4000)
         plan = make_plan(
             "fig6", "pid", [], settings_, {"update_rate": 1.0 / h, "duration": 4 * periods * h}
@@ -104,7 +104,7 @@ def test_a_simulation_confirms_the_largest_delay(gains, h, rate):
     "poles", [(-12.0, -8.0, -2.0), (-3.0, -4.0), (-1.0, -2.0), (-20.0, -1.0), (-30.0, -7.0, -0.2)]
 )
 @pytest.mark.parametrize("rate", [True, False])
-def test_the_largest_delay_is_what_counting_finds(poles, rate):
+def test_the_largest_delay_equals_a_step_by_step_search(poles, rate):
     loop = LinearLoop(PLANT, by_poles(PLANT, poles), 0.005, rate)
     counted = next(d for d in range(60) if not replace(loop, delay=d + 1).stable)
     assert largest_delay(loop) == counted > 1
@@ -139,23 +139,25 @@ def test_gain_margins_are_edges():
         assert replace(loop, gains=gains).stable == stable
 
 
-def test_the_relay_finds_what_routh_says():
+def test_the_relay_agrees_with_routh():
     plant = Linear(PLANT.a, PLANT.b, c=4.0, lag=0.02)
     found = relay(plant, 1.0)
     assert (found.exact_gain, found.exact_period) == ultimate(plant)
-    assert found.gain == pytest.approx(found.exact_gain, rel=0.1)  # a describing function's worth
+    assert found.gain == pytest.approx(
+        found.exact_gain, rel=0.1
+    )  # the accuracy of a describing function
     assert found.period == pytest.approx(found.exact_period, rel=0.08)
     poles = np.roots([0.02, 1.08, 4.0 - 0.02 * plant.a, plant.b * found.exact_gain - plant.a])
     assert np.max(poles.real) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("plant", [PLANT, PLANT._replace(lag=0.02), PLANT._replace(c=1.0)], ids=str)
-def test_no_relay_without_lag_and_damping(plant):
+def test_the_relay_needs_lag_and_damping(plant):
     with pytest.raises(TuningError, match="no ultimate gain"):
         relay(plant, 1.0)
 
 
-def test_the_search_starts_from_the_present_parameters():
+def test_the_search_starts_from_the_current_parameters():
     config = FuzzyPidConfig()
     space = fuzzy_space(config)
     values = space.values(np.array(space.start))
@@ -216,13 +218,13 @@ def test_a_search_is_reproducible_and_no_worse_than_its_start(controller, tmp_pa
 @pytest.mark.parametrize(
     ("duration", "says"), [("0.0", "needs an end"), ("1e6", "at most 20000000")]
 )
-def test_a_search_over_runs_that_cannot_be_made_is_refused(duration, says):
+def test_a_search_over_impossible_runs_is_refused(duration, says):
     with pytest.raises(PlanError, match=f"fig6: .*{says}"):
         invoke("optimise", "--set", f"simulator.duration={duration}")
 
 
 @pytest.mark.parametrize("verb", [["poles"], ["lqr"], ["optimise"]], ids=str)
-def test_a_folder_that_is_not_there_is_told_first(tmp_path, verb):
+def test_a_missing_folder_is_reported_first(tmp_path, verb):
     with pytest.raises(PlanError, match="there is no folder"):
         invoke(*verb, "-o", tmp_path / "none" / "gains.yaml")
 

@@ -1,4 +1,4 @@
-"""The RViz view and the layouts are well-formed, installed, and name only what there is."""
+"""The RViz view and the layouts are well-formed, installed, and name only existing topics."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_foxglove_draws_values_that_exist_in_panels_that_exist():
             assert config["topicPath"] in known_topics()
 
 
-def test_they_are_installed():
+def test_views_are_installed():
     prefix = pytest.importorskip("ament_index_python.packages")
     share = Path(prefix.get_package_share_directory("trunk_experiments"))
     for folder in ("launch", "rviz", "layouts", "ros2_control"):

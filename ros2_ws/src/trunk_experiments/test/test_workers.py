@@ -1,4 +1,4 @@
-"""Processes that share work: a bounded number of tasks in flight, and workers that die."""
+"""Worker processes: a bounded number of tasks in flight, and workers that die."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ vary:
 
 
 def _one_thread(_count):
-    """Return a pool for any number of workers: compiling is not for several threads at once."""
+    """Return a pool of one thread: compilation is not thread-safe."""
     return ThreadPoolExecutor(1)
 
 
@@ -38,7 +38,7 @@ def sweep(tmp_path):
     return made
 
 
-def test_endless_items_are_taken_as_they_are_needed():
+def test_endless_items_are_taken_on_demand():
     taken = []
 
     def items():
@@ -52,7 +52,7 @@ def test_endless_items_are_taken_as_they_are_needed():
     results.close()
 
 
-def test_blocks_are_made_as_they_are_needed(sweep, monkeypatch):
+def test_blocks_are_made_on_demand(sweep, monkeypatch):
     monkeypatch.setattr(module, "worker_pool", _one_thread)
     taken = []
 
@@ -68,7 +68,7 @@ def test_blocks_are_made_as_they_are_needed(sweep, monkeypatch):
 
 
 class _Broken(ThreadPoolExecutor):
-    """A pool whose processes died before the second task came."""
+    """A pool whose processes died before the second task arrived."""
 
     submitted = 0
 
@@ -82,13 +82,13 @@ class _Broken(ThreadPoolExecutor):
         return super().submit(*arguments, **named)
 
 
-def test_a_pool_that_breaks_while_it_is_filled_is_one_line(sweep, monkeypatch):
+def test_a_pool_that_breaks_while_being_filled_gives_one_line(sweep, monkeypatch):
     monkeypatch.setattr(module, "worker_pool", _Broken)
     with pytest.raises(SweepError, match=r"a worker process was killed .* run the same command"):
         sweep.run(processes(2))
 
 
-def test_a_worker_that_is_killed_is_one_line(sweep, monkeypatch):
+def test_a_killed_worker_gives_one_line(sweep, monkeypatch):
     monkeypatch.setattr(workers, "_end_with_parent", os._exit)  # its missing argument ends a worker
     with pytest.raises(SweepError, match="a worker process was killed"):
         sweep.run(processes(2))
@@ -99,7 +99,7 @@ def _no_memory(block):
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_a_run_without_memory_is_one_line(sweep, monkeypatch, jobs):
+def test_a_run_without_memory_gives_one_line(sweep, monkeypatch, jobs):
     monkeypatch.setattr(module, "worker_pool", _one_thread)
     monkeypatch.setattr(module, "run_block", _no_memory)
     with pytest.raises(SweepError, match="not enough memory"):

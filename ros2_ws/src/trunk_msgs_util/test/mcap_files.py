@@ -1,4 +1,4 @@
-"""MCAP files as recorders of others would write them, and pieces of hostile ones."""
+"""MCAP files as other recorders would write them, and pieces of hostile ones."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def with_chunk(path: Path, hostile: bytes) -> Path:
     writer.finish()
     whole = buffer.getvalue()
     tail = whole[head:]
-    # The footer tells where the summary stands: there is none.
+    # The footer gives the place of the summary: there is none.
     data_end = tail[: 9 + 4]
     footer = struct.pack("<BQQQ", 2, 20, 0, 0)
     footer += struct.pack("<I", zlib.crc32(footer))

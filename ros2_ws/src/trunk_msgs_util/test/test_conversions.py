@@ -51,7 +51,7 @@ def test_stamps_are_exact(stamp_ns):
     assert stamp_from_ros(stamp_to_ros(stamp_ns)) == stamp_ns
 
 
-def test_nan_and_infinity_pass():
+def test_nan_and_infinity_are_kept():
     sample = JointSample(5, ("a",), (math.inf,), (math.nan,), (-0.0,))
     read = WireReader()(sample_to_wire(sample))
     assert read.position == (math.inf,)
@@ -60,7 +60,7 @@ def test_nan_and_infinity_pass():
 
 
 @given(st.binary(max_size=200))
-def test_bytes_that_are_no_message_raise_nothing(data):
+def test_bytes_that_are_not_a_message_raise_nothing(data):
     sample = WireReader()(data)
     assert isinstance(sample, JointSample)
 

@@ -32,7 +32,7 @@ class Example:
             raise ParameterError("pair", self.pair, "ascending values")
 
 
-def test_the_declaration_says_all_in_one_place():
+def test_one_declaration_holds_everything():
     declared = declarations(Example)
     assert list(declared) == ["rate", "limit", "steps", "on", "mode", "pair", "names"]
     assert declared["rate"].allowed() == "double, > 0 and <= 1e+06"
@@ -41,7 +41,7 @@ def test_the_declaration_says_all_in_one_place():
     assert declared["names"].kind == "string array"
 
 
-def test_values_go_in_and_come_out():
+def test_values_round_trip():
     config = build(Example, {"rate": 50, "pair": [1, 2.5], "names": ["x"]})
     assert config == Example(rate=50.0, pair=(1.0, 2.5), names=("x",))
     assert isinstance(config.rate, float)
@@ -71,7 +71,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(("name", "value", "allowed"), BAD.values(), ids=BAD.keys())
-def test_a_bad_value_is_named_shown_and_told_what_is_allowed(name, value, allowed):
+def test_a_bad_value_gives_name_value_and_what_is_allowed(name, value, allowed):
     with pytest.raises(ParameterError) as caught:
         build(Example, {name: value})
     assert caught.value.name == name
@@ -80,7 +80,7 @@ def test_a_bad_value_is_named_shown_and_told_what_is_allowed(name, value, allowe
     assert len(str(caught.value)) < 300
 
 
-def test_an_unknown_name_is_told_the_nearest():
+def test_an_unknown_name_gives_the_nearest_known_one():
     with pytest.raises(ParameterError, match="did you mean 'rate'"):
         build(Example, {"rat": 1.0})
 

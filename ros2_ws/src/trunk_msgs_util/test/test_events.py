@@ -1,4 +1,4 @@
-"""The words of `run/events`: strings to messages and files, and the only ones that nodes say."""
+"""The events of `run/events`: strings in messages and files, and the only ones that nodes publish."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SOURCES = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize("event", Event, ids=str)
-def test_an_event_is_its_word(event):
+def test_an_event_is_its_string(event):
     word = event.value
     assert (str(event), f"{event}", f"{event:>12}") == (word, word, f"{word:>12}")
     assert event == word
@@ -25,11 +25,11 @@ def test_an_event_is_its_word(event):
     assert schemas.parse_event(schemas.event(7, "/sim", event)).message == event
 
 
-def test_what_ends_a_run_says_why_and_after_how_many_states():
+def test_events_that_end_a_run_give_reason_and_states():
     assert [event.carries for event in ENDS] == [("reason", "states")] * 3
 
 
-def test_every_event_says_what_it_means():
+def test_every_event_has_a_meaning():
     assert all(event.said_by and event.meaning for event in Event)
     assert len({event.meaning for event in Event}) == len(Event)
 
@@ -47,7 +47,7 @@ def said(path):
                     yield Event[node.attr], {keyword.arg for keyword in call.keywords}
 
 
-def test_nodes_say_every_event_and_no_other_word():
+def test_nodes_publish_every_event_and_no_other():
     found = [
         pair
         for path in sorted(SOURCES.glob("*/trunk_*/**/*.py"))

@@ -27,7 +27,7 @@ def messages(steps=300):
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
-def test_a_glance_says_what_a_scan_says(tmp_path, compression, monkeypatch):
+def test_a_glance_agrees_with_a_scan(tmp_path, compression, monkeypatch):
     path = write_mcap(tmp_path / "a.mcap", messages(), compression=compression)
     monkeypatch.setattr(RecordingFile, "scan", None)  # would raise
     monkeypatch.setattr(module, "_GLANCE", 0)
@@ -83,8 +83,8 @@ def statistics_count(data, channel):
     )
 
 
-def test_counts_that_the_indexes_do_not_have_are_not_believed(tmp_path):
-    """All else of the summary fits, and it has no checksum of its own."""
+def test_counts_that_contradict_the_indexes_are_not_trusted(tmp_path):
+    """The rest of the summary fits, and it has no checksum."""
     path = write_mcap(tmp_path / "a.mcap", messages(), enable_crcs=False)
     data = bytearray(path.read_bytes())
     assert glance(path, {}) is not None
@@ -97,7 +97,7 @@ def test_counts_that_the_indexes_do_not_have_are_not_believed(tmp_path):
     assert Recording.open(path).topics["/a"].count == 300
 
 
-def test_a_summary_that_does_not_fit_is_not_believed(tmp_path):
+def test_a_summary_that_does_not_fit_is_not_trusted(tmp_path):
     path = write_mcap(tmp_path / "a.mcap", messages())
     data = path.read_bytes()
     assert glance(path, {}) is not None

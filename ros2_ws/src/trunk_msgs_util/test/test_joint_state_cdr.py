@@ -42,7 +42,7 @@ def bits(sample: JointSample) -> tuple[object, ...]:
 
 @given(samples, texts)
 @example(JointSample(0, ("hip", "trunk"), (1.0, -0.0), (), (float("inf"), NAN_WITH_PAYLOAD)), "")
-def test_bytes_are_those_of_rosbags_and_round_trip_to_the_bit(sample, frame_id):
+def test_bytes_equal_those_of_rosbags_and_round_trip_to_the_bit(sample, frame_id):
     layout = JointStateLayout(sample.name, *map(len, sample[2:]), frame_id=frame_id)
     data = layout.pack(sample)
     assert data == by_rosbags(sample, frame_id)

@@ -73,7 +73,7 @@ BOMB = bytes(MAX_CHUNK + 1)
     ],
     ids=range(13),
 )
-def test_lies_are_refused_and_cost_nothing(data, size, compression, says):
+def test_false_sizes_are_refused_at_no_cost(data, size, compression, says):
     tracemalloc.start()
     try:
         with pytest.raises(ValueError, match=says):
@@ -84,7 +84,7 @@ def test_lies_are_refused_and_cost_nothing(data, size, compression, says):
 
 
 @pytest.mark.parametrize("size", [0, 10, 31, 40, 47])
-def test_a_head_that_is_cut_off_is_refused(size):
+def test_a_cut_header_is_refused(size):
     whole = body(DATA, size=len(DATA), compression="")
     with pytest.raises(ValueError, match=r"header makes no sense|claims 600"):
         chunk_records(whole[:size])

@@ -13,7 +13,7 @@ from trunk_msgs_util.recording.split import record_offsets, split
 
 
 def walk(data: bytes) -> tuple[list[int], int]:
-    """The definition: one record after another."""
+    """The reference: one record after another."""
     offsets, at = [], 0
     while at + HEAD.size <= len(data):
         end = at + HEAD.size + struct.unpack_from("<Q", data, at + 1)[0]
@@ -57,7 +57,7 @@ def test_any_bytes_are_split_like_the_walk(data):
     assert (offsets.tolist(), end) == walk(data)
 
 
-def test_messages_stand_by_channel_and_others_beside_them():
+def test_messages_are_grouped_by_channel_and_others_kept_apart():
     parts = [record(3, b"schema")]
     for k in range(500):
         parts += [message(1, k, b"a" * 8), message(2, k, b"b" * (k % 3))]
@@ -82,19 +82,19 @@ def test_messages_stand_by_channel_and_others_beside_them():
         (record(8, b"") * (2**18 + 1), "records that are not messages"),
     ],
 )
-def test_what_makes_no_sense_is_refused(data, says):
+def test_nonsense_is_refused(data, says):
     with pytest.raises(ValueError, match=says):
         split(data)
 
 
-def test_regular_records_cost_next_to_nothing():
+def test_regular_records_are_nearly_free():
     data = b"".join(message(c, k, b"x" * 100 * c) for k in range(20_000) for c in (1, 2, 3))
     start = time.process_time()
     record_offsets(data)
-    assert time.process_time() - start < 0.02  # a walk takes six times as long
+    assert time.process_time() - start < 0.02  # reading one by one takes six times as long
 
 
-def test_hardly_regular_records_are_no_trap():
+def test_nearly_regular_records_are_not_slow():
     regular = b"".join(record(9, b"") for _ in range(300))
     data = (regular + record(9, b"x")) * 3000  # many beginnings of periods
     start = time.process_time()
@@ -103,7 +103,7 @@ def test_hardly_regular_records_are_no_trap():
     assert len(offsets) == 301 * 3000
 
 
-def test_a_message_knows_its_head():
+def test_a_message_knows_its_header():
     records = [message(258, 2**40, b"first", 7, 2**50), message(3, 2**41, b"", 2**31, 2**62)]
     both = split(b"".join(records)).messages([258, 3])
     assert both.head(0) == MessageHead(258, 7, 2**40, 2**50)

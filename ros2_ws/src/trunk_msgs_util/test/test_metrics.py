@@ -53,7 +53,7 @@ def test_effort_is_that_of_the_held_torque():
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_overshoot_is_seen_from_where_the_angle_was(sign):
+def test_overshoot_is_relative_to_the_angle_at_the_change(sign):
     theta = np.concatenate([np.full(100, 0.9), np.full(100, 0.0), np.full(300, 0.6)])
     reference = np.where(np.arange(500) < 100, 0.0, 0.5)
     result = metrics(table(sign * theta, sign * reference))
@@ -90,7 +90,7 @@ def test_steady_state_is_the_last_two_seconds():
     assert metrics(table(theta[:201])).steady_state_error_mean_deg is not None
 
 
-def test_a_sequence_is_judged_by_its_last_level_and_a_moving_reference_has_none():
+def test_a_sequence_counts_by_its_last_level_and_a_moving_reference_has_none():
     levels = np.repeat([0.3, -0.2, 0.5], 200)
     theta = np.roll(levels, 10)
     theta[:10] = 0.3
@@ -107,14 +107,14 @@ def test_a_sequence_is_judged_by_its_last_level_and_a_moving_reference_has_none(
 
 @pytest.mark.parametrize("column", ["theta", "reference", "torque"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_what_is_not_finite_is_named(column, value):
+def test_non_finite_data_are_named(column, value):
     columns = {"theta": np.zeros(9), "reference": np.zeros(9), "torque": np.zeros(9)}
     columns[column][3] = value
     with pytest.raises(ValueError, match=f"^{column} is not finite at t = 0.03 s: no metrics$"):
         metrics(table(**columns))
 
 
-def test_one_state_has_metrics_and_none_has_not():
+def test_one_state_is_enough_for_metrics():
     assert metrics(table([0.1])).iae == 0.0
     with pytest.raises(ValueError, match="at least one state"):
         metrics(table([]))

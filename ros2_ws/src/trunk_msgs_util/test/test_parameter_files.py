@@ -32,7 +32,7 @@ MATCHES = [
 
 
 @pytest.mark.parametrize(("pattern", "node", "expected"), MATCHES)
-def test_patterns_mean_what_they_mean_to_rcl(pattern, node, expected):
+def test_patterns_mean_the_same_as_in_rcl(pattern, node, expected):
     assert Section(pattern, {}).matches(node) is expected
 
 
@@ -116,7 +116,7 @@ def test_a_broken_file_is_one_line_with_its_place(text, says, tmp_path):
     assert len(str(caught.value)) < 300
 
 
-def test_a_file_that_is_not_there_or_not_text(tmp_path):
+def test_a_missing_or_non_text_file(tmp_path):
     with pytest.raises(ParameterFileError, match="cannot be read"):
         read(tmp_path / "none.yaml")
     (tmp_path / "bytes").write_bytes(b"\xff\xfe\x00")

@@ -1,4 +1,4 @@
-"""The reader against rosbags, to the last bit, over all that a file may be like."""
+"""The reader against rosbags, to the last bit, over all kinds of files."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def by_rosbags(messages, topic):
     found = []
     for name, _, data in messages:
         if name == topic:
-            size = JointStateLayout.parse(data).size  # rosbags minds the tail that rmw may leave
+            size = JointStateLayout.parse(data).size  # rosbags rejects the tail that rmw may leave
             m = STORE.deserialize_cdr(data[:size], TYPE)
             stamp_ns = m.header.stamp.sec * 10**9 + m.header.stamp.nanosec
             found.append((tuple(m.name), stamp_ns, m.position, m.velocity, m.effort))
@@ -156,7 +156,7 @@ def write_bag(folder, messages, compression=None):
 
 
 @pytest.mark.parametrize("compression", [None, "STORAGE"])
-def test_a_bag_of_rosbags_is_a_run(tmp_path, compression):
+def test_a_rosbags_bag_is_a_run(tmp_path, compression):
     bag = write_bag(tmp_path / "bag", run_messages(50), compression)
     recording = Recording.open(bag)
     assert not recording.complete
@@ -179,7 +179,7 @@ def split_bag(folder, messages, parts=3, metadata=True):
     for i in range(parts):
         part = messages[i * size : (i + 1) * size]
         if i == 1:
-            part = part[::-1]  # channels are numbered by each file for itself
+            part = part[::-1]  # each file numbers its channels independently
         path = folder / f"bag_{i}.mcap"
         files.append(write_mcap(path, part, library="libmcap 1.3.1", chunk_size=786432).name)
     if metadata:
@@ -230,13 +230,16 @@ def test_a_damaged_part_ends_the_run(tmp_path):
         ),
         (lambda bag: replace(bag, 'mode: ""', "mode: message"), "compressed by message"),
         (lambda bag: replace(bag, "relative_file", "other"), "lists no files"),
-        # What stands elsewhere is not read, whatever the metadata say.
-        (lambda bag: replace(bag, "bag_1.mcap", "/etc/passwd"), "lists /etc/passwd, which is not"),
+        # Files elsewhere are not read, whatever the metadata say.
+        (
+            lambda bag: replace(bag, "bag_1.mcap", "/etc/passwd"),
+            "lists /etc/passwd, which is missing",
+        ),
         (lambda bag: replace(bag, "bag_1.mcap", ".."), "lists .., which is missing"),
         (lambda bag: [path.unlink() for path in bag.iterdir()], "a directory without"),
     ],
 )
-def test_what_is_no_bag_is_one_line(tmp_path, change, says):
+def test_what_is_not_a_bag_gives_one_line(tmp_path, change, says):
     bag = split_bag(tmp_path / "bag", run_messages(9))
     change(bag)
     with pytest.raises(RecordingError, match=says) as caught:

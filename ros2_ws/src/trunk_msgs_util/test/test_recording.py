@@ -117,7 +117,7 @@ def test_big_endian_messages_are_read(tmp_path):
     [lambda _: b"\x00\x01\x00\x00garbage", lambda s: layout_of(s).pack(s)],
     ids=["bytes", "three values for two names"],
 )
-def test_messages_that_make_no_sense_are_a_recording_error(tmp_path, encode):
+def test_nonsensical_messages_are_a_recording_error(tmp_path, encode):
     odd = JointSample(0, ("a", "b"), (1.0, 2.0, 3.0))
     with pytest.raises(RecordingError, match=r"a\.mcap: /ground_truth/joint_states") as caught:
         write_joints(tmp_path / "a.mcap", [odd], encode)
@@ -139,7 +139,7 @@ def test_a_file_without_chunks_is_read(tmp_path):
     assert Recording.open(path).joints(TRUTH).position.tolist() == [[0], [1], [2], [3], [4]]
 
 
-def test_what_is_no_recording_is_named_in_one_line(tmp_path):
+def test_what_is_not_a_recording_gives_one_line_with_its_name(tmp_path):
     empty, text, other = (tmp_path / name for name in ("empty", "text", "short"))
     empty.write_bytes(b"")
     text.write_text("t,x,theta\n0,0,0\n")
@@ -191,7 +191,7 @@ def test_an_offset_in_a_warning_is_that_of_the_record(run_file):
     assert recording.joints(TRUTH).stamp_ns.tolist() == [k * run_file.period_ns for k in range(6)]
 
 
-def test_what_was_altered_outside_chunks_is_not_complete(run_file):
+def test_a_file_altered_outside_chunks_is_not_complete(run_file):
     path = run_file.write(20)
     path.write_bytes(path.read_bytes().replace(b"fig6", b"fig7"))
     recording = Recording.open(path)

@@ -71,7 +71,7 @@ def test_rosbags_reads_it(run_file):
     assert read[0].name == ["hüfte", "rumpf"]
 
 
-def test_the_qos_is_written_as_rosbag2_writes_it(tmp_path):
+def test_the_qos_is_written_as_in_rosbag2(tmp_path):
     qos = "- history: 1\n  depth: 10\n"
     with RecordingWriter(tmp_path / "a.mcap") as writer:
         with_qos = writer.channel("/a", topics.JOINT_STATE_TYPE, qos)
@@ -93,7 +93,7 @@ def test_an_existing_file_is_not_replaced_unless_asked(tmp_path):
     assert Recording.open(path).complete
 
 
-def test_an_exception_leaves_an_incomplete_file_that_says_why(tmp_path):
+def test_an_exception_leaves_an_incomplete_file_with_the_reason(tmp_path):
     path = tmp_path / "a.mcap"
     with pytest.raises(KeyError), RecordingWriter(path):
         raise KeyError("gone")
@@ -111,7 +111,7 @@ def test_finish_comes_last_and_once(tmp_path):
     assert Recording.open(path).end == {"complete": "false", "reason": "stopped"}
 
 
-def test_a_full_disk_is_told_at_once_and_ends_the_file():
+def test_a_full_disk_is_reported_at_once_and_ends_the_file():
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
     writer = RecordingWriter("/dev/full", overwrite=True)

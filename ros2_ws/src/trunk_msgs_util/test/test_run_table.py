@@ -27,7 +27,7 @@ def test_columns_are_matched_by_stamp(run_file):
     assert table.x_dot.tolist() == (-k).tolist()
     assert table.theta_dot.tolist() == (-k - 0.5).tolist()
     assert table.theta_measured.tolist() == (k + 0.125).tolist()
-    # What the true states tell: the torque of the step before; the last is the last command.
+    # The true states carry the torque of the previous step; the last is the last command.
     assert table.torque.tolist() == [0, 1, 2, 3, 4, 5, 6]
     for name in ("reference", "kp", "ki", "kd", "alpha"):
         i = topics.STATE_NAMES.index(name)
@@ -43,7 +43,7 @@ def test_names_and_the_limit_come_from_the_parameters(run_file):
     assert table.torque[-1] == 4.5
 
 
-def test_joints_may_stand_in_any_order(run_file):
+def test_joints_may_be_in_any_order(run_file):
     swapped = table_of(run_file.write(3, joints=("trunk", "hip")))
     assert swapped.theta.tolist() == [0, 1, 2, 3]  # what stands at "trunk"
     renamed = table_of(run_file.write(3, joints=("a", "b")))
@@ -52,7 +52,7 @@ def test_joints_may_stand_in_any_order(run_file):
         table_of(run_file.write(3, joints=("a", "b"), parameters={"joints": ("a", "leg")}))
 
 
-def test_without_a_last_command_the_last_torque_stands(run_file):
+def test_without_a_last_command_the_last_torque_is_kept(run_file):
     table = table_of(run_file.write(6, drop=(topics.EFFORT_COMMAND,)))
     assert table.torque.tolist() == [0, 1, 2, 3, 4, 5, 5]
 

@@ -32,7 +32,7 @@ def test_parameters_round_trip_with_their_types(stamp_ns, node, new, changed):
             assert [type(v) for v in read.new[name]] == [type(v) for v in value]
 
 
-def test_an_empty_array_takes_the_kind_that_is_told():
+def test_an_empty_array_takes_the_given_kind():
     message = pytest.importorskip("rcl_interfaces.msg")
     serialization = pytest.importorskip("rclpy.serialization")
     kinds = {"a": "double array", "b": "string array", "c": "integer array"}

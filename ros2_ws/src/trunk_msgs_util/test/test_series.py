@@ -1,4 +1,4 @@
-"""Columns are filled as far as they were made, or not given out at all."""
+"""Columns are filled completely, or not returned at all."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_columns_hold_every_message(tmp_path):
 
 
 def without_one(data):
-    """Return a file in which one message has become a record of a kind that readers pass over."""
+    """Return a file in which one message has become a record of a kind that readers skip."""
     at = data.index(packed(COUNT // 2)) - len(message(1, 0, b""))
     assert data[at] == Opcode.MESSAGE
     return data[:at] + b"\x80" + data[at + 1 :]

@@ -29,6 +29,6 @@ def test_other_messages_are_fields(run_file):
     assert arrays["log_time_ns"].tolist() == [5]
 
 
-def test_what_is_not_there_is_named(run_file):
+def test_a_missing_topic_is_named(run_file):
     with pytest.raises(RecordingError, match="has no topic /none, only /"):
         topic_arrays(Recording.open(run_file.write(1)), "/none")

@@ -7,7 +7,7 @@ import pytest
 from trunk_msgs_util.whole_file import whole_file
 
 
-def test_a_file_gets_its_name_when_it_is_whole(tmp_path):
+def test_a_file_gets_its_name_when_complete(tmp_path):
     path = tmp_path / "a.txt"
     with whole_file(path) as part:
         part.write_text("new")
@@ -18,7 +18,7 @@ def test_a_file_gets_its_name_when_it_is_whole(tmp_path):
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, OSError])
-def test_what_was_there_stays_where_it_goes_wrong(tmp_path, error):
+def test_an_existing_file_survives_a_failure(tmp_path, error):
     path = tmp_path / "a.txt"
     path.write_text("old")
 
@@ -43,12 +43,12 @@ def test_errors_name_the_file_that_was_asked_for(tmp_path):
     assert raised.value.filename == str(tmp_path / "input")
 
 
-def test_an_existing_file_is_replaced_only_where_asked(tmp_path):
+def test_an_existing_file_is_replaced_only_if_asked(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("old")
     refused = pytest.raises(FileExistsError, match="choose another name")
     with refused, whole_file(path, overwrite=False):
-        pytest.fail("it must not come to this")
+        pytest.fail("must not be reached")
 
 
 def test_a_link_stays_a_link(tmp_path):
@@ -62,7 +62,7 @@ def test_a_link_stays_a_link(tmp_path):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
-def test_a_device_is_written_to_as_it_is():
+def test_a_device_is_written_to_directly():
     with whole_file(Path("/dev/null")) as part:
         assert part == Path("/dev/null")
     with pytest.raises(OSError, match="No space"), whole_file(Path("/dev/full")) as part:

@@ -28,8 +28,8 @@ DESCRIPTIONS = (
         JOINT_STATE_TYPE,
         "simulator",
         (
-            "hip and trunk as *measured*: position [m, rad], velocity, effort [N, N m]; with delay, bias, noise "
-            "and pulses"
+            "hip and trunk as *measured*: position [m, rad], velocity, effort [N, N m]; delay, bias, noise "
+            "and pulses included"
         ),
     ),
     (
