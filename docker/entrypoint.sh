@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The environment of both images; the command takes this shell's place, so that signals reach it.
+# The environment of both images; the command replaces this shell, so that signals reach it.
 set -e
 if [[ -e /opt/ros/jazzy/setup.bash ]]; then
     # shellcheck source=/dev/null

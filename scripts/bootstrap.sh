@@ -43,7 +43,7 @@ find_python() {
     die "no CPython 3.10 to 3.13 found (python3, python3.13 … python3.10): install one, or name one in PYTHON"
 }
 
-# The build links to modules and data instead of copying them: only these make it anew.
+# The build links to modules and data instead of copying them: only these trigger a rebuild.
 workspace_key() {
     local src=ros2_ws/src
     { printf '%s\n' "$made" "$pins" $src/*/*/config/* $src/*/{launch,layouts,ros2_control,rviz}/*; cat $src/*/{package.xml,setup.py,setup.cfg}; } | sha256sum
@@ -106,8 +106,8 @@ build() {
             --event-handlers console_cohesion+ desktop_notification-
     ) >.venv/.log 2>&1 || { cat .venv/.log >&2; die 'ros2_ws could not be built, see above'; }
     find -L ros2_ws/install/*/share -type l -delete # colcon leaves links to data that is gone
-    # sh reads the first line: a kernel takes no spaces and no long path there. Signals that ask for an end
-    # are held back until the program can take them: see early_signals.py.
+    # sh reads the first line: a kernel takes no spaces and no long path there. SIGINT and SIGTERM
+    # are blocked until the program can handle them: see early_signals.py.
     local held=''
     if env --block-signal=INT,TERM true 2>/dev/null; then held='env --block-signal=INT,TERM '; fi
     for script in ros2_ws/install/*/lib/trunk_*/*; do

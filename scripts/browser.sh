@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Print the Chromium that the browser tests drive. Where there is none, install Debian's, if we are root;
-# else say why there is none and fail: those tests are then skipped.
+# Print the Chromium that the browser tests drive. If there is none, install Debian's as root;
+# otherwise say why there is none and fail: those tests are then skipped.
 set -euo pipefail
 
 find_browser() {

@@ -1,5 +1,5 @@
 # shellcheck shell=bash
-# Source this from bash or zsh: .venv, the built packages, `trunk`, and `ros2` (a stand-in where there is none).
+# Source this from bash or zsh: .venv, the built packages, `trunk`, and `ros2` (a stand-in if there is none).
 
 _trunk_env() { # FILE SHELL
     local root flags=$-
@@ -29,7 +29,7 @@ _trunk_env() { # FILE SHELL
         esac
     fi
     export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
-    # Last, so that a real ros2 comes first whenever it comes.
+    # Last on the path, so that a real ros2 always wins.
     command -v ros2 >/dev/null || export PATH="$PATH:$root/scripts/standin"
 }
 
@@ -39,7 +39,7 @@ elif [ -z "${BASH_VERSION:-}" ]; then
     echo "trunk: source scripts/env.sh from bash or zsh" >&2
     false
 elif [ "${BASH_SOURCE[0]}" = "$0" ]; then
-    echo "trunk: this is to be sourced: source scripts/env.sh" >&2
+    echo "trunk: source this script: source scripts/env.sh" >&2
     false
 else
     _trunk_env "${BASH_SOURCE[0]}" bash

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Make the README's pictures anew, in docs/images, from runs made here and now: scripts/pictures.sh
+# Regenerate the README's pictures, in docs/images, from fresh runs: scripts/pictures.sh
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/bootstrap.sh >/dev/null

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Make the generated tables anew: from the declarations, and that of docs/faults.md from its tests.
+# Regenerate the tables: from the declarations, and that of docs/faults.md from its tests.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/bootstrap.sh >/dev/null

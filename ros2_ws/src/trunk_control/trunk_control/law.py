@@ -35,7 +35,7 @@ class Law:
     """
 
     name: str  # also of the node, its executable and its section of parameters
-    label: str  # for people
+    label: str  # in tables and plots
     config: type[ControllerConfig]
     update: Update
     gains: Callable[[PidState, Sample, Constants], Gains]

@@ -68,7 +68,7 @@ def test_a_map_renders(path, tmp_path, more):
 
 def test_what_cannot_be_drawn_is_told(path, tmp_path):
     results = Results.read(path)
-    with pytest.raises(StudyError, match="'angle' is no grid variable; there are: delay, gain"):
+    with pytest.raises(StudyError, match="'angle' is not a grid variable; available: delay, gain"):
         panels(results, "iae", ("delay", "angle"), False)
     with pytest.raises(StudyError, match="no column 'nix': one of run"):
         panels(results, "nix", ("delay", "gain"), False)

@@ -61,7 +61,7 @@ class Pacing(ABC):
         self.paused = True  # until it begins
 
     def begin(self, now_ns: int) -> None:
-        """Start, or go on after a pause, at this wall time; the state is published."""
+        """Start, or resume after a pause, at this wall time; the state is published."""
         self.paused = False
         self._anchor_ns = now_ns - self._wall(self._loop.stamp_ns)
 

@@ -1,6 +1,6 @@
 """The sensors' memory and noise: past states for the delay, seeded samples.
 
-Pure: no ROS, no clock; the noise is a function of the seed and the step alone.
+Pure: no ROS, no clock; the noise is a function of the seed and the step only.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ class DelayLine:
         self._line: deque[PlantState] = deque(maxlen=steps + 1)
 
     def push(self, state: PlantState) -> PlantState:
-        """Append the newest state and return the delayed one."""
+        """Append the latest state and return the delayed one."""
         self._line.append(state)
         return self._line[0]
 

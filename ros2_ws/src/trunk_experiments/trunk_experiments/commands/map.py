@@ -91,10 +91,10 @@ def choose_axes(grid: Sequence[str], x: str | None, y: str | None, source: str) 
     known = ", ".join(grid) or "none"
     for name in (x, y):
         if name is not None and name not in grid:
-            raise PlanError(f"{source}: {name!r} is no grid variable; there are: {known}")
+            raise PlanError(f"{source}: {name!r} is not a grid variable; available: {known}")
     if x is not None and x == y:
         raise PlanError(f"{source}: --x and --y are both {x!r}: give two of {known}")
     if len(grid) < 2:
-        raise PlanError(f"{source}: a map needs two grid variables; there are: {known}")
+        raise PlanError(f"{source}: a map needs two grid variables; available: {known}")
     right = x or next(name for name in grid if name != y)
     return right, y or next(name for name in grid if name != right)

@@ -100,9 +100,7 @@ class LiveParameters:
         if self._name in names:
             return f"{self._name} does not answer within {self._timeout_s:g} s"
         there = ", ".join(names) or "none in this ROS domain"
-        return (
-            f"no node {self._name} within {self._timeout_s:g} s; the nodes that are there: {there}"
-        )
+        return f"no node {self._name} within {self._timeout_s:g} s; running nodes: {there}"
 
     def _until(self, condition: Callable[[], bool]) -> bool:
         deadline = time.monotonic() + self._timeout_s

@@ -73,7 +73,7 @@ class PlantReplay:
     def _pass_over(self, record: stretches.PlantRecord) -> int:
         """Skip states that are as recorded; return how many."""
         before = self._row
-        # A change stamped k came while state k was the newest: it acts on the step to k + 1.
+        # A change stamped k came while state k was the latest: it acts on the step to k + 1.
         last = int(np.searchsorted(self._stamps, self._timeline.next_ns))
         self._row, self._trunk, self._falls = stretches.compiled_plant()(
             before,

@@ -80,7 +80,7 @@ def panels(
     for name in axes:
         if name not in results.grid:
             known = ", ".join(results.grid) or "none"
-            raise StudyError(f"{results.path}: {name!r} is no grid variable; there are: {known}")
+            raise StudyError(f"{results.path}: {name!r} is not a grid variable; available: {known}")
     for name in (*axes, metric):
         results.column(name)
     growth = _growth(results, axes, progress) if with_floquet else {}

@@ -6,7 +6,7 @@ const CONFIG = {
   displaylogo: false,
   modeBarButtons: [["zoomIn2d", "zoomOut2d", "resetScale2d"], ["zoom2d", "pan2d"], ["toImage"]],
 };
-// A finger scrolls the page and has no hover: there the buttons always show, and have a row to themselves.
+// Touch screens scroll and have no hover: there the buttons always show, in their own row.
 const coarse = matchMedia("(pointer: coarse)").matches;
 const TOP = coarse ? 34 : 8;
 

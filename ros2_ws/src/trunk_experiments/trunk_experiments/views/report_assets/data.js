@@ -28,7 +28,7 @@ const report = (() => {
 // The hip path's height in m over x in m.
 const pathHeight = (path, x) => path.amplitude * Math.sin(path.wavenumber * x);
 
-// The row that holds at a time: the last stamp at or before it, 0 before the first.
+// The row in force at a time: the last stamp at or before it, 0 before the first.
 const rowAt = (times, time) => {
   let low = 0;
   let high = times.length;
@@ -51,7 +51,7 @@ const runColor = (index) => cssColor(`--run${index % 6}`);
 const DASHES = ["solid", "8px,3px", "9px,3px,2px,3px", "2px,2px", "12px,3px,4px,3px"];
 const runDash = (index) => DASHES[index % DASHES.length];
 
-// One clock for everything on the page. Listeners are told the time in s.
+// One clock for everything on the page. Listeners get the time in s.
 const clock = {
   time: report.start,
   playing: false,

@@ -8,14 +8,14 @@ const makeStage = (run, index) => {
   const { length } = run.path;
   const height = (at) => pathHeight(run.path, at);
   const extent = x.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
-  // A hip that runs far away is followed; otherwise the whole way fits.
+  // A hip that travels far is followed; otherwise the whole path fits.
   const follows = extent[1] - extent[0] > 9;
   const largest = () => {
     const bound = Math.max(...run.limits.map((v) => (v === null ? 0 : Math.abs(v))));
     return bound || run.torqueRange || torque.reduce((most, v) => Math.max(most, Math.abs(v)), 1e-9);
   };
   const fullTorque = largest();
-  // All that hip, trunk and what was measured of it ever reach, and some air.
+  // The full extent of hip, trunk and measured trunk, plus a margin.
   const span = { left: extent[0], right: extent[1], low: Infinity, high: -Infinity };
   for (let i = 0; i < t.length; i++) {
     const angles = [theta[i], measured[i], reference[i]].filter(Number.isFinite).map((v) => (v * Math.PI) / 180);
@@ -129,7 +129,7 @@ const makeStage = (run, index) => {
     }
   };
 
-  // An arc about the hip from the trunk on, as long as the torque: half a turn is the limit.
+  // An arc about the hip, starting at the trunk, its length proportional to the torque, at most half a turn.
   const drawTorque = (hip, radius, degrees, value) => {
     const part = Math.max(-1, Math.min(1, value / fullTorque));
     const sweep = Math.sign(part) * Math.sqrt(Math.abs(part)) * Math.PI;
