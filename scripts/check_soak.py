@@ -99,7 +99,7 @@ class Watch:
         path.write_text("\n".join(["node,time_s,rss_bytes", *lines, ""]))
 
     def hear_the_last(self, states: int) -> dict[str, int]:
-        """Return the counts that the simulator diagnosed at its end. Raises RunError."""
+        """Return the simulator's final diagnostic counts. Raises RunError."""
         deadline = time.monotonic() + HUNG_S
         while int(self.diagnosis.get("step", -1)) + 1 < states:
             if time.monotonic() > deadline:

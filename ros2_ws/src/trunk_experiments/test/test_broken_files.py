@@ -93,7 +93,7 @@ def judge(trunk, path, whole):
         assert lines
         return False, err
     complete = json.loads(out)["complete"]
-    if not lines:  # nothing was said: then nothing is missing
+    if not lines:  # no warning, so nothing is missing
         assert complete
         assert n == len(expected)
     return complete, err
@@ -104,12 +104,12 @@ MORE = int(os.environ.get("TRUNK_BROKEN", "0"))
 
 
 def spread(data, count):
-    """Return so many offsets, evenly spread over a file."""
+    """Return this many offsets, evenly spread over a file."""
     return [i * len(data) // count for i in range(count)]
 
 
 def records(data):
-    """Return where each record of a file begins, and its length with its head."""
+    """Return where each record of a file begins, and its length with its header."""
     found, at = [], 8
     while at < len(data) - 8:
         length = 9 + struct.unpack_from("<Q", data, at + 1)[0]
@@ -129,7 +129,7 @@ def test_cuts(whole, trunk, tmp_path):
     path = tmp_path / "cut.mcap"
     end_record = data.rindex(b"trunk_end", 0, data.rindex(b"trunk_end") - 1)
     lengths = set()
-    # Between two records, in a record's head, and in the midst of it.
+    # Between two records, in a record's header, and in its middle.
     cuts = {0, 4} | {
         at + more for at, length in sample(records(data), 25) for more in (0, 5, length // 2)
     }

@@ -38,7 +38,7 @@ def study():
 
 @pytest.fixture
 def cluster(tmp_path):
-    """Yield a scheduler's address and two workers, each a process of its own."""
+    """Yield a scheduler's address and two workers, each in its own process."""
     environment = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": f"{HUNG_S}s"}
     command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1"]
     file = tmp_path / "scheduler.json"

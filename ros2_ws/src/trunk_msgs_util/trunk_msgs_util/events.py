@@ -70,7 +70,7 @@ class Event(str, Enum):
     PUBLISHED = (
         "published",
         "simulator, controllers, disturbance",
-        "It ends; so many messages it has published, by their topics' names as keys",
+        "It ends; the number of messages that it has published, by topic",
     )
 
     def __new__(cls, word: str, said_by: str, meaning: str, *carries: str) -> Event:

@@ -91,7 +91,7 @@ class RealTimePacing(Pacing):
         self.set_timeout(command_timeout)
         self._stamp_ns = -1
         self._effort = 0.0
-        # Between the states that are answered; 0: not known yet.
+        # Between answered states; 0: not known yet.
         self._gap_ns = self._last_gap_ns = 0
         self._same_gaps = 0
 
@@ -113,10 +113,10 @@ class RealTimePacing(Pacing):
     def _count_unanswered(self, stamp_ns: int) -> None:
         """Count the states between the last answered one and this one that should have been answered.
 
-        A controller at a lower rate than the plant's answers every n-th state: its gap is the smallest
-        that was seen. A wider one that stays the same for `_SETTLED_GAPS` answers is that of a slower
-        controller that has taken over: what was counted in it is taken back. On a busy machine a controller
-        may well miss every other state for a while.
+        A controller slower than the plant answers every n-th state: its gap is the smallest one seen. A
+        wider gap that stays the same for `_SETTLED_GAPS` answers belongs to a slower controller that has
+        taken over: what was counted in it is subtracted. On a busy machine a controller may well miss
+        every other state for a while.
         """
         if self._stamp_ns < 0:
             missed = stamp_ns // self._loop.period_ns

@@ -119,7 +119,7 @@ def _joints(run: RecordedRun, topic: str) -> Iterator[Finding]:
 
 
 def _turns(run: RecordedRun, controller: str | None, stamps: Integers) -> list[Integers]:
-    """Return the stamps of each of a controller's turns: it has nothing to say between them."""
+    """Return the stamps of each of a controller's turns; between them it publishes nothing."""
     ends = [
         change.stamp_ns
         for change in (run.changes(controller) if controller in CONTROLLERS else ())

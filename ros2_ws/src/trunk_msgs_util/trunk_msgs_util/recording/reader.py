@@ -287,11 +287,11 @@ class Recording:
         return found
 
     def parameter_changes(self) -> list[ParameterChange]:
-        """Return what changed in the run; each change applies to states with a greater stamp."""
+        """Return the changes during the run; each applies to states with a later stamp."""
         return [event for event in self._parameter_events if event.changed]
 
     def events(self) -> list[RunEvent]:
-        """Return the events of the run in the file's order."""
+        """Return the run's events in file order."""
         return list(self._events)
 
 
