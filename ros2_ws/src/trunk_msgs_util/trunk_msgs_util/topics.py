@@ -21,7 +21,7 @@ CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 # What discovery calls a node of which it knows an endpoint alone.
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 
-# What each topic carries, for people: name, type, who publishes, content.
+# What each topic carries, for the README: name, type, publisher, content.
 DESCRIPTIONS = (
     (
         JOINT_STATES,
