@@ -17,7 +17,7 @@ _SCRIPT = Path(__file__).with_name("listening_node.py")
 
 
 class Listener:
-    """Collects the torque [N m] of each true state, and what the simulator says of itself."""
+    """Collects the torque [N m] of each true state, and what the simulator reports."""
 
     def __init__(self, host: Host) -> None:
         self._child = host.children.start("listener", sys.executable, _SCRIPT)

@@ -16,7 +16,7 @@ from .config import SimulatorConfig
 # A participant that says nothing of itself (another project's controller) is taken as ready when it has
 # been matched for this long.
 _MATCHED_S = 1.0
-# A node is discovered after its publisher, and what it says of itself after that.
+# A node is discovered after its publisher, and its events after that.
 _STRANGER_S = 3.0
 
 
@@ -40,7 +40,7 @@ class Participants:
         self._strange_since: float | None = None
 
     def hear(self, node: str, message: str, values: Mapping[str, str]) -> None:
-        """Take in what a node says of itself on ``run/events``."""
+        """Take in a node's event on ``run/events``."""
         if message == Event.READY and "answers" in values:
             self._ready.setdefault(values["answers"], set()).add(node)
             self._unready.discard(node)
@@ -119,7 +119,7 @@ class Participants:
         return acting
 
     def describe(self, topic: str) -> str:
-        """Return who answers on a topic, for people."""
+        """Return who answers on a topic, in words for a message."""
         ready = self._ready.get(topic, set())
         answering = ready - self._inactive
         names = " or ".join(sorted(answering or ready)) or "anyone"

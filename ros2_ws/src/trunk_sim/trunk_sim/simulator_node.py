@@ -229,7 +229,7 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
             self._only_one_controller()
 
     def participant(self, topic: str) -> str:
-        """Return who answers on a topic, for people."""
+        """Return who answers on a topic, in words for a message."""
         return self._participants.describe(topic)
 
     def _tick(self) -> None:

@@ -26,7 +26,7 @@ class LoopExecutor(SingleThreadedExecutor):
     """Runs callbacks in the thread that calls ``spin_once``; messages first, in their order per topic."""
 
     def __init__(self, linger_s: float = 0.0, **arguments: Any) -> None:
-        """Create it; with ``linger_s`` messages are let gather for so long before they are taken."""
+        """Create it; with ``linger_s`` messages collect for that long before they are taken."""
         super().__init__(**arguments)
         self._linger_s = linger_s
         self._subscriptions: list[Subscription] = []

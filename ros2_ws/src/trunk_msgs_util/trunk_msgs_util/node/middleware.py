@@ -1,4 +1,4 @@
-"""Settings of the middleware that a run needs; whoever has own ones keeps them."""
+"""Middleware settings that a run needs; a user's own settings are kept."""
 
 from __future__ import annotations
 

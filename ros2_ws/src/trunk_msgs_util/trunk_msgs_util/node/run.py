@@ -52,7 +52,7 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
     """
     shutdown = Shutdown()
     middleware.prepare()
-    # rcl would say in words of its own what our one line says.
+    # rcl would print its own version of what our one line says.
     set_logger_level("rcl", LoggingSeverity.FATAL)
     try:
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
