@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM to a program that is still being loaded: a clean exit, without a traceback from an import.
+"""SIGINT and SIGTERM to a program that is still loading: a clean exit, no traceback from an import.
 
 An executable of ours is loaded for some tenths of a second before it can take a signal in its own way.
 Until then signals are held back (by whoever starts it: `block`), and its first act is to say how they
