@@ -1,0 +1,70 @@
+"""Which modules are mutated, and the quick tests of each: the quickest first, a failure ends it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+UTIL = "ros2_ws/src/trunk_msgs_util/"
+SIM = "ros2_ws/src/trunk_sim/"
+CONTROL = "ros2_ws/src/trunk_control/"
+EXPERIMENTS = "ros2_ws/src/trunk_experiments/"
+
+
+class Module(NamedTuple):
+    """A module's file, and the arguments of pytest, both from the root of the tree.
+
+    ``placeholders``: constants that stand where nothing is read, so that no test could tell their values.
+    """
+
+    file: str
+    tests: tuple[str, ...]
+    placeholders: tuple[str, ...] = ()
+
+
+def _in(folder: str, *names: str) -> tuple[str, ...]:
+    return tuple(f"{folder}test/test_{name}.py" for name in names)
+
+
+MODULES = {
+    "mechanics": Module(
+        UTIL + "trunk_msgs_util/mechanics.py",
+        (
+            "tests/test_inverse_dynamics.py",
+            *_in(UTIL, "mechanics"),
+            *_in(SIM, "integrator", "plant"),
+        ),
+    ),
+    "plant": Module(
+        SIM + "trunk_sim/plant.py", _in(SIM, "integrator", "plant_as_printed", "plant")
+    ),
+    "integrator": Module(SIM + "trunk_sim/integrator.py", _in(SIM, "integrator")),
+    "step": Module(SIM + "trunk_sim/step.py", _in(SIM, "step", "sensors", "simulation")),
+    "pacing": Module(SIM + "trunk_sim/pacing.py", _in(SIM, "pacing")),
+    "pid": Module(
+        CONTROL + "trunk_control/pid.py",
+        (
+            *_in(CONTROL, "pid", "pid_retune", "pid_antiwindup", "extreme_numbers", "pid_loop"),
+            *("-k", "not every_command"),  # a minute, over four laws
+        ),
+    ),
+    "fuzzy": Module(CONTROL + "trunk_control/fuzzy.py", (*_in(CONTROL, "fuzzy"), "-k", "not grid")),
+    "fuzzy_pid": Module(CONTROL + "trunk_control/fuzzy_pid.py", _in(CONTROL, "fuzzy_pid")),
+    "decide": Module(
+        CONTROL + "trunk_control/decide.py",
+        _in(CONTROL, "controller", "handover"),
+        placeholders=("_SAMPLE", "_NEVER", "NO_TERMS"),
+    ),
+    "schedule": Module(
+        CONTROL + "trunk_control/schedule.py", (*_in(CONTROL, "handover"), "-k", "turns")
+    ),
+    "reference": Module(CONTROL + "trunk_control/reference.py", _in(CONTROL, "reference")),
+    "metrics": Module(EXPERIMENTS + "trunk_experiments/analysis/metrics.py", _in(UTIL, "metrics")),
+    "replay": Module(
+        EXPERIMENTS + "trunk_experiments/replay/replay.py",
+        ("tests/test_replay.py", "tests/test_turns.py"),
+    ),
+    "replay_plant": Module(
+        EXPERIMENTS + "trunk_experiments/replay/replay_plant.py",
+        ("tests/test_replay.py",),
+    ),
+}
