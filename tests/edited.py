@@ -6,11 +6,14 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.writer import DIGESTS, END
+from trunk_msgs_util.recording.writer import DIGESTS, END, PROVENANCE
 
 
-def copied(source, path, edit=lambda messages: None, digests=True, end=True):
-    """Write ``source`` again with ``edit`` applied to its [topic, log time, bytes] list."""
+def copied(source, path, edit=lambda messages: None, digests=True, end=True, provenance=None):
+    """Write ``source`` again with ``edit`` applied to its [topic, log time, bytes] list.
+
+    ``provenance``: values of the run's origin that are to be others.
+    """
     with source.open("rb") as file:
         reader = make_reader(file)
         summary = reader.get_summary()
@@ -29,6 +32,8 @@ def copied(source, path, edit=lambda messages: None, digests=True, end=True):
             number = writer.register_schema(schema.name, schema.encoding, schema.data)
             channels[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
         for name, values in metadata:
+            if name == PROVENANCE:
+                values = {**values, **(provenance or {})}
             if name not in (DIGESTS, END):
                 writer.add_metadata(name, values)
         for topic, log_time, data in messages:

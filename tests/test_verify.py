@@ -186,6 +186,24 @@ def test_one_stamp_in_the_far_future_costs_no_more_than_any_other(whole, tmp_pat
     assert peak < 64 << 20
 
 
+@pytest.mark.parametrize(
+    ("topic", "obstacles"),
+    [
+        (STATE, ["joint_states: 1 steps missing, the first at t = 0.5 s"]),
+        (COMMAND, []),  # in real time a command may be late: the plant goes on without it
+    ],
+)
+def test_in_real_time_too_every_measured_state_has_to_be_there(whole, tmp_path, topic, obstacles):
+    copy = copied(
+        whole,
+        tmp_path / "real_time.mcap",
+        lambda m: m.remove(of(m, topic)[500]),
+        digests=False,
+        provenance={"mode": "real_time"},
+    )
+    assert verify(copy).obstacles == obstacles
+
+
 def test_a_run_without_an_end_marker_cannot_be_judged(whole, tmp_path):
     verdict = verify(copied(whole, tmp_path / "endless.mcap", end=False, digests=False))
     assert verdict.exit_code == UNJUDGED

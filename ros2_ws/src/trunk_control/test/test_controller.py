@@ -40,6 +40,7 @@ every = pytest.mark.parametrize(
         (1000.0, 1000.0, 1),
         (1000.0, 200.0, 5),
         (700.0, 100.0, 7),  # 7 * 1428571 ns is just under 10 ms
+        (700.0, 350.0, 2),  # 2 * 1428571 ns is just under 2857143 ns
         (60.0, 20.0, 3),  # 3 * 16666667 ns is just over 50 ms
         (60.0, 30.0, 2),
         (144.0, 72.0, 2),
@@ -61,10 +62,12 @@ def test_updates_are_due_at_every_nth_state(make, config, plant_rate, rate, divi
 def test_command_is_held_between_due_instants(make, config):
     controller = make(replace(config, update_rate=100.0))
     due = controller.update(0, 0.3, 0.5)
+    assert (due.active, due.fresh, due.held) == (True, True, False)
     state = controller.state
     for k in range(1, 10):
         held = controller.update(k * MS, 0.3 + k, -k)
         assert (held.effort, held.fresh, held.terms) == (due.effort, False, NO_TERMS)
+        assert (held.active, held.held) == (True, False)
         assert controller.state == state
     assert controller.update(10 * MS, 0.4, 0.1).fresh
 
@@ -75,7 +78,7 @@ def test_dt_is_taken_from_the_stamps():
     stamps = [0, 5, 13, 20, 45]
     for i, stamp in enumerate(stamps):
         dt = (stamp - stamps[i - 1]) * MS / 1e9 if i else 0.005  # at first the period
-        angle = 0.1 * i * i
+        angle = 0.1 * (i + 1) ** 2
         expected, terms = pid_update(expected, 0.0, angle, 0.0, dt, config.gains, config.law)
         assert controller.update(stamp * MS, angle, 0.0).terms == terms
 
@@ -146,6 +149,7 @@ def test_a_non_finite_sample_is_skipped(make, config, mode):
         assert disturbed.update(5 * k * MS, angle, 1.0) == last
     answer = disturbed.update(10 * MS, nan, 1.0)
     assert (answer.effort, answer.fresh, answer.held) == (last.effort, False, True)
+    assert answer.active
     for k, angle in ((3, 0.4), (4, 0.5)):
         assert disturbed.update(5 * k * MS, angle, 1.0) == spared.update(5 * k * MS, angle, 1.0)
 

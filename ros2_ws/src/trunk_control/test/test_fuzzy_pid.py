@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import nan
+from math import inf, nan
 
 import numpy as np
 import pytest
@@ -72,6 +72,15 @@ def test_printed_gains_never_leave_the_box(consequents):
 )
 def test_gains_at_three_rules(error, rate, gains):
     assert inferred_gains(error, rate, RULES, BOX)[0] == pytest.approx(gains, rel=1e-15)
+
+
+def test_the_integral_gain_where_alpha_kd_is_one_and_where_it_vanishes():
+    at_two = (10.0, 0.0)  # PB, ZO: alpha = 2, Kd small
+    gains, _ = inferred_gains(*at_two, RULES, GainBox(3.0, 3.0, 0.5, 0.5))
+    assert gains == Gains(3.0, 9.0, 0.5)
+    flat = RULES._replace(alpha=(0.25,) * 49)
+    gains, _ = inferred_gains(*at_two, flat, GainBox(3.0, 3.0, 5e-324, 5e-324))
+    assert gains.i == inf
 
 
 def test_gains_scale_with_the_inferred_values():

@@ -100,6 +100,34 @@ def test_narrowed_limits_never_exceed_the_laws(effort, step, low, high):
     assert handover_law(PidLaw(), effort, inf) == PidLaw()
 
 
+@pytest.mark.parametrize(("seen_ms", "error_rate"), [(2, -10.0), (5, -6.0)])
+def test_its_first_step_is_the_time_since_the_state_before(seen_ms, error_rate):
+    controller = Controller(PidConfig(derivative_mode="error", update_rate=200.0))
+    controller.deactivate()
+    controller.see(seen_ms * MS, 0.1)
+    controller.activate()
+    answer = controller.update(5 * MS, 0.13, 0.0, 0.0)  # at the same stamp: over one period
+    assert answer.terms.error_rate == pytest.approx(error_rate)
+
+
+def test_a_filter_begins_at_rest_and_the_torque_goes_on():
+    config = PidConfig(derivative_mode="measurement", derivative_filter_time=0.02)
+    controller = taking_over(Controller, config, 0.1)
+    answer = controller.update(5 * MS, 0.11, 0.0, 0.0, effort=-5.0)
+    assert answer.effort == pytest.approx(-5.0)
+    assert answer.terms.error_rate == pytest.approx(0.005 / 0.025 * (-0.01 / 0.005))
+
+
+@every
+def test_a_controller_keeps_its_turns(make, config):
+    controller = make(replace(config, active_times=(0.01, 0.02)))
+    answers = [controller.update(5 * k * MS, 0.1, 0.0, effort=-4.0) for k in range(6)]
+    assert [answer.active for answer in answers] == [False, False, True, True, False, False]
+    assert [answer.fresh for answer in answers] == [False, False, True, True, False, False]
+    assert not any(answer.held for answer in answers)
+    assert answers[2].effort == pytest.approx(-4.0, abs=1.0)
+
+
 @every
 def test_activation_starts_from_scratch_if_no_state_was_seen(make, config):
     fresh, woken = make(config), make(config)
@@ -143,6 +171,7 @@ def test_turns():
     assert turn(times, 39, 41) == -1
     assert turn(times, 41, 100) == 1
     assert turn((), -1, 0) == 0
+    assert turn((10,), 9, 10) == 1
 
 
 @pytest.mark.parametrize("times", [(1.0, 1.0), (2.0, 1.0)])

@@ -9,6 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trunk_control.pid import (
+    ANTIWINDUP_BACK_CALCULATION,
+    ANTIWINDUP_CONDITIONAL_INTEGRATION,
+    ANTIWINDUP_NONE,
     DERIVATIVE_FROM_RATE,
     DERIVATIVE_ON_ERROR,
     DERIVATIVE_ON_MEASUREMENT,
@@ -16,8 +19,10 @@ from trunk_control.pid import (
     PidLaw,
     PidState,
     alpha_of,
+    combine,
     pid_update,
 )
+from trunk_control.pid_law import PidConfig
 
 GAINS = Gains(2.0, 4.0, 0.5)
 DT = 0.25
@@ -54,6 +59,13 @@ def test_terms_of_three_samples(mode):
         assert (terms.kp, terms.ki, terms.kd) == GAINS
 
 
+def test_what_a_model_says_is_added_within_the_limits():
+    arguments = (PidState(0.25), 0.5, 0.0, 2.0, DT, GAINS, 1.0)
+    _, terms = combine(*arguments, FREE, 7.0)
+    assert terms.unsaturated == terms.effort == 2.0 * 0.5 + 4.0 * 0.375 + 0.5 * 2.0 + 7.0
+    assert combine(*arguments, PidLaw(u_max=8.0), 7.0)[1].effort == 8.0
+
+
 @modes
 def test_filter_is_its_recursion(mode):
     _, history = run(SAMPLES, PidLaw(derivative=mode, filter_time=0.75))
@@ -83,11 +95,13 @@ def test_command_is_limited(measurement, effort):
     assert terms.unsaturated == -3.0 * measurement
 
 
-@pytest.mark.parametrize(("error", "term"), [(1.0, 1.5), (-1.0, -0.5)], ids=["max", "min"])
-def test_integral_term_is_limited(error, term):
+@pytest.mark.parametrize(
+    ("error", "first", "term"), [(1.0, 1.0, 1.5), (-1.0, -0.5, -0.5)], ids=["max", "min"]
+)
+def test_integral_term_is_limited(error, first, term):
     law = PidLaw(i_min=-0.5, i_max=1.5)
     state, history = run([(error, 0.0, 0.0)] * 5, law)
-    assert history[-1].i_term == term
+    assert [terms.i_term for terms in history] == [first, term, term, term, term]
     assert state.integral == term / GAINS.i
     _, (back,) = run([(-error, 0.0, 0.0)], law, state=state)  # the integral did not wind up
     assert back.i_term == term - GAINS.i * DT * error
@@ -98,12 +112,30 @@ def test_integral_limit_of_zero_without_integral_gain():
     assert (history[0].i_term, state.integral) == (0.0, DT)
 
 
+@pytest.mark.parametrize(("i_min", "i_max", "term"), [(-2.0, -1.0, -1.0), (1.0, 2.0, 1.0)])
+def test_limits_beyond_zero_leave_the_integral_alone_without_integral_gain(i_min, i_max, term):
+    law = PidLaw(i_min=i_min, i_max=i_max)
+    state, (terms,) = run([(1.0, 0.0, 0.0)], law, Gains(1.0, 0.0, 0.0))
+    assert (terms.i_term, state.integral) == (term, DT)
+
+
+def test_without_a_filter_the_derivative_forgets_the_one_before():
+    state = PidState(derivative=1e16, started=True)  # 1e16 + (2 - 1e16) would have lost the 2
+    _, terms = pid_update(state, 0.75, 0.0, 0.0, DT, GAINS, PidLaw())
+    assert terms.error_rate == 3.0
+
+
 def test_zero_dt_holds_the_last_command():
-    before, history = run(SAMPLES[:2])
-    after, terms = pid_update(before, 9.0, -9.0, 9.0, 0.0, GAINS, PidLaw())
+    law = PidLaw(u_max=3.0)
+    before, history = run(SAMPLES[:2], law)
+    after, terms = pid_update(before, 9.0, -9.0, 9.0, 0.0, GAINS, law)
     assert after == before
-    assert terms.effort == history[-1].effort
-    assert terms.held
+    assert terms.effort == terms.unsaturated == history[-1].effort == 3.0
+    assert (terms.held, history[-1].held) == (True, False)
+    # No term of its own stands behind it; error and derivative are those of the last sample.
+    assert (terms.p_term, terms.i_term, terms.d_term) == (0.0, 0.0, 0.0)
+    assert (terms.error, terms.error_rate) == (1.25, 3.0)
+    assert (terms.kp, terms.ki, terms.kd, terms.alpha) == (*GAINS, alpha_of(GAINS))
 
 
 def test_negative_dt_raises():
@@ -124,6 +156,23 @@ def test_a_non_finite_sample_changes_nothing(mode, place, bad):
     assert terms.effort == history[-1].effort
 
 
+def test_the_words_of_the_parameters_choose_the_laws():
+    derivative = {
+        "error": DERIVATIVE_ON_ERROR,
+        "measurement": DERIVATIVE_ON_MEASUREMENT,
+        "rate": DERIVATIVE_FROM_RATE,
+    }
+    for word, code in derivative.items():
+        assert PidConfig(derivative_mode=word).law.derivative == code
+    antiwindup = {
+        "none": ANTIWINDUP_NONE,
+        "conditional_integration": ANTIWINDUP_CONDITIONAL_INTEGRATION,
+        "back_calculation": ANTIWINDUP_BACK_CALCULATION,
+    }
+    for word, code in antiwindup.items():
+        assert PidConfig(antiwindup_strategy=word).law.antiwindup == code
+
+
 def test_default_state_is_the_state_after_a_reset():
     used, first = run(SAMPLES)
     assert used != PidState()
@@ -138,7 +187,12 @@ def test_command_never_leaves_its_limits(samples, antiwindup):
 
 @pytest.mark.parametrize(
     ("gains", "alpha"),
-    [(Gains(60.0, 100.0, 9.0), 4.0), (Gains(60.0, 0.0, 9.0), 0.0), (Gains(60.0, 1.0, 0.0), 0.0)],
+    [
+        (Gains(60.0, 100.0, 9.0), 4.0),
+        (Gains(0.5, 0.25, 0.5), 2.0),
+        (Gains(60.0, 0.0, 9.0), 0.0),
+        (Gains(60.0, 1.0, 0.0), 0.0),
+    ],
 )
 def test_alpha(gains, alpha):
     assert alpha_of(gains) == alpha

@@ -67,11 +67,19 @@ def test_conditional_integration_drops_the_increment_afterwards():
     assert after.integral == 0.15
 
 
-def test_conditional_integration_keeps_an_increment_that_unwinds():
+def test_conditional_integration_drops_the_smallest_increment_too():
+    law = limited(ANTIWINDUP_CONDITIONAL_INTEGRATION)
+    after, terms = update(PidState(integral=0.25), 1e-3, law)
+    assert terms.effort == 2.0
+    assert after.integral == 0.25
+
+
+@pytest.mark.parametrize("error", [-1.0, -1e-3])
+def test_conditional_integration_keeps_an_increment_that_unwinds(error):
     state = PidState(integral=0.9)
-    after, terms = update(state, -1.0, limited(ANTIWINDUP_CONDITIONAL_INTEGRATION))
+    after, terms = update(state, error, limited(ANTIWINDUP_CONDITIONAL_INTEGRATION))
     assert terms.unsaturated > 2.0
-    assert after.integral == 0.9 - DT
+    assert after.integral == 0.9 + DT * error
 
 
 @pytest.mark.parametrize(
@@ -82,15 +90,31 @@ def test_conditional_integration_keeps_an_increment_that_unwinds():
         (GAINS, 0.0, 1.0 / 10.0),  # no D: Ti
         (GAINS, 1e-6, DT),  # never faster than the sampling
         (Gains(0.0, 10.0, 0.0), 0.0, DT),
+        (Gains(1.0, 10.0, 2.5), 0.0, 0.5),  # sqrt(Ti Td), D above 1
+        (Gains(1.0, 10.0, 0.4), 0.125, 0.125),  # a given one counts before those of the gains
+        (Gains(1.0, 1.5, 0.0), 0.25, 0.25),  # their product is below 1
+        (Gains(1.0, 1.5, 0.0), 2.0, 2.0),
+        (Gains(2.5, 0.5, 0.0), 0.0, 5.0),  # so is ki
     ],
-    ids=["given", "PID", "PI", "too-fast", "I"],
+    ids=[
+        "given",
+        "PID",
+        "PI",
+        "too-fast",
+        "I",
+        "PID, great D",
+        "given, PID",
+        "small product",
+        "slow",
+        "PI, small I",
+    ],
 )
 def test_back_calculation_tracks_with_its_time_constant(gains, time_constant, tracking):
     law = limited(ANTIWINDUP_BACK_CALCULATION, tracking_time_constant=time_constant)
-    after, terms = update(PidState(integral=1.0), 1.0, law, gains)
+    after, terms = update(PidState(integral=4.0), 1.0, law, gains)
     excess = terms.unsaturated - 2.0
     assert excess > 0.0
-    expected = 1.0 + DT - DT * excess / (tracking * gains.i)
+    expected = 4.0 + DT - DT * excess / (tracking * gains.i)
     assert after.integral == pytest.approx(expected, rel=1e-14)
 
 
@@ -104,9 +128,10 @@ def test_back_calculation_never_diverges(kp, ki, kd, tracking):
     assert abs(state.integral) <= 5.0 + resting
 
 
-def test_back_calculation_without_integral_gain_leaves_the_integral():
+@pytest.mark.parametrize("kd", [0.0, 1.0])
+def test_back_calculation_without_integral_gain_leaves_the_integral(kd):
     law = limited(ANTIWINDUP_BACK_CALCULATION)
-    state, terms = update(PidState(), 50.0, law, Gains(1.0, 0.0, 0.0))
+    state, terms = update(PidState(), 50.0, law, Gains(1.0, 0.0, kd))
     assert (terms.effort, state.integral) == (2.0, 0.5)
 
 

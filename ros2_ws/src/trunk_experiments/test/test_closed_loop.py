@@ -23,6 +23,7 @@ from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
+from trunk_experiments.runs.offline import steps
 from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_msgs_util.recording.reader import Recording
 
@@ -95,6 +96,28 @@ def test_controllers_that_take_over_have_the_same_bits(batch):
     swaps = [Swap(0.3, "computed_torque"), Swap(0.7, "pid"), Swap(0.9, "fuzzy_pid")]
     plan = make_plan("fig8", "pid", everywhere={"duration": 1.1}, swaps=swaps)
     assert first_difference(plan, batch) is None
+
+
+@pytest.fixture(scope="module")
+def half_rate():
+    """Return a plan whose periods fit by a rounding: 2 * 1428571 ns are 1 ns less than 2857143 ns."""
+    return make_plan(
+        "fig8",
+        "pid",
+        settings=["pid.update_rate=350.0", "pid.derivative_mode=rate"],
+        everywhere={"duration": 0.05, "update_rate": 700.0},
+    )
+
+
+def test_a_controller_at_half_the_plants_rate_answers_every_second_state(half_rate):
+    fresh = [step.answer.fresh for step in steps(half_rate)]
+    assert fresh == [k % 2 == 0 for k in range(36)]
+
+
+def test_a_compiled_controller_at_half_the_plants_rate_does_so_too(batch, half_rate):
+    torque = batch.run(half_rate).table.torque
+    assert (torque[1::2] == torque[:-1:2]).all()
+    assert (torque[2::2] != torque[1:-1:2]).all()
 
 
 @pytest.mark.parametrize("controller", ["pid", "fuzzy_pid"])

@@ -1,12 +1,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from math import degrees, radians
 
 import numpy as np
 import pytest
 
-from trunk_experiments.analysis.metrics import metrics
+from trunk_experiments.analysis.metrics import QUANTITIES, SETTLING_BAND, metrics
 from trunk_experiments.analysis.run_table import RunTable
 
 
@@ -46,9 +47,15 @@ def test_integrals_of_a_straight_line_are_those_of_calculus():
     assert (result.theta_min_deg, result.theta_max_deg) == (degrees(-1.0), degrees(1.0))
 
 
+def test_integrals_of_a_constant_error():
+    result = metrics(table(np.full(2001, -0.25), period=0.001))
+    integrals = (result.iae, result.ise, result.itae)
+    assert integrals == pytest.approx((0.25 * 2.0, 0.25**2 * 2.0, 0.25 * 2.0**2 / 2.0))
+
+
 def test_effort_is_that_of_the_held_torque():
-    result = metrics(table([0.0] * 4, torque=[1.0, -2.0, 3.0, 100.0], period=0.5))
-    assert result.effort == 0.5 * (1.0 + 4.0 + 9.0)
+    result = metrics(table([0.0] * 4, torque=[1.0, -2.0, 4.0, 100.0], period=0.5))
+    assert result.effort == 0.5 * (1.0 + 4.0 + 16.0)
     assert result.peak_torque == 100.0
 
 
@@ -76,6 +83,7 @@ def test_settling_counts_from_the_last_change_to_the_last_time_outside():
     theta[499] = 1.0 - radians(6.1)  # leaves 1.00 s
     assert metrics(table(theta, reference)).settling_time_6deg_s == pytest.approx(3.0)
     assert metrics(table(np.zeros(601))).settling_time_6deg_s == 0.0
+    assert metrics(table(np.full(601, SETTLING_BAND))).settling_time_6deg_s == 0.0
     assert metrics(table(np.ones(601))).settling_time_6deg_s is None
 
 
@@ -88,6 +96,21 @@ def test_steady_state_is_the_last_two_seconds():
     short = metrics(table(theta[:200]))
     assert (short.steady_state_error_mean_deg, short.steady_state_error_rms_deg) == (None, None)
     assert metrics(table(theta[:201])).steady_state_error_mean_deg is not None
+
+
+def test_times_are_told_from_where_the_run_begins():
+    theta = np.where(np.arange(301) < 50, 1.0, 0.0)
+    run = table(theta)
+    late = metrics(replace(run, t=run.t + 5.0))
+    assert late.settling_time_6deg_s == pytest.approx(0.5)
+    assert late.steady_state_error_rms_deg == 0.0
+    short = table(theta[:150])
+    assert metrics(replace(short, t=short.t + 5.0)).steady_state_error_rms_deg is None
+
+
+def test_extreme_angles_are_told_and_not_judged():
+    told = {name for name, quantity in QUANTITIES.items() if not quantity.judged}
+    assert told == {"theta_min_deg", "theta_max_deg"}
 
 
 def test_a_sequence_counts_by_its_last_level_and_a_moving_reference_has_none():
@@ -105,11 +128,19 @@ def test_a_sequence_counts_by_its_last_level_and_a_moving_reference_has_none():
     assert sine.iae > 0.0
 
 
+def test_a_level_counts_from_one_second_on_and_a_constant_reference_always():
+    assert metrics(table(np.linspace(1.0, 0.2, 50))).overshoot_deg == 0.0
+    reference = np.where(np.arange(201) < 100, 0.0, 1.0)
+    whole = metrics(table(np.zeros(201), reference))  # 1.00 s
+    assert whole.overshoot_deg == 0.0
+    assert metrics(table(np.zeros(200), reference[:200])).overshoot_deg is None
+
+
 @pytest.mark.parametrize("column", ["theta", "reference", "torque"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_non_finite_data_are_named(column, value):
     columns = {"theta": np.zeros(9), "reference": np.zeros(9), "torque": np.zeros(9)}
-    columns[column][3] = value
+    columns[column][[3, 5]] = value  # the first is named
     with pytest.raises(ValueError, match=f"^{column} is not finite at t = 0.03 s: no metrics$"):
         metrics(table(**columns))
 

@@ -1,8 +1,17 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from trunk_sim.pacing import MAX_CATCH_UP, LockstepPacing, RealTimePacing
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.pacing import (
+    MAX_CATCH_UP,
+    LockstepPacing,
+    RealTimePacing,
+    make_pacing,
+    tick_period,
+)
 
 H = 1_000_000
 
@@ -33,6 +42,8 @@ class FakeLoop:
         return f"/node ({topic})"
 
     def count(self, what, number=1):
+        assert isinstance(number, int)
+        assert number != 0
         self.counts[what] = self.counts.get(what, 0) + number
 
 
@@ -62,8 +73,16 @@ class TestRealTime:
         loop, pacing = real_time
         pacing.tick(1000 + 4 * H)
         assert loop.stamp_ns == 4 * H
+        assert loop.efforts == [0.0] * 4  # there was no command yet
         assert loop.counts["deadlines missed"] == 3
         assert pacing.worst_late_ns == 3 * H
+
+    @pytest.mark.parametrize(("late_ns", "missed", "steps"), [(H - 1, 0, 1), (H, 1, 2)])
+    def test_a_deadline_is_missed_from_one_period_on(self, real_time, late_ns, missed, steps):
+        loop, pacing = real_time
+        pacing.tick(1000 + H + late_ns)
+        assert loop.counts.get("deadlines missed", 0) == missed
+        assert loop.stamp_ns == steps * H
 
     def test_a_plant_far_behind_re_anchors(self, real_time):
         loop, pacing = real_time
@@ -71,6 +90,14 @@ class TestRealTime:
         assert loop.stamp_ns == H
         pacing.tick(1000 + (MAX_CATCH_UP + 11) * H)
         assert loop.stamp_ns == 2 * H
+        # What was given up is given up: from there on the ticks are on time again.
+        assert loop.counts["deadlines missed"] == MAX_CATCH_UP + 9
+        assert pacing.worst_late_ns == 0
+
+    def test_as_far_behind_as_it_may_be_it_still_catches_up(self, real_time):
+        loop, pacing = real_time
+        pacing.tick(1000 + (MAX_CATCH_UP + 1) * H)
+        assert loop.stamp_ns == (MAX_CATCH_UP + 1) * H
 
     def test_an_old_command_is_not_used_but_the_next_fresh_one_is(self, real_time):
         loop, pacing = real_time
@@ -78,9 +105,16 @@ class TestRealTime:
         for k in range(1, 8):
             pacing.tick(1000 + k * H)
         assert loop.efforts == [3.0] * 6 + [0.0]  # at 5 ms it is still in use, at 6 ms no longer
+        assert loop.counts == {"steps without a fresh command": 1}
         pacing.command(7 * H, 5.0, 1)
         pacing.tick(1000 + 8 * H)
         assert loop.efforts[-1] == 5.0
+
+    def test_before_the_first_command_none_is_missed(self, real_time):
+        loop, pacing = real_time
+        for k in range(1, 9):
+            pacing.tick(1000 + k * H)
+        assert (loop.efforts, loop.counts) == ([0.0] * 8, {})
 
     def test_a_command_after_its_step_is_used_and_counted_as_late(self, real_time):
         loop, pacing = real_time
@@ -102,8 +136,19 @@ class TestRealTime:
             ([0, 3, 6, 9], 0),
             ([0, 2, 4, 8, 10], 1),
             ([0, 4, 5, 6, 7, 8, 9, 10], 0),  # at first a gap is taken for the controller's rate
+            ([0, 5], 1),
+            ([0, 4, 6, 8], 1),
         ],
-        ids=["a gap", "not the first", "not the last", "a third", "half and a gap", "first gap"],
+        ids=[
+            "a gap",
+            "not the first",
+            "not the last",
+            "a third",
+            "half and a gap",
+            "first gap",
+            "half, not the last",
+            "half, not the first",
+        ],
     )
     def test_unanswered_states_are_counted(self, answered, missed):
         loop = FakeLoop(steps=10)
@@ -127,12 +172,13 @@ class TestRealTime:
             pacing.tick((k + 1) * H)
         assert loop.counts["states unanswered"] == 28  # 5, 7, ... 59
 
-    def test_a_slow_controller_that_takes_over_misses_nothing(self):
+    @pytest.mark.parametrize("every", [2, 4])
+    def test_a_slow_controller_that_takes_over_misses_nothing(self, every):
         loop = FakeLoop(steps=400)
         pacing = RealTimePacing(loop, command_timeout=1.0)
         pacing.begin(0)
         for k in range(401):
-            if k < 4 or k % 4 == 0:
+            if k < 4 or k % every == 0:
                 pacing.command(k * H, 1.0, k * H)
             pacing.tick((k + 1) * H)
         assert loop.counts["states unanswered"] == 0
@@ -155,6 +201,18 @@ class TestRealTime:
         pacing.tick(1000 + 10 * H)
         assert loop.stamp_ns == H
 
+    def test_after_a_pause_it_catches_up_from_where_it_was(self, real_time):
+        loop, pacing = real_time
+        pacing.tick(1000 + 3 * H)
+        pacing.begin(1000 + 100 * H)
+        pacing.tick(1000 + 104 * H)
+        assert loop.stamp_ns == 7 * H
+
+    def test_an_early_tick_is_not_late(self, real_time):
+        loop, pacing = real_time
+        pacing.tick(1000 + H - 500)
+        assert (loop.stamp_ns, pacing.worst_late_ns, loop.counts) == (H, 0, {})
+
     @pytest.mark.parametrize("answered", [True, False])
     def test_the_last_state_waits_for_its_answer_up_to_the_timeout(self, answered):
         loop = FakeLoop(steps=1)
@@ -162,10 +220,11 @@ class TestRealTime:
         pacing.begin(0)
         pacing.tick(H)
         pacing.tick(2 * H)
+        pacing.tick(7 * H)  # 5 ms after the step after the last would have been due
         assert not loop.finished
         if answered:
-            pacing.command(H, 1.0, 2 * H)
-        pacing.tick(3 * H if answered else 8 * H)
+            pacing.command(H, 1.0, 7 * H)
+        pacing.tick(7 * H if answered else 7 * H + 1)
         assert loop.finished
 
 
@@ -198,6 +257,14 @@ class TestLockstep:
             "doubled answers ignored": 1,
         }
 
+    def test_who_is_not_awaited_changes_nothing(self):
+        loop, pacing = lockstep()
+        pacing.begin(0)
+        pacing.answered("disturbance", 0, 1)
+        assert pacing.silent() == ["effort_command"]
+        pacing.command(0, 1.0, 1)
+        assert loop.efforts == [1.0]
+
     def test_answers_before_the_start_count_but_do_not_step(self):
         loop, pacing = lockstep(windows={"effort_command": 0, "disturbance": -H})
         pacing.answered("disturbance", H, 0)
@@ -228,29 +295,47 @@ class TestLockstep:
         assert loop.stamp_ns == 4 * H
         pacing.command(4 * H, 0.0, 1)
         assert not loop.finished
+        pacing.answered("recorder", 3 * H, 1)  # within its window, and yet not all that there is
+        assert not loop.finished
         pacing.answered("recorder", 4 * H, 1)
+        assert loop.finished
+
+    def test_the_last_state_waits_for_the_disturbance_as_any_other(self):
+        loop, pacing = lockstep(steps=0, windows={"effort_command": 0, "disturbance": -H})
+        pacing.begin(0)
+        pacing.command(0, 0.0, 1)
+        pacing.answered("disturbance", 0, 1)
+        assert not loop.finished
+        pacing.answered("disturbance", H, 1)
         assert loop.finished
 
     def test_silence_ends_the_run_and_the_error_names_the_silent(self):
         loop, pacing = lockstep(windows={"effort_command": 0, "recorder": 5 * H})
         pacing.begin(0)
         pacing.command(0, 1.0, 500_000_000)
-        pacing.tick(1_400_000_000)
+        pacing.tick(1_500_000_000)  # as long as the timeout is
         assert loop.failure is None
         pacing.tick(1_600_000_000)
         assert "no answer from /node (effort_command) to the state" in loop.failure
         assert "recorder" not in loop.failure
         assert "t = 0.001 s" in loop.failure
 
-    def test_the_pace_delays_the_next_state(self):
-        loop, pacing = lockstep(speed=2.0)
+    @pytest.mark.parametrize("speed", [0.5, 1.0, 2.0])
+    def test_the_pace_delays_the_next_state(self, speed):
+        loop, pacing = lockstep(speed=speed)
         pacing.begin(0)
         pacing.command(0, 1.0, 100)
         assert loop.efforts == []
-        pacing.tick(H // 2 - 1)
+        pacing.tick(round(H / speed) - 1)
         assert loop.efforts == []
-        pacing.tick(H // 2)
+        pacing.tick(round(H / speed))
         assert loop.efforts == [1.0]
+
+    def test_without_a_controller_no_torque_acts(self):
+        loop, pacing = lockstep(windows={"disturbance": -H})
+        pacing.begin(0)
+        pacing.answered("disturbance", H, 1)
+        assert loop.efforts == [0.0]
 
     def test_a_pause_does_not_count_towards_the_timeout(self):
         loop, pacing = lockstep()
@@ -261,3 +346,68 @@ class TestLockstep:
         assert (loop.efforts, loop.failure) == ([], None)
         pacing.begin(10**10)
         assert loop.efforts == [1.0]
+
+
+EVERYBODY = ("effort_command", "disturbance", "recorder")
+
+
+class TestFromAConfiguration:
+    def test_real_time_uses_a_command_up_to_its_timeout(self):
+        loop = FakeLoop()
+        pacing = make_pacing(loop, SimulatorConfig(command_timeout=0.002))
+        pacing.begin(0)
+        pacing.command(0, 3.0, 0)
+        for k in range(1, 5):
+            pacing.tick(k * H)
+        assert loop.efforts == [3.0, 3.0, 3.0, 0.0]
+
+    def test_lockstep_waits_for_whom_it_is_told_with_their_windows(self):
+        loop = FakeLoop()
+        config = SimulatorConfig(
+            update_rate=1000.0, lockstep=True, wait_for=EVERYBODY, lockstep_window=3
+        )
+        pacing = make_pacing(loop, config)
+        pacing.begin(0)
+        assert pacing.silent() == ["effort_command", "disturbance"]
+        pacing.command(0, 0.0, 1)
+        assert pacing.silent() == ["disturbance"]
+        pacing.answered("disturbance", 9 * H, 1)
+        pacing.command(H, 0.0, 1)
+        assert pacing.silent() == ["effort_command"]
+        pacing.command(2 * H, 0.0, 1)
+        assert pacing.silent() == ["effort_command", "recorder"]  # at state 3 it wrote none yet
+        alone = make_pacing(FakeLoop(), replace(config, wait_for=("effort_command",)))
+        alone.begin(0)
+        assert alone.silent() == ["effort_command"]
+
+    def test_lockstep_has_its_timeout_and_its_pace(self):
+        loop = FakeLoop()
+        config = SimulatorConfig(
+            lockstep=True, wait_for=("effort_command",), lockstep_timeout=2.0, lockstep_speed=4.0
+        )
+        pacing = make_pacing(loop, config)
+        pacing.begin(0)
+        pacing.tick(2_000_000_000)
+        assert loop.failure is None
+        pacing.tick(2_000_000_001)
+        assert "lockstep.timeout = 2 s" in loop.failure
+        pacing.begin(0)
+        pacing.command(0, 1.0, 1)
+        assert loop.efforts == []
+        pacing.tick(H // 4)
+        assert loop.efforts == [1.0]
+
+    @pytest.mark.parametrize(
+        ("mode", "period"),
+        [
+            ({}, 0.02),
+            ({"lockstep": True}, 0.05),
+            ({"lockstep": True, "lockstep_speed": 4.0}, 0.005),
+            ({"lockstep": True, "lockstep_speed": 0.1}, 0.05),
+        ],
+        ids=["real time", "lock-step", "fast pace", "slow pace"],
+    )
+    def test_it_is_called_once_a_period_and_in_lockstep_at_least_every_50_ms(self, mode, period):
+        waits = {"wait_for": ("effort_command",)} if mode else {}
+        config = SimulatorConfig(update_rate=50.0, **mode, **waits)
+        assert tick_period(config) == pytest.approx(period)
