@@ -60,6 +60,8 @@ def test_late_and_idle_steps_are_found_and_must_have_been_counted(record):
     assert soak.problems_of_steps(found, {soak.LATE: 4, soak.IDLE: 3}, 0.005) == []
     late, idle = soak.problems_of_steps(found, {soak.LATE: 3, soak.IDLE: 2}, 0.005)
     assert late == "commands late: the record shows 4, /diagnostics counted 3"
+    displaced = {soak.LATE: 3, soak.UNANSWERED: 1, soak.IDLE: 3}
+    assert soak.problems_of_steps(found, displaced, 0.005) == []
     assert idle == "steps without a fresh command: the record shows 3, /diagnostics counted 2"
 
 
