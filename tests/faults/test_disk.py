@@ -11,10 +11,11 @@ import pytest
 from click.testing import CliRunner
 
 from trunk_experiments.cli import main, trunk
-from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.reader import Recording
 
 from ..graph.peer import Peer
 from ..graph.processes import Child, Children, until
+from ..graph.recordings import states_in
 from .disks import Disk, mounted
 
 FULL = "No space left on device"
@@ -43,15 +44,6 @@ def ends(children: Children, child: Child, code: int, *texts: str) -> None:
     line = child.stderr.splitlines()[-1]
     for text in ("error: ", *texts):
         assert text in line, line
-
-
-def states_in(file: Path) -> int:
-    """Return how many true states are in the finished chunks of a file that may still grow."""
-    try:
-        topic = Recording.open(file).topics.get("/ground_truth/joint_states")
-    except RecordingError:
-        return 0
-    return topic.count if topic else 0
 
 
 @pytest.mark.graph

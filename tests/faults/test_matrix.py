@@ -21,7 +21,7 @@ from trunk_msgs_util.recording.reader import Recording
 
 from ..graph.peer import Peer
 from ..graph.processes import Child, Children, until
-from ..graph.recordings import assert_every_step, finished_file
+from ..graph.recordings import assert_every_step, finished_file, states_in
 from . import matrix
 from .matrix import CELLS, MODES, PHASES, PROCESSES, RUNNING, SIGNALS, STARTING, STOPPING, Cell
 
@@ -88,7 +88,8 @@ class Run:
     def _running(self) -> Callable[[int], None]:
         pid = self._pid()
         self.peer.until_started(self.child)
-        self.peer.until_recorded(200)
+        file = self.folder / "run.mcap"
+        until(lambda: states_in(file) > 50, "50 states are on the disk")
         return self._kill(pid)
 
     def _stopping(self) -> Callable[[int], None]:

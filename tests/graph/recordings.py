@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import JointArrays
-from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.reader import Recording, RecordingError
 
 
 def finished_file(path: Path) -> Counter[str]:
@@ -35,3 +35,12 @@ def assert_every_step(recording: Recording, period_ns: int, states: int) -> None
     for topic in (topics.GROUND_TRUTH, topics.JOINT_STATES):
         stamps = joints(recording, topic).stamp_ns
         np.testing.assert_array_equal(stamps, wanted, err_msg=topic)
+
+
+def states_in(file: Path) -> int:
+    """Return how many true states are in the finished chunks of a file that may still grow."""
+    try:
+        topic = Recording.open(file).topics.get("/ground_truth/joint_states")
+    except RecordingError:
+        return 0
+    return topic.count if topic else 0

@@ -77,8 +77,13 @@ class Participants:
         return waited >= _MATCHED_S and not (ready and ready <= self._inactive)
 
     def unmet(self, topic: str, publishing: Set[str], listening: Set[str]) -> bool:
-        """Return True where a node that is ready on a topic is not known to listen to what it answers."""
-        return not self._ready_on(topic) & publishing <= listening
+        """Return True where a node that is ready on a topic is not known to listen to what it answers.
+
+        That it is ready may be known before its publisher has a name: then it has not been met either.
+        """
+        ready = self._ready_on(topic)
+        here = ready & publishing
+        return bool(ready) and not (here and here <= listening)
 
     def _ready_on(self, topic: str) -> set[str]:
         return self._ready.get(topic, set()) - self._unready

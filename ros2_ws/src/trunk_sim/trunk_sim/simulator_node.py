@@ -161,7 +161,8 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         return [
             topic
             for topic, states in _ANSWERED.items()
-            if self._participants.unmet(
+            if self._publishers_of(topic)  # nobody is left to be met
+            and self._participants.unmet(
                 topic, meeting.publishers(self, topic), meeting.listeners(self, states)
             )
         ]
