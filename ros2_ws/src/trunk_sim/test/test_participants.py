@@ -136,3 +136,13 @@ def test_the_silent_are_named():
     assert those.describe("effort_command") == "/fuzzy_pid (effort_command)"
     those.hear("/fuzzy_pid", "deactivated", {})
     assert those.describe("effort_command") == "/fuzzy_pid or /pid (effort_command; inactive)"
+
+
+def test_a_ready_node_is_met_once_its_publisher_has_a_name_and_it_listens():
+    those = participants()
+    topic = "effort_command"
+    assert not those.unmet(topic, set(), set())  # nobody says that it is ready
+    those.hear("/pid", "ready", COMMAND)
+    assert those.unmet(topic, set(), set())  # discovered, but not yet by name
+    assert those.unmet(topic, {"/pid"}, {"/recorder"})
+    assert not those.unmet(topic, {"/pid"}, {"/pid", "/recorder"})
