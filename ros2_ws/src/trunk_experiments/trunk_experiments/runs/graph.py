@@ -24,6 +24,7 @@ from .processes import PATIENCE_S, NodeProcess, stop
 if TYPE_CHECKING:
     from .monitor_node import Monitor
 
+_DOUBLED_S = 0.5  # so long two nodes of one name have to be seen
 START_TIMEOUT_S = 30.0
 EXIT_FAILED = 1  # of a node that has said why
 SILENCE_S = 5.0  # of a simulator that diagnoses itself every second
@@ -136,6 +137,7 @@ def _watch(
 ) -> bool:
     """Return True when the run has finished, False where it was over before that could be heard."""
     deadline = time.monotonic() + START_TIMEOUT_S
+    doubled_since = time.monotonic()
     simulator = running.get(COMPOSED) or running["simulator"]
     silence = _Silence()
     while simulator.exit_code is None:
@@ -152,7 +154,10 @@ def _watch(
             )
         if not monitor.started:
             doubled = monitor.doubled(list(running))
-            if doubled:
+            if not doubled:
+                doubled_since = time.monotonic()
+            # One look may show a node twice while discovery is under way.
+            if time.monotonic() - doubled_since > _DOUBLED_S:
                 raise RunError(
                     f"another {doubled[0]} is running in this ROS domain: stop it, "
                     "or set ROS_DOMAIN_ID to another number"
