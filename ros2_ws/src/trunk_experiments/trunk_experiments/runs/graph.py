@@ -152,21 +152,20 @@ def _watch(
             raise RunError(
                 f"the run ended because {simulator.name} has said nothing for {SILENCE_S:g} s"
             )
-        if not monitor.started:
-            doubled = monitor.doubled(list(running))
-            if not doubled:
-                doubled_since = time.monotonic()
-            # One look may show a node twice while discovery is under way.
-            if time.monotonic() - doubled_since > _DOUBLED_S:
-                raise RunError(
-                    f"another {doubled[0]} is running in this ROS domain: stop it, "
-                    "or set ROS_DOMAIN_ID to another number"
-                )
-            if time.monotonic() > deadline:
-                raise RunError(
-                    f"the run did not start within {START_TIMEOUT_S:g} s: "
-                    f"{_silent(plan, monitor.ready)}"
-                )
+        doubled = monitor.doubled(list(running))
+        if not doubled:
+            doubled_since = time.monotonic()
+        # One look may show a node twice while discovery is under way.
+        elif time.monotonic() - doubled_since > _DOUBLED_S:
+            raise RunError(
+                f"another {doubled[0]} is running in this ROS domain: stop it, "
+                "or set ROS_DOMAIN_ID to another number"
+            )
+        if not monitor.started and time.monotonic() > deadline:
+            raise RunError(
+                f"the run did not start within {START_TIMEOUT_S:g} s: "
+                f"{_silent(plan, monitor.ready)}"
+            )
         progress(monitor.time)
     _hear_last_words(monitor)
     if monitor.failure:
