@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as with_values
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
@@ -19,7 +20,9 @@ from trunk_msgs_util.recording.schemas import RunEvent
 from ..errors import PlanError, RunError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
-from .processes import PATIENCE_S, NodeProcess, stop
+from .guardian import Guardian
+from .processes import NodeProcess
+from .stopping import ALL_S, stop
 
 if TYPE_CHECKING:
     from .monitor_node import Monitor
@@ -29,6 +32,7 @@ START_TIMEOUT_S = 30.0
 EXIT_FAILED = 1  # of a node that has said why
 SILENCE_S = 5.0  # of a simulator that diagnoses itself every second
 COMPOSED = "composed"
+_LAST = (COMPOSED, "recorder")  # to be stopped: it has to hear what the others say as they end
 _WAITING = "{} not active: with autostart false, configure and activate it (ros2 lifecycle set …)"
 
 
@@ -105,9 +109,10 @@ def run_graph(
     (files.folder / "logs").mkdir(parents=True, exist_ok=True)
     plan = files.record(plan)
     running: dict[str, NodeProcess] = {}
+    names = list(plan.configs)
     interrupt = _Interrupt()
+    guardian = Guardian()
     try:
-        names = list(plan.configs)
         for process in [COMPOSED] if composed else order or names:
             running[process] = NodeProcess.start(
                 process,
@@ -115,6 +120,7 @@ def run_graph(
                 names if composed else [],
                 files.parameters,
                 files.log(process),
+                partial(guardian.watch_me, last=process in _LAST),
             )
         from .monitor_node import Monitor  # here: it has threads, and starting processes must not
 
@@ -122,6 +128,7 @@ def run_graph(
             heard = _watch(plan, running, monitor, progress, interrupt)
     finally:
         killed = _stop_all(running)
+        guardian.close()
         interrupt.restore()
     if not heard:
         _read_end(files.recording, running.get(COMPOSED) or running["simulator"])
@@ -220,24 +227,17 @@ def _check_alive(running: dict[str, NodeProcess], simulator: NodeProcess, monito
 
 
 def _stop_all(running: dict[str, NodeProcess]) -> set[str]:
-    """Stop the simulator first, so that the others hear its end, and the recorder last.
-
-    Return the names of those that did not end by themselves and were killed.
-    """
-    last = {"recorder", COMPOSED}
-    turns = (("simulator",), running.keys() - {"simulator", *last}, last)
-    return {
-        process.name
-        for names in turns
-        for process in stop([running[name] for name in names if name in running])
-    }
+    """Stop all at once, but the recorder last. Return the names of those that had to be killed."""
+    first = [process for name, process in running.items() if name not in _LAST]
+    last = [process for name, process in running.items() if name in _LAST]
+    return {process.name for process in stop(first, last)}
 
 
 def _check_recorder(process: NodeProcess, killed: set[str]) -> None:
     """Say so where the run was whole, but not its recording."""
     if process.name in killed:
         raise RunError(
-            f"the recording is not whole: {process.name} did not end within {PATIENCE_S:g} s "
+            f"the recording is not whole: {process.name} did not end within {ALL_S:g} s "
             "and was killed"
         )
     if process.exit_code != 0:
