@@ -68,12 +68,13 @@ def command(
         disable=not console.is_terminal,
     ) as progress:
         task = progress.add_task("running", total=plan.simulator.duration)
-        run_graph(plan, files, lambda t: progress.update(task, completed=t), composed=composed)
-    _verdict(files)
+        recording = run_graph(
+            plan, files, lambda t: progress.update(task, completed=t), composed=composed
+        )
+    _verdict(files, recording)
 
 
-def _verdict(files: RunFiles) -> None:
-    recording = Recording.open(files.recording)
+def _verdict(files: RunFiles, recording: Recording) -> None:
     show_metrics(recording, "metrics of the run (true error)")
     counts = {name: topic.count for name, topic in recording.topics.items() if topic.count}
     states = counts.get(recording.topic("ground_truth/joint_states"), 0)

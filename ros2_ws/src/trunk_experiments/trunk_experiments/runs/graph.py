@@ -99,12 +99,13 @@ def run_graph(
     progress: Callable[[float], None],
     order: Sequence[str] | None = None,
     composed: bool = False,
-) -> None:
+) -> Recording:
     """Run the plan's nodes, as processes or ``composed`` in one, until the simulator is done.
 
     ``progress`` is called with simulated seconds. ``order``: the nodes' names in the order of their
-    start (it makes no difference to a lock-step run). Raises RunError naming the node that ended the
-    run and why; by then every process has been stopped and the recording finished.
+    start (it makes no difference to a lock-step run). Return the recording, which is this run's own. Raises
+    RunError naming the node that ended the run and why; by then every process has been stopped and the
+    recording finished.
     """
     (files.folder / "logs").mkdir(parents=True, exist_ok=True)
     plan = files.record(plan)
@@ -130,9 +131,11 @@ def run_graph(
         killed = _stop_all(running)
         guardian.close()
         interrupt.restore()
+    recorder = running.get(COMPOSED) or running["recorder"]
     if not heard:
-        _read_end(files.recording, running.get(COMPOSED) or running["simulator"])
-    _check_recorder(running.get(COMPOSED) or running["recorder"], killed)
+        _read_end(files.recording, running.get(COMPOSED) or running["simulator"], recorder)
+    _check_recorder(recorder, killed)
+    return _own_recording(files.recording, recorder)
 
 
 def _watch(
@@ -244,11 +247,19 @@ def _check_recorder(process: NodeProcess, killed: set[str]) -> None:
         raise RunError(f"the recording is not whole: {process.describe_end()}")
 
 
-def _read_end(file: Path, simulator: NodeProcess) -> None:
+def _own_recording(file: Path, recorder: NodeProcess) -> Recording:
+    """Open the recording. Raises RunError where this run's recorder has not written it."""
+    recording = Recording.open(file)
+    if recording.provenance.get("process", "") != recorder.identity:
+        raise RunError(f"{file}: another file has been put in the place of this run's recording")
+    return recording
+
+
+def _read_end(file: Path, simulator: NodeProcess, recorder: NodeProcess) -> None:
     """Take from the recording how the simulator ended the run. Raises RunError where too early."""
     events: list[RunEvent] = []
     with suppress(RecordingError):  # there may be none yet
-        events = Recording.open(file).events()
+        events = _own_recording(file, recorder).events()
     ends = [event for event in events if event.node == "/simulator" and event.message in ENDS]
     if not ends:
         raise RunError(f"the run ended because {simulator.describe_end()}")

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from trunk_msgs_util.node import early_signals
+from trunk_msgs_util.process_id import process_id
 
 from ..errors import ExecutableError
 
@@ -53,6 +54,7 @@ class NodeProcess:
     process: subprocess.Popen[bytes]
     log: Path
     output: BinaryIO  # the log to read, even where its folder has been deleted
+    identity: str  # as `process_id` gives it
 
     @classmethod
     def start(
@@ -85,7 +87,7 @@ class NodeProcess:
                 start_new_session=True,  # Ctrl-C reaches the runner alone, which stops in order
                 preexec_fn=_child_of(os.getpid(), enlist),  # noqa: PLW1509
             )
-        return cls(name, process, log, output)
+        return cls(name, process, log, output, process_id(process.pid))
 
     @property
     def pid(self) -> int:

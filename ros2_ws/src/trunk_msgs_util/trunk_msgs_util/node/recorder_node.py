@@ -19,6 +19,7 @@ from .. import provenance, topics
 from ..events import ENDS, Event
 from ..parameters.config import RecorderConfig
 from ..parameters.declarations import ParameterError
+from ..process_id import process_id
 from ..recording.schemas import RunEvent, parse_event
 from ..recording.writer import PROVENANCE, RecordingWriter
 from ..samples import JointSample
@@ -43,6 +44,7 @@ _QUIET_S = 0.3
 _LEAVE_S = 0.7
 _TELL_EVERY = 50
 _FOLLOW_S = 0.05
+_CHECK_S = 0.1
 # In lock-step nothing waits for the recorder, within its window: waking it for each message would cost
 # the loop more than the recording does.
 _LINGER_S = 0.01
@@ -84,6 +86,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._begin_file(self._writer)
         self._progress = self.create_publisher(JointState, topics.RECORDER_PROGRESS, qos.evidence())
         self._flush_timer = self.every(config.flush_interval, self._flush)
+        self._check_timer = self.every(_CHECK_S, self._check)
         if config.lockstep:
             self.linger_s = _LINGER_S
             self._progress_timer = self.every(0.02, self._tell_progress)
@@ -96,6 +99,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             controller=" ".join(config.controllers),
             mode=config.mode,
             rmw=get_rmw_implementation_identifier(),
+            process=process_id(),
         )
         try:
             writer.add_metadata(PROVENANCE, told)
@@ -218,6 +222,14 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         try:
             if self._writer is not None:
                 self._writer.flush()
+        except OSError as error:
+            self._disk_failed(error)
+
+    def _check(self) -> None:
+        """Notice soon that the file is no longer where it was, or what it was."""
+        try:
+            if self._writer is not None:
+                self._writer.check()
         except OSError as error:
             self._disk_failed(error)
 
