@@ -16,6 +16,7 @@ from .processes import Children
 
 _DOMAINS = 100  # beyond, DDS's ports run into those that the kernel hands out
 _DDS_PORT, _PORTS_PER_DOMAIN = 7410, 250
+_PROCESSES = 10  # of a session that was killed, any of them may have been left in its domain
 
 
 class Domains:
@@ -33,9 +34,11 @@ class Domains:
             domain = 1 + (self._next - 1) % _DOMAINS
             self._next += 1
             self._lock = socket.socket(socket.AF_UNIX)
-            with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+            with suppress(OSError):
                 self._lock.bind(f"\0trunk-test-domain-{domain}")  # goes with this process
-                port.bind(("", _DDS_PORT + _PORTS_PER_DOMAIN * domain))
+                for process in range(_PROCESSES):
+                    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+                        port.bind(("", _DDS_PORT + _PORTS_PER_DOMAIN * domain + 2 * process))
                 return domain
             self._lock.close()
         pytest.fail("every ROS domain from 1 to 100 is in use")

@@ -27,7 +27,6 @@ from .stopping import ALL_S, stop
 if TYPE_CHECKING:
     from .monitor_node import Monitor
 
-_DOUBLED_S = 0.5  # so long two nodes of one name have to be seen
 START_TIMEOUT_S = 30.0
 EXIT_FAILED = 1  # of a node that has said why
 SILENCE_S = 5.0  # of a simulator that diagnoses itself every second
@@ -147,7 +146,7 @@ def _watch(
 ) -> bool:
     """Return True when the run has finished, False where it was over before that could be heard."""
     deadline = time.monotonic() + START_TIMEOUT_S
-    doubled_since = time.monotonic()
+    own = {name: (running.get(COMPOSED) or running[name]).identity for name in plan.configs}
     simulator = running.get(COMPOSED) or running["simulator"]
     silence = _Silence()
     while simulator.exit_code is None:
@@ -162,11 +161,7 @@ def _watch(
             raise RunError(
                 f"the run ended because {simulator.name} has said nothing for {SILENCE_S:g} s"
             )
-        doubled = monitor.doubled(list(running))
-        if not doubled:
-            doubled_since = time.monotonic()
-        # One look may show a node twice while discovery is under way.
-        elif time.monotonic() - doubled_since > _DOUBLED_S:
+        if doubled := monitor.doubled(own):
             raise RunError(
                 f"another {doubled[0]} is running in this ROS domain: stop it, "
                 "or set ROS_DOMAIN_ID to another number"

@@ -12,6 +12,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from ..events import Event
 from ..parameters.declarations import ParameterError
+from ..process_id import process_id
 
 RCLError = rclpy_implementation.RCLError
 EXIT_FAILED = 1
@@ -38,7 +39,7 @@ class ManagedNode(LifecycleNode):
         """Keep the topics, services and timers that are there now for the node's whole life."""
         self._permanent = {id(entity) for entity in self._entities()}
 
-    def event(self, message: Event) -> None:
+    def event(self, message: Event, level: bytes = b"\0", **values: object) -> None:
         """Put an event on the run's record."""
 
     def stopping(self) -> None:
@@ -73,7 +74,7 @@ class ManagedNode(LifecycleNode):
         done = self._transition(self.set_up)
         if done == TransitionCallbackReturn.SUCCESS:
             self.configured = True
-            self.event(Event.CONFIGURED)
+            self.event(Event.CONFIGURED, process=process_id())
         return done
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
