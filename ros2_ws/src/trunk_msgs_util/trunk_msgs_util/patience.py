@@ -7,17 +7,18 @@ the time spent waiting for one, both in ns. A process that hangs or is stopped w
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from .units import NANOSECONDS, seconds
+from .units import nanoseconds, seconds
 
 # A longer gap between two looks means that the observer itself was held up.
-_GAP_S = 0.2
+_GAP_NS = 200_000_000
 # Below this part of the limit nothing is read: whoever answers soon costs nothing.
-_READ_FROM = 1 / 3
+READ_FROM = 1 / 3
 # Ready to run (or running), and waiting for a disk or for memory to come back from it.
 _HELD_UP_STATES = frozenset("RD")
 
@@ -27,7 +28,7 @@ class Thread(NamedTuple):
 
     run_ns: int  # time on a processor
     delay_ns: int  # time ready to run, but without one
-    state: str  # R: running or ready, S: sleeping, D: waiting for a disk, T: stopped
+    state: str  # R: running or ready, S: sleeping, D: waiting for a disk, T: stopped; empty: the observer
 
 
 Threads = Mapping[int, Thread]
@@ -40,7 +41,10 @@ def threads_of(pid: int) -> Threads:
         for task in Path(f"/proc/{pid}/task").iterdir():
             run, delay, _ = (task / "schedstat").read_text("ascii").split()
             state = (task / "stat").read_text("ascii", "replace").rpartition(") ")[2][:1]
-            found[int(task.name)] = Thread(int(run), int(delay), state)
+            tid = int(task.name)
+            # Who looks is running: that tells nothing of the time before.
+            state = "" if tid == threading.get_native_id() else state
+            found[tid] = Thread(int(run), int(delay), state)
     except (OSError, ValueError):  # a thread has just ended, or there is no schedstat: as wall time
         pass
     return found
@@ -63,6 +67,26 @@ def held_up_ns(before: Threads, now: Threads, wall_ns: int) -> int:
     return min(longest, wall_ns)
 
 
+class HeldUp:
+    """Tells, from look to look, how much of the time the processes waited for were held up."""
+
+    def __init__(self, look: Callable[[int], Threads] = threads_of) -> None:
+        self._look = look
+        self._seen: dict[int, Threads] = {}
+
+    def between(self, pids: Iterable[int], wall_ns: int) -> int:
+        """Return how much of ``wall_ns``, the time since the last look, does not count.
+
+        Time in which the processes wait for a processor one after the other adds up.
+        """
+        held_ns = max(wall_ns - _GAP_NS, 0)
+        for pid in pids:
+            threads = self._look(pid)
+            held_ns += held_up_ns(self._seen.get(pid, {}), threads, wall_ns)
+            self._seen[pid] = threads
+        return min(held_ns, wall_ns)
+
+
 class Patience:
     """Counts the time for which processes are waited for, up to a limit in s.
 
@@ -75,31 +99,25 @@ class Patience:
         clock: Callable[[], float] = time.monotonic,
         look: Callable[[int], Threads] = threads_of,
     ) -> None:
-        self.limit_s = limit_s
-        self._clock, self._look = clock, look
-        self._seen: dict[int, Threads] = {}
+        self._limit_ns = nanoseconds(limit_s)
+        self._clock = clock
+        self._held_up = HeldUp(look)
         self.restart()
 
     def restart(self) -> None:
         """Begin anew: there was a sign of life."""
-        self.waited_s = 0.0
-        self._looked_s = self._clock()
-        self._seen.clear()
+        self._waited_ns = 0
+        self._looked_ns = nanoseconds(self._clock())
+
+    @property
+    def waited_s(self) -> float:
+        """The time that counts so far, s."""
+        return seconds(self._waited_ns)
 
     def spent(self, pids: Iterable[int]) -> bool:
-        """Look at the processes waited for, and return True once the limit has been passed.
-
-        Time in which they wait for a processor one after the other adds up.
-        """
-        now_s = self._clock()
-        wall_s = min(now_s - self._looked_s, _GAP_S)
-        self._looked_s = now_s
-        held_s = 0.0
-        if self.waited_s >= self.limit_s * _READ_FROM:
-            wall_ns = round(wall_s * NANOSECONDS)
-            for pid in pids:
-                threads = self._look(pid)
-                held_s += seconds(held_up_ns(self._seen.get(pid, {}), threads, wall_ns))
-                self._seen[pid] = threads
-        self.waited_s += max(wall_s - held_s, 0.0)
-        return self.waited_s > self.limit_s
+        """Look at the processes waited for, and return True once the limit has been passed."""
+        now_ns = nanoseconds(self._clock())
+        wall_ns, self._looked_ns = now_ns - self._looked_ns, now_ns
+        soon = self._waited_ns < self._limit_ns * READ_FROM
+        self._waited_ns += wall_ns - self._held_up.between(() if soon else pids, wall_ns)
+        return self._waited_ns > self._limit_ns

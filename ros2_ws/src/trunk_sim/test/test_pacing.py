@@ -41,6 +41,11 @@ class FakeLoop:
     def participant(self, topic):
         return f"/node ({topic})"
 
+    def held_up_ns(self, topics, wall_ns):
+        return self.held_up * wall_ns // 100 if topics else 0
+
+    held_up = 0  # percent
+
     def count(self, what, number=1):
         assert isinstance(number, int)
         assert number != 0
@@ -319,6 +324,29 @@ class TestLockstep:
         assert "no answer from /node (effort_command) to the state" in loop.failure
         assert "recorder" not in loop.failure
         assert "t = 0.001 s" in loop.failure
+
+    @pytest.mark.parametrize(("held_up", "ticks"), [(0, 101), (50, 167), (100, None)])
+    def test_time_in_which_a_participant_was_held_up_does_not_count(self, held_up, ticks):
+        loop, pacing = lockstep()
+        loop.held_up = held_up
+        pacing.begin(0)
+        failed = None
+        for tick in range(1, 1000):
+            pacing.tick(tick * 10_000_000)  # 100 of them are the timeout
+            if loop.failure:
+                failed = tick
+                break
+        assert failed == ticks
+
+    def test_an_answer_begins_the_wait_anew(self):
+        loop, pacing = lockstep()
+        pacing.begin(0)
+        for tick in range(1, 1000):
+            pacing.tick(tick * 10_000_000)
+            if tick % 90 == 0:
+                pacing.command(loop.stamp_ns, 0.0, tick * 10_000_000)
+        assert loop.failure is None
+        assert len(loop.efforts) == 11
 
     @pytest.mark.parametrize("speed", [0.5, 1.0, 2.0])
     def test_the_pace_delays_the_next_state(self, speed):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as with_values
@@ -14,6 +15,7 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from trunk_msgs_util.events import ENDS, Event
+from trunk_msgs_util.patience import Patience
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import RunEvent
 
@@ -145,10 +147,10 @@ def _watch(
     interrupt: _Interrupt,
 ) -> bool:
     """Return True when the run has finished, False where it was over before that could be heard."""
-    deadline = time.monotonic() + START_TIMEOUT_S
+    starting = Patience(START_TIMEOUT_S)
     own = {name: (running.get(COMPOSED) or running[name]).identity for name in plan.configs}
     simulator = running.get(COMPOSED) or running["simulator"]
-    silence = _Silence()
+    silence = _Silence(simulator.pid)
     while simulator.exit_code is None:
         monitor.spin(0.05)
         if monitor.finished:
@@ -166,7 +168,7 @@ def _watch(
                 f"another {doubled[0]} is running in this ROS domain: stop it, "
                 "or set ROS_DOMAIN_ID to another number"
             )
-        if not monitor.started and time.monotonic() > deadline:
+        if not monitor.started and starting.spent(_awaited(running, monitor)):
             raise RunError(
                 f"the run did not start within {START_TIMEOUT_S:g} s: "
                 f"{_silent(plan, monitor.ready)}"
@@ -181,18 +183,23 @@ def _watch(
 class _Silence:
     """How long the simulator has given no sign of life: it may be stopped, or hang."""
 
-    def __init__(self) -> None:
-        self._seconds, self._told = 0.0, 0
-        self._looked = time.monotonic()
+    def __init__(self, pid: int) -> None:
+        self._pids = (os.getpid(), pid)  # here, too, a sign may have to wait for a processor
+        self._patience, self._told = Patience(SILENCE_S), 0
 
     def lasts(self, monitor: Monitor) -> bool:
-        now = time.monotonic()
-        # Time in which this process itself was stopped is not the simulator's.
-        self._seconds += min(now - self._looked, 0.2)
         if monitor.told != self._told or not monitor.started:
-            self._seconds = 0.0
-        self._looked, self._told = now, monitor.told
-        return self._seconds > SILENCE_S
+            self._told = monitor.told
+            self._patience.restart()
+        return self._patience.spent(self._pids)
+
+
+def _awaited(running: dict[str, NodeProcess], monitor: Monitor) -> Iterator[int]:
+    """Return the processes that a run which has not started may be waiting for."""
+    yield os.getpid()
+    for process in running.values():
+        if process.name in ("simulator", COMPOSED) or process.name not in monitor.ready:
+            yield process.pid
 
 
 def _silent(plan: RunPlan, ready: set[str]) -> str:
@@ -207,8 +214,8 @@ def _silent(plan: RunPlan, ready: set[str]) -> str:
 
 
 def _hear_last_words(monitor: Monitor) -> None:
-    deadline = time.monotonic() + 0.5
-    while not (monitor.failure or monitor.finished) and time.monotonic() < deadline:
+    patience = Patience(0.5)
+    while not (monitor.failure or monitor.finished or patience.spent([os.getpid()])):
         monitor.spin(0.05)
 
 
