@@ -15,6 +15,7 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from trunk_msgs_util.events import ENDS, Event
+from trunk_msgs_util.node import middleware
 from trunk_msgs_util.patience import Patience
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import RunEvent
@@ -108,6 +109,7 @@ def run_graph(
     RunError naming the node that ended the run and why; by then every process has been stopped and the
     recording finished.
     """
+    middleware.prepare(participants=1 + (1 if composed else len(plan.configs)))
     (files.folder / "logs").mkdir(parents=True, exist_ok=True)
     plan = files.record(plan)
     running: dict[str, NodeProcess] = {}

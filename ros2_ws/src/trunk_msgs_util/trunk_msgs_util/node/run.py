@@ -51,7 +51,10 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
     stands first, and what it has recorded is kept.
     """
     shutdown = Shutdown()
-    middleware.prepare()
+    try:
+        middleware.prepare()
+    except TrunkError as error:
+        return _say(program, error, error.exit_code)
     # rcl would print its own version of what our one line says.
     set_logger_level("rcl", LoggingSeverity.FATAL)
     try:
