@@ -20,7 +20,7 @@ from trunk_experiments.views.report_data import report_data
 from trunk_experiments.views.run_view import RunView
 from trunk_msgs_util.recording.reader import Recording
 
-from .edited import copied
+from .edited import ANEW, NONE, copied
 
 EVENTS = "/run/events"
 
@@ -85,7 +85,7 @@ def test_commands_of_two_publishers_may_be_in_any_order(tmp_path):
         commands = [i for i, message in enumerate(messages) if message[0] == "/effort_command"]
         messages.insert(commands[800], messages.pop(commands[499]))
 
-    edited = copied(path, tmp_path / "edited.mcap", late, digests=False)
+    edited = copied(path, tmp_path / "edited.mcap", late, digests=ANEW)
     assert verify(edited).exit_code == VERIFIED, verify(edited)
     assert diff(Recording.open(path), edited).identical
     assert explain(edited, 0.4995).controller == "pid"
@@ -100,7 +100,7 @@ def test_a_command_given_out_of_turn_is_found(tmp_path):
         kept = [m for m in messages if m[0] != EVENTS or b"activated" not in m[2]]
         messages[:] = kept
 
-    verdict = verify(copied(path, tmp_path / "edited.mcap", no_turns, digests=False))
+    verdict = verify(copied(path, tmp_path / "edited.mcap", no_turns, digests=NONE))
     assert verdict.exit_code == DIVERGES
     (nobodys,) = [part for part in verdict.parts if "without one active" in part.name]
     assert nobodys.wrong_steps == nobodys.steps > 100
@@ -150,7 +150,7 @@ def test_a_fall_is_marked_and_verified(tmp_path):
     def unmarked(messages):
         messages[:] = [m for m in messages if m[0] != EVENTS or b"fell" not in m[2]]
 
-    edited = verify(copied(path, tmp_path / "unmarked.mcap", unmarked, digests=False))
+    edited = verify(copied(path, tmp_path / "unmarked.mcap", unmarked, digests=NONE))
     assert edited.exit_code == DIVERGES
 
     stopped = tmp_path / "stopped.mcap"

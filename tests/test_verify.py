@@ -15,10 +15,11 @@ from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.record import RecordedRun
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.recording.digests import HEADS, PARTS
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
 
-from .edited import copied
+from .edited import ANEW, NONE, copied
 
 COMMAND, STATE, TRUTH = "/effort_command", "/joint_states", "/ground_truth/joint_states"
 PARAMETERS = "/run/parameters"
@@ -120,15 +121,13 @@ PLANTED = {
 
 @pytest.mark.parametrize("edit", PLANTED.values(), ids=PLANTED.keys())
 def test_a_planted_change_diverges_by_recomputation_alone(whole, tmp_path, edit):
-    verdict = verify(copied(whole, tmp_path / "planted.mcap", edit, digests=False))
+    verdict = verify(copied(whole, tmp_path / "planted.mcap", edit, digests=NONE))
     assert verdict.exit_code == DIVERGES
     assert not verdict.altered
 
 
 def test_one_bit_of_one_command_is_found_at_its_step_one_ulp_apart(whole, tmp_path):
-    copy = copied(
-        whole, tmp_path / "planted.mcap", PLANTED["one bit of one command"], digests=False
-    )
+    copy = copied(whole, tmp_path / "planted.mcap", PLANTED["one bit of one command"], digests=NONE)
     commands = next(p for p in verify(copy).parts if p.name == "commands of fuzzy_pid")
     assert commands.wrong_steps == 1
     assert commands.first[0].stamp_ns == 700_000_000
@@ -162,13 +161,13 @@ def test_a_change_without_effect_on_any_bit_is_caught_by_the_digests(whole, tmp_
     ids=["dropped", "swapped", "doubled"],
 )
 def test_a_message_dropped_swapped_or_doubled_is_never_verified(whole, tmp_path, topic, edit, word):
-    copy = copied(whole, tmp_path / "planted.mcap", lambda m: edit(m, topic), digests=False)
+    copy = copied(whole, tmp_path / "planted.mcap", lambda m: edit(m, topic), digests=NONE)
     verdict = verify(copy)
     assert verdict.exit_code != VERIFIED
     assert any(topic[1:] in line and word in line for line in verdict.obstacles)
     assert verify(
         copied(whole, tmp_path / "with_digests.mcap", lambda m: edit(m, topic))
-    ).altered == [topic]
+    ).altered == sorted([topic, PARTS[HEADS]])
 
 
 @pytest.mark.parametrize("topic", [TRUTH, STATE, COMMAND, "/disturbance"])
@@ -177,7 +176,7 @@ def test_one_stamp_in_the_far_future_costs_no_more_than_any_other(whole, tmp_pat
         message = of(messages, topic)[700]
         message[2] = message[2][:4] + struct.pack("<iI", 2**31 - 1, 0) + message[2][12:]
 
-    copy = copied(whole, tmp_path / "future.mcap", edit, digests=False)
+    copy = copied(whole, tmp_path / "future.mcap", edit, digests=NONE)
     tracemalloc.start()
     verdict = verify(copy)
     _, peak = tracemalloc.get_traced_memory()
@@ -198,14 +197,14 @@ def test_in_real_time_too_every_measured_state_has_to_be_there(whole, tmp_path, 
         whole,
         tmp_path / "real_time.mcap",
         lambda m: m.remove(of(m, topic)[500]),
-        digests=False,
+        digests=ANEW,
         provenance={"mode": "real_time"},
     )
     assert verify(copy).obstacles == obstacles
 
 
 def test_a_run_without_an_end_marker_cannot_be_judged(whole, tmp_path):
-    verdict = verify(copied(whole, tmp_path / "endless.mcap", end=False, digests=False))
+    verdict = verify(copied(whole, tmp_path / "endless.mcap", end=False, digests=NONE))
     assert verdict.exit_code == UNJUDGED
     assert any("no end marker" in line for line in verdict.obstacles)
 
@@ -214,7 +213,7 @@ def test_a_run_without_parameters_cannot_be_judged(whole, tmp_path):
     def edit(messages):
         messages[:] = [m for m in messages if m[0] != PARAMETERS]
 
-    verdict = verify(copied(whole, tmp_path / "bare.mcap", edit, digests=False))
+    verdict = verify(copied(whole, tmp_path / "bare.mcap", edit, digests=NONE))
     assert verdict.exit_code == UNJUDGED
     assert any("no parameters recorded of" in line for line in verdict.obstacles)
 

@@ -53,8 +53,8 @@ def examine(
     run = RecordedRun(recording)
     found += _provenance(run)
     found += [
-        Finding(ERROR, "its messages are not the ones the recorder wrote (digest)", topic)
-        for topic in recording.altered_topics()
+        Finding(ERROR, f"{what}: not as the recorder wrote it (digest)")
+        for what in recording.alterations()
     ]
     try:
         for name, topic in sorted(recording.topics.items()):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import compress, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ EXACT_MODES = (
 
 
 class JointTable:
-    """A JointState topic whose rows are found by stamp; of equal stamps the last row counts."""
+    """A JointState topic whose rows are found by stamp; of equal stamps the first row counts."""
 
     def __init__(self, recording: Recording, relative: str) -> None:
         self.topic = relative
@@ -39,6 +39,7 @@ class JointTable:
         arrays = recording.joints(recording.topic(relative))
         self.names = arrays.names
         self.stamp_ns: Integers = arrays.stamp_ns
+        self.log_time_ns: Integers = arrays.log_time_ns
         self._values: dict[str, Floats] = {
             quantity: getattr(arrays, quantity) for quantity in ("position", "velocity", "effort")
         }
@@ -51,7 +52,10 @@ class JointTable:
     @cached_property
     def rows(self) -> Mapping[int, int]:
         """Each stamp's row."""
-        return {stamp: row for row, stamp in enumerate(self.stamps)}
+        rows: dict[int, int] = {}
+        for row, stamp in enumerate(self.stamps):
+            rows.setdefault(stamp, row)
+        return rows
 
     def __contains__(self, stamp_ns: int) -> bool:
         return stamp_ns in self.rows
@@ -90,9 +94,10 @@ class JointTable:
         """Return the row of each stamp, -1 if there is none."""
         order = np.argsort(self.stamp_ns, kind="stable")
         known = self.stamp_ns[order]
-        at = np.searchsorted(known, stamps, side="right") - 1
-        found = (at >= 0) & (known[np.maximum(at, 0)] == stamps) if len(known) else at >= 0
-        return np.where(found, order[at] if len(known) else -1, -1)
+        if not len(known):
+            return np.full(len(stamps), -1)
+        at = np.minimum(np.searchsorted(known, stamps), len(known) - 1)
+        return np.where(known[at] == stamps, order[at], -1)
 
 
 class RecordedRun:
@@ -170,30 +175,39 @@ class RecordedRun:
         return self._configs[node]
 
     def changes(self, node: str) -> list[Change]:
-        """Return a node's changes of parameters and resets, and a controller's turns."""
+        """Return a node's changes of parameters and resets, and a controller's turns, in their order.
+
+        Raises RecordingError if the record does not tell the order: it holds other events
+        of changed parameters than changes.
+        """
         name = self.recording.topic(node)
-        changes = [
-            Change(change.stamp_ns, change.changed)
-            for change in self._parameter_changes
-            if change.node == name
-        ]
+        changed = [change for change in self._parameter_changes if change.node == name]
         # The plant's turns are pauses, in which simulated time stands still.
-        wanted = (
-            (Event.RESET, Event.ACTIVATED, Event.DEACTIVATED)
-            if node in CONTROLLERS
-            else (Event.RESET,)
+        wanted = (Event.RETUNED, Event.RESET) + (
+            (Event.ACTIVATED, Event.DEACTIVATED) if node in CONTROLLERS else ()
         )
-        events = [
-            Change(event.stamp_ns, None, event.message)
-            for event in self.events
-            if event.node == name and event.message in wanted
+        events = [event for event in self.events if event.node == name and event.message in wanted]
+        retuned = [event for event in events if event.message == Event.RETUNED]
+        if [e.stamp_ns for e in retuned] != [change.stamp_ns for change in changed]:
+            raise RecordingError(
+                f"{self.path}: {node}: {len(changed)} changes of parameters, but {len(retuned)} events "
+                "that place them, or at other times: their order is not known"
+            )
+        values = iter(changed)
+        found = [
+            Change(event.stamp_ns, next(values).changed)
+            if event.message == Event.RETUNED
+            else Change(event.stamp_ns, None, event.message)
+            for event in events
         ]
         # A controller that joins a run under way reports it once more: it is active from there on.
-        stays = [
-            not (one.event == after.event == Event.ACTIVATED and one.stamp_ns < after.stamp_ns)
-            for one, after in pairwise(events)
+        turns = [change for change in found if change.event in (Event.ACTIVATED, Event.DEACTIVATED)]
+        again = [
+            one
+            for one, after in pairwise(turns)
+            if one.event == after.event == Event.ACTIVATED and one.stamp_ns < after.stamp_ns
         ]
-        return [*changes, *compress(events, [*stays, True])]
+        return [change for change in found if not any(change is one for one in again)]
 
     def timeline(self, node: str) -> Timeline:
         """Return a node's configuration at the start and its changes during the run."""

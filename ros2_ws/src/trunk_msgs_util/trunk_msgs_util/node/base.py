@@ -78,6 +78,8 @@ class TrunkNode(ManagedNode, Generic[Config]):
         changed = {name: value for name, value in after.items() if value != before[name]}
         self.retune(new)
         if changed:
+            # Two topics have no order between them: this marks the place among the node's events.
+            self.event(Event.RETUNED)
             self._parameters_topic.publish(self._parameters_set.event(self.run_stamp_ns, changed))
 
     def retune(self, config: Config) -> None:
