@@ -7,9 +7,8 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.recording.reader import Recording
-
 from ..replay.diff import diff
+from .reading import open_run, show_warnings
 
 
 @click.command("diff")
@@ -22,10 +21,9 @@ def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
 
     Exit code 0: identical; 1: they differ.
     """
-    first, second = Recording.open(a), Recording.open(b)
-    for recording in (first, second):
-        for warning in recording.warnings:
-            click.echo(f"trunk: warning: {warning}", err=True)
+    first, second = open_run(a), open_run(b)
+    for run in (first, second):
+        show_warnings(run.recording.warnings)
     found = diff(first, second)
     if as_json:
         values = {

@@ -9,10 +9,9 @@ from typing import Any
 
 import click
 
-from trunk_msgs_util.recording.reader import Recording
-
 from ..replay.explain import Explanation, explain
 from .common import print_table
+from .reading import open_run, show_warnings
 
 
 @click.command("explain")
@@ -25,10 +24,9 @@ def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
 
     Exit code 0: the recomputed command equals the recorded one; 1: it does not.
     """
-    recording = Recording.open(run)
-    for warning in recording.warnings:
-        click.echo(f"trunk: warning: {warning}", err=True)
-    found = explain(recording, at)
+    recorded = open_run(run)
+    show_warnings(recorded.recording.warnings)
+    found = explain(recorded, at)
     if as_json:
         click.echo(json.dumps(as_values(found), indent=2))
     else:

@@ -15,8 +15,8 @@ from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
+from ..recorded.run import RecordedRun
 from .bits import ulps
-from .record import RecordedRun
 from .replay import (
     ACTIVE_CONTROLLERS,
     Checked,
