@@ -20,7 +20,7 @@ from .processes import Child, Children
 
 pytestmark = pytest.mark.graph
 
-UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = "unconfigured", "inactive", "active", "finalized"
+UNCONFIGURED, INACTIVE, ACTIVE = "unconfigured", "inactive", "active"
 
 
 @pytest.mark.parametrize("node", ["simulator", "disturbance", "pid", "fuzzy_pid", "recorder"])
