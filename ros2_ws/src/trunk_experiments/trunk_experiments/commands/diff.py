@@ -8,13 +8,14 @@ from pathlib import Path
 import click
 
 from ..replay.diff import diff
+from .common import json_option
 from .reading import open_run, show_warnings
 
 
 @click.command("diff")
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_option()
 @click.pass_context
 def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
     """Compare two recorded runs topic by topic, by stamp, bit by bit.

@@ -10,14 +10,14 @@ from typing import Any
 import click
 
 from ..replay.explain import Explanation, explain
-from .common import print_table
+from .common import json_option, print_table
 from .reading import open_run, show_warnings
 
 
 @click.command("explain")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--at", type=float, required=True, metavar="S", help="The instant, s.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON; null for an infinite limit.")
+@json_option("Print JSON; null for an infinite limit.")
 @click.pass_context
 def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
     """Explain why the controller of a recorded run commanded this torque at this instant.

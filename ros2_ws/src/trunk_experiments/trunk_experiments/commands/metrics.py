@@ -13,7 +13,7 @@ from trunk_msgs_util.units import seconds
 from ..analysis.metrics import QUANTITIES, metrics
 from ..analysis.run_table import RunTable
 from ..recorded.run import RecordedRun
-from .common import print_table
+from .common import json_option, print_table
 from .reading import open_run, show_warnings
 
 
@@ -45,9 +45,7 @@ def _values(run: RecordedRun) -> dict[str, float | None]:
 
 @click.command("metrics")
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option(
-    "--json", "as_json", is_flag=True, help="Print JSON; null if a quantity does not exist."
-)
+@json_option("Print JSON; null if a quantity does not exist.")
 def command(run: Path, as_json: bool) -> None:
     """Print a recorded run's metrics."""
     recorded = open_run(run)
