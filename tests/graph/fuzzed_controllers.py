@@ -20,7 +20,7 @@ class Controllers(Callbacks):
 
     def begin(self) -> None:
         answered = len(self.said)
-        for _ in range(2):  # in lock-step the first two states tell the plant's rate
+        for _ in range(2):  # in lock-step the first two states give the plant's rate
             self.state(JointSample(0, ("hip", "trunk"), (0.0, 0.1), (0.0, 0.0)), "next")
         assert len(self.said) == answered + 2
 
@@ -41,7 +41,7 @@ class Controllers(Callbacks):
         how=st.sampled_from(["next", "next", "same", "far"]),
     )
     def wild_motions(self, motions: list[tuple[float, ...]], how: str) -> None:
-        """Well-formed and finite, whatever its size: all of it reaches the law."""
+        """Well-formed and finite, of any magnitude: all of it reaches the law."""
         for x, theta, x_dot, theta_dot in motions:
             self.state(JointSample(0, ("hip", "trunk"), (x, theta), (x_dot, theta_dot)), how)
 
@@ -64,7 +64,7 @@ class Controllers(Callbacks):
 
     @rule(low=st.floats(-50.0, 49.0), width=st.floats(0.01, 1.0))
     def narrow_the_limits(self, low: float, width: float) -> None:
-        """In lock-step the very next answer keeps them, though no update is due."""
+        """In lock-step the very next answer obeys them, even if no update is due."""
         self.set(True, [message("u_clamp_min", low), message("u_clamp_max", low + width)])
         self.state(JointSample(0, ("hip", "trunk"), (0.0, 0.1), (0.0, 0.0)), "same")
 

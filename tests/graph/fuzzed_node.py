@@ -23,7 +23,7 @@ PERIOD_NS = 5_000_000
 
 
 class Callbacks(RuleBasedStateMachine):
-    """A node that is alive, spoken to as its executor would: by calling what it has registered."""
+    """A live node, driven as its executor would: by calling the callbacks that it has registered."""
 
     node_class: ClassVar[Callable[[], TrunkNode[Any]]]
     spied: ClassVar[tuple[str, ...]]
@@ -41,7 +41,7 @@ class Callbacks(RuleBasedStateMachine):
         self.begin()
 
     def begin(self) -> None:
-        """Bring the node to where it answers."""
+        """Bring the node to the point where it answers."""
 
     def _spy(self) -> None:
         for publisher in self.node.publishers:
@@ -60,7 +60,7 @@ class Callbacks(RuleBasedStateMachine):
         publisher.publish = publish_and_tell
 
     def judge(self, topic: str, sample: JointSample) -> None:
-        """Fail where the node must not say this now."""
+        """Fail if the node must not publish this now."""
 
     def teardown(self) -> None:
         self.node.destroy_node()
@@ -96,7 +96,7 @@ class Callbacks(RuleBasedStateMachine):
 
     @rule(data=st.data(), count=st.integers(1, 3))
     def set_allowed_parameters(self, data: st.DataObject, count: int) -> None:
-        """Right each by itself: most of them become active."""
+        """Each valid by itself: most of them become active."""
         free = [d for d in self.declared.values() if not (d.fixed or d.kind.endswith("array"))]
         gains = [d for d in free if d.name.startswith(("gains.", "plant.", "model."))]
         for _ in range(count):
@@ -105,13 +105,13 @@ class Callbacks(RuleBasedStateMachine):
 
     @rule(together=st.booleans())
     def set_the_defaults_again(self, together: bool) -> None:
-        """Whatever was set by others, an ordinary configuration is reached again."""
+        """Whatever other rules have set, return to an ordinary configuration."""
         free = [d for d in self.declared.values() if not d.fixed]
         self.set(together, [message(d.name, _plain(d.default)) for d in free])
 
     @rule(number=TRANSITIONS)
     def transition(self, number: int) -> None:
-        """Turn inactive, active, or ask for what there is not from here."""
+        """Deactivate, activate, or request a transition that the current state does not have."""
         changed = self.call("change_state", transition=Transition(id=number)).success
         assert not changed or self.node.active == (number == Transition.TRANSITION_ACTIVATE)
 

@@ -1,8 +1,8 @@
 """Random parameters, messages, resets and jumps in time, through the real callbacks of real nodes.
 
-Whatever comes: a command is finite and within the limits that are active, the stored parameters are the
-active ones, nothing is raised, and counters only grow. The same examples each time;
-``TRUNK_FUZZ=80`` makes eighty times as many, other ones each time.
+Always: a command is finite and within the active limits, the stored parameters are the active ones,
+nothing is raised, and counters only grow. The examples are the same each time; ``TRUNK_FUZZ=80`` makes
+eighty times as many, different ones each time.
 """
 
 from __future__ import annotations

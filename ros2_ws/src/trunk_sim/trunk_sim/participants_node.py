@@ -35,15 +35,15 @@ class GraphParticipants(Participants):
         )
 
     def missing(self, now: float) -> list[str]:
-        """Return what the run waits for, by topic: a participant, or that each way to it is found."""
+        """Return the topics that the run waits for: no participant yet, or not matched both ways."""
         return super().missing(now) or self._not_met()
 
     def _not_met(self) -> list[str]:
-        """Return the topics on which a node is ready that has not been met yet: it would miss state 0."""
+        """Return the topics with a ready node that is not matched both ways: it would miss state 0."""
         return [
             topic
             for topic, states in _ANSWERED.items()
-            if self._publishers_of(topic)  # nobody is left to be met
+            if self._publishers_of(topic)  # otherwise nobody is left to match
             and self.unmet(
                 topic,
                 meeting.publishers(self._node, topic),

@@ -76,7 +76,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._pacing.set_timeout(config.command_timeout)
 
     def _begin(self) -> None:
-        """Step from here on: everybody has the true state 0, and now gets the measured one."""
+        """Publish the measured state 0 and step from here on; the true state 0 is already published."""
         self._running = True
         self._started = time.monotonic()
         self.event(Event.STARTED, rate=self.config.update_rate)
