@@ -11,8 +11,8 @@ import pytest
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import replay, replay_plant, stretches
-from trunk_experiments.replay.record import RecordedRun
 from trunk_experiments.replay.replay import in_turn, judged, replay_controllers, replay_disturbance
 from trunk_experiments.replay.replay_plant import PlantReplay
 from trunk_experiments.runs.offline_recording import record_offline

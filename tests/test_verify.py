@@ -10,9 +10,9 @@ import pytest
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import replay
 from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.record import RecordedRun
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.digests import HEADS, PARTS
@@ -91,7 +91,7 @@ def test_a_whole_run_is_verified(whole):
 def test_an_untouched_copy_is_verified_and_identical(whole, tmp_path):
     copy = copied(whole, tmp_path / "copy.mcap")
     assert verify(copy).exit_code == VERIFIED
-    found = diff(Recording.open(whole), copy)
+    found = diff(RecordedRun.open(whole), RecordedRun(copy))
     assert found.identical
     assert found.compared == 1201 * 4 + 1202
     assert not found.parameters
@@ -131,7 +131,7 @@ def test_one_bit_of_one_command_is_found_at_its_step_one_ulp_apart(whole, tmp_pa
     commands = next(p for p in verify(copy).parts if p.name == "commands of fuzzy_pid")
     assert commands.wrong_steps == 1
     assert commands.first[0].stamp_ns == 700_000_000
-    found = diff(Recording.open(whole), copy)
+    found = diff(RecordedRun.open(whole), RecordedRun(copy))
     assert (found.differing_steps, found.first.topic) == (1, "effort_command")
     assert found.first.stamp_ns == 700_000_000
     assert found.first.field == "effort[trunk]"
@@ -243,11 +243,11 @@ def test_changes_during_a_run_are_replayed_and_rebuilt(whole, tmp_path):
     changed = tmp_path / "changed.mcap"
     record_offline(replace(plan, changes=CHANGES), changed)
     recording = Recording.open(changed)
-    assert not diff(Recording.open(whole), recording).identical
+    assert not diff(RecordedRun.open(whole), RecordedRun(recording)).identical
     assert verify(recording).exit_code == VERIFIED
     again = tmp_path / "again.mcap"
     record_offline(RecordedRun(recording).plan(), again)
-    assert diff(recording, Recording.open(again)).identical
+    assert diff(RecordedRun(recording), RecordedRun.open(again)).identical
 
 
 def test_a_reference_by_topic_is_followed_while_the_profile_asks_for_it(tmp_path):
@@ -266,7 +266,7 @@ def test_a_reference_by_topic_is_followed_while_the_profile_asks_for_it(tmp_path
     assert references == [0.0] * 11 + [0.25] * 30 + [0.0] * 20
     assert verify(recording).exit_code == VERIFIED
     record_offline(RecordedRun(recording).plan(), again)
-    assert diff(recording, Recording.open(again)).identical
+    assert diff(RecordedRun(recording), RecordedRun.open(again)).identical
 
 
 def test_runs_of_different_controllers_differ(whole, tmp_path):
@@ -274,6 +274,6 @@ def test_runs_of_different_controllers_differ(whole, tmp_path):
     plan = make_plan("fig8", "pid")
     plan = replace(plan, simulator=replace(plan.simulator, duration=0.1))
     record_offline(plan, other)
-    found = diff(Recording.open(whole), Recording.open(other))
+    found = diff(RecordedRun.open(whole), RecordedRun.open(other))
     assert found.first.stamp_ns == 0
     assert "fuzzy_pid: only in A" in found.parameters

@@ -11,6 +11,7 @@ from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.units import seconds
 
 from ..replay.verify import Verdict, describe, verify
+from .common import json_option
 
 
 def as_values(verdict: Verdict) -> dict[str, object]:
@@ -39,7 +40,7 @@ def as_values(verdict: Verdict) -> dict[str, object]:
 
 @click.command("verify")
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_option()
 @click.pass_context
 def command(ctx: click.Context, run: Path, as_json: bool) -> None:
     """Recompute every command of a recorded run and, where time was exact, every state.

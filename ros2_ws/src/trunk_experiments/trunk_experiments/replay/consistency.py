@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Integers
     from trunk_msgs_util.recording.schemas import RunEvent
 
-    from .record import JointTable, RecordedRun
+    from ..recorded.joint_table import JointTable
+    from ..recorded.run import RecordedRun
 
 _JOINTS = ("position", "velocity", "effort")
 _MODES = {"real_time": False, "lockstep": True}  # is lockstep.enabled set?
@@ -171,7 +172,7 @@ def _times(run: RecordedRun) -> Iterator[str]:
         table = run.table(relative)
         if not len(table):
             continue
-        equal = table.log_time_ns == np.maximum(table.stamp_ns, 0)
+        equal = table.arrays.log_time_ns == np.maximum(table.stamp_ns, 0)
         if run.exact and not equal.all():
             at = seconds(int(table.stamp_ns[np.flatnonzero(~equal)[0]]))
             yield f"{relative}: mode {run.mode}, but at t = {at:g} s the log time is not the stamp"

@@ -15,8 +15,9 @@ from trunk_msgs_util.units import nanoseconds
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.step import saturate
 
+from ..recorded.joint_table import JointTable
+from ..recorded.run import RecordedRun
 from .bits import same
-from .record import JointTable, RecordedRun
 from .replay import Checked, Difference, acting_at, judged
 
 

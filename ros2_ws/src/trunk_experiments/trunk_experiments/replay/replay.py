@@ -21,9 +21,10 @@ from trunk_sim.disturbances import Disturbance, disturbance_at, disturbance_samp
 
 from ..compiled import with_arrays
 from ..plans.timeline import Timeline, begins_active
+from ..recorded.joint_table import JointTable
+from ..recorded.run import RecordedRun
 from . import stretches
 from .bits import same
-from .record import JointTable, RecordedRun
 
 WORTH_COMPILING = 20_000  # steps: fewer are computed before compiled code would be loaded
 # What a difference may be besides a value.

@@ -17,10 +17,11 @@ from trunk_sim.sensors import noise_samples
 from trunk_sim.step import Trunk, act, at_rest, sense
 
 from ..compiled import pruned
+from ..recorded.joint_table import JointTable
+from ..recorded.run import RecordedRun
 from . import replay, stretches
 from .bits import same
 from .real_time import PossibleDisturbances
-from .record import JointTable, RecordedRun
 from .replay import Checked, Difference, acting_at, compare, disturbances_matrix, judged
 
 _QUANTITIES = ("position", "velocity", "effort")

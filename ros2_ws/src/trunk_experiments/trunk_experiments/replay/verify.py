@@ -14,9 +14,9 @@ from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
+from ..recorded.run import RecordedRun
 from .consistency import begins_anew_ns, contradictions, failures
 from .real_time import replay_torques
-from .record import RecordedRun
 from .replay import Checked, replay_controllers, replay_disturbance
 from .replay_plant import PlantReplay
 from .verdict import DIVERGES, UNJUDGED, VERIFIED, Part, Verdict, describe

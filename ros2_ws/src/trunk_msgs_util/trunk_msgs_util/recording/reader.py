@@ -188,8 +188,8 @@ class Recording:
         return next((t.removesuffix(suffix) for t in self.topics if t.endswith(suffix)), "")
 
     def topic(self, relative: str) -> str:
-        """Return the absolute name of a relative topic or node."""
-        return f"{self.namespace}/{relative}"
+        """Return the absolute name of a topic or node; an absolute one is returned as it is."""
+        return relative if relative.startswith("/") else f"{self.namespace}/{relative}"
 
     @property
     def controller(self) -> str | None:
