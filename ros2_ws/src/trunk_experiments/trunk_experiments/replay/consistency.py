@@ -110,7 +110,6 @@ def _ends(run: RecordedRun) -> Iterator[str]:
 def _counts(run: RecordedRun) -> Iterator[str]:
     """Yield where other numbers of messages are recorded than the nodes say to have published."""
     finished = _of(run, "simulator", Event.FINISHED)
-    truth = run.count(topics.GROUND_TRUTH)
     if finished:
         said = finished[-1].values.get("states", "")
         relatives = [topics.GROUND_TRUTH, topics.JOINT_STATES]
@@ -128,10 +127,6 @@ def _counts(run: RecordedRun) -> Iterator[str]:
         found = there.count if there else 0
         if found != published:
             yield f"{topic}: {found} messages, but {published} were published by the nodes' own count"
-    if claimed and run.mode == "offline":
-        yield "mode offline, but nodes have counted what they published"
-    if run.mode in _MODES and truth and not _of(run, "simulator", Event.PUBLISHED):
-        yield f"mode {run.mode}, but the simulator has not counted what it published"
 
 
 def _falls(run: RecordedRun) -> Iterator[str]:
@@ -156,7 +151,12 @@ def _mode(run: RecordedRun) -> Iterator[str]:
         for node in nodes:
             if run.config(node).lockstep != _MODES[run.mode]:
                 yield f"mode {run.mode}, but {node} has lockstep.enabled = {run.config(node).lockstep}"
-    elif run.mode != "offline":
+        if not _of(run, "simulator", Event.CONFIGURED):
+            yield f"mode {run.mode}, but no simulator node was configured"
+    elif run.mode == "offline":
+        if any(event.message == Event.CONFIGURED for event in run.events):
+            yield "mode offline, but nodes were configured"
+    else:
         yield f"mode {run.mode!r}: there are real_time, lockstep and offline"
     planned = run.recording.provenance.get("controller", "").split()
     if planned and not set(run.controllers) <= set(planned):
