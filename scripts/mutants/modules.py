@@ -39,7 +39,10 @@ MODULES = {
     ),
     "integrator": Module(SIM + "trunk_sim/integrator.py", _in(SIM, "integrator")),
     "step": Module(SIM + "trunk_sim/step.py", _in(SIM, "step", "sensors", "simulation")),
-    "pacing": Module(SIM + "trunk_sim/pacing.py", _in(SIM, "pacing")),
+    "pacing": Module(
+        SIM + "trunk_sim/pacing.py",
+        _in(SIM, "pacing_real_time", "pacing_lockstep", "pacing_config"),
+    ),
     "pid": Module(
         CONTROL + "trunk_control/pid.py",
         (

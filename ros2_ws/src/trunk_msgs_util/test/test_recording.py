@@ -54,6 +54,7 @@ def test_a_namespace_is_found(run_file):
     assert recording.topic("joint_states") == "/a/b/joint_states"
     assert recording.controller == "pid"
     assert len(recording.joints(recording.topic(topics.GROUND_TRUTH))) == 3
+    assert recording.topic("/elsewhere") == "/elsewhere"
 
 
 def test_initial_parameters_and_changes_are_kept_apart(tmp_path):

@@ -15,8 +15,9 @@ from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.recording.digests import DIGESTS
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.writer import DIGESTS, END, PROVENANCE, RecordingWriter
+from trunk_msgs_util.recording.writer import END, PROVENANCE, RecordingWriter
 
 TRUTH = f"/{topics.GROUND_TRUTH}"
 
@@ -28,10 +29,10 @@ def test_mcap_reads_it_with_all_checksums(run_file):
         assert reader.get_header().profile == "ros2"
         counts = reader.get_summary().statistics.channel_message_counts
         assert sum(counts.values()) == len(list(reader.iter_messages())) == 3 * 21 + 11 + 1
-        provenance, digests, end = ((m.name, m.metadata) for m in reader.iter_metadata())
+        provenance, end, digests = ((m.name, m.metadata) for m in reader.iter_metadata())
         assert provenance == (PROVENANCE, {"scenario": "fig6", "host": "größe"})
         assert end == (END, {"complete": "true", "reason": "finished"})
-        truth = hashlib.blake2b(digest_size=16)
+        truth = hashlib.blake2b(digest_size=32)
         for _, _, message in reader.iter_messages(TRUTH):
             truth.update(message.data)
         assert digests[0] == DIGESTS

@@ -42,6 +42,11 @@ class Event(str, Enum):
         "simulator, controllers",
         "Plant in its initial state; controller without integral and past samples",
     )
+    RETUNED = (
+        "retuned",
+        "every node",
+        "Parameters have changed: the next message of the node on `run/parameters` says which",
+    )
     PAUSED = "paused", "simulator", "Simulated time stands still"
     RESUMED = "resumed", "simulator", "Simulated time goes on"
     FELL = (

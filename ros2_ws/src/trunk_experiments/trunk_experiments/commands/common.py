@@ -34,6 +34,11 @@ class FiniteRange(click.FloatRange):
         return number
 
 
+def json_option(text: str = "Print JSON.") -> Callable[[Function], Function]:
+    """Return the option ``--json`` of a verb whose result can be printed for programs."""
+    return click.option("--json", "as_json", is_flag=True, help=text)
+
+
 def plan_options(function: Function, required: bool = True) -> Function:
     """Add the argument and options from which `plan_of` makes a plan."""
     options = [

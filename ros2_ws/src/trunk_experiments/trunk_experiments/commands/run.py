@@ -9,9 +9,10 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util import topics
 
 from ..errors import PlanError
+from ..recorded.run import RecordedRun
 from ..runs.graph import RunFiles, run_graph
 from .common import plan_of, plan_options
 from .metrics import show_metrics
@@ -71,17 +72,16 @@ def command(
         recording = run_graph(
             plan, files, lambda t: progress.update(task, completed=t), composed=composed
         )
-    _verdict(files, recording)
+    _verdict(files, RecordedRun(recording))
 
 
-def _verdict(files: RunFiles, recording: Recording) -> None:
-    show_metrics(recording, "metrics of the run (true error)")
-    counts = {name: topic.count for name, topic in recording.topics.items() if topic.count}
-    states = counts.get(recording.topic("ground_truth/joint_states"), 0)
-    commands = counts.get(recording.topic("effort_command"), 0)
-    whole = "complete" if recording.complete else "INCOMPLETE"
+def _verdict(files: RunFiles, run: RecordedRun) -> None:
+    show_metrics(run, "metrics of the run (true error)")
+    states, commands = run.count(topics.GROUND_TRUTH), run.count(topics.EFFORT_COMMAND)
+    complete = run.recording.complete
+    whole = "complete" if complete else "INCOMPLETE"
     click.echo(f"{whole}: {states} states, {commands} commands recorded")
     click.echo(f"recording: {files.recording}")
     click.echo(f"parameters: {files.parameters}")
-    if not recording.complete:
+    if not complete:
         raise SystemExit(1)

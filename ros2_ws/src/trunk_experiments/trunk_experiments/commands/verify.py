@@ -8,52 +8,66 @@ from pathlib import Path
 import click
 
 from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.units import seconds
 
 from ..replay.verify import Verdict, describe, verify
+from .common import json_option
 
 
 def as_values(verdict: Verdict) -> dict[str, object]:
     """Return a verdict as plain values."""
     return {
         "verdict": verdict.word,
+        "judged": verdict.judged,
         "parts": [
             {
                 "name": part.name,
                 "steps_checked": part.steps,
                 "steps_diverging": part.wrong_steps,
+                "from_s": None if part.from_ns is None else seconds(part.from_ns),
+                "until_s": None if part.until_ns is None else seconds(part.until_ns),
                 "first_divergence": [describe(d) for d in part.first],
             }
             for part in verdict.parts
         ],
         "altered": verdict.altered,
+        "contradictions": verdict.contradictions,
         "obstacles": verdict.obstacles,
+        "not_judged": verdict.unjudged,
         "notes": verdict.notes,
     }
 
 
 @click.command("verify")
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_option()
 @click.pass_context
 def command(ctx: click.Context, run: Path, as_json: bool) -> None:
     """Recompute every command of a recorded run and, where time was exact, every state.
 
-    Exit code 0: verified; 1: something diverges; 2: the run cannot be judged.
+    Exit code 0: verified; 1: something diverges, was altered or contradicts itself; 2: the run
+    cannot be judged as a whole. What no check looks at is listed.
     """
     verdict = verify(Recording.open(run))
     if as_json:
         click.echo(json.dumps(as_values(verdict), indent=2))
         ctx.exit(verdict.exit_code)
     click.echo(f"{run}: {verdict.word}")
+    if verdict.judged:
+        click.echo(f"  {verdict.judged}")
     for part in verdict.parts:
         outcome = f"{part.wrong_steps} diverge" if part.wrong_steps else "all equal to the last bit"
         click.echo(f"  {part.name}: {part.steps} steps checked, {outcome}")
         for difference in part.first:
             click.echo(f"    first: {describe(difference)}")
-    for topic in verdict.altered:
-        click.echo(f"  altered: {topic}: its messages are not the ones the recorder wrote")
+    for what in verdict.altered:
+        click.echo(f"  altered: {what}: not as the recorder wrote it, by its digest")
+    for contradiction in verdict.contradictions:
+        click.echo(f"  contradiction: {contradiction}")
     for obstacle in verdict.obstacles:
         click.echo(f"  obstacle: {obstacle}")
+    for what in verdict.unjudged:
+        click.echo(f"  not judged: {what}")
     for note in verdict.notes:
         click.echo(f"  note: {note}")
     ctx.exit(verdict.exit_code)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -9,9 +10,9 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import QUANTITIES, Integers, JointArrays
-from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.units import seconds
 
+from ..recorded.run import RecordedRun
 from .bits import ulps
 
 # In the order in which a difference spreads through one step of the loop.
@@ -53,13 +54,13 @@ class RunDiff:
         return self.first is None
 
 
-def diff(a: Recording, b: Recording, terms: bool = True) -> RunDiff:
+def diff(a: RecordedRun, b: RecordedRun, terms: bool = True) -> RunDiff:
     """Compare two runs. Namespaces are ignored; ``terms``: compare the controllers' ``~/state`` too."""
     result = RunDiff()
     steps: set[int] = set()
     firsts = []
     for relative in (*_TOPICS, *(_state_topics(a, b) if terms else ())):
-        here, there = a.joints(a.topic(relative)), b.joints(b.topic(relative))
+        here, there = a.joints(relative), b.joints(relative)
         result.compared += max(len(here), len(there))
         stamps, first = _compare(relative, here, there)
         steps.update(stamps)
@@ -69,11 +70,11 @@ def diff(a: Recording, b: Recording, terms: bool = True) -> RunDiff:
         firsts, key=lambda f: f.stamp_ns, default=None
     )  # min keeps the topics' order
     result.parameters = _parameters(a, b)
-    result.provenance = _mappings("", dict(a.provenance), dict(b.provenance))
+    result.provenance = _mappings("", a.recording.provenance, b.recording.provenance)
     return result
 
 
-def _state_topics(a: Recording, b: Recording) -> list[str]:
+def _state_topics(a: RecordedRun, b: RecordedRun) -> list[str]:
     names = dict.fromkeys([*a.controllers, *b.controllers])
     return [topics.controller_state(name) for name in names]
 
@@ -142,14 +143,8 @@ def _nth(stamps: Integers) -> Integers:
     return found
 
 
-def _parameters(a: Recording, b: Recording) -> list[str]:
-    def by_node(recording: Recording) -> dict[str, dict[str, object]]:
-        return {
-            name.removeprefix(recording.namespace).lstrip("/"): dict(values)
-            for name, values in recording.parameters().items()
-        }
-
-    here, there = by_node(a), by_node(b)
+def _parameters(a: RecordedRun, b: RecordedRun) -> list[str]:
+    here, there = a.parameters, b.parameters
     lines = []
     for node in sorted(here.keys() | there.keys()):
         if node not in here or node not in there:
@@ -159,7 +154,7 @@ def _parameters(a: Recording, b: Recording) -> list[str]:
     return lines
 
 
-def _mappings(prefix: str, a: dict[str, object], b: dict[str, object]) -> list[str]:
+def _mappings(prefix: str, a: Mapping[str, object], b: Mapping[str, object]) -> list[str]:
     absent = "(none)"
     return [
         f"{prefix}{key}: {a.get(key, absent)} in A, {b.get(key, absent)} in B"

@@ -17,12 +17,11 @@ from trunk_msgs_util.units import period_ns as period_of
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
-from .record import RecordedRun
+from ..recorded.run import RecordedRun
 
 __all__ = ["ERROR", "INFO", "WARNING", "Finding", "examine"]
 
 _EXAMPLES = 3  # places listed for one kind of finding on one topic
-_EXACT = ("lockstep", "offline")  # modes in which every state is answered
 _GAP = 1.5  # periods between two messages: more is a gap
 
 
@@ -34,8 +33,12 @@ def examine(
 
     Raises RecordingError if the path does not exist or is not a recording at all.
     """
-    path = Path(path)
-    recording = Recording.open(path, progress)
+    return findings(RecordedRun(Recording.open(path, progress)))
+
+
+def findings(run: RecordedRun) -> list[Finding]:
+    """Return all findings on a run that is open. Raises RecordingError if it is not readable any more."""
+    recording, path = run.recording, run.path
     found: list[Finding] = []
     files = bag_folder(path).files if path.is_dir() else [path]
     try:
@@ -50,11 +53,10 @@ def examine(
         for warning in recording.warnings
         if not any(warning.endswith(message) for message in known)
     ]
-    run = RecordedRun(recording)
     found += _provenance(run)
     found += [
-        Finding(ERROR, "its messages are not the ones the recorder wrote (digest)", topic)
-        for topic in recording.altered_topics()
+        Finding(ERROR, f"{what}: not as the recorder wrote it (digest)")
+        for what in recording.alterations()
     ]
     try:
         for name, topic in sorted(recording.topics.items()):
@@ -86,16 +88,15 @@ def _provenance(run: RecordedRun) -> Iterator[Finding]:
 
 def _joints(run: RecordedRun, topic: str) -> Iterator[Finding]:
     recording = run.recording
-    joints = recording.joints(topic)
+    joints = run.joints(topic)
     yield from _numbers(joints, topic)
     owner = {
         recording.topic(names.controller_state(name)): name for name in recording.controllers
     }.get(topic)
     is_state = owner is not None
     answers = is_state or topic == recording.topic(names.EFFORT_COMMAND)
-    exact = recording.provenance.get("mode") in _EXACT
     # In real time the latest state is answered: some states twice, some never.
-    loose = answers and not exact
+    loose = answers and not run.exact
     several = topic == recording.topic(names.EFFORT_COMMAND) and len(recording.controllers) > 1
     # With several controllers, each one's commands are in order; together they need not be.
     yield from _order(joints.stamp_ns, topic, INFO if loose or several else WARNING)
@@ -105,7 +106,7 @@ def _joints(run: RecordedRun, topic: str) -> Iterator[Finding]:
             names.GROUND_TRUTH,
             names.JOINT_STATES,
             names.DISTURBANCE,
-            *([names.EFFORT_COMMAND] if exact else []),
+            *([names.EFFORT_COMMAND] if run.exact else []),
         )
     }
     if answers or topic in by_simulator:

@@ -106,11 +106,11 @@ class _OfflineRecorder:
 
     def _change(self, node: str, change: Change) -> None:
         """Write what came from outside, as in the original recording."""
+        word = change.event if change.values is None else Event.RETUNED
+        data = event(change.stamp_ns, f"/{node}", word)
+        self._put(topics.RUN_EVENTS, change.stamp_ns, data)
         if change.values is not None:
             self._parameters(change.stamp_ns, node, {}, change.values)
-        else:
-            data = event(change.stamp_ns, f"/{node}", change.event)
-            self._put(topics.RUN_EVENTS, change.stamp_ns, data)
 
     def write(self, step: Step) -> None:
         """Write one step, in the graph's order."""

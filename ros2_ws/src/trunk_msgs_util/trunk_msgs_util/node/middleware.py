@@ -25,11 +25,10 @@ class MiddlewareError(TrunkError):
 
 
 def prepare(participants: int = 1, shared_memory: Path = _SHARED_MEMORY) -> None:
-    """Give Fast DDS our file of profiles, unless one is set; before rclpy is initialised.
+    """Point Fast DDS to our profiles unless others are set; call it before rclpy is initialised.
 
-    Processes that are started one after the other find each other sooner by it. What was sent while a
-    reader was only half discovered is repaired at the next heartbeat, and the wait for acknowledgements
-    before a node ends takes one.
+    Processes started one after the other then discover each other sooner, and heartbeats are more frequent:
+    the next one repairs what was sent to a half-discovered reader, and a node that ends waits for one.
 
     Where shared memory has no room for so many ``participants``, Fast DDS is told to use UDP, and a line on
     stderr says so. Raises MiddlewareError where there is no room at all, and SettingError where a setting of

@@ -98,7 +98,7 @@ class NodeParameters(Generic[Config]):
         self._class = config_class
         self._declared = declarations(config_class)
         self._on_change = on_change
-        # rclpy names overrides that nothing declares nowhere else.
+        # The only place where rclpy keeps overrides that nothing declares.
         self._overrides: Mapping[str, object] = getattr(node, "_parameter_overrides", {})
         self.config = build(config_class, self._take_overrides())
         for name, value in values_of(self.config).items():
@@ -109,7 +109,7 @@ class NodeParameters(Generic[Config]):
         _Services(node, self.refusal)
 
     def _take_overrides(self) -> dict[str, object]:
-        """Return what files and command line say, of whatever type it is."""
+        """Return the values from files and the command line, of any type."""
         given: dict[str, object] = {}
         for name, declaration in self._declared.items():
             untyped = self._node.declare_parameter(
@@ -121,8 +121,8 @@ class NodeParameters(Generic[Config]):
             elif name in self._overrides and declaration.kind.endswith("array"):
                 given[name] = ()  # YAML's [] has no type in ROS 2 and arrives as "not set"
         for name in self._overrides:
-            # Files for a set of nodes name, under "/**", much that a node does not have; a near miss
-            # is more likely a slip.
+            # Files for several nodes contain, under "/**", many parameters that a node does not have; a
+            # near miss is more likely a typo.
             if name not in self._declared and not name.startswith(_OF_RCLPY):
                 close = get_close_matches(name, list(self._declared), n=1, cutoff=0.85)
                 if close:
@@ -162,9 +162,9 @@ class NodeParameters(Generic[Config]):
         return build(self._class, values)
 
     def refusal(self, changes: Sequence[Parameter]) -> str:
-        """Return why these changes are refused as a set, every wrong value by its name; empty: they fit.
+        """Return why these changes are refused as a set, naming every wrong value; empty if they are not.
 
-        Linked values are checked together, once each is right by itself.
+        Linked values are checked together once each is valid by itself.
         """
         errors = []
         for change in changes:
@@ -190,13 +190,13 @@ class NodeParameters(Generic[Config]):
                     f"fixed at start, to {now!r}; start the node with another value",
                 )
             check(declaration, change.value)
-        elif not self._node.has_parameter(change.name):  # rclpy has some of its own
+        elif not self._node.has_parameter(change.name):  # rclpy declares some of its own
             raise ParameterError(
                 change.name, change.value, unknown_name(change.name, self._declared)
             )
 
     def _judge(self, changes: list[Parameter]) -> SetParametersResult:
-        """Accept or refuse the changes; here come those of this process, which pass no service."""
+        """Accept or refuse changes made within this process, which do not go through a service."""
         reason = self.refusal(changes)
         return SetParametersResult(successful=not reason, reason=reason)
 
@@ -221,10 +221,10 @@ class NodeParameters(Generic[Config]):
 
 
 class _Services(ParameterService):
-    """A node's parameter services: rclpy's, but what is refused is refused in our words.
+    """A node's parameter services: rclpy's, but with our own messages for refusals.
 
-    rclpy judges types, ranges and fixed values by the descriptors before any callback is asked, and not
-    every reason of its own names the parameter; a type that ROS 2 does not know would end the node.
+    rclpy checks types, ranges and fixed values against the descriptors before it calls any callback, and
+    not all of its messages name the parameter; a type that ROS 2 does not know would end the node.
     """
 
     def __init__(self, node: Node, refusal: Callable[[Sequence[Parameter]], str]) -> None:
@@ -248,7 +248,7 @@ class _Services(ParameterService):
         strange = [message for message in messages if message.value.type not in known]
         if strange:
             reason = "; ".join(
-                f"parameter {message.name!r}: {message.value.type} is no type of a parameter"
+                f"parameter {message.name!r}: {message.value.type} is not a parameter type"
                 for message in strange
             )
             return SetParametersResult(successful=False, reason=reason)
@@ -257,7 +257,7 @@ class _Services(ParameterService):
         if reason:
             return SetParametersResult(successful=False, reason=reason)
         result = self._get_node().set_parameters_atomically(changes)
-        if not result.successful:  # of a parameter that is rclpy's own
+        if not result.successful:  # one of rclpy's own parameters
             names = ", ".join(repr(change.name) for change in changes)
             result.reason = f"parameter {names}: {result.reason}"
         return result

@@ -22,7 +22,7 @@ from .base import TrunkNode
 from .executor import LoopExecutor
 from .managed import EXIT_FAILED
 
-_DRAIN_S = 5.0  # of messages that are still coming in; where nothing comes, they end at once
+_DRAIN_S = 5.0  # at most, while messages still arrive; with none arriving, the nodes end at once
 
 
 class Shutdown:
@@ -37,7 +37,7 @@ class Shutdown:
         self.requested = True
 
     def ended(self) -> None:
-        """Ignore what else comes: the interpreter, ending, would take it for a reason to die of."""
+        """Ignore later signals: one that arrives while the interpreter exits would kill it."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
 
@@ -45,10 +45,10 @@ class Shutdown:
 def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str) -> int:
     """Run nodes in one executor until one of them is done, or they are told to stop.
 
-    Return the process's exit code: 0 after SIGINT, SIGTERM or a finished run; 1 where a node failed, or a
-    callback raised; 2, with one line on stderr and no traceback, where a parameter or an argument is
-    wrong. Whatever happens, the nodes are closed, in the reverse order of the mapping: the recorder
-    stands first, and what it has recorded is kept.
+    Return the process's exit code: 0 after SIGINT, SIGTERM or a finished run; 1 if a node failed or a
+    callback raised; 2, with one line on stderr and no traceback, if a parameter or an argument is wrong.
+    Whatever happens, the nodes are closed in the reverse order of the mapping: the recorder comes first
+    in it, so that it closes last and what it has recorded is kept.
     """
     shutdown = Shutdown()
     try:
@@ -94,7 +94,7 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
 
 
 def _fail(nodes: list[TrunkNode[Any]], error: Exception) -> None:
-    """Say all of a defect on stderr; the record and the nodes' logs get its last line."""
+    """Print a defect in full on stderr; the recording and the nodes' logs get its last line."""
     traceback.print_exception(error)
     for node in nodes:
         if node.exit_code is None:
@@ -110,13 +110,13 @@ def _end(nodes: list[TrunkNode[Any]], executor: LoopExecutor) -> None:
         try:
             executor.spin_once(timeout_sec=0.02)
         except Exception:
-            traceback.print_exc()  # and take in what else there is
+            traceback.print_exc()  # and handle the remaining messages
     executor.shutdown()
     _close(nodes)
 
 
 def _close(nodes: list[TrunkNode[Any]]) -> None:
-    """Close every node, the last one first, whatever becomes of the others."""
+    """Close every node, the last one first, even if closing another one raises."""
     with ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)
         for node in nodes:

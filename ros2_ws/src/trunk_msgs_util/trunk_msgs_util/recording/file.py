@@ -24,7 +24,8 @@ from .blocks import (
     read_block,
     records,
 )
-from .writer import DIGESTS, END, PROVENANCE
+from .digests import DIGESTS
+from .writer import END, PROVENANCE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -105,7 +106,10 @@ class RecordingFile:
         self.path = path
         self.topics = topics
         self.library = ""
+        self.profile = ""
         self.metadata: dict[str, dict[str, str]] = {PROVENANCE: {}}
+        self.metadata_records: list[tuple[str, dict[str, str]]] = []  # all, in file order
+        self.attachments = 0
         self.warning: str | None = None
         self.sound = True  # nothing in it was altered
         self.channels: dict[int, Channel] = {}
@@ -139,17 +143,21 @@ class RecordingFile:
     def take_record(self, record: Record) -> None:
         """Process a record without messages. Raises whatever mcap raises."""
         if record.opcode == Opcode.HEADER:
-            self.library = Header.read(record.stream).library
+            header = Header.read(record.stream)
+            self.profile, self.library = header.profile, header.library
         elif record.opcode == Opcode.SCHEMA:
             self.take_described(Schema.read(record.stream))
         elif record.opcode == Opcode.CHANNEL:
             self.take_described(Channel.read(record.stream))
         elif record.opcode == Opcode.METADATA:
             metadata = Metadata.read(record.stream)
+            self.metadata_records.append((metadata.name, metadata.metadata))
             if metadata.name == PROVENANCE:
                 self.metadata[PROVENANCE].update(metadata.metadata)
             elif metadata.name in (DIGESTS, END):
                 self.metadata[metadata.name] = metadata.metadata
+        elif record.opcode == Opcode.ATTACHMENT:
+            self.attachments += 1
 
     def take_described(self, item: Schema | Channel) -> None:
         """Process a schema or a channel; the first with a given number counts."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property, partial
@@ -12,11 +11,12 @@ from typing import TYPE_CHECKING, TypeVar
 from .. import topics as names
 from ..events import Event
 from .bag_folder import METADATA, bag_folder
+from .digests import DIGESTS, RunningDigests, differing, uncovered
 from .file import RecordingError, RecordingFile, Topic
 from .glance import glance
 from .joint_arrays import JointArrays, concatenate, decode
 from .schemas import ParameterChange, RunEvent, parse_event, parse_parameter_event
-from .writer import DIGESTS, END, PROVENANCE
+from .writer import END, PROVENANCE
 
 if TYPE_CHECKING:
     from ..values import Value
@@ -153,13 +153,33 @@ class Recording:
         """True if the recorder marked the run as complete, and nothing was altered."""
         return self._sound and self.end is not None and self.end.get("complete") == "true"
 
-    def altered_topics(self) -> list[str]:
-        """Return the topics whose messages differ from what the recorder wrote, by its digests."""
-        found = {topic: hashlib.blake2b(digest_size=16) for topic in self.digests}
-        for block in self.blocks(self.digests):
-            for topic, messages in block.items():
-                found[topic].update(b"".join(messages.bytes()))
-        return sorted(t for t, digest in self.digests.items() if found[t].hexdigest() != digest)
+    def alterations(self) -> list[str]:
+        """Return the topics and parts that differ from what the recorder wrote, by its digests."""
+        return differing(self.digests, self._digested)
+
+    def undigested(self) -> list[str]:
+        """Return the topics and parts that no digest of the recorder covers."""
+        return uncovered(self.digests, self.topics)
+
+    @cached_property
+    def _digested(self) -> dict[str, str]:
+        """The digests of what the file holds now."""
+        digests = RunningDigests()
+        for file in self._files:
+            digests.header(file.profile, file.library)
+            for channel in file.channels.values():
+                digests.channel(channel, file.schemas.get(channel.schema_id))
+            for name, values in file.metadata_records:
+                digests.metadata(name, values)
+            for _ in range(file.attachments):
+                digests.attachment()
+        for file, content in self._contents(list(self.topics)):
+            whole = content.messages(content.channels)
+            if whole is not None:
+                digests.heads(whole.heads())
+            for number, messages in content.channels.items():
+                digests.messages(file.channels[number].topic, b"".join(messages.bytes()))
+        return digests.values()
 
     @property
     def namespace(self) -> str:
@@ -168,8 +188,8 @@ class Recording:
         return next((t.removesuffix(suffix) for t in self.topics if t.endswith(suffix)), "")
 
     def topic(self, relative: str) -> str:
-        """Return the absolute name of a relative topic or node."""
-        return f"{self.namespace}/{relative}"
+        """Return the absolute name of a topic or node; an absolute one is returned as it is."""
+        return relative if relative.startswith("/") else f"{self.namespace}/{relative}"
 
     @property
     def controller(self) -> str | None:

@@ -12,11 +12,12 @@ from mcap.writer import Writer
 
 from ..whole_file import whole_file
 from .blocks import BLOCKS, ChecksumError, DamageError, Record, content_of, damaged, records
+from .digests import DIGESTS
 from .file import check_magic
 from .reader import RecordingError
 from .split import Content
 from .summary import read_summary
-from .writer import DIGESTS, END
+from .writer import END
 
 LIBRARY = "trunk_msgs_util recover"
 
@@ -153,10 +154,15 @@ class _Copy:
                 metadata = Metadata.read(record.stream)
                 if metadata.name == END:
                     self._end = metadata.metadata
-                elif metadata.name != DIGESTS or not self._recovery.lost:
-                    # Digests cover the whole run: after a loss they would flag what is left as altered.
+                elif metadata.name != DIGESTS:
                     self._writer.flush()
                     self._writer.add_metadata(metadata.name, metadata.metadata)
+                elif not self._recovery.lost:
+                    # Digests cover the whole run: after a loss they would flag what is left as altered.
+                    # The rest is not what it was: numbers of channels, the end record.
+                    topics = {k: v for k, v in metadata.metadata.items() if k.startswith("/")}
+                    self._writer.flush()
+                    self._writer.add_metadata(DIGESTS, topics)
         except Exception as error:  # whatever mcap may raise on a damaged record
             raise damaged(record, error) from None
 

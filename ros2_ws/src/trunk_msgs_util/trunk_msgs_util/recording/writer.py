@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
+import struct
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
+from .digests import DIGESTS, RunningDigests
 from .own_file import check_own, open_own
 from .schemas import definition
 
@@ -21,9 +24,11 @@ if not hasattr(Writer, "flush"):
 
 PROVENANCE = "trunk_provenance"
 END = "trunk_end"
-# By topic: BLAKE2b (16 bytes) over its messages in order.
-DIGESTS = "trunk_digests"
 
+_PROFILE, _LIBRARY = "ros2", f"trunk_msgs_util {LIBRARY_IDENTIFIER}"
+# Of a message record: opcode and length, then channel, sequence, log time, publish time.
+_HEAD = struct.Struct("<BQHIQQ")
+_HEAD_OF_RECORD = 9
 _COMPRESSIONS = {
     "zstd": CompressionType.ZSTD,
     "lz4": CompressionType.LZ4,
@@ -53,24 +58,26 @@ class RecordingWriter:
         )
         self._schemas: dict[str, int] = {}
         self._counts: dict[int, int] = {}
-        self._digests: dict[int, tuple[str, hashlib.blake2b]] = {}
+        self._topics: dict[int, str] = {}
+        self._digests = RunningDigests()
         self._failure: OSError | None = None
-        self._writer.start("ros2", f"trunk_msgs_util {LIBRARY_IDENTIFIER}")
+        self._writer.start(_PROFILE, _LIBRARY)
+        self._digests.header(_PROFILE, _LIBRARY)
 
     def channel(self, topic: str, type_name: str, qos: str = "") -> int:
         """Add a topic and return its channel; ``qos`` as rosbag2's ``offered_qos_profiles``."""
+        text = definition(type_name)
         if type_name not in self._schemas:
-            self._schemas[type_name] = self._writer.register_schema(
-                type_name, "ros2msg", definition(type_name)
-            )
-        channel = self._writer.register_channel(
-            topic,
-            "cdr",
-            self._schemas[type_name],
-            {"offered_qos_profiles": qos} if qos else {},
-        )
+            self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", text)
+        schema = self._schemas[type_name]
+        metadata = {"offered_qos_profiles": qos} if qos else {}
+        channel = self._writer.register_channel(topic, "cdr", schema, metadata)
         self._counts[channel] = 0
-        self._digests[channel] = (topic, hashlib.blake2b(digest_size=16))
+        self._topics[channel] = topic
+        self._digests.channel(
+            Channel(channel, topic, "cdr", metadata, schema),
+            Schema(schema, text, "ros2msg", type_name),
+        )
         return channel
 
     def write(self, channel: int, log_time_ns: int, publish_time_ns: int, cdr: bytes) -> None:
@@ -82,7 +89,11 @@ class RecordingWriter:
         except OSError as error:
             raise self._failed(error) from None
         self._counts[channel] = sequence + 1
-        self._digests[channel][1].update(cdr)
+        length = _HEAD.size - _HEAD_OF_RECORD + len(cdr)
+        self._digests.heads(
+            _HEAD.pack(Opcode.MESSAGE, length, channel, sequence, log_time_ns, publish_time_ns)
+        )
+        self._digests.messages(self._topics[channel], cdr)
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Write a record of names and values, after all messages so far."""
@@ -91,6 +102,7 @@ class RecordingWriter:
             self._writer.add_metadata(name, dict(data))
         except OSError as error:
             raise self._failed(error) from None
+        self._digests.metadata(name, data)
 
     def flush(self) -> None:
         """Finish the chunk and hand everything to the operating system: SIGKILL then loses nothing.
@@ -116,17 +128,15 @@ class RecordingWriter:
             raise self._failed(error) from None
 
     def finish(self, *, complete: bool, reason: str) -> None:
-        """Write the end record and the index, and close the file; a second call does nothing.
+        """Write the end record, the digests and the index, and close the file; a second call does nothing.
 
         Raises OSError, with the file closed, if a write has failed.
         """
         if self._file.closed:
             return
         try:
-            self.add_metadata(
-                DIGESTS, {topic: digest.hexdigest() for topic, digest in self._digests.values()}
-            )
             self.add_metadata(END, {"complete": str(complete).lower(), "reason": reason})
+            self.add_metadata(DIGESTS, self._digests.values())
             self._writer.finish()
             self._file.flush()
             self.check()

@@ -1,0 +1,82 @@
+"""What `verify` found: parts that were recomputed, what does not fit, what was not judged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from trunk_msgs_util.units import seconds
+
+from .bits import ulps
+from .replay import ACTIVE_CONTROLLERS, MISSING, UNEXPECTED, Checked, Difference
+
+VERIFIED, DIVERGES, UNJUDGED = 0, 1, 2
+
+
+@dataclass
+class Part:
+    """One kind of recomputation: how many steps were checked, over which time, and what differed."""
+
+    name: str
+    steps: int = 0
+    wrong_steps: int = 0
+    first: list[Difference] = field(default_factory=list)
+    from_ns: int | None = None
+    until_ns: int | None = None
+
+    def take(self, checked: Checked) -> None:
+        """Add some steps."""
+        self.steps += checked.steps
+        if self.from_ns is None:
+            self.from_ns = checked.stamp_ns
+        self.until_ns = checked.last_ns if checked.last_ns is not None else checked.stamp_ns
+        if checked.found:
+            self.wrong_steps += 1
+            self.first = self.first or list(checked.found)
+
+
+@dataclass
+class Verdict:
+    """What `verify` found.
+
+    ``altered``: what is not as the recorder wrote it, by its digests, even if no computed bit depends on it.
+    ``contradictions``: what the recording says of itself in two places that do not agree.
+    ``obstacles``: why the run cannot be judged as a whole. ``unjudged``: what no check looks at.
+    """
+
+    parts: list[Part] = field(default_factory=list)
+    altered: list[str] = field(default_factory=list)
+    contradictions: list[str] = field(default_factory=list)
+    obstacles: list[str] = field(default_factory=list)
+    unjudged: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    judged: str = ""  # the run in a few words
+
+    @property
+    def exit_code(self) -> int:
+        """0: verified, 1: something diverges, 2: nothing diverges but the run cannot be judged."""
+        if self.altered or self.contradictions or any(part.wrong_steps for part in self.parts):
+            return DIVERGES
+        return UNJUDGED if self.obstacles or not self.parts else VERIFIED
+
+    @property
+    def word(self) -> str:
+        """The verdict in a word or two."""
+        return ("verified", "diverges", "cannot be judged")[self.exit_code]
+
+
+def describe(difference: Difference) -> str:
+    """Return a difference as one line: where, both values, how far apart."""
+    at = f"t = {seconds(difference.stamp_ns):g} s: {difference.topic}"
+    if difference.field == MISSING:
+        return f"{at}: no message with this stamp"
+    if difference.field == UNEXPECTED:
+        return f"{at}: a message with this stamp, where none was to be sent"
+    if difference.field == ACTIVE_CONTROLLERS:
+        count = f"{difference.recorded:.0f} controllers are active by the run's events"
+        return f"t = {seconds(difference.stamp_ns):g} s: {count}, 1 gave a command"
+    distance = ulps(difference.recorded, difference.computed)
+    return (
+        f"{at}: {difference.field}: "
+        f"recorded {difference.recorded!r}, computed {difference.computed!r}"
+        + ("" if distance is None else f", {distance} ULP apart")
+    )
