@@ -12,6 +12,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from ..events import Event
 from ..parameters.declarations import ParameterError
+from ..printable import printable
 from ..process_id import process_id
 
 RCLError = rclpy_implementation.RCLError
@@ -111,13 +112,14 @@ class ManagedNode(LifecycleNode):
             machine, asked = self._state_machine, request.transition
             labels = {number: label for number, label, *_ in machine.transition_graph}
             self.get_logger().warning(
-                f"transition refused: {asked.label or labels.get(asked.id, asked.id)}; this node is "
+                f"transition refused: {printable(asked.label) or labels.get(asked.id, asked.id)}; "
+                "this node is "
                 f"{machine.current_state[1]}: "
                 f"{' or '.join(label for _, label, *_ in machine.available_transitions)} it"
             )
             response.success = False
         if self._refusal is not None:
-            self.get_logger().error(str(self._refusal))
+            self.get_logger().error(printable(str(self._refusal)))
             self._refusal = None
         return response
 

@@ -19,6 +19,7 @@ from .. import provenance, topics
 from ..events import ENDS, Event
 from ..parameters.config import RecorderConfig
 from ..parameters.declarations import ParameterError
+from ..printable import printable
 from ..process_id import process_id
 from ..recording.schemas import RunEvent, parse_event
 from ..recording.writer import PROVENANCE, RecordingWriter
@@ -90,7 +91,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         if config.lockstep:
             self.linger_s = _LINGER_S
             self._progress_timer = self.every(0.02, self._tell_progress)
-        self.get_logger().info(f"recording to {self._path}")
+        self.get_logger().info(f"recording to {printable(str(self._path))}")
 
     def _begin_file(self, writer: RecordingWriter) -> None:
         config = self.config
