@@ -47,13 +47,19 @@ class RunFiles:
     @classmethod
     def for_run(cls, plan: RunPlan, folder: Path | None = None) -> RunFiles:
         """Make the run's folder, by default a new one below ``runs``. Raises PlanError."""
+        given = folder
         if folder is None:
             stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
             place = plan.namespace.replace("/", "_")
             folder = Path("runs") / f"{stamp}_{plan.scenario}_{plan.controller_name}{place}"
         if (folder / "run.mcap").exists():
             raise PlanError(f"output {folder}: there is a run.mcap in it; give another folder")
-        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            if given is not None:
+                raise  # the error names it
+            raise PlanError(f"{folder}: {error.strerror}: give a folder with --output") from None
         return cls(folder)
 
     @property
