@@ -40,7 +40,7 @@ else
     stage 'pytest: the graph' "${run[@]}" -n "$((2 * $(nproc)))" -m graph --durations=8
 fi
 
-skipped=$(paste -sd';' "$TRUNK_SKIPPED" | sed 's/;/; /g')
+skipped=$(sort -u "$TRUNK_SKIPPED" | paste -sd';' | sed 's/;/; /g')
 [[ -z $skipped ]] || left="; skipped: $skipped$left"
 if ((${#failed[@]})); then
     printf '\ntest: FAILED:%s%s\n' "$(printf ' %s,' "${failed[@]}" | sed 's/,$//')" "$left" >&2

@@ -15,7 +15,7 @@ from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
 from ..recorded.run import RecordedRun
-from .consistency import begins_anew_ns, contradictions, failures
+from .consistency import contradictions, failures, shared_from_ns
 from .real_time import replay_torques
 from .replay import Checked, replay_controllers, replay_disturbance
 from .replay_plant import PlantReplay
@@ -84,13 +84,14 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         verdict.obstacles.append(
             f"the recorder was inactive from t = {seconds(until_ns):g} s: what follows is not judged"
         )
-    anew_ns = begins_anew_ns(run.table(t) for t in (topics.GROUND_TRUTH, topics.JOINT_STATES))
-    if anew_ns is not None:
+    shared_ns = shared_from_ns(run)
+    if shared_ns is not None:
         verdict.obstacles.append(
-            f"two simulators, or a run started anew: what follows t = {seconds(anew_ns):g} s is not judged"
+            "two simulators or controllers, or a run that was started anew: what follows "
+            f"t = {seconds(shared_ns):g} s is not judged"
         )
-        # The state at that time may have been answered by either run.
-        before_ns = anew_ns - run.config("simulator").period_ns
+        # The state at that time may have been answered by either.
+        before_ns = shared_ns - run.config("simulator").period_ns
         until_ns = before_ns if until_ns is None else min(until_ns, before_ns)
     elif (run.recording.end or {}).get("complete") == "true":
         verdict.contradictions += contradictions(run)
