@@ -2,7 +2,7 @@
 # Make .venv and build ros2_ws, or bring both up to date. Takes no time when nothing has changed; may be
 # interrupted, run again, and run twice at once.
 #
-# Without ROS 2, Jazzy comes from pinned wheels. Where ROS 2 Jazzy is sourced, that one is used and .venv
+# Without ROS 2, Jazzy comes from pinned wheels, each checked against its hash (docs/supply_chain.md). Where ROS 2 Jazzy is sourced, that one is used and .venv
 # only adds to it. $PYTHON chooses the interpreter, CPython 3.10 to 3.13. --no-dev leaves out what only the
 # tests need, for an image.
 set -euo pipefail
@@ -73,20 +73,18 @@ install_set() {
     local pins=requirements/$1.txt
     if [[ $ros == jazzy ]]; then # its messages are compiled for its own numpy
         pins=.venv/.pins-$1.txt
-        grep -v '^numpy==' "requirements/$1.txt" >"$pins"
+        sed '/^numpy==/,/[^\\]$/d' "requirements/$1.txt" >"$pins" # up to the last of its hashes
     fi
-    .venv/bin/python -m pip install --quiet --no-input --disable-pip-version-check -r "$pins" \
-        >.venv/.log 2>&1 && return
+    bash scripts/install.sh .venv/bin/python "$pins" .venv/.log && return
     rm -f .venv/.busy # pip ended by itself: what it did is whole
-    die "requirements/$1.txt could not be installed: $(grep -m 1 '^ERROR' .venv/.log || tail -n 1 .venv/.log);" \
-        "is the network there? Simply run this again (pip's words are in .venv/.log)"
+    die "requirements/$1.txt is not installed, see above"
 }
 
 install_pins() {
-    local set sets=(runtime ros build "${dev[@]}")
+    local set sets=(setuptools runtime ros build "${dev[@]}")
     if [[ $ros == jazzy ]]; then
         sets=(runtime "${dev[@]}")
-        .venv/bin/python -c 'import colcon, colcon_ros' 2>/dev/null || sets+=(build)
+        .venv/bin/python -c 'import colcon, colcon_ros' 2>/dev/null || sets+=(setuptools build)
     fi
     rm -f .venv/.installed
     : >.venv/.busy # stays when we are killed: .venv is then not trusted again
@@ -129,7 +127,7 @@ case $* in
     --no-dev) dev=() ;;
     *) die "what is '$*'? --no-dev is the one option" ;;
 esac
-pins=$(cat requirements/{runtime,ros,build}.txt "${dev[@]/#dev/requirements/dev.txt}" | sha256sum)
+pins=$(cat requirements/{setuptools,runtime,ros,build}.txt "${dev[@]/#dev/requirements/dev.txt}" | sha256sum)
 
 python=$(identify .venv/bin/python) || python=''
 if [[ -z $python || -n ${PYTHON:-} || $made != "$ros"\ * ]]; then python=$(find_python); fi
