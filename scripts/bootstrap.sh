@@ -2,9 +2,9 @@
 # Make .venv and build ros2_ws, or bring both up to date. Takes no time when nothing has changed; may be
 # interrupted, run again, and run twice at once.
 #
-# Without ROS 2, Jazzy comes from pinned wheels, each checked against its hash (docs/supply_chain.md). Where ROS 2 Jazzy is sourced, that one is used and .venv
-# only adds to it. $PYTHON chooses the interpreter, CPython 3.10 to 3.13. --no-dev leaves out what only the
-# tests need, for an image.
+# Without ROS 2, Jazzy comes from pinned wheels. Where ROS 2 Jazzy is sourced, that one is used and .venv
+# only adds to it. Every file that is installed has its hash in requirements/. $PYTHON chooses the
+# interpreter, CPython 3.10 to 3.13. --no-dev leaves out what only the tests need, for an image.
 set -euo pipefail
 cd -P "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
@@ -70,14 +70,14 @@ make_venv() {
 
 install_set() {
     say "installing requirements/$1.txt"
-    local pins=requirements/$1.txt
+    local pins=requirements/$1.txt wrong
     if [[ $ros == jazzy ]]; then # its messages are compiled for its own numpy
         pins=.venv/.pins-$1.txt
         sed '/^numpy==/,/[^\\]$/d' "requirements/$1.txt" >"$pins" # up to the last of its hashes
     fi
-    bash scripts/install.sh .venv/bin/python "$pins" .venv/.log && return
+    wrong=$(bash scripts/install.sh .venv/bin/python "$pins" .venv/.log 2>&1) && return
     rm -f .venv/.busy # pip ended by itself: what it did is whole
-    die "requirements/$1.txt is not installed, see above"
+    die "$wrong"
 }
 
 install_pins() {
