@@ -24,7 +24,9 @@ from licences import REQUIREMENTS, Package, installed, known, normal, report
 from packaging.requirements import Requirement
 
 SETS = "runtime", "ros"
-_LOCKED = re.compile(r"^([\w.-]+==[^\\\n]+?)\s*\\\n((?:\s+--hash=sha256:\w+\s*\\?\n)+)", re.MULTILINE)
+_LOCKED = re.compile(
+    r"^([\w.-]+==[^\\\n]+?)\s*\\\n((?:\s+--hash=sha256:\w+\s*\\?\n)+)", re.MULTILINE
+)
 Json = dict[str, Any]
 
 
@@ -72,7 +74,7 @@ def bundled(name: str) -> list[Json]:
 def completed(
     found: Json, locked: tuple[str, list[str]], package: Package, libraries: list[Json]
 ) -> Json:
-    """Return a component with hashes, licence and bundled libraries. Raises ValueError for another version."""
+    """Return a component with all that is added. Raises ValueError for another version."""
     version, digests = locked
     if found["version"] != version:
         raise ValueError(
