@@ -28,6 +28,7 @@ stage 'ruff check' ruff check
 stage 'ruff format' ruff format --check
 stage mypy mypy
 stage arrows lint-imports
+stage licences python scripts/licences.py
 if [[ ${1:-} == --quick ]]; then
     stage 'pytest: quick' "${run[@]}" -n auto -q -m 'not (graph or browser or slow)' "${@:2}"
     left='; not run: processes, browser, slow ones (scripts/test.sh)'
