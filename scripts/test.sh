@@ -28,6 +28,7 @@ stage 'ruff check' ruff check
 stage 'ruff format' ruff format --check
 stage mypy mypy
 stage arrows lint-imports
+stage licences python scripts/licences.py
 if [[ ${1:-} == --quick ]]; then
     stage 'pytest: quick' "${run[@]}" -n auto -q -m 'not (graph or browser or slow)' "${@:2}"
     left='; not run: processes, browser, slow ones (scripts/test.sh)'
@@ -40,7 +41,7 @@ else
     stage 'pytest: the graph' "${run[@]}" -n "$((2 * $(nproc)))" -m graph --durations=8
 fi
 
-skipped=$(paste -sd';' "$TRUNK_SKIPPED" | sed 's/;/; /g')
+skipped=$(sort -u "$TRUNK_SKIPPED" | paste -sd';' | sed 's/;/; /g')
 [[ -z $skipped ]] || left="; skipped: $skipped$left"
 if ((${#failed[@]})); then
     printf '\ntest: FAILED:%s%s\n' "$(printf ' %s,' "${failed[@]}" | sed 's/,$//')" "$left" >&2

@@ -54,7 +54,7 @@ def command(ctx: click.Context, run: Path, as_json: bool) -> None:
         ctx.exit(verdict.exit_code)
     click.echo(f"{run}: {verdict.word}")
     if verdict.judged:
-        click.echo(f"  {verdict.judged}")
+        click.echo(f"  judged: {verdict.judged}")
     for part in verdict.parts:
         outcome = f"{part.wrong_steps} diverge" if part.wrong_steps else "all equal to the last bit"
         click.echo(f"  {part.name}: {part.steps} steps checked, {outcome}")
