@@ -39,6 +39,8 @@ _MESSAGES: dict[str, type[Any]] = {
 _STAMP = struct.Struct("<iI")
 # What happened to the nodes, the recorder's own turns among it, is written while it is inactive too.
 _ALWAYS = (topics.RUN_PARAMETERS, topics.RUN_EVENTS)
+# One message for each state, by the simulator alone.
+_OF_STATES = (topics.GROUND_TRUTH, topics.JOINT_STATES)
 # Told to end, it goes on until nothing has come for this long.
 _QUIET_S = 0.3
 # ... but, where the run goes on without it, no longer than this.
@@ -271,6 +273,12 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         for topic in wanted:
             if self._counts[topic] < states:
                 return False, f"{topic}: {self._counts[topic]} of {states} messages were recorded"
+        for topic in _OF_STATES:
+            if self._counts[topic] > states:
+                return False, (
+                    f"{topic}: {self._counts[topic]} messages of {states} states: "
+                    "another node publishes there too"
+                )
         return self._taken() or (True, reason)
 
     def _taken(self) -> tuple[bool, str] | None:
