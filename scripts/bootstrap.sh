@@ -141,7 +141,8 @@ fi
     die '.venv was made for the ROS 2 Jazzy of this machine: source /opt/ros/jazzy/setup.bash first, or delete .venv'
 
 # ── the work, by one process at a time ─────────────────────────────────────────────────────────────────
-mkdir -p .venv
+mkdir -p .venv 2>/dev/null && [[ -w .venv && -w ros2_ws ]] ||
+    die "this checkout cannot be written to ($root), but .venv and the build go into it: give it write permission, or copy it"
 exec 9>>.venv/.lock
 flock -n 9 || { say 'waiting for another bootstrap of this checkout'; flock 9; }
 trap 'exit 130' INT TERM HUP

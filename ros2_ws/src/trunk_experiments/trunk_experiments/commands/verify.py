@@ -105,7 +105,7 @@ def command(
     if verdict.signature and (verdict.signature.trusted or verdict.signature.refuted):
         click.echo(f"  {verdict.signature.describe()}")
     if verdict.judged:
-        click.echo(f"  {verdict.judged}")
+        click.echo(f"  judged: {verdict.judged}")
     for part in verdict.parts:
         outcome = f"{part.wrong_steps} diverge" if part.wrong_steps else "all equal to the last bit"
         click.echo(f"  {part.name}: {part.steps} steps checked, {outcome}")

@@ -120,7 +120,8 @@ def _events(a: RecordedRun, b: RecordedRun) -> list[str]:
 def _events_by_node(run: RecordedRun) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for event in run.events:
-        values = "".join(f", {key} {value}" for key, value in event.values.items())
+        told = {key: value for key, value in event.values.items() if key != "process"}
+        values = "".join(f", {key} {value}" for key, value in told.items())
         text = f"{event.message} at t = {seconds(event.stamp_ns):g} s{values}"
         found.setdefault(event.node.removeprefix(run.recording.topic("")), []).append(text)
     return found

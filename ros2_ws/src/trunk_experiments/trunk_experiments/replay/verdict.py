@@ -102,6 +102,16 @@ class Verdict:
             return NOT_SIGNED
         return ("verified", "diverges", "cannot be judged")[self.exit_code]
 
+    @property
+    def reasons(self) -> list[str]:
+        """Why it is not verified, a line each; empty if it is."""
+        return [
+            *(f"altered: {what}" for what in self.altered),
+            *self.contradictions,
+            *self.obstacles,
+            *(f"{part.name}: {describe(part.first[0])}" for part in self.parts if part.first),
+        ]
+
 
 def describe(difference: Difference) -> str:
     """Return a difference as one line: where, both values, how far apart."""

@@ -35,6 +35,7 @@ __all__ = [
 # What determines the bits of sin, cos and exp, and of the noise.
 _ARITHMETIC = ("libm", "machine", "numpy")
 _PLANT = "states of the plant"
+_MODES = {"real_time": "in real time", "lockstep": "in lock-step", "offline": "offline"}
 
 
 def verify(recording: Recording) -> Verdict:
@@ -108,7 +109,8 @@ def _span(run: RecordedRun, until_ns: int | None) -> str:
     if not len(stamps):
         return "no state"
     first, last = (seconds(int(stamps[i])) for i in (0, -1))
-    return f"t = {first:g} to {last:g} s, {len(stamps)} states, {run.mode or 'unknown mode'}"
+    mode = _MODES.get(run.mode, f"mode {run.mode or 'unknown'}")
+    return f"t = {first:g} to {last:g} s, {len(stamps)} states, {mode}"
 
 
 def _unjudged(run: RecordedRun) -> list[str]:
