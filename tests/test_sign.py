@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import sys
+from dataclasses import replace
 
 import pytest
 from cryptography.hazmat.primitives import serialization as s
@@ -215,6 +216,24 @@ def test_a_truncated_run_is_told(signed, trunk):
     refused(trunk, "the content is not what it signed", "diverges")
 
 
+def write_anew(source, path, then=lambda writer, channels: None, **options):
+    """Copy a recording with mcap's writer; ``then`` writes more after the channels."""
+    with source.open("rb") as file, path.open("wb") as copy:
+        reader, writer = make_reader(file), Writer(copy, **options)
+        header, summary = reader.get_header(), reader.get_summary()
+        writer.start(header.profile, header.library)
+        for schema in summary.schemas.values():
+            writer.register_schema(schema.name, schema.encoding, schema.data)
+        for c in summary.channels.values():
+            writer.register_channel(c.topic, c.message_encoding, c.schema_id, c.metadata)
+        then(writer, {c.topic: c for c in summary.channels.values()})
+        for _, _, m in reader.iter_messages(log_time_order=False):
+            writer.add_message(m.channel_id, m.log_time, m.data, m.publish_time, m.sequence)
+        for record in reader.iter_metadata():
+            writer.add_metadata(record.name, record.metadata)
+        writer.finish()
+
+
 @pytest.mark.parametrize(
     "options",
     [
@@ -225,24 +244,23 @@ def test_a_truncated_run_is_told(signed, trunk):
     ids=["small chunks", "one chunk of LZ4", "no chunks"],
 )
 def test_written_anew_with_the_same_content_the_signature_holds(signed, original, trunk, options):
-    found = content(original)
-    with original.open("rb") as source, signed.open("wb") as file:
-        writer = Writer(file, **options)
-        writer.start(found.profile, found.library)
-        reader = make_reader(source)
-        summary = reader.get_summary()
-        for schema in summary.schemas.values():
-            writer.register_schema(schema.name, schema.encoding, schema.data)
-        for c in summary.channels.values():
-            writer.register_channel(c.topic, c.message_encoding, c.schema_id, c.metadata)
-        for _, _, m in reader.iter_messages(log_time_order=False):
-            writer.add_message(m.channel_id, m.log_time, m.data, m.publish_time, m.sequence)
-        for name, values in found.metadata:
-            writer.add_metadata(name, values)
-        writer.finish()
+    write_anew(original, signed, **options)
     assert signed.read_bytes() != original.read_bytes()
     code, out, err = trunk("verify", "run.mcap", "--key", "alice.pub")
     assert code == 0, out + err
+
+
+def test_a_channel_described_anew_does_not_pass_under_the_signature(signed, original, trunk):
+    """Other readers would take true states for measured ones."""
+
+    def swap(writer, channels):
+        measured, true = (channels[t] for t in ("/joint_states", "/ground_truth/joint_states"))
+        builder = getattr(writer, "_Writer__record_builder")  # noqa: B009
+        replace(measured, topic=true.topic).write(builder)
+        replace(true, topic=measured.topic).write(builder)
+
+    write_anew(original, signed, swap, use_chunking=False)
+    refused(trunk, "the content is not what it signed", "diverges")
 
 
 def test_what_no_digest_covers_is_neither_verified_nor_signed(signed, original, trunk):

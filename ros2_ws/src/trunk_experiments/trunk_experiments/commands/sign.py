@@ -27,7 +27,6 @@ from trunk_msgs_util.recording.signature import (
 from trunk_msgs_util.whole_file import whole_file
 
 from ..errors import NotSignedError, PlanError
-from ..replay.signed import reasons
 from ..replay.verify import VERIFIED, Verdict, verify
 from .common import check_output
 
@@ -137,7 +136,7 @@ def _check_content(recording: Recording) -> None:
 def _check_verdict(run: Path, verdict: Verdict, unverified: bool) -> None:
     if verdict.exit_code == VERIFIED:
         return
-    why = f"{run}: {verdict.word}: {'; '.join(reasons(verdict)) or 'nothing was recomputed'}"
+    why = f"{run}: {verdict.word}: {'; '.join(verdict.reasons) or 'nothing was recomputed'}"
     if not unverified:
         raise NotSignedError(f"{why}: it is not signed; --unverified signs it all the same")
     click.echo(f"trunk: warning: {why}: signed all the same", err=True)

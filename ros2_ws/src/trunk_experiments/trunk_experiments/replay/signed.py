@@ -52,13 +52,3 @@ def take_signature(verdict: Verdict, check: SignatureCheck) -> None:
         verdict.obstacles.append(
             f"{check.fault}: the signature cannot be judged; sign again, or move it away"
         )
-
-
-def reasons(verdict: Verdict) -> list[str]:
-    """Return what speaks against a verdict of verified, in short."""
-    return [
-        *(f"altered: {what}" for what in verdict.altered),
-        *(f"{part.name}: {part.wrong_steps} diverge" for part in verdict.parts if part.wrong_steps),
-        *verdict.contradictions,
-        *verdict.obstacles,
-    ]

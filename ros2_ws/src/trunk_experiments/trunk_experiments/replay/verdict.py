@@ -110,6 +110,7 @@ class Verdict:
             *self.contradictions,
             *self.obstacles,
             *(f"{part.name}: {describe(part.first[0])}" for part in self.parts if part.first),
+            *([self.signature.describe()] if self.signature and self.signature.refuted else []),
         ]
 
 
