@@ -24,6 +24,7 @@ _VERBS = {
     "plot": ("plot", "Draw recorded runs as PNG, SVG or PDF."),
     "diff": ("diff", "Find where two recorded runs diverge, bit by bit."),
     "verify": ("verify", "Recompute a recorded run from its own data."),
+    "sign": ("sign", "Sign a recording's content with your key; make a key."),
     "info": ("info", "Show what is in a recording."),
     "doctor": ("doctor", "Report what is wrong with a recording, and where."),
     "recover": ("recover", "Write a valid file from a broken one."),

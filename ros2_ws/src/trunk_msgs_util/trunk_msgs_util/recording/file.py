@@ -160,10 +160,14 @@ class RecordingFile:
             self.attachments += 1
 
     def take_described(self, item: Schema | Channel) -> None:
-        """Process a schema or a channel; the first with a given number counts."""
+        """Process a schema or a channel. Raises ValueError if its number has been described otherwise."""
+        known = (self.schemas if isinstance(item, Schema) else self.channels).get(item.id)
+        if known is not None and known != item:  # other readers may take the later one
+            raise ValueError(f"number {item.id} was described otherwise before")
         if isinstance(item, Schema):
-            self.schemas.setdefault(item.id, item)
-        elif self.channels.setdefault(item.id, item) is item:
+            self.schemas[item.id] = item
+        elif known is None:
+            self.channels[item.id] = item
             described = self.schemas.get(item.schema_id)
             self.topics.setdefault(item.topic, Topic(described.name if described else ""))
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 from .. import topics as names
 from ..events import Event
 from .bag_folder import METADATA, bag_folder
-from .digests import DIGESTS, RunningDigests, differing, uncovered
+from .digests import DIGESTS, RunningDigests, differing, uncoverable, uncovered
 from .file import RecordingError, RecordingFile, Topic
 from .glance import glance
 from .joint_arrays import JointArrays, concatenate, decode
@@ -155,14 +155,24 @@ class Recording:
 
     def alterations(self) -> list[str]:
         """Return the topics and parts that differ from what the recorder wrote, by its digests."""
-        return differing(self.digests, self._digested)
+        return differing(self.digests, self.digested)
 
     def undigested(self) -> list[str]:
         """Return the topics and parts that no digest of the recorder covers."""
-        return uncovered(self.digests, self.topics)
+        return uncovered(self.digests, self.topics) + self.undigestible()
+
+    def undigestible(self) -> list[str]:
+        """Return what no digest could cover."""
+        return uncoverable(self.topics, sum(file.attachments for file in self._files))
+
+    @property
+    def damage(self) -> list[str]:
+        """What keeps the files from being read to their end, or as many messages as counted."""
+        found = [f"{file.path.name}: {file.warning}" for file in self._files if file.warning]
+        return found or ([] if self._sound else [f"other messages than {METADATA} counts"])
 
     @cached_property
-    def _digested(self) -> dict[str, str]:
+    def digested(self) -> dict[str, str]:
         """The digests of what the file holds now."""
         digests = RunningDigests()
         for file in self._files:
