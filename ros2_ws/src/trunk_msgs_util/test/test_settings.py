@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from trunk_msgs_util.node.settings import SettingError, check
+from trunk_msgs_util.node.settings import SettingError, check, patience
 
 
 @pytest.fixture
@@ -54,3 +54,13 @@ def test_logs_that_go_elsewhere_need_no_home(tmp_path):
     check({"HOME": "/proc/none", "ROS_LOG_DIR": str(tmp_path / "logs")})
     with pytest.raises(SettingError, match="neither ROS_LOG_DIR nor HOME is set"):
         check({})
+
+
+@pytest.mark.parametrize("factor", ["abc", "0", "-1", "inf", "nan"])
+def test_a_patience_that_is_no_factor(home, factor):
+    with pytest.raises(SettingError, match=f"^TRUNK_PATIENCE={factor} is not allowed: a factor"):
+        check(home | {"TRUNK_PATIENCE": factor})
+
+
+def test_the_patience_of_nodes_that_end():
+    assert [patience({}), patience({"TRUNK_PATIENCE": "2.5"})] == [1.0, 2.5]

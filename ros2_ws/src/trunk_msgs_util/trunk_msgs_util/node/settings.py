@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from contextlib import suppress
+from math import inf
 from pathlib import Path
 
 from ..errors import TrunkError
@@ -21,6 +23,21 @@ def check(environment: Mapping[str, str] = os.environ) -> None:
     _check_domain(environment.get("ROS_DOMAIN_ID", ""))
     _check_range(environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", ""))
     _check_log_folder(environment)
+    patience(environment)
+
+
+def patience(environment: Mapping[str, str] = os.environ) -> float:
+    """Return by how much longer a node that ends waits for its recorder: TRUNK_PATIENCE, 1 by default.
+
+    Raises SettingError.
+    """
+    text = environment.get("TRUNK_PATIENCE") or "1"
+    with suppress(ValueError):
+        if 0.0 < float(text) < inf:
+            return float(text)
+    raise SettingError(
+        f"TRUNK_PATIENCE={text} is not allowed: a factor above 0 for slow machines, or unset it"
+    )
 
 
 def _check_domain(text: str) -> None:
