@@ -33,8 +33,13 @@ def write_run(path, stamps=range(20), value=float, end=True, provenance=True, pa
         data = parameter_event(0, f"/{node}", {"update_rate": 1000.0}, {})
         writer.write(channels[topics.RUN_PARAMETERS], 0, 0, data)
     for i, k in enumerate(stamps):
-        sample = JointSample(round(k * MS), ("hip", "trunk"), (0.5, value(k)))
+        both = (0.0, 0.0)
+        sample = JointSample(round(k * MS), ("hip", "trunk"), (0.5, value(k)), both, both)
         writer.write(channels[topics.GROUND_TRUTH], i, i, layout_of(sample).pack(sample))
+        seen = JointSample(i * MS, ("hip", "trunk"), both, both, both)
+        writer.write(channels[topics.JOINT_STATES], i, i, layout_of(seen).pack(seen))
+        command = JointSample(i * MS, ("trunk",), effort=(0.0,))
+        writer.write(channels[topics.EFFORT_COMMAND], i, i, layout_of(command).pack(command))
         state = JointSample(i * MS, topics.STATE_NAMES, (1.0,) * len(topics.STATE_NAMES))
         writer.write(channels["pid/state"], i, i, layout_of(state).pack(state))
         if i % 5 == 4:

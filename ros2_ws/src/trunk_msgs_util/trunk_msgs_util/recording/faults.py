@@ -10,6 +10,7 @@ from .joint_arrays import groups, misfit, sample
 from .limits import MAX_JOINTS, MAX_LAYOUTS, MAX_UNUSUAL, LimitError, check_table
 
 if TYPE_CHECKING:
+    from .joint_arrays import Integers
     from .joint_state_cdr import JointStateLayout
     from .messages import Messages
 
@@ -57,10 +58,17 @@ class JointCheck:
     def __init__(self) -> None:
         self._layouts: set[JointStateLayout] = set()
         self._names: set[str] = set()
+        self._last: JointStateLayout | None = None
         self._unusual = self._messages = self._size = 0
 
     def bad(self, messages: Messages) -> list[tuple[int, str]]:
         """Return the rows that cannot be read, and why. Raises LimitError for the whole topic."""
+        self._messages += len(messages)
+        sizes = messages.end - messages.start
+        self._size += int(sizes.sum())
+        check_table(self._messages, len(self._names), self._size)
+        if self._is_as_before(messages, sizes):
+            return []
         found, strange = groups(messages)
         bad: list[tuple[int, str]] = []
         for layout, rows in found:
@@ -70,6 +78,8 @@ class JointCheck:
             elif layout not in self._layouts:
                 self._layouts.add(layout)
                 self._names.update(layout.name)
+            if not why:
+                self._last = layout
         self._unusual += len(strange)
         if self._unusual > MAX_UNUSUAL:
             raise LimitError(
@@ -84,7 +94,14 @@ class JointCheck:
             raise LimitError(f"its messages have more than {MAX_LAYOUTS} layouts")
         if len(self._names) > MAX_JOINTS:
             raise LimitError(f"its messages name more than {MAX_JOINTS} joints")
-        self._messages += len(messages)
-        self._size += int((messages.end - messages.start).sum())
         check_table(self._messages, len(self._names), self._size)
         return sorted(bad)
+
+    def _is_as_before(self, messages: Messages, sizes: Integers) -> bool:
+        """Return True if all messages have the layout of the ones before: most do."""
+        layout = self._last
+        return (
+            layout is not None
+            and bool((sizes == layout.size).all())
+            and bool(layout.fits(messages.data, messages.start).all())
+        )

@@ -181,7 +181,7 @@ class Recording:
                 found[topic].update(b"".join(messages.bytes()))
         return sorted(t for t, digest in self.digests.items() if found[t].hexdigest() != digest)
 
-    @property
+    @cached_property
     def namespace(self) -> str:
         """The namespace of the run, as ``/robot``; empty for the root."""
         suffix = f"/{names.GROUND_TRUTH}"
@@ -194,18 +194,19 @@ class Recording:
     @property
     def controller(self) -> str | None:
         """The node whose ``~/state`` was recorded; of several, the one with most messages."""
-        counts = self._controllers()
+        counts = self._controllers
         return max(counts, key=lambda name: counts[name], default=None)
 
     @property
     def controllers(self) -> list[str]:
         """All nodes whose ``~/state`` was recorded, in the plan's order."""
-        counts = self._controllers()
+        counts = self._controllers
         planned = self.provenance.get("controller", "").split()
         return sorted(
             counts, key=lambda name: planned.index(name) if name in planned else len(planned)
         )
 
+    @cached_property
     def _controllers(self) -> dict[str, int]:
         prefix, suffix = self.topic(""), "/state"
         return {
