@@ -17,3 +17,5 @@ for set in runtime ros build cluster dev; do
 done
 "${compile[@]}" --no-deps "$@" bench.in -o bench.txt
 sed -i '1i # pip install --no-deps -r requirements/bench.txt' bench.txt
+"${compile[@]}" --no-deps "$@" fuzz.in -o fuzz.txt
+sed -i '1i # pip install --no-deps -r requirements/fuzz.txt' fuzz.txt

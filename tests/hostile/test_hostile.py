@@ -6,11 +6,14 @@ import signal
 import struct
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
 
 from ..graph.processes import Child, Children, until
+from .corpus import ARCHIVE
+from .fuzz import readers
 from .mcap_bytes import MAGIC, header
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -52,3 +55,13 @@ def test_a_signal_ends_a_verb_in_a_long_file(children: Children, tmp_path, verb,
     assert child.stop(number) == 128 + number, child.stderr
     assert child.stderr.splitlines()[-1:] == ["interrupted"]
     assert {one.name for one in tmp_path.iterdir() if "mcap" in one.name} == {"long.mcap"}
+
+
+def test_the_fuzzers_corpus_is_read_or_refused(tmp_path):
+    """Every file with which fuzzing reached new code: read to its end, or a TrunkError."""
+    read = readers()
+    with zipfile.ZipFile(ARCHIVE) as packed:
+        names = packed.namelist()
+        for name in names:
+            read(packed.read(name), tmp_path / "a.mcap")
+    assert len(names) > 50
