@@ -26,3 +26,5 @@ done
 "${compile[@]}" --generate-hashes --no-deps --constraint "$folder/bench-pins.txt" bench.in -o "$folder/bench.txt"
 for set in "${sets[@]}" bench; do mv "$folder/$set.txt" "$set.txt"; done
 sed -i '1i # pip install --no-deps -r requirements/bench.txt' bench.txt
+"${compile[@]}" --no-deps "$@" fuzz.in -o fuzz.txt
+sed -i '1i # pip install --no-deps -r requirements/fuzz.txt' fuzz.txt

@@ -17,8 +17,8 @@ import yaml
 
 from ..errors import TrunkError
 from ..whole_file import whole_file
+from ..yaml_text import YamlTextError, load
 from .declarations import Value, unknown_name
-from .yaml_text import YamlTextError, load
 
 
 class ParameterFileError(TrunkError):
