@@ -35,6 +35,8 @@ if [[ ${1:-} == --quick ]]; then
 elif (($#)); then
     stage pytest python -m pytest "$@"
 else
+    # colcon finds and runs each package's pytest: a few tests of each, as pytest below runs them all.
+    stage 'colcon test: a few' bash scripts/colcon_test.sh -q -k 'test_units or test_config or test_timeline'
     bash scripts/browser.sh >/dev/null || true # says why, and its tests are skipped
     stage 'pytest: in one process' "${run[@]}" -n auto -m 'not graph' --durations=8
     # Processes wait for each other more than they work: two tests at once for each core.
