@@ -41,6 +41,7 @@ def base_plan(duration: float, rate: float = 500.0) -> RunPlan:
             "simulator.sensor.velocity_noise=0.002",
             f"simulator.sensor.delay={2.0 / rate}",
             "simulator.fall.angle=0.5",
+            "simulator.substeps=1",
             f"disturbance.pulse.start_times=[{0.45 * at}]",
             f"disturbance.pulse.duration={0.2 * at}",
             "disturbance.noise.rms=0.05",
