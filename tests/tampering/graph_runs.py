@@ -87,6 +87,7 @@ def run(plan: RunPlan, path: Path, actions: Sequence[Action] = ()) -> bool:
         while todo and simulator._running and simulator.run_stamp_ns >= todo[0].stamp_ns:
             action = todo.pop(0)
             action.do(nodes[action.node])
+            executor._collect()  # a transition may have destroyed topics
     finished = simulator.exit_code == 0
     _end(list(nodes.values()), executor)
     return finished

@@ -1,10 +1,117 @@
-"""What `trunk verify` lets pass although the digests were written anew, and why."""
+"""What `trunk verify` lets pass although the digests were written anew, and why.
+
+A pattern matches an edit's whole name: the base, the kind, what is edited. An edit that is refused must not be
+in here: the list is to say what is let pass, no more.
+"""
 
 from __future__ import annotations
 
 import re
 
-LET_PASS: tuple[tuple[str, str], ...] = ()
+_ANY = "(offline|lockstep|real_time)"
+_GRAPH = "(lockstep|real_time)"
+_PARAMETER = r"parameter: {}, (set|changed), another value \(\d\)"
+
+LET_PASS: tuple[tuple[str, str], ...] = (
+    (
+        rf"{_ANY}: origin: (started_utc|commit|trunk_\w+|numpy|numba|rosbags|libm|machine|python|platform|host"
+        r"|ros_distro), .*",
+        "origin: where and by which version it was recorded; digests alone cover it",
+    ),
+    (rf"{_ANY}: origin: a key more", "origin: a note more; digests alone cover it"),
+    ("offline: origin: scenario, .*", "origin: an offline run has its scenario's name nowhere else"),
+    (f"{_GRAPH}: origin: rmw, .*", "origin: which middleware carried the messages"),
+    (
+        rf"{_ANY}: bytes: \S+ one message with a tail",
+        "bytes after a message's end: middleware leaves some there, no reader looks at them",
+    ),
+    (
+        rf"{_ANY}: order: \S+ after all others|{_ANY}: order across topics: .*",
+        "order across topics: in simulated time stamps give it, in real time log times",
+    ),
+    (
+        "offline: event moved: .*|offline: parameters' message: .*, to the end",
+        "order in an offline file: stamps give it; of one node and one stamp it stays as it is",
+    ),
+    (rf"{_ANY}: topics: all in a namespace, nodes too", "a namespace is a name"),
+    (
+        rf"{_ANY}: event doubled: /(fuzzy_pid|simulator) reset, .*",
+        "a second reset between the same two states has no effect",
+    ),
+    (
+        rf"{_ANY}: event added: (fuzzy_pid|pid|simulator) (reset|activated|deactivated) at the end",
+        "an event stamped with the last state: it takes effect after the run",
+    ),
+    (
+        rf"{_ANY}: event added: fuzzy_pid reset half way",
+        "a reset of a controller while another acts: it starts from nothing anyway",
+    ),
+    (
+        rf"{_ANY}: " + _PARAMETER.format(r"\w+\.autostart"),
+        "autostart: who makes the node active; its events say that it was",
+    ),
+    (
+        "offline: " + _PARAMETER.format(r"\w+\.lockstep\.enabled"),
+        "lockstep.enabled: an offline run has no nodes that could wait",
+    ),
+    (
+        rf"{_ANY}: "
+        + _PARAMETER.format(
+            r"simulator\.(wait_for|controllers|lockstep\.(timeout|speed|window)|publish_clock)"
+        ),
+        "waiting, pace and clock of the simulator: no bit of a state or command depends on them",
+    ),
+    (
+        rf"{_ANY}: " + _PARAMETER.format(r"simulator\.command_timeout"),
+        "command_timeout: nothing was older than the one or the other",
+    ),
+    (
+        rf"{_ANY}: " + _PARAMETER.format(r"simulator\.max_effort"),
+        "max_effort: no command came near it",
+    ),
+    (
+        rf"{_ANY}: " + _PARAMETER.format(r"(fuzzy_pid|pid)\.(u_clamp_m\w\w|i_clamp_m\w\w)"),
+        "a limit that was not reached",
+    ),
+    (
+        rf"{_ANY}: "
+        + _PARAMETER.format(r"(fuzzy_pid|pid)\.(antiwindup_strategy|tracking_time_constant)"),
+        "anti-windup: no command was limited",
+    ),
+    (
+        rf"{_ANY}: " + _PARAMETER.format(r"(fuzzy_pid|pid)\.handover\.max_step"),
+        "handover.max_step: the takeovers made no such step",
+    ),
+    (
+        rf"{_ANY}: "
+        + _PARAMETER.format(
+            r"(fuzzy_pid\.reference\.(initial|step_time)"
+            r"|pid\.reference\.(profile|initial|step_time|amplitude|frequency))"
+        ),
+        "the reference's values that its profile does not use, or with which it is 0 as before",
+    ),
+    (
+        rf"{_ANY}: " + _PARAMETER.format(r"pid\.derivative_mode"),
+        "derivative_mode: of a constant reference, error and measurement have the same derivative",
+    ),
+    (
+        "(offline|real_time): " + _PARAMETER.format(r"pid\.update_rate"),
+        "update_rate: an update is due at every state at either rate",
+    ),
+    (
+        rf"{_ANY}: " + _PARAMETER.format(r"(fuzzy_pid|pid)\.active\.times"),
+        "active.times: the events say who acted when; whether a schedule or a user asked is not told",
+    ),
+    (
+        rf"{_ANY}: " + _PARAMETER.format(r"disturbance\.sine\.(channel|frequency|phase)"),
+        "a sine of amplitude 0",
+    ),
+    (
+        rf"{_GRAPH}: "
+        + _PARAMETER.format(r"recorder\.(output|overwrite|compression|flush_interval|lockstep\.topics)"),
+        "how the recorder writes: the file is there, and whole",
+    ),
+)
 
 
 def reason_for(name: str) -> str:

@@ -152,8 +152,9 @@ def layouts(run: RecordedRun) -> dict[str, JointStateLayout]:
     found = {
         topics.GROUND_TRUTH: JointStateLayout(joints, 2, 2, 2),
         topics.JOINT_STATES: JointStateLayout(joints, 2, 2, 2),
-        topics.DISTURBANCE: JointStateLayout(joints, 2, 0, 2),
     }
+    if run.count(topics.DISTURBANCE):
+        found[topics.DISTURBANCE] = JointStateLayout(run.config("disturbance").joints, 2, 0, 2)
     for name in run.controllers:
         if name in CONTROLLERS:
             joint = run.config(name).joint

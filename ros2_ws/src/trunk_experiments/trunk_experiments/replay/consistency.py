@@ -196,19 +196,31 @@ def _terms(run: RecordedRun) -> Iterator[str]:
                 f"{relative}: {len(alone)} records without a command, the first at "
                 f"t = {seconds(int(alone[0])):g} s"
             )
-    if run.exact and run.count(topics.DISTURBANCE):
-        disturbances = run.table(topics.DISTURBANCE)
-        period = run.config("simulator").period_ns
-        truth = run.table(topics.GROUND_TRUTH).stamp_ns
-        wanted = np.append(truth, truth[-1] + period) if len(truth) else truth
-        if len(truth) and not np.isin(wanted[-1], disturbances.stamp_ns):
-            yield f"{topics.DISTURBANCE}: none for the step after the last state"
-        odd = np.setdiff1d(disturbances.stamp_ns, wanted)
-        if len(odd):
-            yield (
-                f"{topics.DISTURBANCE}: {len(odd)} messages for no state of the run, the first at "
-                f"t = {seconds(int(odd[0])):g} s"
-            )
+    for name in run.controllers:
+        # Each publisher's commands stay in order, whatever comes between them.
+        told = np.isin(commands.stamp_ns, run.table(topics.controller_state(name)).stamp_ns)
+        if run.mode == "offline":
+            told[:] = True
+        yield from _once(topics.EFFORT_COMMAND, commands.stamp_ns[told])
+    if run.count(topics.DISTURBANCE):
+        yield from _disturbances(run)
+
+
+def _disturbances(run: RecordedRun) -> Iterator[str]:
+    """Yield disturbances for no state and no next one, and where the last one is missing."""
+    stamps = run.table(topics.DISTURBANCE).stamp_ns
+    truth = run.table(topics.GROUND_TRUTH).stamp_ns
+    period = run.config("disturbance").period_ns
+    if not len(truth):
+        return
+    if run.exact and truth[-1] + period not in stamps:
+        yield f"{topics.DISTURBANCE}: none for the step after the last state"
+    odd = np.setdiff1d(stamps, np.concatenate([truth, truth + period]))
+    if len(odd):
+        yield (
+            f"{topics.DISTURBANCE}: {len(odd)} messages for no state of the run, the first at "
+            f"t = {seconds(int(odd[0])):g} s"
+        )
 
 
 def _once(relative: str, stamps: Integers) -> Iterator[str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,6 +52,7 @@ _TURNS = {
     (_INACTIVE, Event.CLEANED_UP): _UNCONFIGURED,
 }
 _TRANSITIONS = {event for _, event in _TURNS}
+_FROM_OUTSIDE = {Event.RETUNED, Event.RESET, Event.ACTIVATED, Event.DEACTIVATED}
 _ANYWHERE = {Event.RETUNED, Event.FAILED, Event.PUBLISHED}
 _PUBLISHES = {
     "simulator": (topics.GROUND_TRUTH, topics.JOINT_STATES),
@@ -126,12 +128,13 @@ def _stamps(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
     before = -1
     for event in told:
         at, what = event.stamp_ns, f"run/events: {event.message!r} of {node}"
-        # One that joins a run under way says so just before the first state that it sees.
-        joins = node in CONTROLLERS and event.message == Event.ACTIVATED and (at + 1) % period == 0
-        after_joining = node in CONTROLLERS and (at + 1) % period == 0
-        if at != -1 and at % period and not (joins or after_joining):
+        # A controller that joins a run under way begins just before the first state that it sees.
+        joins = node in CONTROLLERS and (at + 1) % period == 0
+        if at != -1 and at % period and not joins:
             yield f"{what} at t = {at} ns, where there is no state"
-        if at < -1 or at > last:
+        # What an offline run was to do after its end has no effect.
+        never = run.mode == "offline" and event.message in _FROM_OUTSIDE
+        if at < -1 or (at > last and not never):
             yield f"{what} at t = {seconds(at):g} s, outside of the run"
         if run.mode != "offline":
             if event.message == Event.CONFIGURED:
@@ -259,6 +262,8 @@ def _end(run: RecordedRun) -> Iterator[str]:
     reason = ends[0].values.get("reason")
     wanted = step_count(config.duration, config.update_rate) if config.duration else None
     fell = [e.stamp_ns for e in run.events if e.node == name and e.message == Event.FELL]
+    if any(after <= before for before, after in pairwise(fell)):
+        yield "run/events: two falls in one state, or out of order"
     by_fall = config.fall_stop and bool(fell) and fell[-1] == last
     expected = (
         "the trunk has fallen" if by_fall else "finished" if wanted is not None else "stopped on request"
