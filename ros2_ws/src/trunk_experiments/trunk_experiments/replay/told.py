@@ -180,7 +180,7 @@ def _offline(node: str, told: list[RunEvent]) -> Iterator[str]:
     """Yield events that only nodes of a graph send, and turns without effect."""
     for event in told:
         if event.message in {Event.READY, Event.PUBLISHED, Event.PAUSED, Event.RESUMED,
-                             Event.CONFIGURED, Event.CLEANED_UP}:  # fmt: skip
+                             Event.CONFIGURED}:  # fmt: skip
             yield f"run/events: {event.message!r} of {node} in an offline run"
         if event.message in _TRANSITIONS and node not in CONTROLLERS:
             yield f"run/events: {event.message!r} of {node} in an offline run"
@@ -207,7 +207,7 @@ def _acting(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
                 "which it was already"
             )
         if active:
-            since = event.stamp_ns if since is None else since
+            since = event.stamp_ns
         elif since is not None:
             acting |= (stamps > since) & (stamps <= event.stamp_ns)
             since = None
