@@ -92,8 +92,14 @@ def _of_one(what: str, number: int, keys: tuple[str, ...], period: int) -> Itera
         value.status.append(status)
 
     for key in keys:
-        yield Edit("event's values", f"{what}, another {key}", partial(with_status, partial(other_value, key)))
-        yield Edit("event's values", f"{what}, without {key}", partial(with_status, partial(without, key)))
+        yield Edit(
+            "event's values",
+            f"{what}, another {key}",
+            partial(with_status, partial(other_value, key)),
+        )
+        yield Edit(
+            "event's values", f"{what}, without {key}", partial(with_status, partial(without, key))
+        )
     changes: dict[str, Callable[[Any, Any], object]] = {
         "a value more": lambda _, status: status.values.append(pair("more", "1")),
         "of another node": other_node,
@@ -111,9 +117,7 @@ def _of_one(what: str, number: int, keys: tuple[str, ...], period: int) -> Itera
 
 def _all() -> Iterator[Edit]:
     def keep(wanted: Callable[[Any], bool], found: Content) -> None:
-        found.messages = [
-            m for m in found.messages if m[0] != EVENTS or wanted(parse_event(m[2]))
-        ]
+        found.messages = [m for m in found.messages if m[0] != EVENTS or wanted(parse_event(m[2]))]
         renumber(found)
 
     yield Edit("events", "all removed", partial(keep, lambda told: False))

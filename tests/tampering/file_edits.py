@@ -12,7 +12,18 @@ from trunk_msgs_util.recording.writer import END, PROVENANCE
 
 from ..edited import Content
 from .joint_edits import COMMANDS, DISTURBANCE, LOOP, MEASURED, TRUTH, at
-from .messages import EVENTS, LOG, PARAMETERS, PUBLISH, Edit, parsed, put, renumber, sample_of, store
+from .messages import (
+    EVENTS,
+    LOG,
+    PARAMETERS,
+    PUBLISH,
+    Edit,
+    parsed,
+    put,
+    renumber,
+    sample_of,
+    store,
+)
 
 _MODES = ("offline", "lockstep", "real_time")
 

@@ -39,7 +39,9 @@ class Action(NamedTuple):
 
 def retune(stamp_ns: int, node: str, values: Mapping[str, Value]) -> Action:
     """Change parameters together; a set that is refused changes nothing."""
-    changed = [Parameter(n, value=list(v) if isinstance(v, tuple) else v) for n, v in values.items()]
+    changed = [
+        Parameter(n, value=list(v) if isinstance(v, tuple) else v) for n, v in values.items()
+    ]
     return Action(stamp_ns, node, lambda it: it.set_parameters_atomically(changed))
 
 

@@ -29,7 +29,6 @@ from trunk_sim.simulation import DivergedError
 from .graph_runs import Action, for_graph, pause, reset, retune, run, transition
 
 
-
 class Run(NamedTuple):
     """An honest run and what `verify` says of it."""
 

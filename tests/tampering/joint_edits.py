@@ -251,5 +251,3 @@ def _count(topic: str) -> Iterator[Edit]:
     yield Edit("order", f"{topic} backwards", partial(edit, backwards))
     yield Edit("order", f"{topic} the last one first", partial(edit, last_first))
     yield Edit("order", f"{topic} after all others", partial(edit, to_the_end))
-
-

@@ -48,9 +48,7 @@ def _listed(value: Any) -> list[Any]:
     return value.new_parameters or value.changed_parameters
 
 
-def _of_parameter(
-    what: str, number: int, place: int, declared: Declaration
-) -> Iterator[Edit]:
+def _of_parameter(what: str, number: int, place: int, declared: Declaration) -> Iterator[Edit]:
     def edit(change: Callable[[list[Any], Any], object], found: Content) -> object:
         message = found.of(PARAMETERS)[number]
         value = parsed(message)
@@ -78,7 +76,9 @@ def _of_parameter(
         parameter.value.string_value += "x"
 
     for which in range(3):
-        yield Edit("parameter", f"{what}, another value ({which})", partial(edit, partial(other, which)))
+        yield Edit(
+            "parameter", f"{what}, another value ({which})", partial(edit, partial(other, which))
+        )
     changes: dict[str, Callable[[list[Any], Any], object]] = {
         "removed": lambda listed, one: listed.remove(one),
         "renamed": lambda _, one: setattr(one, "name", one.name + "_"),
@@ -177,6 +177,8 @@ def _of_message(what: str, number: int, period: int) -> Iterator[Edit]:
     yield Edit(kind, f"{what}, order of parameters", partial(inside, turned))
     yield Edit(kind, f"{what}, in the other list", partial(inside, other_list))
     yield Edit(kind, f"{what}, of another node", partial(inside, other_node))
-    yield Edit(kind, f"{what}, of an unknown node", partial(inside, lambda v: setattr(v, "node", "/other")))
+    yield Edit(
+        kind, f"{what}, of an unknown node", partial(inside, lambda v: setattr(v, "node", "/other"))
+    )
     deleted = partial(inside, lambda v: v.deleted_parameters.extend(_listed(v)[:1]))
     yield Edit(kind, f"{what}, one deleted too", deleted)

@@ -90,8 +90,10 @@ def _controllers(run: RecordedRun) -> tuple[str, ...]:
     """Return the controllers whose terms the recorder has a channel for."""
     told = run.parameters.get("recorder", {}).get("controllers")
     planned = tuple(told) if isinstance(told, tuple) else ()
-    return planned or tuple(run.recording.provenance.get("controller", "").split()) or tuple(
-        run.controllers
+    return (
+        planned
+        or tuple(run.recording.provenance.get("controller", "").split())
+        or tuple(run.controllers)
     )
 
 

@@ -57,7 +57,7 @@ _ANYWHERE = {Event.RETUNED, Event.FAILED, Event.PUBLISHED}
 _PUBLISHES = {
     "simulator": (topics.GROUND_TRUTH, topics.JOINT_STATES),
     "disturbance": (topics.DISTURBANCE,),
-    **{name: (topics.EFFORT_COMMAND, topics.controller_state(name)) for name in CONTROLLERS},
+    **{name: (topics.controller_state(name), topics.EFFORT_COMMAND) for name in CONTROLLERS},
 }
 
 
@@ -69,7 +69,9 @@ def untellable(run: RecordedRun) -> list[str]:
     found: list[str] = []
     for node, told in by_node.items():
         if node not in NODES or node not in run.parameters:
-            found.append(f"run/events: {told[0].message!r} of {node}, whose parameters are not recorded")
+            found.append(
+                f"run/events: {told[0].message!r} of {node}, whose parameters are not recorded"
+            )
             continue
         found += [line for event in told for line in _content(run, node, event)]
         found += _stamps(run, node, told)
@@ -80,14 +82,14 @@ def untellable(run: RecordedRun) -> list[str]:
         if node in CONTROLLERS:
             found += _acting(run, node, told)
         if node == "simulator":
-            found += _pauses(told)
+            found += _pauses(run, told)
     if run.mode != "offline":
         found += [
             f"run/events: {node} was never configured"
             for node in run.parameters
             if node in NODES and node not in by_node
         ]
-    return [*found, *_end(run), *_parameters(run), *_origin(run)]
+    return [*found, *_end(run), *_rates(run), *_parameters(run), *_origin(run)]
 
 
 def _content(run: RecordedRun, node: str, event: RunEvent) -> Iterator[str]:
@@ -147,6 +149,8 @@ def _stamps(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
 def _lifecycle(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
     """Yield what a node in a graph cannot have said in its state."""
     state, ready, begun = _UNCONFIGURED, False, False
+    configured = activated = False
+    scheduled = node in CONTROLLERS and bool(run.config(node).active_times)
     period = run.config("simulator").period_ns
     for event in told:
         what = f"run/events: {event.message!r} of {node} at t = {seconds(event.stamp_ns):g} s"
@@ -164,16 +168,23 @@ def _lifecycle(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[st
                 yield f"{what}, which was {state}"
             state = after or state
             if event.message == Event.CONFIGURED:
-                ready, begun = False, False
+                ready, begun, configured = False, False, True
+            activated = activated or event.message == Event.ACTIVATED
         elif event.message not in _ANYWHERE and state == _UNCONFIGURED:
             yield f"{what}, which was not configured"
+        if not configured and event.stamp_ns != -1:
+            yield f"{what}, before it was configured"
         if event.message == Event.READY:
             if ready:
                 yield f"{what}: it was ready before"
+            if not activated and not scheduled:
+                yield f"{what}, before it was active"
             ready = True
         if event.message == Event.STARTED and (state != _ACTIVE or event.stamp_ns != -1):
             yield f"{what}: a run is started before its first state, by an active simulator"
         begun = begun or event.stamp_ns >= 0
+    if not activated and (node == "recorder" or run.count(_PUBLISHES[node][0])):
+        yield f"run/events: {node} was never active"
 
 
 def _offline(node: str, told: list[RunEvent]) -> Iterator[str]:
@@ -237,14 +248,21 @@ def _schedule(run: RecordedRun, node: str, turns: list[RunEvent]) -> Iterator[st
             yield f"run/events: {node} was to become {word} at t = {seconds(time_ns):g} s and did not"
 
 
-def _pauses(told: list[RunEvent]) -> Iterator[str]:
-    """Yield a pause in a pause, or an end of none."""
-    paused = False
+def _pauses(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
+    """Yield a pause in a pause, an end of none, and one in which simulated time goes on."""
+    since: int | None = None
     for event in told:
-        if event.message in (Event.PAUSED, Event.RESUMED):
-            if paused == (event.message == Event.PAUSED):
-                yield f"run/events: {event.message!r} at t = {seconds(event.stamp_ns):g} s twice"
-            paused = event.message == Event.PAUSED
+        if event.message not in (Event.PAUSED, Event.RESUMED):
+            continue
+        what = f"run/events: {event.message!r} at t = {seconds(event.stamp_ns):g} s"
+        if (since is None) != (event.message == Event.PAUSED):
+            yield f"{what} twice"
+        elif since not in (None, event.stamp_ns):
+            yield f"{what}, after a pause at t = {seconds(since or 0):g} s"
+        since = event.stamp_ns if event.message == Event.PAUSED else None
+    last = run.table(topics.GROUND_TRUTH).stamp_ns.max(initial=-1)
+    if since is not None and last > since:
+        yield f"run/events: paused at t = {seconds(since):g} s and not resumed, but states go on"
 
 
 def _end(run: RecordedRun) -> Iterator[str]:
@@ -266,7 +284,11 @@ def _end(run: RecordedRun) -> Iterator[str]:
         yield "run/events: two falls in one state, or out of order"
     by_fall = config.fall_stop and bool(fell) and fell[-1] == last
     expected = (
-        "the trunk has fallen" if by_fall else "finished" if wanted is not None else "stopped on request"
+        "the trunk has fallen"
+        if by_fall
+        else "finished"
+        if wanted is not None
+        else "stopped on request"
     )
     if reason != expected:
         yield f"run/events: ended as {reason!r}; by parameters and states it is {expected!r}"
@@ -277,6 +299,15 @@ def _end(run: RecordedRun) -> Iterator[str]:
         )
     if config.fall_stop and any(stamp < last for stamp in fell):
         yield "run/events: fall.stop is set, but the run goes on after a fall"
+
+
+def _rates(run: RecordedRun) -> Iterator[str]:
+    """Yield controllers that a plant in lock-step would have refused."""
+    period_ns = run.config("simulator").period_ns
+    for name in run.controllers if run.mode == "lockstep" else ():
+        ratio = run.config(name).period_ns / period_ns
+        if ratio <= 0.999 or abs(ratio - round(ratio)) >= 1e-3:
+            yield f"{name}: update_rate is not an integer divisor of the simulator's, in lock-step"
 
 
 def _parameters(run: RecordedRun) -> Iterator[str]:
