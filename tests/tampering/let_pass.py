@@ -34,7 +34,10 @@ LET_PASS: tuple[tuple[str, str], ...] = (
         "order across topics: in simulated time stamps give it, in real time log times",
     ),
     (
-        "offline: event moved: .*|offline: parameters' message: .*, to the end",
+        r"offline: event moved: /((fuzzy_pid|disturbance) retuned|fuzzy_pid (reset|activated)"
+        r"|pid (de)?activated), .*"
+        r"|offline: event moved: /simulator (retuned|reset|started|fell), to the beginning"
+        r"|offline: parameters' message: ((pid|disturbance|simulator), set|\w+, changed), to the end",
         "order in an offline file: stamps give it; of one node and one stamp it stays as it is",
     ),
     (
@@ -47,20 +50,24 @@ LET_PASS: tuple[tuple[str, str], ...] = (
         "ready: how the start was waited for; no bit of a state or command depends on it",
     ),
     (
-        rf"real_time: (log times: \S+ (one|all) log .*)",
+        r"real_time: (log times: \S+ (one|all) log .*)",
         "log times in real time: when messages arrived; the verdict names it as not judged",
     ),
     (rf"{_ANY}: topics: all in a namespace, nodes too", "a namespace is a name"),
     (
-        rf"{_ANY}: event doubled: /(fuzzy_pid|simulator) reset, at once|offline: event doubled: /fuzzy_pid reset, .*",
+        rf"{_ANY}: event doubled: /(fuzzy_pid|simulator) reset, at once"
+        r"|offline: event doubled: /fuzzy_pid reset, at the end",
         "a second reset between the same two states has no effect",
     ),
     (
-        rf"{_ANY}: event added: (fuzzy_pid|pid|simulator) (reset|activated|deactivated) at the end",
+        rf"{_ANY}: event added: (fuzzy_pid (reset|deactivated)|pid (reset|activated|cleaned up)"
+        r"|simulator reset) at the end"
+        rf"|{_GRAPH}: event added: (disturbance|simulator|recorder) (deactivated|paused) at the end",
         "an event stamped with the last state: it takes effect after the run",
     ),
     (
-        rf"{_ANY}: event added: fuzzy_pid reset half way",
+        rf"{_ANY}: event added: fuzzy_pid reset half way"
+        r"|offline: event added: fuzzy_pid cleaned up (half way|at the end)",
         "a reset of a controller while another acts: it starts from nothing anyway",
     ),
     (
@@ -74,9 +81,12 @@ LET_PASS: tuple[tuple[str, str], ...] = (
     (
         rf"{_ANY}: "
         + _PARAMETER.format(
-            r"simulator\.(controllers|wait_for|lockstep\.(timeout|speed|window)|publish_clock)",
-            r"\d",
-        ),
+            r"simulator\.(wait_for|lockstep\.(timeout|window)|publish_clock)", "[01]"
+        )
+        + rf"|{_ANY}: "
+        + _PARAMETER.format(r"simulator\.lockstep\.speed", "0")
+        + rf"|{_ANY}: "
+        + _PARAMETER.format(r"simulator\.controllers", r"\d"),
         "waiting, pace and clock of the simulator: no bit of a state or command depends on them",
     ),
     (

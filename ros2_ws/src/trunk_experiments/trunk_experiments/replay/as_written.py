@@ -89,7 +89,7 @@ def _around(run: RecordedRun, file: RecordingFile) -> Iterator[str]:
 def _controllers(run: RecordedRun) -> tuple[str, ...]:
     """Return the controllers whose terms the recorder has a channel for."""
     told = run.parameters.get("recorder", {}).get("controllers")
-    planned = tuple(told) if isinstance(told, tuple) else ()
+    planned = tuple(map(str, told)) if isinstance(told, tuple) else ()
     return (
         planned
         or tuple(run.recording.provenance.get("controller", "").split())

@@ -45,7 +45,7 @@ _ANSWERS = {
 _LEVELS = {Event.FELL: LEVEL_WARN, Event.FAILED: LEVEL_ERROR}
 # From which state of its lifecycle each event leads to which; others need a configured node.
 _UNCONFIGURED, _INACTIVE, _ACTIVE = "unconfigured", "inactive", "active"
-_TURNS = {
+_TURNS: dict[tuple[str, str], str] = {
     (_UNCONFIGURED, Event.CONFIGURED): _INACTIVE,
     (_INACTIVE, Event.ACTIVATED): _ACTIVE,
     (_ACTIVE, Event.DEACTIVATED): _INACTIVE,
@@ -163,7 +163,7 @@ def _lifecycle(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[st
                 and event.stamp_ns > 0
                 and (event.stamp_ns + 1) % period == 0
             )
-            after = state if joins else _TURNS.get((state, Event(event.message)))
+            after = state if joins else _TURNS.get((state, event.message))
             if after is None:
                 yield f"{what}, which was {state}"
             state = after or state
@@ -243,7 +243,7 @@ def _schedule(run: RecordedRun, node: str, turns: list[RunEvent]) -> Iterator[st
         first = int(later[0])
         past = [event for event in turns if event.stamp_ns < first]
         active = bool(past) and past[-1].message == Event.ACTIVATED
-        if active != active_at(times, time_ns):
+        if active != active_at(times, first):  # two turns may fall between two states
             word = "inactive" if active else "active"
             yield f"run/events: {node} was to become {word} at t = {seconds(time_ns):g} s and did not"
 
