@@ -221,8 +221,8 @@ def test_a_run_without_parameters_cannot_be_judged(whole, tmp_path):
 def test_another_libm_is_named(whole, tmp_path, monkeypatch):
     from trunk_experiments.replay import verify as module
 
-    here = module.provenance.gather()
-    monkeypatch.setattr(module.provenance, "gather", lambda: {**here, "libm": "musl 1.2"})
+    here = module.provenance.arithmetic()
+    monkeypatch.setattr(module.provenance, "arithmetic", lambda: {**here, "libm": "musl 1.2"})
     notes = verify(Recording.open(whole)).notes
     assert any("libm" in note and "musl 1.2" in note for note in notes)
 

@@ -146,7 +146,7 @@ class RecordedRun:
         changed = self.parameter_changes(node)
         # The plant's turns are pauses, in which simulated time stands still.
         wanted = (Event.RETUNED, Event.RESET) + (
-            (Event.ACTIVATED, Event.DEACTIVATED) if node in CONTROLLERS else ()
+            (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP) if node in CONTROLLERS else ()
         )
         events = [event for event in self.events if event.node == name and event.message in wanted]
         retuned = [event for event in events if event.message == Event.RETUNED]
@@ -156,12 +156,18 @@ class RecordedRun:
                 "that place them, or at other times: their order is not known"
             )
         values = iter(changed)
-        found = [
-            Change(event.stamp_ns, next(values).changed)
-            if event.message == Event.RETUNED
-            else Change(event.stamp_ns, None, event.message)
-            for event in events
-        ]
+        found: list[Change] = []
+        since_ns = -1  # a node that was cleaned up stamps anew from -1 on, until it sees a state
+        for event in events:
+            if event.message == Event.CLEANED_UP:
+                since_ns = event.stamp_ns
+            stamp_ns = max(event.stamp_ns, since_ns)
+            retuned_to = next(values).changed if event.message == Event.RETUNED else None
+            found.append(
+                Change(stamp_ns, None, event.message)
+                if retuned_to is None
+                else Change(stamp_ns, retuned_to)
+            )
         # A controller that joins a run under way reports it once more: it is active from there on.
         turns = [change for change in found if change.event in (Event.ACTIVATED, Event.DEACTIVATED)]
         again = [

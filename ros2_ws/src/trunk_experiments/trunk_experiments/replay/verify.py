@@ -15,10 +15,12 @@ from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
 from ..recorded.run import RecordedRun
-from .consistency import contradictions, failures, shared_from_ns
+from .as_written import not_as_written
+from .consistency import contradictions, failures, shared_from_ns, uncounted
 from .real_time import replay_torques
 from .replay import Checked, replay_controllers, replay_disturbance
 from .replay_plant import PlantReplay
+from .told import untellable
 from .verdict import DIVERGES, UNJUDGED, VERIFIED, Part, Verdict, describe
 
 __all__ = [
@@ -32,8 +34,6 @@ __all__ = [
     "verify",
 ]
 
-# What determines the bits of sin, cos and exp, and of the noise.
-_ARITHMETIC = ("libm", "machine", "numpy")
 _PLANT = "states of the plant"
 _MODES = {"real_time": "in real time", "lockstep": "in lock-step", "offline": "offline"}
 
@@ -96,6 +96,9 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         until_ns = before_ns if until_ns is None else min(until_ns, before_ns)
     elif (run.recording.end or {}).get("complete") == "true":
         verdict.contradictions += contradictions(run)
+        verdict.contradictions += not_as_written(run)
+        verdict.contradictions += untellable(run)
+        verdict.obstacles += uncounted(run)
     verdict.parts += _recomputed(run, until_ns)
     verdict.judged = _span(run, until_ns)
     verdict.obstacles += _too_few(run, verdict.parts, until_ns)
@@ -229,9 +232,8 @@ def _disorder(relative: str, stamps: Integers) -> list[str]:
 
 
 def _platform(recording: Recording) -> list[str]:
-    here = provenance.gather()
     return [
-        f"recorded with {key} {recording.provenance[key]}, here {here[key]}: last bits may differ"
-        for key in _ARITHMETIC
-        if key in recording.provenance and recording.provenance[key] != here.get(key)
+        f"recorded with {key} {recording.provenance[key]}, here {here}: last bits may differ"
+        for key, here in provenance.arithmetic().items()
+        if key in recording.provenance and recording.provenance[key] != here
     ]

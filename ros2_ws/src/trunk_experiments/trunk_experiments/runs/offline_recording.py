@@ -62,6 +62,7 @@ class _OfflineRecorder:
         }
         self._acting = disturbance_source(plan)
         self._last_ns = -1
+        self._of_simulator = plan.timeline("simulator")
         self.states = 0
 
     def _put(self, topic: str, stamp_ns: int, data: bytes) -> None:
@@ -145,9 +146,10 @@ class _OfflineRecorder:
 
     def _mark_fall(self, step: Step) -> None:
         if step.falls:
+            self._of_simulator.advance(step.stamp_ns)
             values = {
                 "angle": str(step.truth.position[1]),
-                "limit": str(self._plan.simulator.fall_angle),
+                "limit": str(self._of_simulator.config.fall_angle),
             }
             self._event(Event.FELL, values, level=1)
 

@@ -44,6 +44,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
         self.run_stamp_ns = -1  # before the first state
         self._born_s = time.monotonic()
         self._evidence: list[evidence.Evidence] = []
+        self._accounted = False
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.linger_s = 0.0  # how long messages may collect before they are taken
         self._parameters_set = NodeParameters(self, config_class, self._on_parameters)
@@ -158,10 +159,15 @@ class TrunkNode(ManagedNode, Generic[Config]):
         self._evidence.clear()
         super()._clean_up()
 
+    def account(self) -> None:
+        """Report, once, how much evidence was published; nothing is published after it."""
+        counts = evidence.counted(self._evidence)
+        if counts and not self._accounted:
+            self._accounted = True
+            self.event(Event.PUBLISHED, DiagnosticStatus.OK, **counts)
+
     def close(self) -> None:
         """Report how much evidence was published, wait a bounded time until it is recorded, then destroy."""
-        counts = evidence.counted(self._evidence)
-        if counts:
-            self.event(Event.PUBLISHED, DiagnosticStatus.OK, **counts)
-        evidence.hand_over(self, self._born_s, anything=bool(counts))
+        self.account()
+        evidence.hand_over(self, self._born_s, anything=self._accounted)
         self.destroy_node()

@@ -246,6 +246,11 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             return {"messages": 0}
         return {"file": self._path, "messages": self._counts.total()}
 
+    def account(self) -> None:
+        """Expect what the other nodes of this process have just reported."""
+        super().account()
+        self._last_message, self._leaving_s = time.monotonic(), None
+
     def draining(self) -> bool:
         """Return True while messages are still coming in that were under way when it was told to end."""
         now = time.monotonic()

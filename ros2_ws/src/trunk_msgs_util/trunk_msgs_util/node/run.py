@@ -107,13 +107,22 @@ def _end(nodes: list[TrunkNode[Any]], executor: LoopExecutor) -> None:
         if node.exit_code is None:
             node.stopping()
     deadline = time.monotonic() + _DRAIN_S
+    _drain(nodes, executor, deadline)
+    if len(nodes) > 1:  # a recorder among them takes in the others' counts, too, before it closes
+        for node in nodes:
+            node.account()
+        _drain(nodes, executor, deadline)
+    executor.shutdown()
+    _close(nodes)
+
+
+def _drain(nodes: list[TrunkNode[Any]], executor: LoopExecutor, deadline: float) -> None:
+    """Let nodes take what is under way to them, until none expects more."""
     while any(node.draining() for node in nodes) and time.monotonic() < deadline:
         try:
             executor.spin_once(timeout_sec=0.02)
         except Exception:
             traceback.print_exc()  # and handle the remaining messages
-    executor.shutdown()
-    _close(nodes)
 
 
 def _close(nodes: list[TrunkNode[Any]]) -> None:

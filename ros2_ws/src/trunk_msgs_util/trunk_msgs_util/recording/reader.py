@@ -159,6 +159,11 @@ class Recording:
         return [file.path for file in self._files]
 
     @property
+    def opened(self) -> list[RecordingFile]:
+        """The files as they were scanned, with their header, channels and records."""
+        return list(self._files)
+
+    @property
     def size(self) -> int:
         """Bytes of all files."""
         return sum(path.stat().st_size for path in self.files)
@@ -380,6 +385,10 @@ class Recording:
             if event.new:
                 found.setdefault(event.node, event.new)
         return found
+
+    def parameter_messages(self) -> list[ParameterChange]:
+        """Return all messages on ``run/parameters`` in file order."""
+        return list(self._parameter_events)
 
     def parameter_changes(self) -> list[ParameterChange]:
         """Return the changes during the run; each applies to states with a later stamp."""

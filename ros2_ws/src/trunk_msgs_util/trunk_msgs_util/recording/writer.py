@@ -25,7 +25,8 @@ if not hasattr(Writer, "flush"):
 PROVENANCE = "trunk_provenance"
 END = "trunk_end"
 
-_PROFILE, _LIBRARY = "ros2", f"trunk_msgs_util {LIBRARY_IDENTIFIER}"
+PROFILE, LIBRARY = "ros2", "trunk_msgs_util mcap-python/"
+_LIBRARY = f"trunk_msgs_util {LIBRARY_IDENTIFIER}"
 # Of a message record: opcode and length, then channel, sequence, log time, publish time.
 _HEAD = struct.Struct("<BQHIQQ")
 _HEAD_OF_RECORD = 9
@@ -61,8 +62,8 @@ class RecordingWriter:
         self._topics: dict[int, str] = {}
         self._digests = RunningDigests()
         self._failure: OSError | None = None
-        self._writer.start(_PROFILE, _LIBRARY)
-        self._digests.header(_PROFILE, _LIBRARY)
+        self._writer.start(PROFILE, _LIBRARY)
+        self._digests.header(PROFILE, _LIBRARY)
 
     def channel(self, topic: str, type_name: str, qos: str = "") -> int:
         """Add a topic and return its channel; ``qos`` as rosbag2's ``offered_qos_profiles``."""
