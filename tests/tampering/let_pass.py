@@ -1,7 +1,7 @@
 """What `trunk verify` lets pass although the digests were written anew, and why.
 
-A pattern matches an edit's whole name: the base, the kind, what is edited. An edit that is refused must not be
-in here: the list is to say what is let pass, no more.
+A pattern matches an edit's whole name: the base, the kind, what is edited. An edit that is refused must not
+be in here: the list says what is let pass, no more.
 """
 
 from __future__ import annotations
@@ -14,8 +14,10 @@ _PARAMETER = r"parameter: {}, (set|changed), another value \({}\)"
 
 LET_PASS: tuple[tuple[str, str], ...] = (
     (
-        rf"{_ANY}: origin: (started_utc|commit|trunk_\w+|numpy|numba|rosbags|libm|machine|python|platform|host"
-        r"|ros_distro), .*",
+        (
+            rf"{_ANY}: origin: (started_utc|commit|trunk_\w+|numpy|numba|rosbags|libm|machine|python|platform|host"
+            r"|ros_distro), .*"
+        ),
         "origin: where and by which version it was recorded; digests alone cover it",
     ),
     (rf"{_ANY}: origin: a key more", "origin: a note more; digests alone cover it"),
@@ -29,15 +31,19 @@ LET_PASS: tuple[tuple[str, str], ...] = (
         "bytes after a message's end: middleware leaves some there, no reader looks at them",
     ),
     (
-        rf"{_ANY}: order: \S+ after all others|{_ANY}: order across topics: .*"
-        rf"|{_GRAPH}: parameters' message: \w+, set, to the end",
+        (
+            rf"{_ANY}: order: \S+ after all others|{_ANY}: order across topics: .*"
+            rf"|{_GRAPH}: parameters' message: \w+, set, to the end"
+        ),
         "order across topics: in simulated time stamps give it, in real time log times",
     ),
     (
-        r"offline: event moved: /((fuzzy_pid|disturbance) retuned|fuzzy_pid (reset|activated)"
-        r"|pid (de)?activated), .*"
-        r"|offline: event moved: /simulator (retuned|reset|started|fell), to the beginning"
-        r"|offline: parameters' message: ((pid|disturbance|simulator), set|\w+, changed), to the end",
+        (
+            r"offline: event moved: /((fuzzy_pid|disturbance) retuned|fuzzy_pid (reset|activated)"
+            r"|pid (de)?activated), .*"
+            r"|offline: event moved: /simulator (retuned|reset|started|fell), to the beginning"
+            r"|offline: parameters' message: ((pid|disturbance|simulator), set|\w+, changed), to the end"
+        ),
         "order in an offline file: stamps give it; of one node and one stamp it stays as it is",
     ),
     (
@@ -45,29 +51,49 @@ LET_PASS: tuple[tuple[str, str], ...] = (
         "order between the events of different nodes",
     ),
     (
-        rf"{_GRAPH}: (event removed: /\w+ ready|event moved: /recorder ready, to the end|event stamped: /\w+ ready (\+ 1 ns|\+ a period))"
-        rf"|{_GRAPH}: events: all ready removed",
+        rf"{_GRAPH}: event moved: /\w+ published, to the end",
+        "order between the events of different nodes, at their ends",
+    ),
+    (
+        r"lockstep: (event removed: /(disturbance|simulator|pid|fuzzy_pid) published|events: all published removed)",
+        "published: in lock-step the states alone tell how many messages there have to be",
+    ),
+    (
+        r"real_time: event stamped: /(pid|fuzzy_pid|disturbance) published - a period",
+        "published: in real time a node may not have seen the last state",
+    ),
+    (
+        (
+            rf"{_GRAPH}: (event removed: /\w+ ready|event moved: /recorder ready, to the end|event stamped: /\w+ ready (\+ 1 ns|\+ a period))"
+            rf"|{_GRAPH}: events: all ready removed"
+        ),
         "ready: how the start was waited for; no bit of a state or command depends on it",
     ),
     (
-        r"real_time: (log times: \S+ (one|all) log .*)",
+        r"real_time: log times: \S+ all log and publish times .*",
         "log times in real time: when messages arrived; the verdict names it as not judged",
     ),
     (rf"{_ANY}: topics: all in a namespace, nodes too", "a namespace is a name"),
     (
-        rf"{_ANY}: event doubled: /(fuzzy_pid|simulator) reset, at once"
-        r"|offline: event doubled: /fuzzy_pid reset, at the end",
+        (
+            rf"{_ANY}: event doubled: /(fuzzy_pid|simulator) reset, at once"
+            r"|offline: event doubled: /fuzzy_pid reset, at the end"
+        ),
         "a second reset between the same two states has no effect",
     ),
     (
-        rf"{_ANY}: event added: (fuzzy_pid (reset|deactivated)|pid (reset|activated|cleaned up)"
-        r"|simulator reset) at the end"
-        rf"|{_GRAPH}: event added: (disturbance|simulator|recorder) (deactivated|paused) at the end",
+        (
+            rf"{_ANY}: event added: (fuzzy_pid (reset|deactivated)|pid (reset|activated|cleaned up)"
+            r"|simulator reset) at the end"
+            rf"|{_GRAPH}: event added: ((disturbance|simulator|recorder) deactivated|simulator paused) at the end"
+        ),
         "an event stamped with the last state: it takes effect after the run",
     ),
     (
-        rf"{_ANY}: event added: fuzzy_pid reset half way"
-        r"|offline: event added: fuzzy_pid cleaned up (half way|at the end)",
+        (
+            rf"{_ANY}: event added: fuzzy_pid reset half way"
+            r"|offline: event added: fuzzy_pid cleaned up (half way|at the end)"
+        ),
         "a reset of a controller while another acts: it starts from nothing anyway",
     ),
     (

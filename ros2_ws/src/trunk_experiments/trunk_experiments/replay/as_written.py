@@ -1,7 +1,7 @@
-"""Whether a file is one that our recorder writes: its channels and records, and each message's head and bytes.
+"""Whether a file is one that our recorder writes: channels, records, and each message's head and bytes.
 
-A recomputation looks at numbers alone. What surrounds them (frames, further statuses, times, sequence numbers,
-schemas) decides what other tools show, so it has to be what recorder and nodes write.
+A recomputation looks at numbers alone. What surrounds them (frames, further statuses, times, sequence
+numbers, schemas) decides what other tools show, so it has to be what recorder and nodes write.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ _OF_SIMULATOR = {Event.STARTED, Event.RESET, Event.PAUSED, Event.RESUMED, Event.
 _SAYS = {
     "simulator": _OF_ALL | _OF_SIMULATOR,
     "disturbance": _OF_ALL | {Event.READY, Event.PUBLISHED},
-    "recorder": _OF_ALL | {Event.READY},
+    "recorder": (_OF_ALL | {Event.READY}) - {Event.RETUNED},  # all its parameters are fixed
     **dict.fromkeys(CONTROLLERS, _OF_ALL | {Event.READY, Event.RESET, Event.PUBLISHED}),
 }
 _ANSWERS = {
@@ -83,6 +83,10 @@ def untellable(run: RecordedRun) -> list[str]:
             found += _acting(run, node, told)
         if node == "simulator":
             found += _pauses(run, told)
+            found += _still(run, node, told, topics.GROUND_TRUTH)
+        if node == "disturbance":
+            found += _still(run, node, told, topics.DISTURBANCE)
+        found += _counted(run, node, told)
     if run.mode != "offline":
         found += [
             f"run/events: {node} was never configured"
@@ -263,6 +267,45 @@ def _pauses(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
     last = run.table(topics.GROUND_TRUTH).stamp_ns.max(initial=-1)
     if since is not None and last > since:
         yield f"run/events: paused at t = {seconds(since):g} s and not resumed, but states go on"
+
+
+def _still(run: RecordedRun, node: str, told: list[RunEvent], relative: str) -> Iterator[str]:
+    """Yield where a node went on although it was inactive."""
+    since: int | None = None
+    for event in told:
+        if event.message == Event.DEACTIVATED:
+            since = event.stamp_ns
+        elif event.message in (Event.ACTIVATED, Event.CONFIGURED):
+            if event.message == Event.ACTIVATED and since not in (None, event.stamp_ns):
+                yield (
+                    f"run/events: {node} inactive at t = {seconds(since or 0):g} s, active again at "
+                    f"t = {seconds(event.stamp_ns):g} s: it stands still in between"
+                )
+            since = None
+    last = run.table(relative).stamp_ns.max(initial=-1)
+    if since is not None and last > since:
+        yield f"run/events: {node} inactive from t = {seconds(since):g} s, but it goes on"
+
+
+def _counted(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
+    """Yield counts of published messages that are not a node's last word, not whole, or too early."""
+    counts = [event for event in told if event.message == Event.PUBLISHED]
+    if not counts:
+        return
+    if told[-1].message != Event.PUBLISHED:
+        yield f"run/events: {node} goes on after it has counted what it published"
+    own = [relative for relative in _PUBLISHES[node] if run.count(relative)]
+    if node in CONTROLLERS and not run.count(_PUBLISHES[node][0]):
+        own = []
+    missing = {run.recording.topic(relative) for relative in own} - set(counts[-1].values)
+    if missing and not any(event.message == Event.CLEANED_UP for event in told):
+        yield f"run/events: {node} does not count what it published on {', '.join(sorted(missing))}"
+    truth = run.table(topics.GROUND_TRUTH).stamp_ns
+    last = int(truth.max(initial=-1))
+    if node == "disturbance":
+        last += run.config(node).period_ns
+    if run.exact and counts[-1].stamp_ns != last:
+        yield f"run/events: {node} ends at t = {seconds(counts[-1].stamp_ns):g} s, not after the last state"
 
 
 def _end(run: RecordedRun) -> Iterator[str]:
