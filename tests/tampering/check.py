@@ -1,7 +1,7 @@
 """Attacks on `trunk verify`, all of them, and honest runs: python -m tests.tampering.check [edits|honest] [N]
 
-Exit code 1 if an edit passes that is not listed, a listed one is refused, `verify` raises, or an honest run
-is accused.
+Exit code 1 if an edit passes that is not listed, a listed one is refused, `verify` raises, or an honest
+run is accused.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Edits of the file around the messages: header, channels, schemas, origin, end, mode, topics."""
+"""Edits of the file around the messages: header, channels, schemas, origin, end, mode, topics, other runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs of the real nodes in this process, with what users do in between: changes, resets, pauses.
+"""Runs of the real nodes in this process, with what users do meanwhile: changes, resets, pauses, transitions.
 
 The nodes, their topics and their services' callbacks are those of `trunk run --composed`; only the calls
 come from this process, so that a run needs no second process to talk to it.

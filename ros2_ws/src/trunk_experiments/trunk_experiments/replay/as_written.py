@@ -1,4 +1,4 @@
-"""Whether a file is one that our recorder writes: channels, records, each message's head and bytes.
+"""Whether a file is one that our recorder writes: channels, records, and each message's head and bytes.
 
 A recomputation looks at numbers alone. What surrounds them (frames, further statuses, times, sequence
 numbers, schemas) decides what other tools show, so it has to be what recorder and nodes write.

@@ -8,7 +8,9 @@ some command which could have been in force; the measured state shows the distur
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.units import nanoseconds
@@ -18,41 +20,59 @@ from trunk_sim.step import saturate
 from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
 from .bits import same
-from .replay import Checked, Difference, acting_at, judged
+from .replay import Checked, Difference, acting_at, disturbances_matrix, judged
 
 
 class PossibleDisturbances:
-    """The disturbances that may have acted at a stamp, the newest message first.
+    """The disturbances that may have acted at a stamp, the newest first.
 
     One that has acted is never followed by an older one; none acts before the first, or after one that
-    is older than the timeout.
+    is older than the timeout. Where several messages say the same, the record does not tell which of them
+    was in force: the oldest is assumed, so that whatever is possible later stays possible.
     """
 
     def __init__(self, disturbances: JointTable) -> None:
         self._table = disturbances
         self._stamps = sorted(disturbances.rows)
-        self._since_ns = -1  # stamp of the one in force
+        self._first = _first_alike(disturbances, self._stamps)
+        self._since_ns = -1  # stamp of the oldest that may be in force
 
     def passed(self, stamp_ns: int) -> None:
-        """Note that the message of this stamp, if there is one, was in force at it."""
+        """Note that what the message of this stamp says, if there is one, was in force at it."""
         if stamp_ns in self._table:
-            self._since_ns = max(self._since_ns, stamp_ns)
+            row = bisect_left(self._stamps, stamp_ns)
+            self._since_ns = max(self._since_ns, self._stamps[self._first[row]])
 
     def at(self, stamp_ns: int, timeout_ns: int) -> Iterator[tuple[int, Disturbance]]:
-        """Yield what may act at a stamp, one at least, with its message's stamp.
+        """Yield what may act at a stamp, one at least, each with its oldest message's stamp.
 
         Where nothing acts, the stamp is that of the message in force, -1 if there is none.
         """
+        oldest = bisect_left(self._stamps, max(self._since_ns, stamp_ns - timeout_ns))
         row = bisect_right(self._stamps, stamp_ns) - 1
-        while row >= 0 and self._stamps[row] >= self._since_ns:
-            yield self._stamps[row], acting_at(self._table, self._stamps[row])
-            row -= 1
-        if self._since_ns < 0 or self._since_ns < stamp_ns - timeout_ns:
+        none = row < oldest
+        while row >= oldest:
+            first = max(self._first[row], oldest)
+            yield self._stamps[first], acting_at(self._table, self._stamps[row])
+            row = first - 1
+        if none or self._since_ns < 0 or self._since_ns < stamp_ns - timeout_ns:
             yield self._since_ns, Disturbance()
 
     def chosen(self, since_ns: int) -> None:
-        """Note which one has acted."""
+        """Note the oldest message that may have acted."""
         self._since_ns = since_ns
+
+
+def _first_alike(disturbances: JointTable, stamps: Sequence[int]) -> list[int]:
+    """Return, for each message in the order of stamps, the first one of those before it that say the same."""
+    if not all(disturbances.values(quantity).shape[1] == 2 for quantity in ("position", "effort")):
+        return list(range(len(stamps)))  # they cannot be read as disturbances
+    rows = [disturbances.rows[stamp] for stamp in stamps]
+    bits = disturbances_matrix(disturbances).view(np.int64)[rows]
+    new = np.ones(len(stamps), bool)
+    new[1:] = (bits[1:] != bits[:-1]).any(axis=1)
+    first: list[int] = np.maximum.accumulate(np.where(new, np.arange(len(stamps)), 0)).tolist()
+    return first
 
 
 def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Checked]:

@@ -152,9 +152,10 @@ class PlantReplay:
             return True
         self._timeline.advance(stamp_ns + 1, self)
         steps = [(one, act(self._trunk, command, one[1], self._plant)) for one in self._acting]
-        (since_ns, _), after = next((one for one in steps if self._fits(one[1])), steps[0])
-        if self._possible is not None:
-            self._possible.chosen(since_ns)
+        fitting = [one for one in steps if self._fits(one[1])]
+        if self._possible is not None and fitting:
+            self._possible.chosen(min(since_ns for (since_ns, _), _ in fitting))
+        _, after = (fitting or steps)[0]
         self._falls = after.fallen and not self._trunk.fallen
         self._trunk = after
         return not after.diverged

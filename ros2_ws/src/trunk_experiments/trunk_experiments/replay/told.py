@@ -21,6 +21,7 @@ from trunk_msgs_util.recording.schemas import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN,
 from trunk_msgs_util.units import seconds, step_count
 
 from ..plans.nodes import CONTROLLERS, NODES
+from ..plans.timeline import begins_active
 
 if TYPE_CHECKING:
     from trunk_sim.config import SimulatorConfig
@@ -34,7 +35,7 @@ _OF_SIMULATOR = {Event.STARTED, Event.RESET, Event.PAUSED, Event.RESUMED, Event.
 _SAYS = {
     "simulator": _OF_ALL | _OF_SIMULATOR,
     "disturbance": _OF_ALL | {Event.READY, Event.PUBLISHED},
-    "recorder": _OF_ALL | {Event.READY},
+    "recorder": (_OF_ALL | {Event.READY}) - {Event.RETUNED},  # all its parameters are fixed
     **dict.fromkeys(CONTROLLERS, _OF_ALL | {Event.READY, Event.RESET, Event.PUBLISHED}),
 }
 _ANSWERS = {
@@ -83,6 +84,10 @@ def untellable(run: RecordedRun) -> list[str]:
             found += _acting(run, node, told)
         if node == "simulator":
             found += _pauses(run, told)
+            found += _still(run, node, told, topics.GROUND_TRUTH)
+        if node == "disturbance":
+            found += _still(run, node, told, topics.DISTURBANCE)
+        found += _counted(run, node, told)
     if run.mode != "offline":
         found += [
             f"run/events: {node} was never configured"
@@ -204,12 +209,12 @@ def _acting(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
     stamps = np.sort(run.table(topics.controller_state(node)).stamp_ns)
     turns = [e for e in told if e.message in (Event.ACTIVATED, Event.DEACTIVATED)]
     config = run.config(node)
+    since: int | None = None
     if run.mode == "offline":
         turns.sort(key=lambda event: event.stamp_ns)  # those from outside come first in the file
-        if not turns and not config.active_times:
-            return  # active throughout, and nothing says so
+        if begins_active(config, run.changes(node)):
+            since = -1  # nothing says so
     acting = np.zeros(len(stamps), bool)
-    since: int | None = None
     for event in turns:
         active = event.message == Event.ACTIVATED
         if run.mode == "offline" and active == (since is not None):
@@ -263,6 +268,45 @@ def _pauses(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
     last = run.table(topics.GROUND_TRUTH).stamp_ns.max(initial=-1)
     if since is not None and last > since:
         yield f"run/events: paused at t = {seconds(since):g} s and not resumed, but states go on"
+
+
+def _still(run: RecordedRun, node: str, told: list[RunEvent], relative: str) -> Iterator[str]:
+    """Yield where a node went on although it was inactive."""
+    since: int | None = None
+    for event in told:
+        if event.message == Event.DEACTIVATED:
+            since = event.stamp_ns
+        elif event.message in (Event.ACTIVATED, Event.CONFIGURED):
+            if event.message == Event.ACTIVATED and since not in (None, event.stamp_ns):
+                yield (
+                    f"run/events: {node} inactive at t = {seconds(since or 0):g} s, active again at "
+                    f"t = {seconds(event.stamp_ns):g} s: it stands still in between"
+                )
+            since = None
+    last = run.table(relative).stamp_ns.max(initial=-1)
+    if since is not None and last > since:
+        yield f"run/events: {node} inactive from t = {seconds(since):g} s, but it goes on"
+
+
+def _counted(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
+    """Yield counts of published messages that are not a node's last word, not whole, or too early."""
+    counts = [event for event in told if event.message == Event.PUBLISHED]
+    if not counts:
+        return
+    if told[-1].message != Event.PUBLISHED:
+        yield f"run/events: {node} goes on after it has counted what it published"
+    own = [relative for relative in _PUBLISHES[node] if run.count(relative)]
+    if node in CONTROLLERS and not run.count(_PUBLISHES[node][0]):
+        own = []
+    missing = {run.recording.topic(relative) for relative in own} - set(counts[-1].values)
+    if missing and not any(event.message == Event.CLEANED_UP for event in told):
+        yield f"run/events: {node} does not count what it published on {', '.join(sorted(missing))}"
+    truth = run.table(topics.GROUND_TRUTH).stamp_ns
+    last = int(truth.max(initial=-1))
+    if node == "disturbance":
+        last += run.config(node).period_ns
+    if run.exact and counts[-1].stamp_ns != last:
+        yield f"run/events: {node} ends at t = {seconds(counts[-1].stamp_ns):g} s, not after the last state"
 
 
 def _end(run: RecordedRun) -> Iterator[str]:
