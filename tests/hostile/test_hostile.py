@@ -65,3 +65,22 @@ def test_the_fuzzers_corpus_is_read_or_refused(tmp_path):
         for name in names:
             read(packed.read(name), tmp_path / "a.mcap")
     assert len(names) > 50
+
+
+STUCK = """
+import hashlib
+from trunk_experiments import executables
+executables._end_soon()
+executables.early_signals.end_by(executables._unwind)
+print("stuck", flush=True)
+hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)  # hours, and no handler of Python's is called in it
+"""
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+def test_a_signal_ends_a_verb_that_is_stuck_in_a_library(children: Children, number):
+    child = children.python(STUCK)
+    until(lambda: "stuck" in child.stdout, "it is stuck", 0.001)
+    assert child.stop(number) == 128 + number, child.stderr
+    assert child.stderr == "interrupted\n"
