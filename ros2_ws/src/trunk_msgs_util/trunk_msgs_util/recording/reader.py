@@ -314,7 +314,9 @@ class Recording:
                     f"its type is {found or 'not given'}"
                 )
 
-    def _parsed(self, relative: str, parse: Callable[[bytes], Parsed]) -> list[Parsed]:
+    def _parsed(
+        self, relative: str, type_name: str, parse: Callable[[bytes], Parsed]
+    ) -> list[Parsed]:
         """Return a topic's messages that can be read, and note the others. Raises RecordingError."""
         name = self.topic(relative)
         topic = self.topics.get(name)
@@ -329,6 +331,8 @@ class Recording:
                 raise RecordingError(f"{self.path}: {topic.faults.describe(name, topic.count)}")
             for log_time_ns, data in zip(log_times, messages, strict=True):
                 try:
+                    if topic.type != type_name:
+                        raise ValueError(f"its type is {topic.type or 'not given'}")
                     found.append(parse(data))
                 except ValueError as error:
                     topic.faults.add(index, log_time_ns, str(error))
@@ -337,11 +341,11 @@ class Recording:
 
     @cached_property
     def _parameter_events(self) -> list[ParameterChange]:
-        return self._parsed(names.RUN_PARAMETERS, parse_parameter_event)
+        return self._parsed(names.RUN_PARAMETERS, names.PARAMETER_EVENT_TYPE, parse_parameter_event)
 
     @cached_property
     def _events(self) -> list[RunEvent]:
-        return self._parsed(names.RUN_EVENTS, parse_event)
+        return self._parsed(names.RUN_EVENTS, names.DIAGNOSTIC_ARRAY_TYPE, parse_event)
 
     def parameters(self) -> dict[str, dict[str, Value]]:
         """Return every node's first full set of parameters, by its fully qualified name."""
