@@ -17,6 +17,7 @@ from pathlib import Path
 import click
 
 from trunk_experiments.plans.plan import RunPlan, make_plan
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_experiments.runs.graph import RunFiles, run_graph
@@ -45,12 +46,12 @@ def check(plan: RunPlan, folder: Path, repeat: int, shuffle: random.Random) -> l
             files = RunFiles(folder / f"{'composed' if composed else 'processes'}_{number}")
             run_graph(plan, files, lambda _: None, order=order, composed=composed)
             recording = Recording.open(files.recording)
-            found = diff(Recording.open(offline), recording)
+            found = diff(RecordedRun.open(offline), RecordedRun(recording))
             if found.first is not None:
                 problems.append(f"{files.folder.name}: {found.first.describe()}")
             verdict = verify(recording)
             if verdict.exit_code != VERIFIED:
-                problems.append(f"{files.folder.name}: {verdict.word}: {verdict.obstacles}")
+                problems.append(f"{files.folder.name}: {verdict.word}: {verdict.reasons}")
     return problems
 
 

@@ -8,6 +8,7 @@ from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.reader import Recording
@@ -32,7 +33,7 @@ def test_computed_torque_with_an_exact_model_obeys_its_error_equation(tmp_path):
     recording = recorded(
         tmp_path / "run.mcap", "fig6", "computed_torque", ["profile_practical"], duration=1.0
     )
-    table = RunTable.from_recording(recording)
+    table = RunTable.from_run(RecordedRun(recording))
     t = table.t
     expected = table.theta[0] * (1.0 + 10.0 * t) * 2.718281828459045 ** (-10.0 * t)
     assert table.theta == pytest.approx(expected, abs=5e-3)  # held over a period of 1 ms
@@ -44,7 +45,8 @@ def test_the_feed_forward_holds_a_lean_without_an_integral(tmp_path):
     recording = recorded(
         tmp_path / "run.mcap", "fig7", "lqr", ["profile_practical"], settings, duration=8.0
     )
-    assert abs(metrics(RunTable.from_recording(recording)).steady_state_error_mean_deg) < 1e-3
+    found = metrics(RunTable.from_run(RecordedRun(recording)))
+    assert abs(found.steady_state_error_mean_deg) < 1e-3
 
 
 def test_a_missing_hip_joint_is_reported():

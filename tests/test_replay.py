@@ -11,8 +11,8 @@ import pytest
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import replay, replay_plant, stretches
-from trunk_experiments.replay.record import RecordedRun
 from trunk_experiments.replay.replay import in_turn, judged, replay_controllers, replay_disturbance
 from trunk_experiments.replay.replay_plant import PlantReplay
 from trunk_experiments.runs.offline_recording import record_offline
@@ -21,7 +21,7 @@ from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.topics import STATE_NAMES
 from trunk_sim.disturbances import Disturbance
 
-from .edited import copied
+from .edited import NONE, copied
 
 MS = 1_000_000
 STATES = 61
@@ -143,7 +143,7 @@ def planted(whole, path, topic, index, quantity, column):
         message = [m for m in messages if m[0] == "/" + topic][index]
         message[2] = layout_of(sample).pack(sample)
 
-    return RecordedRun(copied(whole, path, edit, digests=False))
+    return RecordedRun(copied(whole, path, edit, digests=NONE))
 
 
 JOINTS = ("hip", "trunk")
@@ -196,27 +196,27 @@ def without(topic, index):
 
 
 def test_a_command_to_a_state_that_is_not_there_cannot_be_computed(whole, tmp_path):
-    copy = copied(whole, tmp_path / "p.mcap", without("joint_states", 25), digests=False)
+    copy = copied(whole, tmp_path / "p.mcap", without("joint_states", 25), digests=NONE)
     run = RecordedRun(copy)
     first = next(d for one in replay_controllers(run, run.controllers) for d in one.found)
     assert (first.stamp_ns, first.topic, first.field) == (25 * MS, "joint_states", "missing")
 
 
 def test_a_missing_measurement_does_not_stop_the_plant(whole, tmp_path):
-    copy = copied(whole, tmp_path / "p.mcap", without("joint_states", 25), digests=False)
+    copy = copied(whole, tmp_path / "p.mcap", without("joint_states", 25), digests=NONE)
     checked = list(PlantReplay(RecordedRun(copy)))
     assert sum(one.steps for one in checked) == STATES
     assert [d for one in checked for d in one.found] == []
 
 
 def test_without_a_command_the_next_state_does_not_follow(whole, tmp_path):
-    copy = copied(whole, tmp_path / "p.mcap", without("effort_command", 25), digests=False)
+    copy = copied(whole, tmp_path / "p.mcap", without("effort_command", 25), digests=NONE)
     found = [d for one in PlantReplay(RecordedRun(copy)) for d in one.found]
     assert {d.stamp_ns for d in found} == {26 * MS}
 
 
 def test_without_its_message_nothing_disturbs(whole, tmp_path):
-    copy = copied(whole, tmp_path / "p.mcap", without("disturbance", 12), digests=False)
+    copy = copied(whole, tmp_path / "p.mcap", without("disturbance", 12), digests=NONE)
     run = RecordedRun(copy)
     assert replay.acting_at(run.table("disturbance"), 12 * MS) == Disturbance()
     found = [d for one in PlantReplay(run) for d in one.found]
@@ -239,7 +239,7 @@ def test_a_fall_that_is_marked_nowhere_or_elsewhere_is_found(whole, tmp_path):
         messages[:] = [m for m in messages if m[0] != "/run/events" or b"fell" not in m[2]]
 
     marked = [e.stamp_ns for e in RecordedRun.open(whole).events if e.message == "fell"]
-    run = RecordedRun(copied(whole, tmp_path / "p.mcap", edit, digests=False))
+    run = RecordedRun(copied(whole, tmp_path / "p.mcap", edit, digests=NONE))
     found = [d for one in PlantReplay(run) for d in one.found]
     assert [(d.stamp_ns, d.field, d.recorded, d.computed) for d in found] == [
         (stamp_ns, "fell", 0.0, 1.0) for stamp_ns in marked

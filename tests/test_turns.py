@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import parse_swap
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.doctor import examine
 from trunk_experiments.replay.explain import explain
-from trunk_experiments.replay.record import RecordedRun
 from trunk_experiments.replay.verify import DIVERGES, VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.plots import overview
 from trunk_experiments.views.report_data import report_data
 from trunk_experiments.views.run_view import RunView
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording
 
-from .edited import copied
+from .edited import ANEW, NONE, copied
 
 EVENTS = "/run/events"
 
@@ -52,14 +56,14 @@ def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
         f"/{name}" for name in (controller, *(swap.split(":")[1] for swap in swaps))
     ]
     # The torque continues across each turn; what the integral cannot absorb comes in steps of 1 N m.
-    table = RunTable.from_recording(recording)
+    table = RunTable.from_run(RecordedRun(recording))
     assert not np.isnan(table.kp).any()
     for swap in swaps:
         k = int(np.searchsorted(table.t, float(swap.split(":")[0])))
         bound = 1e-6 if table.ki[k] else 1.0 + 1e-9
         assert abs(table.torque[k] - table.torque[k - 1]) < bound
     # The output says who acted when.
-    view = RunView.read(recording)
+    view = RunView.read(RecordedRun(recording))
     starts = [0.0, *(float(swap.split(":")[0]) for swap in swaps)]
     assert [turn.start for turn in view.turns] == starts
     assert [turn.controller for turn in view.turns][1:] == [swap.split(":")[1] for swap in swaps]
@@ -69,10 +73,34 @@ def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
     assert lines == starts[1:]
     assert [text.get_text() for text in torque.texts] == [turn.controller for turn in view.turns]
     assert [turn["start"] for turn in report_data([view])["runs"][0]["turns"]] == starts
-    assert [explain(recording, start).took_over for start in starts] == [False, True, True]
+    took_over = [explain(RecordedRun(recording), start).took_over for start in starts]
+    assert took_over == [False, True, True]
     assert examine(path) == []  # nothing is missing between two turns
     record_offline(RecordedRun(recording).plan(), again)
-    assert diff(recording, Recording.open(again)).identical
+    assert diff(RecordedRun(recording), RecordedRun.open(again)).identical
+
+
+def test_a_controller_that_is_activated_during_the_run_begins_inactive(tmp_path):
+    """Nothing in its parameters says so: it starts by itself, and somebody deactivated it at first."""
+    path, again = tmp_path / "swapped.mcap", tmp_path / "again.mcap"
+    pid, fuzzy = (
+        make_plan("fig8", name, everywhere={"duration": 0.4}) for name in ("pid", "fuzzy_pid")
+    )
+    at_ns = 199_000_000
+    plan = replace(
+        pid,
+        controllers={**pid.controllers, **fuzzy.controllers},
+        changes={
+            "pid": [Change(at_ns, None, Event.DEACTIVATED)],
+            "fuzzy_pid": [Change(at_ns, None, Event.ACTIVATED)],
+        },
+    )
+    record_offline(plan, path)
+    verdict = verify(Recording.open(path))
+    assert verdict.exit_code == VERIFIED, verdict
+    assert [part.steps for part in verdict.parts[:2]] == [200, 201]
+    record_offline(RecordedRun.open(path).plan(), again)
+    assert diff(RecordedRun.open(path), RecordedRun.open(again)).identical
 
 
 def test_commands_of_two_publishers_may_be_in_any_order(tmp_path):
@@ -85,10 +113,10 @@ def test_commands_of_two_publishers_may_be_in_any_order(tmp_path):
         commands = [i for i, message in enumerate(messages) if message[0] == "/effort_command"]
         messages.insert(commands[800], messages.pop(commands[499]))
 
-    edited = copied(path, tmp_path / "edited.mcap", late, digests=False)
+    edited = copied(path, tmp_path / "edited.mcap", late, digests=ANEW)
     assert verify(edited).exit_code == VERIFIED, verify(edited)
-    assert diff(Recording.open(path), edited).identical
-    assert explain(edited, 0.4995).controller == "pid"
+    assert diff(RecordedRun.open(path), RecordedRun(edited)).identical
+    assert explain(RecordedRun(edited), 0.4995).controller == "pid"
 
 
 def test_a_command_given_out_of_turn_is_found(tmp_path):
@@ -100,7 +128,7 @@ def test_a_command_given_out_of_turn_is_found(tmp_path):
         kept = [m for m in messages if m[0] != EVENTS or b"activated" not in m[2]]
         messages[:] = kept
 
-    verdict = verify(copied(path, tmp_path / "edited.mcap", no_turns, digests=False))
+    verdict = verify(copied(path, tmp_path / "edited.mcap", no_turns, digests=NONE))
     assert verdict.exit_code == DIVERGES
     (nobodys,) = [part for part in verdict.parts if "without one active" in part.name]
     assert nobodys.wrong_steps == nobodys.steps > 100
@@ -143,14 +171,14 @@ def test_a_fall_is_marked_and_verified(tmp_path):
     record_offline(plan, path)
     recording = Recording.open(path)
     fell_ns = recording.fell_at_ns
-    table = RunTable.from_recording(recording)
+    table = RunTable.from_run(RecordedRun(recording))
     assert fell_ns == table.t[np.abs(table.theta) > np.pi / 2][0] * 1e9
     assert verify(recording).exit_code == VERIFIED
 
     def unmarked(messages):
         messages[:] = [m for m in messages if m[0] != EVENTS or b"fell" not in m[2]]
 
-    edited = verify(copied(path, tmp_path / "unmarked.mcap", unmarked, digests=False))
+    edited = verify(copied(path, tmp_path / "unmarked.mcap", unmarked, digests=NONE))
     assert edited.exit_code == DIVERGES
 
     stopped = tmp_path / "stopped.mcap"
@@ -158,5 +186,5 @@ def test_a_fall_is_marked_and_verified(tmp_path):
     recording = Recording.open(stopped)
     assert recording.complete
     assert recording.end["reason"] == "the trunk has fallen"
-    assert RunTable.from_recording(recording).t[-1] == fell_ns / 1e9
+    assert RunTable.from_run(RecordedRun(recording)).t[-1] == fell_ns / 1e9
     assert verify(recording).exit_code == VERIFIED

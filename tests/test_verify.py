@@ -10,15 +10,16 @@ import pytest
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import replay
 from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.record import RecordedRun
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.recording.digests import HEADS, PARTS
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
 
-from .edited import copied
+from .edited import ANEW, NONE, copied
 
 COMMAND, STATE, TRUTH = "/effort_command", "/joint_states", "/ground_truth/joint_states"
 PARAMETERS = "/run/parameters"
@@ -90,7 +91,7 @@ def test_a_whole_run_is_verified(whole):
 def test_an_untouched_copy_is_verified_and_identical(whole, tmp_path):
     copy = copied(whole, tmp_path / "copy.mcap")
     assert verify(copy).exit_code == VERIFIED
-    found = diff(Recording.open(whole), copy)
+    found = diff(RecordedRun.open(whole), RecordedRun(copy))
     assert found.identical
     assert found.compared == 1201 * 4 + 1202
     assert not found.parameters
@@ -120,19 +121,17 @@ PLANTED = {
 
 @pytest.mark.parametrize("edit", PLANTED.values(), ids=PLANTED.keys())
 def test_a_planted_change_diverges_by_recomputation_alone(whole, tmp_path, edit):
-    verdict = verify(copied(whole, tmp_path / "planted.mcap", edit, digests=False))
+    verdict = verify(copied(whole, tmp_path / "planted.mcap", edit, digests=NONE))
     assert verdict.exit_code == DIVERGES
     assert not verdict.altered
 
 
 def test_one_bit_of_one_command_is_found_at_its_step_one_ulp_apart(whole, tmp_path):
-    copy = copied(
-        whole, tmp_path / "planted.mcap", PLANTED["one bit of one command"], digests=False
-    )
+    copy = copied(whole, tmp_path / "planted.mcap", PLANTED["one bit of one command"], digests=NONE)
     commands = next(p for p in verify(copy).parts if p.name == "commands of fuzzy_pid")
     assert commands.wrong_steps == 1
     assert commands.first[0].stamp_ns == 700_000_000
-    found = diff(Recording.open(whole), copy)
+    found = diff(RecordedRun.open(whole), RecordedRun(copy))
     assert (found.differing_steps, found.first.topic) == (1, "effort_command")
     assert found.first.stamp_ns == 700_000_000
     assert found.first.field == "effort[trunk]"
@@ -162,13 +161,13 @@ def test_a_change_without_effect_on_any_bit_is_caught_by_the_digests(whole, tmp_
     ids=["dropped", "swapped", "doubled"],
 )
 def test_a_message_dropped_swapped_or_doubled_is_never_verified(whole, tmp_path, topic, edit, word):
-    copy = copied(whole, tmp_path / "planted.mcap", lambda m: edit(m, topic), digests=False)
+    copy = copied(whole, tmp_path / "planted.mcap", lambda m: edit(m, topic), digests=NONE)
     verdict = verify(copy)
     assert verdict.exit_code != VERIFIED
     assert any(topic[1:] in line and word in line for line in verdict.obstacles)
     assert verify(
         copied(whole, tmp_path / "with_digests.mcap", lambda m: edit(m, topic))
-    ).altered == [topic]
+    ).altered == sorted([topic, PARTS[HEADS]])
 
 
 @pytest.mark.parametrize("topic", [TRUTH, STATE, COMMAND, "/disturbance"])
@@ -177,7 +176,7 @@ def test_one_stamp_in_the_far_future_costs_no_more_than_any_other(whole, tmp_pat
         message = of(messages, topic)[700]
         message[2] = message[2][:4] + struct.pack("<iI", 2**31 - 1, 0) + message[2][12:]
 
-    copy = copied(whole, tmp_path / "future.mcap", edit, digests=False)
+    copy = copied(whole, tmp_path / "future.mcap", edit, digests=NONE)
     tracemalloc.start()
     verdict = verify(copy)
     _, peak = tracemalloc.get_traced_memory()
@@ -198,14 +197,14 @@ def test_in_real_time_too_every_measured_state_has_to_be_there(whole, tmp_path, 
         whole,
         tmp_path / "real_time.mcap",
         lambda m: m.remove(of(m, topic)[500]),
-        digests=False,
+        digests=ANEW,
         provenance={"mode": "real_time"},
     )
     assert verify(copy).obstacles == obstacles
 
 
 def test_a_run_without_an_end_marker_cannot_be_judged(whole, tmp_path):
-    verdict = verify(copied(whole, tmp_path / "endless.mcap", end=False, digests=False))
+    verdict = verify(copied(whole, tmp_path / "endless.mcap", end=False, digests=NONE))
     assert verdict.exit_code == UNJUDGED
     assert any("no end marker" in line for line in verdict.obstacles)
 
@@ -214,7 +213,7 @@ def test_a_run_without_parameters_cannot_be_judged(whole, tmp_path):
     def edit(messages):
         messages[:] = [m for m in messages if m[0] != PARAMETERS]
 
-    verdict = verify(copied(whole, tmp_path / "bare.mcap", edit, digests=False))
+    verdict = verify(copied(whole, tmp_path / "bare.mcap", edit, digests=NONE))
     assert verdict.exit_code == UNJUDGED
     assert any("no parameters recorded of" in line for line in verdict.obstacles)
 
@@ -222,8 +221,8 @@ def test_a_run_without_parameters_cannot_be_judged(whole, tmp_path):
 def test_another_libm_is_named(whole, tmp_path, monkeypatch):
     from trunk_experiments.replay import verify as module
 
-    here = module.provenance.gather()
-    monkeypatch.setattr(module.provenance, "gather", lambda: {**here, "libm": "musl 1.2"})
+    here = module.provenance.arithmetic()
+    monkeypatch.setattr(module.provenance, "arithmetic", lambda: {**here, "libm": "musl 1.2"})
     notes = verify(Recording.open(whole)).notes
     assert any("libm" in note and "musl 1.2" in note for note in notes)
 
@@ -244,11 +243,11 @@ def test_changes_during_a_run_are_replayed_and_rebuilt(whole, tmp_path):
     changed = tmp_path / "changed.mcap"
     record_offline(replace(plan, changes=CHANGES), changed)
     recording = Recording.open(changed)
-    assert not diff(Recording.open(whole), recording).identical
+    assert not diff(RecordedRun.open(whole), RecordedRun(recording)).identical
     assert verify(recording).exit_code == VERIFIED
     again = tmp_path / "again.mcap"
     record_offline(RecordedRun(recording).plan(), again)
-    assert diff(recording, Recording.open(again)).identical
+    assert diff(RecordedRun(recording), RecordedRun.open(again)).identical
 
 
 def test_a_reference_by_topic_is_followed_while_the_profile_asks_for_it(tmp_path):
@@ -267,7 +266,7 @@ def test_a_reference_by_topic_is_followed_while_the_profile_asks_for_it(tmp_path
     assert references == [0.0] * 11 + [0.25] * 30 + [0.0] * 20
     assert verify(recording).exit_code == VERIFIED
     record_offline(RecordedRun(recording).plan(), again)
-    assert diff(recording, Recording.open(again)).identical
+    assert diff(RecordedRun(recording), RecordedRun.open(again)).identical
 
 
 def test_runs_of_different_controllers_differ(whole, tmp_path):
@@ -275,6 +274,23 @@ def test_runs_of_different_controllers_differ(whole, tmp_path):
     plan = make_plan("fig8", "pid")
     plan = replace(plan, simulator=replace(plan.simulator, duration=0.1))
     record_offline(plan, other)
-    found = diff(Recording.open(whole), Recording.open(other))
+    found = diff(RecordedRun.open(whole), RecordedRun.open(other))
     assert found.first.stamp_ns == 0
     assert "fuzzy_pid: only in A" in found.parameters
+
+
+def test_what_no_joint_state_shows_is_in_the_diff_too(whole, tmp_path):
+    """Order across topics, log times, an event: data are identical, the record is not."""
+
+    def edit(messages):
+        messages.insert(0, messages.pop(messages.index(of(messages, COMMAND)[700])))
+        of(messages, STATE)[5][1] += 1
+        event = of(messages, "/run/events")[-1]
+        event[2] = event[2].replace(b"1201", b"1202")
+
+    copy = copied(whole, tmp_path / "edited.mcap", edit)
+    found = diff(RecordedRun.open(whole), RecordedRun(copy))
+    assert not any("log times" in line and "of A" in line for line in found.record)
+    assert any("order" in line and "of B" in line for line in found.record)
+    assert any(line.startswith("joint_states: logged at") for line in found.record)
+    assert any(line.startswith("events of simulator: finished") for line in found.record)

@@ -39,7 +39,10 @@ MODULES = {
     ),
     "integrator": Module(SIM + "trunk_sim/integrator.py", _in(SIM, "integrator")),
     "step": Module(SIM + "trunk_sim/step.py", _in(SIM, "step", "sensors", "simulation")),
-    "pacing": Module(SIM + "trunk_sim/pacing.py", _in(SIM, "pacing")),
+    "pacing": Module(
+        SIM + "trunk_sim/pacing.py",
+        _in(SIM, "pacing_real_time", "pacing_lockstep", "pacing_config"),
+    ),
     "pid": Module(
         CONTROL + "trunk_control/pid.py",
         (
@@ -58,7 +61,9 @@ MODULES = {
         CONTROL + "trunk_control/schedule.py", (*_in(CONTROL, "handover"), "-k", "turns")
     ),
     "reference": Module(CONTROL + "trunk_control/reference.py", _in(CONTROL, "reference")),
-    "metrics": Module(EXPERIMENTS + "trunk_experiments/analysis/metrics.py", _in(UTIL, "metrics")),
+    "metrics": Module(
+        EXPERIMENTS + "trunk_experiments/analysis/metrics.py", ("tests/test_metrics.py",)
+    ),
     "replay": Module(
         EXPERIMENTS + "trunk_experiments/replay/replay.py",
         ("tests/test_replay.py", "tests/test_turns.py"),

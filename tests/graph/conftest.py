@@ -16,6 +16,8 @@ from .processes import Children
 
 _DOMAINS = 100  # beyond, DDS's ports run into those that the kernel hands out
 _DDS_PORT, _PORTS_PER_DOMAIN = 7410, 250
+_LOCK = "trunk-test-domain-{}"  # an abstract socket, which goes with its process
+_PARTICIPANTS = 32  # of a domain on one machine that find each other
 
 
 class Domains:
@@ -33,15 +35,25 @@ class Domains:
             domain = 1 + (self._next - 1) % _DOMAINS
             self._next += 1
             self._lock = socket.socket(socket.AF_UNIX)
-            with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
-                self._lock.bind(f"\0trunk-test-domain-{domain}")  # goes with this process
-                port.bind(("", _DDS_PORT + _PORTS_PER_DOMAIN * domain))
+            with suppress(OSError):
+                self._lock.bind("\0" + _LOCK.format(domain))
+                _check_deserted(domain)
                 return domain
             self._lock.close()
         pytest.fail("every ROS domain from 1 to 100 is in use")
 
     def close(self) -> None:
         self._lock.close()
+
+
+def _check_deserted(domain: int) -> None:
+    """Raise OSError if a participant of this domain is alive, such as a node that some test leaked.
+
+    Each holds one of the domain's ports for discovery, not always the first: others may have ended.
+    """
+    for participant in range(_PARTICIPANTS):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+            port.bind(("", _DDS_PORT + _PORTS_PER_DOMAIN * domain + 2 * participant))
 
 
 @pytest.fixture(scope="session")

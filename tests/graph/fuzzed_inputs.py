@@ -1,4 +1,4 @@
-"""What may come to a node: parameters and messages, right, extreme, wrong and damaged (Hypothesis)."""
+"""What a node may receive: parameters and messages, valid, extreme, wrong and damaged (Hypothesis)."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def message(name: str, value: Any) -> ParameterMessage:
 
 # Messages.
 
-# Activate, deactivate, what is refused wherever the node is, and numbers that nothing has.
+# Activate, deactivate, what is refused in every state, and numbers of no transition.
 TRANSITIONS = st.sampled_from([3, 3, 4, 0, 1, 5, 99, 255])
 STAMPS = st.sampled_from(
     ["next", "next", "next", "same", "back", "far", "last", "zero", "negative"]
@@ -120,7 +120,7 @@ def damaged(data: bytes, how: str, at: int) -> bytes:
     at %= max(len(data), 1)
     if how == "cut":
         return data[:at]
-    if how == "stamp":  # nanoseconds beyond a second carry it past what a stamp can be
+    if how == "stamp":  # nanoseconds beyond a second push it past the largest stamp
         return data[:4] + struct.pack("<iI", 2**31 - 1, 2**32 - 1) + data[12:]
     if how == "flip":
         return data[:at] + bytes([data[at] ^ 0xFF]) + data[at + 1 :]

@@ -1,4 +1,4 @@
-"""A node's life, asked for and changed through its services."""
+"""A node's lifecycle state, queried and changed through its services."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A node of the test's own in the graph: it listens, speaks, and calls services."""
+"""The test's own node in the graph: it subscribes, publishes, and calls services."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Parameters(NamedTuple):
 
 
 class Peer:
-    """Collects what the graph says; every wait has a condition, as `processes.until` has."""
+    """Collects what the graph publishes; every wait has a condition, as in `processes.until`."""
 
     def __init__(self, name: str = "peer") -> None:
         middleware.prepare()
@@ -102,7 +102,7 @@ class Peer:
         return heard
 
     def speaker(self, topic: str) -> Callable[[JointSample], None]:
-        """Return what publishes samples on a topic, once somebody listens to it."""
+        """Return a function that publishes samples on a topic, once it has a subscriber."""
         publisher = self.node.create_publisher(JointState, topic, qos.evidence())
         self.until(publisher.get_subscription_count, f"somebody listens to {topic}")
         return lambda sample: publisher.publish(sample_to_ros(sample))
@@ -114,7 +114,7 @@ class Peer:
         return found
 
     def until_event(self, node: str, message: str) -> Event:
-        """Spin until a node has said this on ``run/events``, and return the last such event."""
+        """Spin until a node has published this event on ``run/events``, and return the last one."""
         wanted = (f"/{node.lstrip('/')}", message)
         return self.until(
             lambda: next((e for e in reversed(self.events) if (e.node, e.message) == wanted), None),
@@ -122,7 +122,7 @@ class Peer:
         )
 
     def until_started(self, run: Child) -> None:
-        """Spin until the simulator of a run has said that it has started; the run must not end before."""
+        """Spin until a run's simulator reports that it has started; the run must not end before."""
 
         def started_or_over() -> bool:
             over = run.process.poll() is not None
@@ -140,14 +140,14 @@ class Peer:
         )
 
     def fresh_diagnostics(self, node: str) -> dict[str, str]:
-        """Return what a node says on /diagnostics from the second message after now."""
+        """Return a node's second message on /diagnostics from now on."""
         seen, name = len(self.diagnostics), f"/{node.lstrip('/')}"
         return self.until(
             lambda: [v for n, v in self.diagnostics[seen:] if n == name][1:], f"{node} diagnoses"
         )[0]
 
     def until_recorded(self, messages: int, node: str = "recorder") -> None:
-        """Spin until a recorder says that so many messages are in its file."""
+        """Spin until a recorder reports that many messages in its file."""
 
         def recorded() -> bool:
             said = [v for n, v in self.diagnostics if n == f"/{node}"]

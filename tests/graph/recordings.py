@@ -1,4 +1,4 @@
-"""What a test asks of a recording's file, by readers that are not ours."""
+"""Checks of a recording's file by readers other than our own."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def joints(recording: Recording, topic: str) -> JointArrays:
 
 
 def assert_every_step(recording: Recording, period_ns: int, states: int) -> None:
-    """Assert that true and measured states stand at every stamp, each once, in order."""
+    """Assert that every stamp has its true and its measured state, each once, in order."""
     wanted = np.arange(states) * period_ns
     for topic in (topics.GROUND_TRUTH, topics.JOINT_STATES):
         stamps = joints(recording, topic).stamp_ns

@@ -32,7 +32,7 @@ def command(stamp_ns: int, effort: float = BAD, name: str = "trunk") -> JointSam
 
 
 def stamp_of(messages: list[JointState]) -> int:
-    """Return the last message's stamp, -1 where there is none."""
+    """Return the last message's stamp, -1 if there is none."""
     return stamp_from_ros(messages[-1].header.stamp) if messages else -1
 
 
@@ -53,7 +53,7 @@ def test_real_time(children: Children, peer: Peer) -> None:
         JointSample(good_ns, ("trunk",)),  # no effort in it
         command(good_ns, nan),
         command(good_ns, inf),
-        command(good_ns + 3600 * 10**9),  # answers a state that is not
+        command(good_ns + 3600 * 10**9),  # answers a state that does not exist
     ):
         say(bad)
     say(command(good_ns, GOOD))
@@ -82,7 +82,7 @@ def test_lockstep(children: Children, peer: Peer) -> None:
     for k in range(5):
         now_ns = k * PERIOD_NS
         peer.until(lambda: stamp_of(truth) == now_ns, "the plant steps")  # noqa: B023
-        say(command(now_ns - PERIOD_NS))  # for k = 0: an answer before all time
+        say(command(now_ns - PERIOD_NS))  # for k = 0: a negative stamp
         say(command(now_ns + PERIOD_NS))
         say(command(now_ns, nan))
         say(command(now_ns, BAD, "hip"))
@@ -93,7 +93,7 @@ def test_lockstep(children: Children, peer: Peer) -> None:
     assert said["commands without the joint"] == said["commands not finite"] == "5"
     assert said["answers to no state ignored"] == "5"
     assert said["late answers ignored"] == "10"
-    say(command(5 * PERIOD_NS, GOOD))  # the last state wants an answer too
+    say(command(5 * PERIOD_NS, GOOD))  # the last state needs an answer too
     assert simulator.wait() == 0, simulator.stderr
     assert list(efforts(truth).values()) == [0.0] + [GOOD + k for k in range(5)]
 
@@ -113,7 +113,7 @@ def test_silent_controller_in_real_time(children: Children, peer: Peer) -> None:
 
 
 def test_bad_states_and_strangers(children: Children, peer: Peer) -> None:
-    """The test is the plant: what a controller cannot use is counted, and it answers the rest."""
+    """The test plays the plant: a controller counts what it cannot use and answers the rest."""
     answers = peer.hear(topics.EFFORT_COMMAND)
     pid = children.node("pid", "gains.i:=0.0", "gains.d:=0.0")
     best_effort = peer.node.create_publisher(JointState, topics.JOINT_STATES, qos.view())
@@ -142,7 +142,7 @@ def test_bad_states_and_strangers(children: Children, peer: Peer) -> None:
     peer.until(lambda: 7 * PERIOD_NS in answered(), "the joint is found among many")
     for k in range(8, 1008):  # a flood, deeper than any queue of the loop
         say(state(k))
-    say(state(3, 0.125))  # time runs back: the controller begins anew
+    say(state(3, 0.125))  # time goes back: the controller starts afresh
     peer.until(lambda: answered().get(3 * PERIOD_NS), "the last state is answered")
     heard = answered()
     assert heard[7 * PERIOD_NS] == -0.5 * 60.0

@@ -1,4 +1,4 @@
-"""A wrong parameter ends a node at its start: code 2, one line that says which, what and what is allowed."""
+"""A wrong parameter ends a node at start: code 2, one line with name, value and what is allowed."""
 
 from __future__ import annotations
 

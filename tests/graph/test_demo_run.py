@@ -1,4 +1,4 @@
-"""``trunk run demo``: the whole graph in real time, and a recording that everybody can read."""
+"""``trunk run demo``: the whole graph in real time, and a recording that other readers can read."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def test_demo(children: Children, tmp_path: Path) -> None:
     simulator = nodes["/simulator"]["ros__parameters"]
     assert (simulator["update_rate"], simulator["duration"]) == (200.0, 3.0)
 
-    # How late commands come is the machine's affair; what is made of each is not.
+    # How late commands arrive depends on the machine; what is done with each does not.
     assert verify(recording).exit_code == VERIFIED, verify(recording)
     assert_readable_by_all(folder / "run.mcap")
 
 
 def assert_readable_by_all(path: Path) -> None:
-    """Assert that three readers of other houses decode every message, and count the same."""
+    """Assert that three independent readers decode every message and count the same number."""
     by_mcap = finished_file(path)
     by_mcap_ros2 = Counter(
         message.channel.topic for message in read_ros2_messages(path) if message.ros_msg

@@ -22,9 +22,10 @@ pytestmark = pytest.mark.graph
 
 
 def test_a_node_ends_when_its_evidence_is_recorded(
-    children: Children, peer: Peer, tmp_path: Path
+    children: Children, peer: Peer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A recorder that has found nobody yet, as on a busy machine, is waited for."""
+    """The node waits for a recorder that has not discovered anyone yet, as on a busy machine."""
+    monkeypatch.setenv("TRUNK_PATIENCE", "200")  # no busy machine may reach a limit
     updates = peer.hear("pid/state")
     pid = children.node("pid")
     say = peer.speaker(topics.JOINT_STATES)
@@ -53,7 +54,7 @@ def test_what_was_published_and_not_recorded_is_named(
     pid = children.node("pid")
     simulator = children.node("simulator", "duration:=0.0")
     peer.until_recorded(100)
-    # A controller that came and went so quickly that the recorder has heard nothing but its last words.
+    # A controller that ended so soon that the recorder received only its last events.
     publisher = peer.node.create_publisher(
         DiagnosticArray, topics.RUN_EVENTS, qos.run_information()
     )

@@ -92,7 +92,7 @@ def test_timers_and_services_have_their_turn_among_messages(loop: Loop) -> None:
 
     def again(message: JointState) -> None:
         heard.append(message)
-        publisher.publish(message)  # to ourselves: there is always a message
+        publisher.publish(message)  # to itself: there is always a message
 
     def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.message = "here"

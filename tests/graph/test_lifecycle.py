@@ -1,4 +1,4 @@
-"""Managed nodes: ROS 2's ordinary transitions, in any order, by anybody; and swaps of controllers."""
+"""Managed nodes: ROS 2's ordinary transitions in any order, and swaps of controllers."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from trunk_experiments.analysis.run_table import RunTable
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.node.conversions import stamp_from_ros
@@ -19,7 +20,7 @@ from .processes import Child, Children
 
 pytestmark = pytest.mark.graph
 
-UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = "unconfigured", "inactive", "active", "finalized"
+UNCONFIGURED, INACTIVE, ACTIVE = "unconfigured", "inactive", "active"
 
 
 @pytest.mark.parametrize("node", ["simulator", "disturbance", "pid", "fuzzy_pid", "recorder"])
@@ -29,7 +30,9 @@ def test_every_transition(children: Children, peer: Peer, tmp_path: Path, node: 
     life = Life(peer, node)
     assert life.state() == UNCONFIGURED
     assert not (tmp_path / "run.mcap").exists()
-    assert not life.change("activate")  # not from here: refused, and the node lives on
+    assert not life.change(
+        "activate"
+    )  # not available in this state: refused, and the node keeps running
     assert (
         "transition refused: activate; this node is unconfigured: configure or shutdown it"
         in child.stderr + child.stdout
@@ -69,7 +72,7 @@ def test_a_recorder_that_cannot_be_configured(
     assert "run.mcap exists" in child.stderr + child.stdout
 
 
-def test_the_plant_waits_for_who_is_inactive(children: Children, peer: Peer) -> None:
+def test_the_plant_waits_for_an_inactive_controller(children: Children, peer: Peer) -> None:
     truth = peer.hear(topics.GROUND_TRUTH)
     pid = children.node("pid", "autostart:=false")
     simulator = children.node("simulator", "duration:=0.5", "lockstep.enabled:=true")
@@ -87,7 +90,7 @@ def test_the_plant_waits_for_who_is_inactive(children: Children, peer: Peer) -> 
 
 
 def test_held_by_deactivation(children: Children, peer: Peer) -> None:
-    """The simulator's turns are pauses of the run: stamps stand still, and go on."""
+    """While the simulator is inactive the run is paused: stamps stand still, then go on."""
     truth = peer.hear(topics.GROUND_TRUTH)
     pid = children.node("pid")
     simulator = children.node("simulator")
@@ -126,14 +129,14 @@ def test_a_swap_by_hand(children: Children, peer: Peer, tmp_path: Path) -> None:
     assert turned["/pid", "deactivated"] <= turned["/fuzzy_pid", "activated"]
     first = recording.joints("/fuzzy_pid/state").stamp_ns[0]
     assert first > turned["/fuzzy_pid", "activated"]
-    # Its first command is the torque that acted, whichever that was by then.
+    # Its first command is the torque that acted at that time.
     states, commands = recording.joints("/joint_states"), recording.joints("/effort_command")
     acting = states.column("effort", "trunk")[states.stamp_ns == first]
     assert commands.column("effort", "trunk")[commands.stamp_ns == first] == pytest.approx(acting)
 
 
 def test_one_that_joins_a_run_under_way(children: Children, peer: Peer, tmp_path: Path) -> None:
-    """It is active from the first state that it gets on, and the record says so."""
+    """It is active from the first state that it receives, and the recording says so."""
     recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid,fuzzy_pid]")
     pid = children.node("pid")
     truth = peer.hear(topics.GROUND_TRUTH)
@@ -187,7 +190,7 @@ def test_a_swap_in_real_time(children: Children, tmp_path: Path) -> None:
     assert (stamps["fuzzy_pid"] >= 500_000_000).all()
     assert (stamps["fuzzy_pid"] < 1_000_000_000).all()
     assert not ((stamps["pid"] >= 500_000_000) & (stamps["pid"] < 1_000_000_000)).any()
-    table = RunTable.from_recording(recording)
+    table = RunTable.from_run(RecordedRun(recording))
     assert table.kp[table.t == 0.75] != table.kp[table.t == 0.25]
     # Each first command of a turn is the torque that acted when it was computed.
     states, commands = recording.joints("/joint_states"), recording.joints("/effort_command")
@@ -197,7 +200,7 @@ def test_a_swap_in_real_time(children: Children, tmp_path: Path) -> None:
         assert given == pytest.approx(acting)
 
 
-def test_a_run_whose_recorder_is_managed_by_somebody(children: Children, peer: Peer) -> None:
+def test_a_run_whose_recorder_is_managed_by_hand(children: Children, peer: Peer) -> None:
     run = children.trunk(
         "run", "demo", "--duration", 0.2, "--output", "run", "--set", "recorder.autostart=false"
     )
@@ -214,7 +217,7 @@ def test_a_run_whose_recorder_is_managed_by_somebody(children: Children, peer: P
 def test_a_recorder_that_was_inactive_for_a_while(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
-    """Its turns are in the record; what it missed is judged neither right nor wrong."""
+    """The recording has its transitions; what it missed is judged neither right nor wrong."""
     truth = peer.hear(topics.GROUND_TRUTH)
     recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
     pid = children.node("pid")

@@ -1,4 +1,4 @@
-"""Parameters changed by ROS 2's ordinary services: judged as a whole, active at once, on the record."""
+"""Parameters changed by ROS 2's ordinary services: checked as a set, active at once, and recorded."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_described(pid: Child, peer: Peer) -> None:
 
 
 def test_stored_is_active_and_published(pid: Child, peer: Peer) -> None:
-    """The test is the plant: it says states and hears which command answers each."""
+    """The test plays the plant: it publishes states and receives the command that answers each."""
     commands, services = peer.hear("effort_command"), Services(peer, "pid")
     say, steps = peer.speaker("joint_states"), count()
 
@@ -171,19 +171,19 @@ def test_every_refusal_names_what_is_refused(pid: Child, peer: Peer) -> None:
     assert repr(services.get("reference.times")) == "[[1.0, 2.0]]"
     assert services.set_together(reference__times=[], reference__values=[]).successful
 
-    # Of three, one by one, the wrong one alone is refused.
+    # Of three set one by one, only the wrong one is refused.
     results = services.set_each(gains__p=1.0, gains__i=-1.0, gains__d=2.0)
     assert [result.successful for result in results] == [True, False, True]
     assert services.get("gains.p", "gains.i", "gains.d") == [1.0, 0.0, 2.0]
 
-    strange = ParameterMessage(name="gains.p", value=ParameterValue(type=77))  # no type of ROS 2
+    strange = ParameterMessage(name="gains.p", value=ParameterValue(type=77))  # not a type of ROS 2
     for kind, service in (
         (SetParameters, "set_parameters"),
         (SetParametersAtomically, "set_parameters_atomically"),
     ):
         response = peer.call(kind, f"/pid/{service}", parameters=[strange])
         result = response.result if kind is SetParametersAtomically else response.results[0]
-        assert result.reason == "parameter 'gains.p': 77 is no type of a parameter"
+        assert result.reason == "parameter 'gains.p': 77 is not a parameter type"
     assert services.get("gains.p") == [1.0]
 
 

@@ -17,7 +17,7 @@ from .processes import Child, Children
 
 pytestmark = pytest.mark.graph
 
-# The library's call, for the order of start is no option of the command.
+# Through the library, since the command has no option for the start order.
 RUN_IN_ORDER = """
 import sys
 from pathlib import Path
@@ -35,7 +35,7 @@ BUSY = "while True: pass"
 
 
 def verdict(*arguments: object) -> str:
-    """Return what a verb that only reads says; it must end with code 0."""
+    """Return the output of a verb that only reads; it must end with code 0."""
     result = CliRunner().invoke(trunk, [str(argument) for argument in arguments])
     assert result.exit_code == 0, result.output
     return result.output
@@ -71,7 +71,7 @@ def test_same_bits_everywhere(
     children.none_left()
 
     steps, updates = round(duration * 1000) + 1, round(duration * rate) + 1
-    messages = 4 * steps + 1 + updates  # the disturbance is told one step ahead
+    messages = 4 * steps + 1 + updates  # the disturbance is published one step ahead
     for run in (processes, composed):
         assert f"identical: {messages} messages" in verdict("diff", offline, run)
     for run in (offline, processes, composed):

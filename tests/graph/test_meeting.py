@@ -1,4 +1,4 @@
-"""A run begins when each node that answers has been met both ways: state 0 is published once."""
+"""A run begins when each node that answers is matched both ways: state 0 is published once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.graph
 
 @pytest.fixture
 def witness(domain: int) -> Iterator[Peer]:
-    """Another node, which only listens: a recorder, say."""
+    """Another node that only subscribes, such as a recorder."""
     listener = Peer("witness")
     yield listener
     listener.close()
@@ -33,12 +33,12 @@ def witness(domain: int) -> Iterator[Peer]:
         ("pid", topics.JOINT_STATES, topics.EFFORT_COMMAND),
     ],
 )
-def test_ready_is_who_is_heard_by_the_plant(
+def test_a_node_is_ready_when_the_plant_receives_its_answers(
     children: Children, peer: Peer, witness: Peer, node: str, hears: str, answers: str
 ) -> None:
     child = children.node(node)
     witness.hear(answers)
-    peer.speaker(hears)  # a plant that has not found the node's answers yet
+    peer.speaker(hears)  # a plant that has not discovered the node's answers yet
     witness.until(lambda: witness.node.count_publishers(answers), "the witness has found the node")
     peer.fresh_diagnostics(node)
     peer.fresh_diagnostics(node)
@@ -55,7 +55,7 @@ def test_ready_is_who_is_heard_by_the_plant(
         (topics.JOINT_STATES, topics.EFFORT_COMMAND),
     ],
 )
-def test_the_plant_begins_when_it_has_found_who_is_ready(
+def test_the_plant_begins_when_it_has_discovered_the_ready_node(
     children: Children, peer: Peer, witness: Peer, states: str, answers: str
 ) -> None:
     seen = witness.hear(states)

@@ -1,4 +1,4 @@
-"""Two node sets side by side, each in its namespace: neither hears the other."""
+"""Two node sets side by side, each in its namespace: neither receives anything of the other."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from .processes import Child, Children, until
 
 pytestmark = pytest.mark.graph
 
-# The same topics but for the namespace, other bits: a word of one in the other would show.
+# The same topics except for the namespace, but other bits: a message of one in the other would show.
 SETS = {"robot1": ("fuzzy_pid", "0.5"), "left/robot2": ("pid", "0.25")}
 
 
 def start(children: Children, namespace: str) -> dict[str, Child]:
-    """Start what ``trunk plan`` says is to be started, by its executables."""
+    """Start the executables that ``trunk plan`` lists."""
     controller, angle = SETS[namespace]
     place = namespace.replace("/", "_")
     plan = children.trunk(

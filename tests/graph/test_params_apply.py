@@ -68,7 +68,7 @@ def test_a_file_is_applied_as_a_whole(
         "trunk: error: /pid refuses: parameter 'u_clamp_max': -200.0 is not allowed: "
         "greater than u_clamp_min (-100)"
     )
-    # What is fixed may stand in the file, but not with another value.
+    # The file may contain fixed parameters, but not with other values.
     file.write_text("pid:\n  ros__parameters: {gains.p: 1.0, update_rate: 200, joint: hip}\n")
     code, said, (line,) = apply("pid", file)
     assert (code, said) == (1, [])
@@ -92,7 +92,7 @@ def test_rule_tables_in_a_namespace(children: Children, peer: Peer, apply: Apply
     assert node.stop() == 0, node.stderr
 
 
-def test_mistakes_are_told_in_one_line(
+def test_mistakes_are_reported_in_one_line(
     children: Children, peer: Peer, apply: Apply, tmp_path: Path
 ) -> None:
     node = children.node("pid", "-r", "__node:=spare")

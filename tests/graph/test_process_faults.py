@@ -1,4 +1,4 @@
-"""Processes that die, hang or intrude: what tests/faults does not look at as closely."""
+"""Processes that die, hang or intrude, in more detail than in tests/faults."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def file(tmp_path: Path) -> Path:
 
 
 def start(children: Children, peer: Peer, *options: object) -> Child:
-    """Return a run of a minute, once it is under way and some of it has been recorded."""
+    """Return a run of a minute that has begun and is partly recorded."""
     run = children.trunk("run", "demo", "--duration", 60, "--output", "run", *options)
     peer.until_started(run)
     peer.until_recorded(200)

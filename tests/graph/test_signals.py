@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM end every node in order: code 0, the recording finished and judged rightly."""
+"""SIGINT and SIGTERM end every node in order: code 0, the recording finished and marked correctly."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def test_in_a_run(
 
 @pytest.mark.parametrize("node", ["pid", "recorder"])
 def test_told_again_and_again_to_stop(children: Children, peer: Peer, node: str) -> None:
-    """As where a terminal's Ctrl-C and a launch both tell it: the last word must not kill it."""
+    """As when a terminal's Ctrl-C and ros2 launch both signal it: the last signal must not kill it."""
     child = children.node(node, "output:=run.mcap")
     peer.until_up(node)
 

@@ -1,4 +1,4 @@
-"""A reference from a topic holds as long as the profile asks for one, and not a state longer."""
+"""A reference from a topic holds as long as the profile is ``topic``, and not a state longer."""
 
 from __future__ import annotations
 

@@ -21,9 +21,9 @@ ROOT = Path(__file__).resolve().parents[2]
 def readers() -> Callable[[bytes, Path], None]:
     """Return the function that reads some bytes as every verb does, at a path to write them to."""
     from trunk_experiments.analysis.run_table import RunTable
+    from trunk_experiments.recorded.run import RecordedRun
     from trunk_experiments.replay.doctor import examine
     from trunk_experiments.replay.explain import explain
-    from trunk_experiments.replay.record import RecordedRun
     from trunk_experiments.replay.verify import verify
     from trunk_msgs_util import provenance
     from trunk_msgs_util.recording.reader import Recording
@@ -38,8 +38,8 @@ def readers() -> Callable[[bytes, Path], None]:
             recording = Recording.open(path)
             for use in (
                 verify,
-                RunTable.from_recording,
-                lambda recording: explain(recording, 0.001),
+                lambda recording: RunTable.from_run(RecordedRun(recording)),
+                lambda recording: explain(RecordedRun(recording), 0.001),
                 lambda recording: RecordedRun(recording).plan(),
             ):
                 with suppress(TrunkError):

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from trunk_experiments.plans.plan import RunPlan, make_plan
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.verify import verify
 from trunk_experiments.runs.offline_recording import record_offline
@@ -39,7 +40,7 @@ def plan_of(duration: float, **simulator: object) -> RunPlan:
 def assert_same_bits(plan: RunPlan, run: Recording, folder: Path) -> None:
     """Assert that a run was the offline run of its plan, bit by bit, and that it can be recomputed."""
     states = record_offline(plan, folder / "offline.mcap")
-    found = diff(Recording.open(folder / "offline.mcap"), run)
+    found = diff(RecordedRun.open(folder / "offline.mcap"), RecordedRun(run))
     assert found.identical, found.first
     assert found.compared == 5 * states + 1  # the disturbance is told one step ahead
     verdict = verify(run)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from trunk_msgs_util.mechanics import Body, inverse_dynamics
-from trunk_msgs_util.parameters.body import body_parameter
+from trunk_msgs_util.parameters.body import body_of, body_parameter
 from trunk_msgs_util.parameters.declarations import parameter
 
 from .computed_torque import computed_torque_update
@@ -51,15 +51,7 @@ class ComputedTorqueConfig(ControllerConfig):
     @property
     def model(self) -> Body:
         """The plant as the controller believes it to be."""
-        return Body(
-            self.hip_mass,
-            self.trunk_mass,
-            self.length,
-            self.gravity,
-            self.amplitude,
-            self.wavenumber,
-            self.hip_mode == "prescribed",
-        )
+        return body_of(self)
 
     @property
     def constants(self) -> tuple[Gains, Body]:

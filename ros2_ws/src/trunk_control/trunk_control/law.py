@@ -25,6 +25,12 @@ Constants = tuple[Any, ...]
 Update = Callable[[PidState, Sample, Constants, PidLaw], tuple[PidState, Terms]]
 
 
+def constant_gains(state: PidState, sample: Sample, constants: Constants) -> Gains:
+    """Return the gains of a law whose first constant they are: they do not depend on the state."""
+    gains: Gains = constants[0]
+    return gains
+
+
 @dataclass(frozen=True)
 class Law:
     """A control law. Its functions are pure: CPython runs them and numba compiles them unchanged.

@@ -8,7 +8,7 @@ from trunk_msgs_util.mechanics import Body
 from trunk_msgs_util.parameters.declarations import parameter
 
 from .controller_config import ControllerConfig
-from .law import Law, Sample
+from .law import Law, Sample, constant_gains
 from .lqr import lqr_update
 from .pid import Gains, PidLaw, PidState, Terms
 
@@ -67,9 +67,4 @@ def update(
     )
 
 
-def gains(state: PidState, sample: Sample, constants: tuple[Gains, float]) -> Gains:
-    """Return the gains, which do not depend on the state."""
-    return constants[0]
-
-
-LAW = Law("lqr", "LQR", LqrConfig, update, gains)
+LAW = Law("lqr", "LQR", LqrConfig, update, constant_gains)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from trunk_msgs_util.parameters.declarations import parameter
 
 from .controller_config import ControllerConfig
-from .law import Law, Sample
+from .law import Law, Sample, constant_gains
 from .pid import Gains, PidLaw, PidState, Terms, pid_update
 
 AS_PRINTED, ZIEGLER_NICHOLS = Gains(60.0, 36.0, 400.0), Gains(60.0, 100.0, 9.0)
@@ -51,11 +51,6 @@ def update(
     return pid_update(state, s.reference, s.measurement, s.rate, s.dt, constants[0], law)
 
 
-def gains(state: PidState, sample: Sample, constants: tuple[Gains]) -> Gains:
-    """Return the gains, which do not depend on the state."""
-    return constants[0]
-
-
 def describe(config: PidConfig) -> str:
     """Return which gains these are."""
     if config.gains == AS_PRINTED:
@@ -65,4 +60,4 @@ def describe(config: PidConfig) -> str:
     return "{:g}, {:g}, {:g}".format(*config.gains)
 
 
-LAW = Law("pid", "PID", PidConfig, update, gains, describe)
+LAW = Law("pid", "PID", PidConfig, update, constant_gains, describe)

@@ -23,9 +23,9 @@ from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline import steps
 from trunk_msgs_util.parameters.declarations import declarations, values_of
-from trunk_msgs_util.recording.reader import Recording
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +124,7 @@ def test_a_compiled_controller_at_half_the_plants_rate_does_so_too(batch, half_r
 def test_metrics_are_those_of_the_recording(batch, short_run, controller):
     path = short_run("fig8", controller)
     plan = make_plan("fig8", controller, everywhere={"duration": 1.3})
-    expected = metrics(RunTable.from_recording(Recording.open(path)))
+    expected = metrics(RunTable.from_run(RecordedRun.open(path)))
     assert batch.run(plan).metrics() == expected
 
 

@@ -12,9 +12,9 @@ from click.testing import CliRunner
 from trunk_experiments.analysis.metrics import QUANTITIES, metrics
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.cli import trunk
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.views.compare import best_of, compare, differing_parameters
 from trunk_experiments.views.run_view import RunView
-from trunk_msgs_util.recording.reader import Recording
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def runs(short_run):
 
 @pytest.fixture(scope="module")
 def found(runs):
-    return compare([RunView.read(Recording.open(run)) for run in runs])
+    return compare([RunView.read(RecordedRun.open(run)) for run in runs])
 
 
 def invoke(*arguments):
@@ -52,7 +52,7 @@ def test_the_smallest_magnitude_is_best_and_null_ranks_last(values, best):
 
 
 def test_rows_hold_the_metrics_of_each_run(runs, found):
-    expected = [metrics(RunTable.from_recording(Recording.open(run))).as_dict() for run in runs]
+    expected = [metrics(RunTable.from_run(RecordedRun.open(run))).as_dict() for run in runs]
     assert [row.key for row in found.rows] == list(expected[0]) == list(QUANTITIES)
     for row in found.rows:
         assert row.values == tuple(run[row.key] for run in expected)
@@ -68,7 +68,7 @@ def test_parameters_that_differ(short_run, found):
     assert not any(name.startswith("recorder") for name in found.parameters)
     other = short_run("fig6", "pid", ("pid_as_printed",), duration=3.0)
     views = [
-        RunView.read(Recording.open(p)) for p in (short_run("fig6", "pid", duration=3.0), other)
+        RunView.read(RecordedRun.open(p)) for p in (short_run("fig6", "pid", duration=3.0), other)
     ]
     assert differing_parameters(views) == {
         "controller.gains.i": (100.0, 36.0),
@@ -80,7 +80,7 @@ def test_where_runs_diverge(runs, found, short_run):
     (difference,) = found.diffs
     # At t = 0 both see the same state; the first torque already differs.
     assert (difference.first.topic, difference.first.stamp_ns) == ("effort_command", 0)
-    same = compare([RunView.read(Recording.open(runs[0]))] * 2)
+    same = compare([RunView.read(RecordedRun.open(runs[0]))] * 2)
     assert same.diffs[0].identical
     assert same.parameters == {}
 

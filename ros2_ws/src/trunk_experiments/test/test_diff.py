@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
-from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.writer import RecordingWriter
 from trunk_msgs_util.samples import JointSample
 
@@ -22,7 +22,7 @@ def run(path, *messages):
             stamp, torque = message if isinstance(message, tuple) else (message, message)
             sample = JointSample(stamp * MS, ("trunk",), effort=(float(torque),))
             writer.write(channel, stamp * MS, stamp * MS, layout_of(sample).pack(sample))
-    return Recording.open(path)
+    return RecordedRun.open(path)
 
 
 CASES = {

@@ -13,9 +13,10 @@ from click.testing import CliRunner
 from trunk_experiments.cli import trunk
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.explain import explain
 from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.reader import RecordingError
 
 FIELDS = ("error", "error_rate", "p_term", "i_term", "d_term", "kp", "ki", "kd", "alpha")
 
@@ -24,9 +25,9 @@ FIELDS = ("error", "error_rate", "p_term", "i_term", "d_term", "kp", "ki", "kd",
 @pytest.mark.parametrize("controller", ["pid", "fuzzy_pid", "lqr", "computed_torque"])
 @pytest.mark.parametrize("at", [0.0, 0.5, 1.0, 1.05, 1.1, 1.3])
 def test_terms_equal_the_recorded_ones(short_run, scenario, controller, at):
-    recording = Recording.open(short_run(scenario, controller))
-    found = explain(recording, at)
-    state = recording.joints(recording.topic(f"{controller}/state"))
+    run = RecordedRun.open(short_run(scenario, controller))
+    found = explain(run, at)
+    state = run.joints(f"{controller}/state")
     row = int(np.flatnonzero(state.stamp_ns <= round(at * 1e9))[-1])
     assert found.update == state.stamp_ns[row] / 1e9
     for name in (*FIELDS, "unsaturated", "effort"):
@@ -36,7 +37,7 @@ def test_terms_equal_the_recorded_ones(short_run, scenario, controller, at):
 
 
 def test_rules_make_the_gains(short_run):
-    found = explain(Recording.open(short_run("fig8", "fuzzy_pid")), 0.7)
+    found = explain(RecordedRun.open(short_run("fig8", "fuzzy_pid")), 0.7)
     total = {n: sum(r.weight * getattr(r, n) for r in found.rules) for n in ("kp", "kd", "alpha")}
     assert found.terms.kp == pytest.approx(32.0 + 28.0 * total["kp"], rel=1e-14)
     assert found.terms.kd == pytest.approx(9.6 + 8.4 * total["kd"], rel=1e-14)
@@ -44,18 +45,18 @@ def test_rules_make_the_gains(short_run):
     weights = [rule.weight for rule in found.rules]
     assert weights == sorted(weights, reverse=True)
     # The first state: e = -30 deg is the peak of NS, e_dot = 0 that of ZO; Tables 2 to 4 say B, S, S.
-    first = explain(Recording.open(short_run("fig8", "fuzzy_pid")), 0.0).rules[0]
+    first = explain(RecordedRun.open(short_run("fig8", "fuzzy_pid")), 0.0).rules[0]
     assert (first.error_label, first.rate_label) == ("NS", "ZO")
     assert (first.kp_label, first.kd_label, first.alpha_label) == ("B", "S", "S")
 
 
 def test_a_plain_pid_has_no_rules(short_run):
-    assert explain(Recording.open(short_run("fig8", "pid")), 0.7).rules == ()
+    assert explain(RecordedRun.open(short_run("fig8", "pid")), 0.7).rules == ()
 
 
 def test_what_a_model_adds(short_run):
-    assert explain(Recording.open(short_run("fig8", "pid")), 0.7).by_model == 0.0
-    found = explain(Recording.open(short_run("fig8", "computed_torque")), 0.7)
+    assert explain(RecordedRun.open(short_run("fig8", "pid")), 0.7).by_model == 0.0
+    found = explain(RecordedRun.open(short_run("fig8", "computed_torque")), 0.7)
     terms = found.terms
     assert found.by_model != 0.0
     total = terms.p_term + terms.i_term + terms.d_term + found.by_model
@@ -63,16 +64,16 @@ def test_what_a_model_adds(short_run):
 
 
 def test_the_pulse_that_acted(short_run):
-    recording = Recording.open(short_run("fig8", "pid"))
-    inside, outside = explain(recording, 1.05), explain(recording, 1.2)
+    run = RecordedRun.open(short_run("fig8", "pid"))
+    inside, outside = explain(run, 1.05), explain(run, 1.2)
     assert inside.disturbance.trunk_offset == 100.0 * pi / 180.0
     assert inside.measurement == pytest.approx(inside.true_angle + inside.disturbance.trunk_offset)
     assert not any(outside.disturbance)
 
 
 def test_limits_and_anti_windup(short_run):
-    recording = Recording.open(short_run("demo", "fuzzy_pid"))
-    limited, free = explain(recording, 1.0), explain(recording, 0.5)
+    run = RecordedRun.open(short_run("demo", "fuzzy_pid"))
+    limited, free = explain(run, 1.0), explain(run, 0.5)
     assert limited.limited
     assert limited.terms.effort == -100.0 > limited.terms.unsaturated
     assert limited.windup.acted
@@ -84,7 +85,7 @@ def test_limits_and_anti_windup(short_run):
 
 def test_between_updates_the_held_command_is_explained(short_run):
     run = short_run("fig8", "pid", settings=("pid.update_rate=100.0",))
-    found = explain(Recording.open(run), 0.5079)
+    found = explain(RecordedRun.open(run), 0.5079)
     assert found.update == 0.5
     assert found.windup.increment == pytest.approx(0.01 * found.terms.error)
     assert found.agrees
@@ -94,7 +95,7 @@ def test_the_first_update_after_a_reset(tmp_path):
     plan = make_plan("fig8", "pid", settings=["pid.update_rate=100.0", "simulator.duration=0.6"])
     plan = replace(plan, changes={"pid": [Change(503_000_000, None)]})
     record_offline(plan, tmp_path / "run.mcap")
-    found = explain(Recording.open(tmp_path / "run.mcap"), 0.505)
+    found = explain(RecordedRun.open(tmp_path / "run.mcap"), 0.505)
     assert found.update == 0.504
     assert found.windup.before == 0.0
     assert found.windup.increment == 0.01 * found.terms.error  # its period, not the 4 ms since
@@ -105,7 +106,7 @@ def test_the_first_update_after_a_reset(tmp_path):
 @pytest.mark.parametrize("at", [-0.1, 1.4, float("nan")])
 def test_a_time_outside_the_run(short_run, at):
     with pytest.raises(RecordingError, match=r"from t = 0 s to t = 1\.3 s"):
-        explain(Recording.open(short_run("fig8", "pid")), at)
+        explain(RecordedRun.open(short_run("fig8", "pid")), at)
 
 
 def test_the_command(short_run):

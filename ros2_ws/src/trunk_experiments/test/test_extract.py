@@ -7,6 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from trunk_experiments.analysis.run_table import CSV_COLUMNS, RunTable
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.views.extract import COLUMNS, window, write_mcap, write_npz, write_parquet
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 
@@ -20,7 +21,7 @@ def run(short_run):
 
 @pytest.fixture(scope="module")
 def table(run):
-    return RunTable.from_recording(run)
+    return RunTable.from_run(RecordedRun(run))
 
 
 def test_tables_hold_the_same_bits(table, tmp_path):

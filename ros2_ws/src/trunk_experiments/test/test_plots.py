@@ -7,10 +7,10 @@ import pytest
 from click.testing import CliRunner
 
 from trunk_experiments.cli import trunk
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.views.plot_style import COLORS, line_style, save
 from trunk_experiments.views.plots import overview, paper_figure
 from trunk_experiments.views.run_view import RunView, labels, off_scale
-from trunk_msgs_util.recording.reader import Recording
 
 MAGIC = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
 
@@ -18,7 +18,7 @@ MAGIC = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
 @pytest.fixture(scope="module")
 def views(short_run):
     runs = (short_run("fig8", "pid"), short_run("fig8", "fuzzy_pid"))
-    return [RunView.read(Recording.open(run)) for run in runs]
+    return [RunView.read(RecordedRun.open(run)) for run in runs]
 
 
 def axes_of(figure, title):
@@ -85,7 +85,7 @@ def test_the_reference_its_band_and_the_pulse_are_drawn_once(views):
 
 
 def test_torque_limits_are_drawn(short_run):
-    view = RunView.read(Recording.open(short_run("demo", "pid")))
+    view = RunView.read(RecordedRun.open(short_run("demo", "pid")))
     figure = overview([view])
     heights = [line.get_ydata()[0] for line in axes_of(figure, "Torque").lines]
     assert {-100.0, 100.0} <= set(heights)
@@ -109,7 +109,7 @@ def test_no_legend_covers_data(views):
 
 
 def test_the_papers_layout_names_the_controllers(views, short_run):
-    printed = RunView.read(Recording.open(short_run("fig6", "pid", ("pid_as_printed",))))
+    printed = RunView.read(RecordedRun.open(short_run("fig6", "pid", ("pid_as_printed",))))
     figure = paper_figure([printed, *views], 6)
     (axes,) = figure.axes
     assert axes.get_title(loc="left").startswith("Fig. 6")
@@ -131,7 +131,7 @@ def test_names_are_distinct_and_not_read_as_mathematics(views, tmp_path, short_r
     assert len(set(labels([views[0]] * 2))) == 2
     hostile = tmp_path / "_$x^$.mcap"
     hostile.write_bytes(short_run("fig8", "pid").read_bytes())
-    figure = overview([RunView.read(Recording.open(hostile))])
+    figure = overview([RunView.read(RecordedRun.open(hostile))])
     figure.draw_without_rendering()
     assert r"_\$x^\$" in figure.legends[0].get_texts()[0].get_text()
 

@@ -17,17 +17,17 @@ from mcap.reader import make_reader
 
 from trunk_control.fuzzy import infer
 from trunk_experiments.cli import trunk
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.doctor import INFO, examine
 from trunk_experiments.views.report import make_report
 from trunk_experiments.views.report_data import packed, rule_use
 from trunk_experiments.views.report_page import render
 from trunk_experiments.views.run_view import RunView
-from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.writer import RecordingWriter
 
 
 def view_of(path):
-    return RunView.read(Recording.open(path))
+    return RunView.read(RecordedRun.open(path))
 
 
 def unpacked(column):

@@ -10,10 +10,10 @@ import subprocess
 import numpy as np
 import pytest
 
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.views.report import make_report
 from trunk_experiments.views.report_page import write
 from trunk_experiments.views.run_view import RunView
-from trunk_msgs_util.recording.reader import Recording
 
 playwright = pytest.importorskip("playwright.sync_api")
 pytestmark = pytest.mark.browser
@@ -55,7 +55,7 @@ def browser():
 @pytest.fixture(scope="module")
 def views(short_run):
     runs = (short_run("fig8", "pid"), short_run("fig8", "fuzzy_pid"))
-    return [RunView.read(Recording.open(run)) for run in runs]
+    return [RunView.read(RecordedRun.open(run)) for run in runs]
 
 
 @pytest.fixture(scope="module")
@@ -296,7 +296,7 @@ def test_a_pulse_flashes_only_where_motion_is_welcome(opened, file, motion):
 def test_hostile_words_stay_text(opened, hostile_run, tmp_path):
     run, words = hostile_run
     path = tmp_path / "hostile.html"
-    write(make_report([RunView.read(Recording.open(run))]), path)
+    write(make_report([RunView.read(RecordedRun.open(run))]), path)
     page = opened(path)
     page.evaluate("() => document.querySelectorAll('details').forEach((d) => { d.open = true; })")
     text = page.inner_text("body")

@@ -15,12 +15,12 @@ from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.errors import StudyError, SweepError
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.study.bases import make_bases, plan_of
 from trunk_experiments.study.design import design
 from trunk_experiments.study.file import parse_study, read_study, shipped_studies
 from trunk_experiments.study.sweep import METRICS, Sweep, processes, run_block
-from trunk_msgs_util.recording.reader import Recording
 
 STUDY = """
 scenario: fig8
@@ -104,7 +104,7 @@ def test_a_row_is_the_run_that_simulate_makes(undisturbed, tmp_path):
         {"update_rate": 200.0, "duration": 3.0},
     )
     record_offline(plan, tmp_path / "run.mcap")
-    expected = metrics(RunTable.from_recording(Recording.open(tmp_path / "run.mcap")))
+    expected = metrics(RunTable.from_run(RecordedRun.open(tmp_path / "run.mcap")))
     assert {name: row[name] for name in METRICS} == expected.as_dict()
 
 

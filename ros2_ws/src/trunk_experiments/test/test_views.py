@@ -15,13 +15,14 @@ from trunk_msgs_util import topics
 
 PACKAGE = Path(__file__).parents[1]
 RVIZ = sorted((PACKAGE / "rviz").glob("*.rviz"))
+MARKERS_TYPE = "visualization_msgs/msg/MarkerArray"
 FIELDS = ("position", "velocity", "effort")
 
 
 def known_topics():
     return {
         "/" + name: kind for name, kind in topics.evidence_types(("pid", "fuzzy_pid")).items()
-    } | {"/" + markers.TOPIC: markers.TYPE}
+    } | {"/" + markers.TOPIC: MARKERS_TYPE}
 
 
 def names_in(topic):
@@ -83,7 +84,7 @@ def test_foxglove_draws_values_that_exist_in_panels_that_exist():
                 name = names_in(topic)[int(index)]
                 assert name == "trunk" or name in path["label"], path
         elif kind == "3D":
-            assert {known_topics()[topic] for topic in config["topics"]} == {markers.TYPE}
+            assert {known_topics()[topic] for topic in config["topics"]} == {MARKERS_TYPE}
         else:
             assert config["topicPath"] in known_topics()
 

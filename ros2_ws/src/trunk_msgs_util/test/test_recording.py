@@ -55,6 +55,7 @@ def test_a_namespace_is_found(run_file):
     assert recording.topic("joint_states") == "/a/b/joint_states"
     assert recording.controller == "pid"
     assert len(recording.joints(recording.topic(topics.GROUND_TRUTH))) == 3
+    assert recording.topic("/elsewhere") == "/elsewhere"
 
 
 def test_initial_parameters_and_changes_are_kept_apart(tmp_path):
@@ -149,7 +150,7 @@ def test_a_bad_message_is_named_and_the_others_are_read(tmp_path, odd, why):
     series = read_series(recording, {TRUTH: [("position", "b")]})[TRUTH]
     assert series.column("position", "b").tolist() == [0.0, 1.0, 2.0, 4.0]
     assert (recording.topics[TRUTH].count, recording.topics[TRUTH].readable) == (5, 4)
-    assert recording.altered_topics() == []  # the recorder's digests are of all messages
+    assert recording.alterations() == []  # the recorder's digests are of all messages
 
 
 def test_bad_events_and_parameters_are_named_and_the_others_are_read(tmp_path):

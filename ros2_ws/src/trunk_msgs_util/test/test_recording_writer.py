@@ -15,8 +15,9 @@ from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.recording.digests import DIGESTS
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.writer import DIGESTS, END, PROVENANCE, RecordingWriter
+from trunk_msgs_util.recording.writer import END, PROVENANCE, RecordingWriter
 
 TRUTH = f"/{topics.GROUND_TRUTH}"
 
@@ -28,10 +29,10 @@ def test_mcap_reads_it_with_all_checksums(run_file):
         assert reader.get_header().profile == "ros2"
         counts = reader.get_summary().statistics.channel_message_counts
         assert sum(counts.values()) == len(list(reader.iter_messages())) == 3 * 21 + 11 + 1
-        provenance, digests, end = ((m.name, m.metadata) for m in reader.iter_metadata())
+        provenance, end, digests = ((m.name, m.metadata) for m in reader.iter_metadata())
         assert provenance == (PROVENANCE, {"scenario": "fig6", "host": "größe"})
         assert end == (END, {"complete": "true", "reason": "finished"})
-        truth = hashlib.blake2b(digest_size=16)
+        truth = hashlib.blake2b(digest_size=32)
         for _, _, message in reader.iter_messages(TRUTH):
             truth.update(message.data)
         assert digests[0] == DIGESTS
@@ -109,6 +110,65 @@ def test_finish_comes_last_and_once(tmp_path):
         size = path.stat().st_size
     assert path.stat().st_size == size
     assert Recording.open(path).end == {"complete": "false", "reason": "stopped"}
+
+
+def rename(path):
+    path.rename(path.with_name("b.mcap"))
+
+
+def replace(path):
+    other = path.with_name("other.mcap")
+    RecordingWriter(other).finish(complete=True, reason="finished")
+    other.replace(path)
+
+
+def move_folder(path):
+    path.parent.rename(path.parent.with_name("elsewhere"))
+
+
+@pytest.mark.parametrize(
+    ("harm", "says"),
+    [
+        (rename, "it has been renamed"),
+        (move_folder, "it has been renamed"),
+        (Path.unlink, "it has been deleted"),
+        (replace, "another file has been put in its place"),
+        (lambda path: os.truncate(path, 20), "it has been truncated"),
+        (lambda path: path.open("ab").write(b"more"), "it has been written to by another process"),
+    ],
+    ids=["renamed", "folder renamed", "deleted", "replaced", "truncated", "appended"],
+)
+def test_a_file_that_is_no_longer_what_was_written_ends_the_recording(tmp_path, harm, says):
+    path = tmp_path / "folder" / "a.mcap"
+    path.parent.mkdir()
+    writer = RecordingWriter(path)
+    channel = writer.channel("/a", topics.JOINT_STATE_TYPE)
+    writer.write(channel, 0, 0, bytes(64))
+    writer.flush()
+    writer.write(channel, 1, 1, bytes(64))
+    writer.check()
+    harm(path)
+    for attempt in (
+        writer.check,
+        writer.flush,
+        lambda: writer.write(channel, 2, 2, bytes(64)),
+        lambda: writer.finish(complete=True, reason="finished"),
+    ):
+        with pytest.raises(OSError, match=says):
+            attempt()
+
+
+def test_a_file_that_is_being_written_is_refused_and_left_alone(tmp_path):
+    path = tmp_path / "a.mcap"
+    with RecordingWriter(path) as writer:
+        writer.channel("/a", topics.JOINT_STATE_TYPE)
+        writer.flush()
+        size = path.stat().st_size
+        with pytest.raises(BlockingIOError, match=r"a\.mcap is being written by another process"):
+            RecordingWriter(path, overwrite=True)
+        assert path.stat().st_size == size
+    assert Recording.open(path).complete
+    RecordingWriter(path, overwrite=True).finish(complete=True, reason="")  # it is free again
 
 
 def test_a_full_disk_is_reported_at_once_and_ends_the_file():

@@ -16,7 +16,12 @@ class Event(str, Enum):
     meaning: str
     carries: tuple[str, ...]  # keys of the status' values, in order
 
-    CONFIGURED = "configured", "every node", "Its topics, services and files are open"
+    CONFIGURED = (
+        "configured",
+        "every node",
+        "Its topics, services and files are open; `process` identifies the node's process",
+        "process",
+    )
     ACTIVATED = "activated", "every node", "It acts from the next state on"
     DEACTIVATED = "deactivated", "every node", "It holds from the next state on"
     CLEANED_UP = "cleaned up", "every node", "It has released its topics, services and files"
@@ -36,6 +41,11 @@ class Event(str, Enum):
         "reset",
         "simulator, controllers",
         "Plant in its initial state; controller without integral and past samples",
+    )
+    RETUNED = (
+        "retuned",
+        "every node",
+        "Parameters have changed: the next message of the node on `run/parameters` says which",
     )
     PAUSED = "paused", "simulator", "Simulated time stands still"
     RESUMED = "resumed", "simulator", "Simulated time goes on"

@@ -20,20 +20,28 @@ _LIBRARIES = ("numpy", "numba", "mcap", "rosbags")
 
 def gather(**known: str) -> dict[str, str]:
     """Return what can be found out about code and machine; ``known`` (scenario, rmw ...) overrides it."""
-    libc, libc_version = platform.libc_ver()
     found = {
         "started_utc": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "commit": _commit(),
         **{name: _version(name) for name in _PROJECT + _LIBRARIES},
+        **arithmetic(),
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "platform": platform.platform(),
-        "libm": f"{libc or UNKNOWN} {libc_version}".strip(),  # sin and cos are the C library's
-        "machine": platform.machine() or UNKNOWN,
         "host": platform.node() or UNKNOWN,
         "ros_distro": os.environ.get("ROS_DISTRO") or NONE,
         "rmw": os.environ.get("RMW_IMPLEMENTATION") or NONE,
     }
     return {**found, **known}
+
+
+def arithmetic() -> dict[str, str]:
+    """Return what determines the bits of sin, cos and exp, and of the noise."""
+    libc, libc_version = platform.libc_ver()
+    return {
+        "numpy": _version("numpy"),
+        "libm": f"{libc or UNKNOWN} {libc_version}".strip(),  # sin and cos are the C library's
+        "machine": platform.machine() or UNKNOWN,
+    }
 
 
 def _version(package: str) -> str:

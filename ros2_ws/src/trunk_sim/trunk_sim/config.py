@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import inf, pi
 
 from trunk_msgs_util.mechanics import Body
-from trunk_msgs_util.parameters.body import body_parameter
+from trunk_msgs_util.parameters.body import body_of, body_parameter
 from trunk_msgs_util.parameters.config import ManagedConfig
 from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 from trunk_msgs_util.units import nanoseconds, period_ns, seconds
@@ -229,16 +229,7 @@ class SimulatorConfig(ManagedConfig):
     @property
     def body(self) -> Body:
         """The constants of hip, trunk and path."""
-        return Body(
-            self.hip_mass,
-            self.trunk_mass,
-            self.length,
-            self.gravity,
-            self.amplitude,
-            self.wavenumber,
-            self.hip_mode == "prescribed",
-            self.equations == "as_printed",
-        )
+        return body_of(self, self.equations == "as_printed")
 
     @property
     def plant(self) -> Plant:

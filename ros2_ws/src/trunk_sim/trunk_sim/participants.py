@@ -1,6 +1,6 @@
 """Who takes part in a run: who is ready, who is missing, and that one controller acts at a time.
 
-Pure: the graph is asked through two functions, and time comes in.
+Pure: two functions ask the graph, and the time is an argument.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from trunk_msgs_util.topics import UNKNOWN_NODE
 
 from .config import SimulatorConfig
 
-# A participant that says nothing of itself (another project's controller) is taken as ready when it has
-# been matched for this long.
+# A participant that sends no events (another project's controller) counts as ready once it has been matched
+# for this long.
 _MATCHED_S = 1.0
-# A node is discovered after its publisher, and its events after that.
+# DDS discovers a publisher first, then its node, then that node's events.
 _STRANGER_S = 3.0
 
 
 class Participants:
-    """What the simulator knows of the others, from the graph and from what they say of themselves."""
+    """What the simulator knows about the other nodes, from the graph and from their events."""
 
     def __init__(
         self,
@@ -29,18 +29,21 @@ class Participants:
         matched: Callable[[str], int],
         controllers: Callable[[], Sequence[str]],
     ) -> None:
-        """Ask the graph by ``matched`` (a topic's publishers) and ``controllers`` (their nodes)."""
+        """Take ``matched``, the number of a topic's publishers, and ``controllers``, those of commands."""
         self._config = config
         self._matched = matched
         self._controllers = controllers
         self._ready: dict[str, set[str]] = {}  # topic -> nodes that answer on it
+        self._processes: dict[str, str] = {}  # node -> its process, as it says itself
         self._inactive: set[str] = set()
-        self._unready: set[str] = set()  # were ready once, and have opened their topics anew since
+        self._unready: set[str] = set()  # were ready once but have reopened their topics since
         self._matched_since: dict[str, float] = {}
         self._strange_since: float | None = None
 
     def hear(self, node: str, message: str, values: Mapping[str, str]) -> None:
-        """Take in a node's event on ``run/events``."""
+        """Process a node's event on ``run/events``."""
+        if message == Event.CONFIGURED:
+            self._processes[node] = values.get("process", "")
         if message == Event.READY and "answers" in values:
             self._ready.setdefault(values["answers"], set()).add(node)
             self._unready.discard(node)
@@ -66,9 +69,9 @@ class Participants:
         return missing + [name for name in self._config.controllers if name not in ready]
 
     def _may_answer(self, topic: str, waited: float) -> bool:
-        """Return True where somebody is ready on a topic that was matched for so long, in s."""
+        """Return True if a node is ready on a topic that has been matched for ``waited`` s."""
         ready = self._ready_on(topic)
-        # Who has been deactivated since has to be activated again, or takes turns.
+        # A node that was deactivated since must be activated again, unless it takes turns.
         turns = {name for name in ready if name.rsplit("/", 1)[-1] in self._config.controllers}
         if ready - self._inactive or turns:
             return True
@@ -77,9 +80,9 @@ class Participants:
         return waited >= _MATCHED_S and not (ready and ready <= self._inactive)
 
     def unmet(self, topic: str, publishing: Set[str], listening: Set[str]) -> bool:
-        """Return True where a node that is ready on a topic is not known to listen to what it answers.
+        """Return True if a node that is ready on a topic is not yet known to subscribe to what it answers.
 
-        That it is ready may be known before its publisher has a name: then it has not been met either.
+        Its event may arrive before its publisher has a name: then it is not matched either.
         """
         ready = self._ready_on(topic)
         here = ready & publishing
@@ -89,7 +92,7 @@ class Participants:
         return self._ready.get(topic, set()) - self._unready
 
     def unsettled(self, now: float) -> bool:
-        """Return True, for a bounded time, while it is not known who is behind a publisher of commands."""
+        """Return True, for a bounded time, while the node of a publisher of commands is unknown."""
         names = self._controllers()
         if not _unnamed(names) and len(self._acting(names)) <= 1:
             self._strange_since = None
@@ -99,17 +102,17 @@ class Participants:
         return now - self._strange_since < _STRANGER_S
 
     def rivals(self) -> list[str]:
-        """Return the nodes that act although one alone may; none while one of them has no name yet."""
+        """Return the nodes that act although only one may; none while one of them has no name yet."""
         names = self._controllers()
         acting = self._acting(names)
         return [] if _unnamed(names) or len(acting) <= 1 else acting
 
     def acting(self) -> list[str]:
-        """Return the nodes that may act at the same time: those that take turns count as one."""
+        """Return the active publishers of commands; those that take turns count as one."""
         return self._acting(self._controllers())
 
     def _acting(self, names: Sequence[str]) -> list[str]:
-        """Judge one look at the graph: discovery goes on, and the next look may see others."""
+        """As `acting`, for names read once: discovery goes on, and another reading may differ."""
         turns = self._config.controllers
         seen: set[str] = set()
         acting: list[str] = []
@@ -123,8 +126,13 @@ class Participants:
                 seen.add(own)
         return acting
 
+    def processes(self, topic: str) -> list[str]:
+        """Return the processes of the nodes that answer on a topic, of those that have told theirs."""
+        ready = self._ready.get(topic, set())
+        return sorted({self._processes[node] for node in ready if node in self._processes})
+
     def describe(self, topic: str) -> str:
-        """Return who answers on a topic, in words for a message."""
+        """Return who answers on a topic, as text for a message."""
         ready = self._ready.get(topic, set())
         answering = ready - self._inactive
         names = " or ".join(sorted(answering or ready)) or "anyone"
@@ -132,5 +140,5 @@ class Participants:
 
 
 def _unnamed(names: Sequence[str]) -> bool:
-    """Return True where a publisher of commands is discovered but not its node."""
+    """Return True if a publisher of commands is discovered but its node is not."""
     return any(name.endswith(UNKNOWN_NODE) for name in names)

@@ -3,66 +3,36 @@
 from __future__ import annotations
 
 import time
-from math import isfinite
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.node import meeting, qos
-from trunk_msgs_util.node.base import TrunkNode
-from trunk_msgs_util.node.conversions import WireReader, sample_to_wire, stamp_to_ros
 from trunk_msgs_util.node.run import main_for
-from trunk_msgs_util.units import nanoseconds, seconds, step_count
+from trunk_msgs_util.printable import printable
+from trunk_msgs_util.units import seconds
 
-from .config import SimulatorConfig
-from .disturbance_feed import DisturbanceFeed
-from .disturbances import Disturbance
-from .pacing import make_pacing, tick_period
-from .participants import Participants
-from .simulation import DivergedError, Simulation
-
-_ANSWERED = {
-    topics.EFFORT_COMMAND: topics.JOINT_STATES,
-    topics.DISTURBANCE: topics.GROUND_TRUTH,
-}
-_DOUBLED = ("late answers ignored", "doubled answers ignored", "commands out of order")
+from .plant_node import PlantNode
 
 
-class SimulatorNode(TrunkNode[SimulatorConfig]):
-    """Owns the plant and the run: publishes each state, takes in commands, begins and ends."""
-
-    def __init__(self) -> None:
-        super().__init__("simulator", SimulatorConfig)
-        self._read_command = WireReader()
-        self._read_disturbance = WireReader()
-        self._read_progress = WireReader()
-        self._forget()
+class SimulatorNode(PlantNode):
+    """Owns the run: waits for the participants, begins, holds and resets."""
 
     def _forget(self) -> None:
-        config = self.config
-        self._simulation = Simulation(config)
-        self._steps = step_count(config.duration, config.update_rate) if config.duration else None
+        super()._forget()
         self._waiting_logged = time.monotonic()
-        self._running = False
         self._pause_asked = False
         self._truth_published = False
-        self._disturbances = DisturbanceFeed(config.period_ns)
-        self._diagnosed = (time.monotonic(), 0)
-        self._pacing = make_pacing(self, config)
 
     def set_up(self) -> None:
         """Put the plant into its initial state and open the topics."""
         self._forget()
         self.run_stamp_ns = -1
         self._create_topics(self.config)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(SetBool, "~/pause", self._on_pause)
         self._start_timer = self.every(0.02, self._try_start)
         self._start_timer.cancel()
-        self._step_timer = self.every(tick_period(self.config), self._tick)
-        self._step_timer.cancel()
 
     def activate(self) -> None:
         """Wait for the participants and begin; or go on where the run was held."""
@@ -81,57 +51,10 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         """Forget the run; the record says how far it came."""
         self.stopping()
 
-    def _create_topics(self, config: SimulatorConfig) -> None:
-        self._truth = self.create_evidence(topics.GROUND_TRUTH)
-        self._measured = self.create_evidence(topics.JOINT_STATES)
-        self._clock_topic = (
-            self.create_publisher(Clock, "/clock", qos.clock()) if config.publish_clock else None
-        )
-        self._commands = self.create_subscription(
-            JointState, topics.EFFORT_COMMAND, self._on_command, qos.control(), raw=True
-        )
-        self._disturbance_topic = self.create_subscription(
-            JointState, topics.DISTURBANCE, self._on_disturbance, qos.control(), raw=True
-        )
-        self._participants = Participants(config, self._publishers_of, self._command_givers)
-        self.create_subscription(
-            DiagnosticArray, topics.RUN_EVENTS, self._on_event, qos.run_information()
-        )
-        if config.lockstep and "recorder" in config.wait_for:
-            self.create_subscription(
-                JointState,
-                topics.RECORDER_PROGRESS,
-                self._on_progress,
-                qos.control(),
-                raw=True,
-            )
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_service(SetBool, "~/pause", self._on_pause)
-
-    def retune(self, config: SimulatorConfig) -> None:
-        """Take changed constants; they act from the next step on."""
-        self._simulation.retune(config)
-        self._pacing.set_timeout(config.command_timeout)
-
-    def _publishers_of(self, topic: str) -> int:
-        subscription = {
-            topics.EFFORT_COMMAND: self._commands,
-            topics.DISTURBANCE: self._disturbance_topic,
-        }.get(topic)
-        return 0 if subscription is None else int(subscription.get_publisher_count())
-
-    def _command_givers(self) -> list[str]:
-        return meeting.names(self.get_publishers_info_by_topic(topics.EFFORT_COMMAND))
-
-    def _on_event(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            values = {v.key: v.value for v in status.values}
-            self._participants.hear(status.name, status.message, values)
-
     # Start: hold state 0 until every participant is matched in both directions.
 
     def _try_start(self) -> None:
-        missing = self._participants.missing(time.monotonic()) or self._unmet()
+        missing = self._participants.missing(time.monotonic())
         if not missing and not self._truth_published:
             self._publish_truth()
             self._truth_published = True
@@ -141,174 +64,13 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
         if missing:
             if time.monotonic() - self._waiting_logged > 5.0:
                 self._waiting_logged = time.monotonic()
-                self.get_logger().info(f"waiting for {', '.join(missing)}")
+                self.get_logger().info(printable(f"waiting for {', '.join(missing)}"))
             return
         if self._participants.unsettled(time.monotonic()):
             return
         self._start_timer.cancel()
-        if not self._only_one_controller():
-            return
-        self._running = True
-        self._started = time.monotonic()
-        self.event(Event.STARTED, rate=self.config.update_rate)
-        self._publish_measured()
-        self._say_fall()
-        self._step_timer.reset()
-        self._pacing.begin(time.monotonic_ns())
-
-    def _unmet(self) -> list[str]:
-        """Return the topics on which a node is ready that this one has not met yet: it would miss state 0."""
-        return [
-            topic
-            for topic, states in _ANSWERED.items()
-            if self._publishers_of(topic)  # nobody is left to be met
-            and self._participants.unmet(
-                topic, meeting.publishers(self, topic), meeting.listeners(self, states)
-            )
-        ]
-
-    def _only_one_controller(self) -> bool:
-        rivals = self._participants.rivals()
-        if not rivals:
-            return True
-        self.fail(
-            f"{len(rivals)} nodes publish {self._commands.topic_name}: {', '.join(rivals)}; "
-            "one controller at a time: stop the others"
-        )
-        return False
-
-    # The loop, as `pacing.Loop` wants it.
-
-    @property
-    def stamp_ns(self) -> int:
-        """Simulated time of the published state, ns."""
-        return self._simulation.stamp_ns
-
-    @property
-    def period_ns(self) -> int:
-        """The plant's period, ns."""
-        return self.config.period_ns
-
-    @property
-    def at_end(self) -> bool:
-        """True where the published state is the run's last."""
-        return self._simulation.step_index == self._steps or self._simulation.ended_by_fall
-
-    def advance(self, effort: float) -> None:
-        """Step with this effort and publish the new state; a plant that diverges ends the run."""
-        if self.exit_code is not None:
-            return  # the same tick has more steps to make up, but the run is over
-        try:
-            self._simulation.step(effort, self._disturbances.acting)
-        except DivergedError as error:
-            self.fail(str(error))
-            return
-        self._publish_measured()
-        self._publish_truth()
-        self._say_fall()
-
-    def finish(self) -> None:
-        """End the run: the last state is answered."""
-        self._step_timer.cancel()
-        self._publish_diagnostics()  # the counts of the whole run
-        fell = self._simulation.ended_by_fall
-        self._say_finished(Event.FINISHED, "the trunk has fallen" if fell else "finished")
-        wall = time.monotonic() - self._started
-        steps = self._simulation.step_index
-        self.get_logger().info(f"finished: {steps} steps in {wall:.6f} s of wall time")
-        self.exit_code = 0
-
-    def fail(self, reason: str, **values: object) -> None:
-        """End the run with an error; the record says how many states there are."""
-        self._step_timer.cancel()
-        super().fail(reason, states=self._simulation.step_index + 1, **values)
-
-    def count(self, what: str, number: int = 1) -> None:
-        """Count something for diagnostics; doubled answers may mean a second controller."""
-        self.counters[what] += number
-        if what in _DOUBLED and self._running and self.exit_code is None:
-            self._only_one_controller()
-
-    def participant(self, topic: str) -> str:
-        """Return who answers on a topic, in words for a message."""
-        return self._participants.describe(topic)
-
-    def _tick(self) -> None:
-        if self.exit_code is None:
-            self._pacing.tick(time.monotonic_ns())
-
-    def _publish_measured(self) -> None:
-        simulation = self._simulation
-        self.run_stamp_ns = now = simulation.stamp_ns
-        config = self.config
-        timeout_ns = None if config.lockstep else nanoseconds(config.command_timeout)
-        if self._disturbances.advance(now, timeout_ns):
-            self.count("steps without a fresh disturbance")
-        self._measured.publish(sample_to_wire(simulation.measure(self._disturbances.acting)))
-        if self._clock_topic is not None:
-            self._clock_topic.publish(Clock(clock=stamp_to_ros(now)))
-
-    def _publish_truth(self) -> None:
-        self._truth.publish(sample_to_wire(self._simulation.truth()))
-
-    def _say_fall(self) -> None:
-        if self._simulation.falls_now:
-            angle = self._simulation.state.theta
-            self.event(Event.FELL, DiagnosticStatus.WARN, angle=angle, limit=self.config.fall_angle)
-            self.get_logger().warning(
-                f"the trunk fell at t = {seconds(self.stamp_ns):g} s: angle {angle:.3g} rad"
-            )
-
-    def _say_finished(self, message: Event, reason: str) -> None:
-        self.event(message, reason=reason, states=self._simulation.step_index + 1)
-
-    def stopping(self) -> None:
-        """Close the record: an endless run is finished when it is stopped, another is not."""
-        if not self._running:
-            return
-        self._running = False
-        self._pacing.paused = True  # composed, a recorder may still take in what is under way
-        if self._steps is None:
-            self._say_finished(Event.FINISHED, "stopped on request")
-        else:
-            self._say_finished(
-                Event.STOPPED, f"stopped at t = {seconds(self.stamp_ns):g} s, too early"
-            )
-
-    # What comes in.
-
-    def _on_command(self, data: bytes) -> None:
-        command = self._read_command(data)
-        try:
-            effort = command.effort[command.name.index(self.config.joints[1])]
-        except (ValueError, IndexError):
-            self.count("commands without the joint")
-            return
-        if not isfinite(effort):
-            self.count("commands not finite")
-        elif self._running and self.exit_code is None:
-            self._pacing.command(command.stamp_ns, effort, time.monotonic_ns())
-
-    def _on_disturbance(self, data: bytes) -> None:
-        sample = self._read_disturbance(data)
-        if sample.name != self.config.joints or not len(sample.effort) == len(sample.position) == 2:
-            self.count("disturbances malformed")
-            return
-        values = (*sample.effort, *sample.position)
-        if not all(map(isfinite, values)):
-            self.count("disturbances not finite")
-            return
-        if self._disturbances.take(sample.stamp_ns, Disturbance(*values), self.stamp_ns):
-            self._answered(topics.DISTURBANCE, sample.stamp_ns)
-        else:
-            self.count("disturbances out of order")
-
-    def _on_progress(self, data: bytes) -> None:
-        self._answered("recorder", self._read_progress(data).stamp_ns)
-
-    def _answered(self, topic: str, stamp_ns: int) -> None:
-        if self.exit_code is None:
-            self._pacing.answered(topic, stamp_ns, time.monotonic_ns())
+        if self._only_one_controller():
+            self._begin()
 
     # Services.
 
@@ -338,25 +100,6 @@ class SimulatorNode(TrunkNode[SimulatorConfig]):
                 self._pacing.paused = True
             else:
                 self._pacing.begin(time.monotonic_ns())
-
-    def _state(self) -> str:
-        if not self._running:
-            return "waiting for participants"
-        return "paused" if self._pacing.paused else "running"
-
-    def diagnostics(self) -> dict[str, object]:
-        """Return progress, the achieved rate and the worst lateness since the last call."""
-        now, step = time.monotonic(), self._simulation.step_index
-        before, step_before = self._diagnosed
-        self._diagnosed = (now, step)
-        worst, self._pacing.worst_late_ns = self._pacing.worst_late_ns, 0
-        return {
-            "time": f"{seconds(self._simulation.stamp_ns):.3f}",
-            "step": step,
-            "rate": f"{(step - step_before) / max(now - before, 1e-9):.1f}",
-            "worst lateness": f"{seconds(max(worst, 0)):.6f}",
-            "state": self._state(),
-        }
 
 
 main = main_for(SimulatorNode, "simulator")

@@ -10,10 +10,12 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
-from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.series import in_turn, joint_names, read_series
+from trunk_msgs_util.recording.reader import RecordingError
+from trunk_msgs_util.recording.series import in_turn
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_msgs_util.whole_file import whole_file
+
+from ..recorded.run import RecordedRun
 
 CSV_COLUMNS = (
     "t",
@@ -54,55 +56,51 @@ class RunTable:
     alpha: Floats
 
     @classmethod
-    def from_recording(
-        cls, recording: Recording, only: Collection[str] = ("theta_measured", *_HELD)
+    def from_run(
+        cls, run: RecordedRun, only: Collection[str] = ("theta_measured", *_HELD)
     ) -> RunTable:
         """Return a recorded run, matched by stamps. Raises RecordingError without true states.
 
         ``only`` names what is read besides the true states and the torque; the rest is NaN.
         """
-        truth_topic = recording.topic(topics.GROUND_TRUTH)
-        hip, trunk = _joints(recording, truth_topic)
-        measured_topic = recording.topic(topics.JOINT_STATES)
-        command_topic = recording.topic(topics.EFFORT_COMMAND)
-        state_topics = [
-            recording.topic(topics.controller_state(name)) for name in recording.controllers
-        ]
+        hip, trunk = _joints(run)
+        states = [topics.controller_state(name) for name in run.controllers]
         held = [name for name in _HELD if name in only]
-        found = read_series(
-            recording,
+        found = run.series(
             {
-                truth_topic: [
+                topics.GROUND_TRUTH: [
                     ("position", hip),
                     ("position", trunk),
                     ("velocity", hip),
                     ("velocity", trunk),
                     ("effort", trunk),
                 ],
-                command_topic: [("effort", trunk)],
-                **({measured_topic: [("position", trunk)]} if "theta_measured" in only else {}),
-                **{topic: [("position", name) for name in held] for topic in state_topics if held},
+                topics.EFFORT_COMMAND: [("effort", trunk)],
+                **(
+                    {topics.JOINT_STATES: [("position", trunk)]} if "theta_measured" in only else {}
+                ),
+                **{topic: [("position", name) for name in held] for topic in states if held},
             },
         )
-        truth = found[truth_topic]
+        truth = found[topics.GROUND_TRUTH]
         at = truth.stamp_ns
         nothing = np.broadcast_to(np.nan, at.shape)
         columns = dict.fromkeys(("theta_measured", *_HELD), nothing)
-        if held and state_topics:
-            state = in_turn([found.pop(topic) for topic in state_topics])
+        if held and states:
+            state = in_turn([found.pop(topic) for topic in states])
             for name in held:
                 columns[name] = _held(at, state.stamp_ns, state.column("position", name))
-        if measured_topic in found:
-            measured = found[measured_topic]
+        if topics.JOINT_STATES in found:
+            measured = found[topics.JOINT_STATES]
             values = measured.column("position", trunk)
             columns["theta_measured"] = _matched(at, measured.stamp_ns, values)
 
         # A true state carries the torque of the step before it; only the last step's is missing.
         effort = truth.column("effort", trunk)
         torque = np.append(effort[1:], np.nan)
-        command = found.pop(command_topic)
+        command = found.pop(topics.EFFORT_COMMAND)
         last = _matched(at[-1:], command.stamp_ns, command.column("effort", trunk))
-        limit = _max_effort(recording, int(at[-1]))
+        limit = _max_effort(run, int(at[-1]))
         torque[-1] = effort[-1] if np.isnan(last[0]) else last[0]
         torque[-1] = np.clip(torque[-1], -limit, limit)
         return cls(
@@ -145,14 +143,15 @@ def _matched(at: Integers, stamps: Integers, values: Floats) -> Floats:
     return np.where(found, np.append(np.nan, values)[rows], np.nan)
 
 
-def _joints(recording: Recording, topic: str) -> tuple[str, str]:
+def _joints(run: RecordedRun) -> tuple[str, str]:
     """Return the names of the hip's and the trunk's joint."""
-    names = joint_names(recording, topic)
-    if topic not in recording.topics or not recording.topics[topic].count:
+    names = run.joint_names(topics.GROUND_TRUTH)
+    topic = run.recording.topic(topics.GROUND_TRUTH)
+    if not run.count(topics.GROUND_TRUTH):
         raise RecordingError(
-            f"{recording.path} has no messages on {topic}: record a run with the simulator in it"
+            f"{run.path} has no messages on {topic}: record a run with the simulator in it"
         )
-    told = recording.parameters().get(recording.topic("simulator"), {}).get("joints")
+    told = run.parameters.get("simulator", {}).get("joints")
     if isinstance(told, tuple) and len(told) == 2:
         joints = str(told[0]), str(told[1])
     elif {"hip", "trunk"} <= set(names) or len(names) < 2:
@@ -162,17 +161,16 @@ def _joints(recording: Recording, topic: str) -> tuple[str, str]:
     for name in joints:
         if name not in names:
             raise RecordingError(
-                f"{recording.path}: {topic} has no joint {name!r} "
+                f"{run.path}: {topic} has no joint {name!r} "
                 f"but {', '.join(names)}: set the parameter joints to its names"
             )
     return joints
 
 
-def _max_effort(recording: Recording, stamp_ns: int) -> float:
+def _max_effort(run: RecordedRun, stamp_ns: int) -> float:
     """Return the actuator's limit in N m at a state's stamp; infinite if it was not recorded."""
-    node = recording.topic("simulator")
-    limit = recording.parameters().get(node, {}).get("max_effort", np.inf)
-    for change in recording.parameter_changes():
-        if change.node == node and change.stamp_ns < stamp_ns:
+    limit = run.parameters.get("simulator", {}).get("max_effort", np.inf)
+    for change in run.parameter_changes("simulator"):
+        if change.stamp_ns < stamp_ns:
             limit = change.changed.get("max_effort", limit)
     return limit if isinstance(limit, float) else np.inf

@@ -46,7 +46,9 @@ _PARTIES: tuple[tuple[str, ...], ...] = (
 
 
 @dataclass(frozen=True)
-class _Draw:
+class Draw:
+    """Draws values of declared parameters."""
+
     rng: np.random.Generator
     duration: float  # s
 
@@ -112,7 +114,7 @@ def random_plan(index: int) -> RunPlan:
     """Return the index-th random plan: some diverge, some fall, some hand over between controllers."""
     rng = np.random.default_rng([1963, index])
     rate = float(rng.choice(_RATES))
-    draw = _Draw(rng, STEPS / rate)
+    draw = Draw(rng, STEPS / rate)
     simulator = draw.config("simulator", **_simulator(draw, rate))
     disturbance = draw.config("disturbance", update_rate=rate, joints=simulator.joints)
     first, *others = _PARTIES[int(rng.integers(len(_PARTIES)))]
@@ -136,7 +138,7 @@ def random_plan(index: int) -> RunPlan:
     )
 
 
-def _simulator(draw: _Draw, rate: float) -> dict[str, Value]:
+def _simulator(draw: Draw, rate: float) -> dict[str, Value]:
     """Return the values that keep a run in bounds, or that depend on one another."""
     printed = draw.rng.random() < 0.1
     values: dict[str, Value] = {
@@ -158,7 +160,7 @@ def _simulator(draw: _Draw, rate: float) -> dict[str, Value]:
     return values
 
 
-def _controller(draw: _Draw, name: str, rate: float) -> dict[str, Value]:
+def _controller(draw: Draw, name: str, rate: float) -> dict[str, Value]:
     limit = draw.pick(inf, float(draw.rng.uniform(5.0, 100.0)))
     profile = draw.pick("constant", "step", "sine", "sequence", "sequence", "topic")
     if draw.rng.random() < 0.8 and profile == "topic":

@@ -18,7 +18,7 @@ from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
 
-from ..replay.record import RecordedRun
+from ..recorded.run import RecordedRun
 from ..replay.verify import VERIFIED, verify
 
 SETTLED_S = 60.0
@@ -83,11 +83,11 @@ def steps_of(recording: Recording) -> Steps:
 
     Raises ValueError if the run has fewer than two states.
     """
-    config: SimulatorConfig = RecordedRun(recording).config("simulator")
+    run = RecordedRun(recording)
+    config: SimulatorConfig = run.config("simulator")
     trunk = config.joints[1]
     joints = {
-        name: recording.joints(recording.topic(name)).by_stamp()
-        for name in (topics.GROUND_TRUTH, topics.EFFORT_COMMAND)
+        name: run.joints(name).by_stamp() for name in (topics.GROUND_TRUTH, topics.EFFORT_COMMAND)
     }
     truth, commands = joints[topics.GROUND_TRUTH], joints[topics.EFFORT_COMMAND]
     if len(truth) < 2:
@@ -149,5 +149,4 @@ def problems_of_file(recording: Recording) -> list[str]:
     verdict = verify(recording)
     if verdict.exit_code == VERIFIED:
         return []
-    reasons = [*verdict.obstacles, *verdict.altered, *(p.name for p in verdict.parts if p.first)]
-    return [f"{recording.path}: {verdict.word}: {'; '.join(reasons)}"]
+    return [f"{recording.path}: {verdict.word}: {'; '.join(verdict.reasons)}"]

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from .common import FiniteRange, print_table
+from .common import FiniteRange, json_option, print_table
 
 
 @click.group("bench")
@@ -49,6 +49,23 @@ def _show(
     sys.exit(0 if all(row.met is not False for row in rows) else 1)
 
 
+def _show_side_by_side(
+    rows: Sequence[Any],
+    as_json: bool,
+    rounds: int,
+    units: tuple[str, str],
+    both: Callable[[Any], tuple[float, float]],
+) -> None:
+    """Show rows of two libraries; ``both`` returns what was measured of ours and of theirs."""
+    _show(
+        rows,
+        as_json,
+        f"median of {rounds} rounds, side by side",
+        ("what", *units, "ratio"),
+        lambda row: (row.name, *(f"{value:.3g}" for value in (*both(row), row.ratio))),
+    )
+
+
 @command.command("lockstep")
 @_rounds(5)
 @click.option(
@@ -58,7 +75,7 @@ def _show(
     show_default=True,
     help="Steps in each run.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_option()
 def lockstep(rounds: int, steps: int, as_json: bool) -> None:
     """Lock-step loops against a bare pair of rclpy processes that echo the same messages."""
     from ..bench.lockstep import bench_lockstep
@@ -94,7 +111,7 @@ def lockstep(rounds: int, steps: int, as_json: bool) -> None:
     show_default=True,
     help="Length of each measurement.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_option()
 def realtime(rounds: int, rate: float, seconds: float, as_json: bool) -> None:
     """Jitter and latency in real time against a bare rclpy timer and echo."""
     from ..bench.realtime import bench_realtime
@@ -116,23 +133,15 @@ def realtime(rounds: int, rate: float, seconds: float, as_json: bool) -> None:
 
 @command.command("core")
 @_rounds(7)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_option()
 def core(rounds: int, as_json: bool) -> None:
     """One fuzzy evaluation against pyfuzzylite's, one PID update against simple-pid's."""
     from ..bench.core import bench_core
 
     rows = bench_core(rounds)
-    _show(
-        rows,
-        as_json,
-        f"median of {rounds} rounds, side by side",
-        ("what", "ours, us", "theirs, us", "ratio"),
-        lambda row: (
-            row.name,
-            f"{row.ours_s * 1e6:.3g}",
-            f"{row.theirs_s * 1e6:.3g}",
-            f"{row.ratio:.3g}",
-        ),
+    units = ("ours, us", "theirs, us")
+    _show_side_by_side(
+        rows, as_json, rounds, units, lambda row: (row.ours_s * 1e6, row.theirs_s * 1e6)
     )
 
 
@@ -146,43 +155,25 @@ def core(rounds: int, as_json: bool) -> None:
     show_default=True,
     help="Length of the run without RUN, s.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_option()
 def read(run: Path | None, rounds: int, duration: float, as_json: bool) -> None:
     """Compare reading RUN, or a simulated run, with rosbags; the arrays must be equal."""
     from ..bench.read import bench_read
 
     rows = bench_read(rounds, duration, run)
-    _show(
-        rows,
-        as_json,
-        f"median of {rounds} rounds, side by side",
-        ("what", "ours, 1/s", "rosbags, 1/s", "ratio"),
-        lambda row: (
-            row.name,
-            f"{row.ours_hz:.3g}",
-            f"{row.theirs_hz:.3g}",
-            f"{row.ratio:.3g}",
-        ),
-    )
+    units = ("ours, 1/s", "rosbags, 1/s")
+    _show_side_by_side(rows, as_json, rounds, units, lambda row: (row.ours_hz, row.theirs_hz))
 
 
 @command.command("sweep")
 @_rounds(3)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_option()
 def sweep(rounds: int, as_json: bool) -> None:
     """Compiled closed-loop runs against MuJoCo's and scikit-fuzzy's; many runs; two cores."""
     from ..bench.sweep import bench_sweep
 
     rows = bench_sweep(rounds)
-    _show(
-        rows,
-        as_json,
-        f"median of {rounds} rounds, side by side",
-        ("what", "ours, ms", "theirs, ms", "ratio"),
-        lambda row: (
-            row.name,
-            f"{row.ours_s * 1e3:.3g}",
-            f"{row.theirs_s * 1e3:.3g}",
-            f"{row.ratio:.3g}",
-        ),
+    units = ("ours, ms", "theirs, ms")
+    _show_side_by_side(
+        rows, as_json, rounds, units, lambda row: (row.ours_s * 1e3, row.theirs_s * 1e3)
     )

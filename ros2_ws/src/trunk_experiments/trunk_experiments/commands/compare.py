@@ -9,12 +9,10 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.recording.reader import Recording
-
 from ..analysis.metrics import QUANTITIES, Quantity
 from ..views.compare import Comparison, compare
-from ..views.run_view import RunView
 from .common import print_table
+from .reading import open_views
 
 _LONGEST = 20  # values of an array that are listed
 
@@ -42,11 +40,7 @@ def command(runs: tuple[Path, ...], study: Path | None, form: str | None) -> Non
 
         show(study, form)
         return
-    views = [RunView.read(Recording.open(run)) for run in runs]
-    for view in views:
-        for warning in view.warnings:
-            click.echo(f"trunk: warning: {view.path}: {warning}", err=True)
-    found = compare(views)
+    found = compare(open_views(runs))
     if form == "json":
         click.echo(json.dumps(as_values(found), indent=2, ensure_ascii=False))
     elif form == "csv":

@@ -7,25 +7,24 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.recording.reader import Recording
-
 from ..replay.diff import diff
+from .common import json_option
+from .reading import open_run, show_warnings
 
 
 @click.command("diff")
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_option()
 @click.pass_context
 def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
     """Compare two recorded runs topic by topic, by stamp, bit by bit.
 
     Exit code 0: identical; 1: they differ.
     """
-    first, second = Recording.open(a), Recording.open(b)
-    for recording in (first, second):
-        for warning in recording.warnings:
-            click.echo(f"trunk: warning: {warning}", err=True)
+    first, second = open_run(a), open_run(b)
+    for run in (first, second):
+        show_warnings(run.recording.warnings)
     found = diff(first, second)
     if as_json:
         values = {
@@ -35,6 +34,7 @@ def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
             "first": None if found.first is None else found.first._asdict(),
             "parameters": found.parameters,
             "provenance": found.provenance,
+            "record": found.record,
         }
         click.echo(json.dumps(values, indent=2))
         ctx.exit(0 if found.identical else 1)
@@ -42,7 +42,11 @@ def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
         click.echo(f"identical: {found.compared} messages, bit for bit")
     else:
         click.echo(f"different at {found.differing_steps} steps; first at {found.first.describe()}")
-    for title, lines in (("parameters", found.parameters), ("provenance", found.provenance)):
+    for title, lines in (
+        ("parameters", found.parameters),
+        ("provenance", found.provenance),
+        ("record", found.record),
+    ):
         for line in lines:
             click.echo(f"  {title}: {line}")
     ctx.exit(0 if found.identical else 1)

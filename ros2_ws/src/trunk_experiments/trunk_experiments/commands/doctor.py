@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from ..replay.doctor import ERROR, INFO, WARNING, Finding, examine
+from .common import json_option
 from .reading import progress_bar
 
 FINE, FINDINGS = 0, 1
@@ -21,7 +22,7 @@ def exit_code(found: list[Finding]) -> int:
 
 @click.command("doctor")
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_option()
 @click.pass_context
 def command(context: click.Context, run: Path, as_json: bool) -> None:
     """Report what is wrong with a recording: checksums, indexes, stamps, gaps, values, digests.

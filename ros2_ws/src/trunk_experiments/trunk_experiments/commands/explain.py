@@ -9,26 +9,24 @@ from typing import Any
 
 import click
 
-from trunk_msgs_util.recording.reader import Recording
-
 from ..replay.explain import Explanation, explain
-from .common import print_table
+from .common import json_option, print_table
+from .reading import open_run, show_warnings
 
 
 @click.command("explain")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--at", type=float, required=True, metavar="S", help="The instant, s.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON; null for an infinite limit.")
+@json_option("Print JSON; null for an infinite limit.")
 @click.pass_context
 def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
     """Explain why the controller of a recorded run commanded this torque at this instant.
 
     Exit code 0: the recomputed command equals the recorded one; 1: it does not.
     """
-    recording = Recording.open(run)
-    for warning in recording.warnings:
-        click.echo(f"trunk: warning: {warning}", err=True)
-    found = explain(recording, at)
+    recorded = open_run(run)
+    show_warnings(recorded.recording.warnings)
+    found = explain(recorded, at)
     if as_json:
         click.echo(json.dumps(as_values(found), indent=2))
     else:

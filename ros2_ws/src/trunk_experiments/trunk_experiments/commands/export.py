@@ -51,10 +51,10 @@ def command(
     for output in (csv, parquet, npz, mcap):
         if output is not None and output.exists() and run.exists() and output.samefile(run):
             raise click.UsageError(f"{output} is the recording itself")
-    recording = open_run(run)
-    show_warnings(recording.warnings)
+    recorded = open_run(run)
+    show_warnings(recorded.recording.warnings)
     if csv or parquet or npz:
-        table = window(RunTable.from_recording(recording), start, end)
+        table = window(RunTable.from_run(recorded), start, end)
         if csv:
             table.write_csv(csv)
         if parquet:
@@ -64,5 +64,5 @@ def command(
         for output in filter(None, (csv, parquet, npz)):
             click.echo(f"{output}: {len(table.t)} rows")
     if mcap:
-        count = write_mcap(recording, mcap, start, end, topics)
+        count = write_mcap(recorded.recording, mcap, start, end, topics)
         click.echo(f"{mcap}: {count} messages")

@@ -14,6 +14,7 @@ from trunk_msgs_util import topics as names
 from trunk_msgs_util.recording.reader import Recording, Topic
 from trunk_msgs_util.units import seconds
 
+from .common import json_option
 from .reading import progress_bar, show_warnings
 
 _WIDTH = 80
@@ -119,7 +120,7 @@ def _state(found: dict[str, Any]) -> str:
 
 @click.command("info")
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_option()
 def command(run: Path, as_json: bool) -> None:
     """Show what is in a recording, an MCAP file or a rosbag2 folder, and whether it is whole.
 

@@ -7,19 +7,20 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
 
 from ..analysis.metrics import QUANTITIES, metrics
 from ..analysis.run_table import RunTable
-from .common import print_table
+from ..recorded.run import RecordedRun
+from .common import json_option, print_table
 from .reading import open_run, show_warnings
 
 
-def show_metrics(recording: Recording, title: str) -> None:
+def show_metrics(run: RecordedRun, title: str) -> None:
     """Print a run's metrics as a table, warnings first."""
-    show_warnings(recording.warnings)
-    values = _values(recording)
+    show_warnings(run.recording.warnings)
+    values = _values(run)
     print_table(
         title,
         ("quantity", "value", "unit"),
@@ -28,30 +29,28 @@ def show_metrics(recording: Recording, title: str) -> None:
             for key, (label, unit, _) in QUANTITIES.items()
         ],
     )
-    fell = recording.fell_at_ns
+    fell = run.recording.fell_at_ns
     if fell is not None:
         click.echo(f"the trunk fell at t = {seconds(fell):g} s")
 
 
-def _values(recording: Recording) -> dict[str, float | None]:
+def _values(run: RecordedRun) -> dict[str, float | None]:
     # Only what metrics need: an hour at 1 kHz then takes a third of a GiB.
-    table = RunTable.from_recording(recording, only=("reference",))
+    table = RunTable.from_run(run, only=("reference",))
     try:
         return metrics(table).as_dict()
     except ValueError as error:
-        raise RecordingError(f"{recording.path}: {error}") from None
+        raise RecordingError(f"{run.path}: {error}") from None
 
 
 @click.command("metrics")
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option(
-    "--json", "as_json", is_flag=True, help="Print JSON; null if a quantity does not exist."
-)
+@json_option("Print JSON; null if a quantity does not exist.")
 def command(run: Path, as_json: bool) -> None:
     """Print a recorded run's metrics."""
-    recording = open_run(run)
+    recorded = open_run(run)
     if as_json:
-        show_warnings(recording.warnings)
-        click.echo(json.dumps(_values(recording), indent=2))
+        show_warnings(recorded.recording.warnings)
+        click.echo(json.dumps(_values(recorded), indent=2))
     else:
-        show_metrics(recording, f"{run.name}: true error e = reference - angle")
+        show_metrics(recorded, f"{run.name}: true error e = reference - angle")

@@ -11,7 +11,7 @@ import click
 from trunk_msgs_util.parameters.declarations import Declaration, declarations
 
 from ..plans.nodes import NODES
-from .common import print_table
+from .common import json_option, print_table
 
 
 def default_text(declaration: Declaration) -> str:
@@ -84,7 +84,7 @@ def _listing_options(function: Any) -> Any:
     function = click.option("--markdown", "as_markdown", is_flag=True, help="Print Markdown.")(
         function
     )
-    return click.option("--json", "as_json", is_flag=True, help="Print JSON.")(function)
+    return json_option()(function)
 
 
 @click.group(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.recording.reader import Recording
+from .reading import open_views, show_warnings
 
 
 @click.command("plot")
@@ -27,22 +27,16 @@ def command(runs: tuple[Path, ...], output: Path | None, number: int | None) -> 
     """Draw one recorded run, or several overlaid, as PNG, SVG or PDF."""
     from ..views.plot_style import SUFFIXES, save
     from ..views.plots import overview, paper_figure
-    from ..views.run_view import RunView
 
     target = output or Path(f"fig{number}.png" if number else f"{runs[0].stem}.png")
     if target.suffix.lower() not in SUFFIXES:
         raise click.BadParameter(
             f"{target}: a picture's name ends in one of {', '.join(SUFFIXES)}", param_hint="-o"
         )
-    views = [RunView.read(Recording.open(run)) for run in runs]
+    views = open_views(runs)
     for view in views:
-        for warning in view.warnings:
-            click.echo(f"trunk: warning: {view.path}: {warning}", err=True)
         scenario = view.recording.provenance.get("scenario")
         if number and scenario != f"fig{number}":
-            click.echo(
-                f"trunk: warning: {view.path}: its scenario is {scenario!r}, not 'fig{number}'",
-                err=True,
-            )
+            show_warnings([f"{view.path}: its scenario is {scenario!r}, not 'fig{number}'"])
     save(paper_figure(views, number) if number else overview(views), target)
     click.echo(f"{target}: {len(views)} run{'s' if len(views) > 1 else ''}")

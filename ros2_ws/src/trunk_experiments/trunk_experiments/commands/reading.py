@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
+from trunk_msgs_util.printable import printable
 from trunk_msgs_util.recording.reader import Recording
+
+from ..recorded.run import RecordedRun
+from .terminal import console
+
+if TYPE_CHECKING:
+    from ..views.run_view import RunView
 
 Tell = Callable[[int, int], None]
 
@@ -18,21 +25,32 @@ Tell = Callable[[int, int], None]
 @contextmanager
 def progress_bar(what: str) -> Iterator[Tell]:
     """Yield a function to call with the amount done and the total; a bar only on terminals."""
-    console = Console(stderr=True)
+    what = printable(what)
+    screen = console(stderr=True)
     columns = (TextColumn(what), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    bar = Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal)
     with bar:
         task = bar.add_task(what, total=None)
         yield lambda done, of: bar.update(task, completed=done, total=of)
 
 
-def open_run(path: Path) -> Recording:
-    """Open a recording. Raises RecordingError."""
+def open_run(path: Path) -> RecordedRun:
+    """Open a recorded run. Raises RecordingError."""
     with progress_bar(f"reading {path.name}") as tell:
-        return Recording.open(path, tell)
+        return RecordedRun(Recording.open(path, tell))
 
 
-def show_warnings(warnings: list[str]) -> None:
+def open_views(paths: Iterable[Path]) -> list[RunView]:
+    """Open runs that are to be shown and print their warnings. Raises RecordingError."""
+    from ..views.run_view import RunView
+
+    views = [RunView.read(open_run(path)) for path in paths]
+    for view in views:
+        show_warnings(f"{view.path}: {warning}" for warning in view.warnings)
+    return views
+
+
+def show_warnings(warnings: Iterable[str]) -> None:
     """Print warnings to stderr."""
     for warning in warnings:
         click.echo(f"trunk: warning: {warning}", err=True)

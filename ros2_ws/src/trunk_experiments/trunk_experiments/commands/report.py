@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.recording.reader import Recording
+from .reading import open_views
 
 
 @click.command("report")
@@ -24,12 +24,8 @@ def command(runs: tuple[Path, ...], output: Path | None) -> None:
     """
     from ..views.report import make_report
     from ..views.report_page import write
-    from ..views.run_view import RunView
 
     target = output or Path(f"{runs[0].stem}.html")
-    views = [RunView.read(Recording.open(run)) for run in runs]
-    for view in views:
-        for warning in view.warnings:
-            click.echo(f"trunk: warning: {view.path}: {warning}", err=True)
+    views = open_views(runs)
     size = write(make_report(views), target)
     click.echo(f"{target}: {len(views)} run{'s' if len(views) > 1 else ''}, {size / 1e6:.1f} MB")

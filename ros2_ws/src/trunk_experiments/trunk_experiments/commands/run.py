@@ -6,15 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util import topics
 
 from ..errors import PlanError
+from ..recorded.run import RecordedRun
 from ..runs.graph import RunFiles, run_graph
 from .common import plan_of, plan_options
 from .metrics import show_metrics
+from .terminal import console
 
 
 @click.command("run")
@@ -53,8 +54,8 @@ def command(
     if not plan.simulator.duration:
         raise PlanError("simulator: duration is 0: a recorded run needs an end; give --duration S")
     files = RunFiles.for_run(plan, output)
-    console = Console(stderr=True)
-    console.print(
+    screen = console(stderr=True)
+    screen.print(
         f"{plan.scenario}, {plan.turns}: {plan.simulator.duration:g} s "
         f"at {plan.simulator.update_rate:g} Hz, {'lock-step' if lockstep else 'real time'}",
         highlight=False,
@@ -63,24 +64,24 @@ def command(
         TextColumn("{task.description}"),
         BarColumn(),
         TextColumn("{task.completed:.1f} of {task.total:g} s"),
-        console=console,
+        console=screen,
         transient=True,
-        disable=not console.is_terminal,
+        disable=not screen.is_terminal,
     ) as progress:
         task = progress.add_task("running", total=plan.simulator.duration)
-        run_graph(plan, files, lambda t: progress.update(task, completed=t), composed=composed)
-    _verdict(files)
+        recording = run_graph(
+            plan, files, lambda t: progress.update(task, completed=t), composed=composed
+        )
+    _verdict(files, RecordedRun(recording))
 
 
-def _verdict(files: RunFiles) -> None:
-    recording = Recording.open(files.recording)
-    show_metrics(recording, "metrics of the run (true error)")
-    counts = {name: topic.count for name, topic in recording.topics.items() if topic.count}
-    states = counts.get(recording.topic("ground_truth/joint_states"), 0)
-    commands = counts.get(recording.topic("effort_command"), 0)
-    whole = "complete" if recording.complete else "INCOMPLETE"
+def _verdict(files: RunFiles, run: RecordedRun) -> None:
+    show_metrics(run, "metrics of the run (true error)")
+    states, commands = run.count(topics.GROUND_TRUTH), run.count(topics.EFFORT_COMMAND)
+    complete = run.recording.complete
+    whole = "complete" if complete else "INCOMPLETE"
     click.echo(f"{whole}: {states} states, {commands} commands recorded")
     click.echo(f"recording: {files.recording}")
     click.echo(f"parameters: {files.parameters}")
-    if not recording.complete:
+    if not complete:
         raise SystemExit(1)

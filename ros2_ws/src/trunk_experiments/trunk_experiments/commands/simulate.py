@@ -36,7 +36,7 @@ def command(output: Path, force: bool, like: Path | None, **options: Any) -> Non
 
     SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.
     """
-    from ..replay.record import RecordedRun
+    from ..recorded.run import RecordedRun
     from ..runs.offline_recording import record_offline
 
     if like is not None:

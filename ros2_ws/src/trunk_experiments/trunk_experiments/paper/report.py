@@ -10,9 +10,9 @@ from pathlib import Path
 from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 
-from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.whole_file import whole_file
 
+from ..recorded.run import RecordedRun
 from ..views.plot_style import save
 from ..views.plots import paper_figure
 from ..views.run_view import RunView
@@ -66,7 +66,7 @@ def _figure(figure: str, folder: Path) -> str:
     views, names = [], []
     for name, contender in OF_THE_PAPER.items():
         case = Case(PROFILES[0], figure, name)
-        views.append(RunView.read(Recording.open(folder / "runs" / f"{case.stem}.mcap")))
+        views.append(RunView.read(RecordedRun.open(folder / "runs" / f"{case.stem}.mcap")))
         names.append(contender.short)
     drawn: Figure = paper_figure(views, int(figure.removeprefix("fig")), names)
     for suffix in (".png", ".svg"):

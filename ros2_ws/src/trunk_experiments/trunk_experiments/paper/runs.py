@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trunk_msgs_util.recording.reader import Recording
 from trunk_sim.simulation import DivergedError
 
 from ..analysis.metrics import Metrics, metrics
 from ..analysis.run_table import RunTable
 from ..plans.plan import RunPlan, make_plan
+from ..recorded.run import RecordedRun
 from ..replay.diff import diff
 from ..runs.graph import RunFiles, run_graph
 from ..runs.offline_recording import record_offline
@@ -141,10 +141,10 @@ def run_in_graph(
     files = RunFiles(folder / case.stem)
     files.recording.unlink(missing_ok=True)
     run_graph(case.plan(**{"lockstep.enabled": True}), files, progress, composed=True)
-    first = diff(Recording.open(offline), Recording.open(files.recording)).first
+    first = diff(RecordedRun.open(offline), RecordedRun.open(files.recording)).first
     return _judged(case, files.recording, "" if first is None else first.describe())
 
 
 def _judged(case: Case, path: Path, graph_differs: str | None = None) -> Run:
-    table = RunTable.from_recording(Recording.open(path))
+    table = RunTable.from_run(RecordedRun.open(path))
     return Run(case, metrics(table), undershoot(table), graph_differs=graph_differs)

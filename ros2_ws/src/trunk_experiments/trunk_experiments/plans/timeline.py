@@ -75,6 +75,8 @@ class Timeline:
                         target.see(change.stamp_ns, position)
                     target.activate()
                 else:
+                    if change.event == Event.CLEANED_UP:
+                        target.forget()
                     target.deactivate()
         return applied
 

@@ -20,12 +20,11 @@ from trunk_msgs_util.units import period_ns as period_of
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS, NODES
-from .record import RecordedRun
+from ..recorded.run import RecordedRun
 
 __all__ = ["ERROR", "INFO", "WARNING", "Finding", "examine"]
 
 _EXAMPLES = 3  # places listed for one kind of finding on one topic
-_EXACT = ("lockstep", "offline")  # modes in which every state is answered
 _GAP = 1.5  # periods between two messages: more is a gap
 _LONGEST_PERIOD = 1e9  # s: what is longer is no period
 _PASS = 64 << 20  # bytes of messages that are taken apart in one pass
@@ -47,8 +46,12 @@ def examine(
 
     Raises RecordingError if the path does not exist or is not a recording at all.
     """
-    path = Path(path)
-    recording = Recording.open(path, progress)
+    return findings(RecordedRun(Recording.open(path, progress)))
+
+
+def findings(run: RecordedRun) -> list[Finding]:
+    """Return all findings on a run that is open. Raises RecordingError if it is not readable any more."""
+    recording, path = run.recording, run.path
     found: list[Finding] = []
     files = bag_folder(path).files if path.is_dir() else [path]
     try:
@@ -63,11 +66,10 @@ def examine(
         for warning in recording.warnings
         if not any(warning.endswith(message) for message in known)
     ]
-    run = RecordedRun(recording)
     found += _provenance(run)
     found += [
-        Finding(ERROR, "its messages are not the ones the recorder wrote (digest)", topic)
-        for topic in recording.altered_topics()
+        Finding(ERROR, f"{what}: not as the recorder wrote it (digest)")
+        for what in recording.alterations()
     ]
     try:
         found += _evidence(run)
@@ -161,7 +163,7 @@ class _Roles(NamedTuple):
                 recording.topic(name)
                 for name in (
                     *(names.GROUND_TRUTH, names.JOINT_STATES, names.DISTURBANCE),
-                    *([names.EFFORT_COMMAND] if run.mode in _EXACT else []),
+                    *([names.EFFORT_COMMAND] if run.exact else []),
                 )
             ),
             recording.topic(names.EFFORT_COMMAND),
@@ -192,9 +194,8 @@ def _joints(run: RecordedRun, roles: _Roles, topic: str, joints: JointArrays) ->
     owner = roles.owners.get(topic)
     is_state = owner is not None
     answers = is_state or topic == roles.commands
-    exact = run.mode in _EXACT
     # In real time the latest state is answered: some states twice, some never.
-    loose = answers and not exact
+    loose = answers and not run.exact
     several = topic == roles.commands and len(run.controllers) > 1
     # With several controllers, each one's commands are in order; together they need not be.
     yield from _order(joints.stamp_ns, topic, INFO if loose or several else WARNING)

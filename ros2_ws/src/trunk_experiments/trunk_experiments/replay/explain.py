@@ -11,14 +11,15 @@ from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.pid import PidState, Terms
 from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import nanoseconds, seconds
 from trunk_sim.disturbances import Disturbance
 
 from ..analysis.run_table import RunTable
 from ..plans.nodes import CONTROLLERS
+from ..recorded.joint_table import JointTable
+from ..recorded.run import RecordedRun
 from .bits import same
-from .record import JointTable, RecordedRun
 from .replay import DrivenController, acting_at, in_turn
 
 
@@ -102,27 +103,24 @@ class _Update(NamedTuple):
     took_over: bool  # from another controller, to whose torque the integral was set
 
 
-def explain(recording: Recording, at: float) -> Explanation:
+def explain(run: RecordedRun, at: float) -> Explanation:
     """Return the explanation of the command in force at a time in s.
 
     Raises RecordingError if the run has no such command or its controller is unknown.
     """
-    run = RecordedRun(recording)
     names = [name for name in run.controllers if name in CONTROLLERS]
     if not names:
         raise RecordingError(
-            f"{recording.path}: no controller of {', '.join(CONTROLLERS)} was recorded: "
+            f"{run.path}: no controller of {', '.join(CONTROLLERS)} was recorded: "
             "there is no torque to explain"
         )
     for name in names:
         if name not in run.parameters:
-            raise RecordingError(
-                f"{recording.path}: no parameters of {name} recorded: record them too"
-            )
-    table = RunTable.from_recording(recording)
+            raise RecordingError(f"{run.path}: no parameters of {name} recorded: record them too")
+    table = RunTable.from_run(run, only=())
     if not table.t[0] <= at <= table.t[-1]:
         raise RecordingError(
-            f"{recording.path} lasts from t = {table.t[0]:g} s to t = {table.t[-1]:g} s: "
+            f"{run.path} lasts from t = {table.t[0]:g} s to t = {table.t[-1]:g} s: "
             f"give --at a time in it, not {at:g}"
         )
     commands = run.table(topics.EFFORT_COMMAND)
@@ -134,7 +132,7 @@ def explain(recording: Recording, at: float) -> Explanation:
     }
     if not updates:
         raise RecordingError(
-            f"{recording.path}: {' or '.join(names)} had not answered any state by t = {at:g} s: "
+            f"{run.path}: {' or '.join(names)} had not answered any state by t = {at:g} s: "
             "give --at a later time"
         )
     name, update = max(updates.items(), key=lambda item: item[1].stamp_ns)

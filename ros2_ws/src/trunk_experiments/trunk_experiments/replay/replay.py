@@ -21,12 +21,16 @@ from trunk_sim.disturbances import Disturbance, disturbance_at, disturbance_samp
 
 from ..compiled import with_arrays
 from ..plans.timeline import Timeline, begins_active
+from ..recorded.joint_table import JointTable
+from ..recorded.run import RecordedRun
 from . import stretches
 from .bits import same
-from .record import JointTable, RecordedRun
 
 WORTH_COMPILING = 20_000  # steps: fewer are computed before compiled code would be loaded
+# What a difference may be besides a value.
 ACTIVE_CONTROLLERS = "active controllers"
+MISSING = "missing"
+UNEXPECTED = "unexpected"
 
 
 class Difference(NamedTuple):
@@ -46,6 +50,7 @@ class Checked(NamedTuple):
     found: Sequence[Difference]
     steps: int = 1
     controller: str = ""  # who was to send the command; empty: not exactly one
+    last_ns: int | None = None  # stamp of the last step, where there are many
 
 
 def compare(
@@ -185,8 +190,8 @@ def replay_controllers(
             last = min(last, row + stretches.LONGEST)
             passed = driven[name].pass_over(records[name], row, last) - row
             if passed:
-                yield Checked(stamp_ns, (), passed, name)
                 row += passed
+                yield Checked(stamp_ns, (), passed, name, int(stamps[row - 1]))
                 continue
         yield Checked(stamp_ns, _compared(commands, driven[name], stamp_ns), controller=name)
         row += 1
@@ -214,12 +219,16 @@ def _is_whole(table: JointTable, joints: int) -> bool:
 def _compared(commands: JointTable, driven: DrivenController, stamp_ns: int) -> list[Difference]:
     state = driven.state(stamp_ns)
     if state is None:
-        return [Difference(stamp_ns, topics.JOINT_STATES, "missing", 0.0, 0.0)]
+        return [Difference(stamp_ns, topics.JOINT_STATES, MISSING, 0.0, 0.0)]
     answer = driven.answer(stamp_ns)
     found = list(compare(commands, stamp_ns, "effort", (answer.effort,)))
-    if answer.fresh and stamp_ns in driven.terms:
+    told = stamp_ns in driven.terms
+    if answer.fresh and told:
         record = state_record(answer, state[0])
         found += compare(driven.terms, stamp_ns, "position", record)
+    elif answer.fresh != told:
+        what = MISSING if answer.fresh else UNEXPECTED
+        found.append(Difference(stamp_ns, driven.terms.topic, what, 0.0, 0.0))
     return found
 
 
@@ -245,8 +254,8 @@ def replay_disturbance(run: RecordedRun, until_ns: int | None = None) -> Iterato
                 - row
             )
             if passed:
-                yield Checked(stamp_ns, (), passed)
                 row += passed
+                yield Checked(stamp_ns, (), passed, last_ns=int(stamps[row - 1]))
                 continue
         sample = disturbance_sample(stamp_ns, joints, disturbance_at(stamp_ns, signals))
         found = [

@@ -1,4 +1,4 @@
-"""A recorded run's plant recomputed: each state and its measurement from the commands."""
+"""A recorded run's plant recomputed: each state and its measurement from the torque before it."""
 
 from __future__ import annotations
 
@@ -9,23 +9,31 @@ import numpy as np
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.units import nanoseconds
 from trunk_sim.config import SimulatorConfig
+from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
 from trunk_sim.sensors import noise_samples
 from trunk_sim.step import Trunk, act, at_rest, sense
 
 from ..compiled import pruned
+from ..recorded.joint_table import JointTable
+from ..recorded.run import RecordedRun
 from . import replay, stretches
-from .record import JointTable, RecordedRun
+from .bits import same
+from .real_time import PossibleDisturbances
 from .replay import Checked, Difference, acting_at, compare, disturbances_matrix, judged
 
 _QUANTITIES = ("position", "velocity", "effort")
 
 
 class PlantReplay:
-    """The plant of a lock-step or offline run: the torque over a step is the command for its first state.
+    """The plant of a run, one step after the other.
 
-    After a difference it continues from the recorded value, so that one altered value counts once.
+    Where time is exact, the torque over a step is the command for its first state, and the disturbance the
+    one with its stamp. In real time the torque is the one that the next true state records
+    (`real_time.replay_torques` judges whether it could be), and the disturbance any that may have acted
+    and fits. After a difference it continues from the recorded value, so that one altered value counts once.
     """
 
     def __init__(self, run: RecordedRun, until_ns: int | None = None) -> None:
@@ -40,6 +48,8 @@ class PlantReplay:
         config: SimulatorConfig = self._timeline.config
         self._delay_steps = config.delay_steps
         self._noise = noise_samples(config.seed, len(self._stamps))
+        self._possible = None if run.exact else PossibleDisturbances(self._disturbances)
+        self._acting: list[tuple[int, Disturbance]] = []
         self._steps = self._stamps // config.period_ns
         self._row = -1  # before the first state
         self.retune(config)
@@ -63,7 +73,10 @@ class PlantReplay:
         while self._row < len(self._stamps):
             stamp_ns = int(self._stamps[self._row])
             if record is not None and (passed := self._pass_over(record)):
-                yield Checked(stamp_ns, (), passed)
+                last_ns = int(self._stamps[self._row - 1])
+                if self._possible is not None:
+                    self._possible.passed(last_ns)
+                yield Checked(stamp_ns, (), passed, last_ns=last_ns)
                 continue
             yield Checked(stamp_ns, self._looked_at(stamp_ns))
             if not self._step(stamp_ns):
@@ -103,16 +116,26 @@ class PlantReplay:
         if found:
             effort = self._truth.get(stamp_ns, "effort")[1]
             self._trunk = Trunk(self._recorded(self._row), effort, trunk.fallen, False)
+        self._acting = self._candidates(stamp_ns)
         if stamp_ns in self._measured:
-            found += self._sensed(stamp_ns)
+            fitting = [one for one in self._acting if not any(self._sensed(stamp_ns, one[1]))]
+            if not fitting:
+                found += self._sensed(stamp_ns, self._acting[0][1])
+            self._acting = fitting or self._acting[:1]
         return found
 
-    def _sensed(self, stamp_ns: int) -> Iterator[Difference]:
+    def _candidates(self, stamp_ns: int) -> list[tuple[int, Disturbance]]:
+        """Return what may act in this state and on the step from it, with its message's stamp."""
+        if self._possible is None:
+            return [(stamp_ns, acting_at(self._disturbances, stamp_ns))]
+        timeout_ns = nanoseconds(self._timeline.config.command_timeout)
+        return list(self._possible.at(stamp_ns, timeout_ns))
+
+    def _sensed(self, stamp_ns: int, acting: Disturbance) -> Iterator[Difference]:
         row = self._row
         delayed = self._recorded(min(max(row - self._delay_steps, self._remembered), row))
         step = min(max(int(self._steps[row]), 0), len(self._noise) - 1)
         position_sample, velocity_sample = self._noise[step].tolist()
-        acting = acting_at(self._disturbances, stamp_ns)
         seen = sense(delayed, acting, position_sample, velocity_sample, self._sensor)
         yield from compare(self._measured, stamp_ns, "position", (seen.x, seen.theta))
         yield from compare(self._measured, stamp_ns, "velocity", (seen.x_dot, seen.theta_dot))
@@ -124,15 +147,30 @@ class PlantReplay:
 
     def _step(self, stamp_ns: int) -> bool:
         """Step to the next state; return False if the plant diverges and there is none."""
-        if stamp_ns not in self._commands:
+        command = self._torque(stamp_ns)
+        if command is None:
             return True
         self._timeline.advance(stamp_ns + 1, self)
-        command = self._commands.get(stamp_ns, "effort")[0]
-        acting = acting_at(self._disturbances, stamp_ns)
-        after = act(self._trunk, command, acting, self._plant)
+        steps = [(one, act(self._trunk, command, one[1], self._plant)) for one in self._acting]
+        (since_ns, _), after = next((one for one in steps if self._fits(one[1])), steps[0])
+        if self._possible is not None:
+            self._possible.chosen(since_ns)
         self._falls = after.fallen and not self._trunk.fallen
         self._trunk = after
         return not after.diverged
+
+    def _fits(self, after: Trunk) -> bool:
+        """Return True if a next state is the recorded one."""
+        row = self._row + 1
+        return row < len(self._stamps) and all(map(same, after.state, self._recorded(row)))
+
+    def _torque(self, stamp_ns: int) -> float | None:
+        """Return the torque over the step from this state, N m; None if the record does not tell it."""
+        if self._possible is None:
+            told = stamp_ns in self._commands
+            return self._commands.get(stamp_ns, "effort")[0] if told else None
+        row = self._row + 1
+        return float(self._truth.values("effort")[row, 1]) if row < len(self._stamps) else None
 
     def _record(self) -> stretches.PlantRecord | None:
         """Return the record for compiled code; None if that is not worthwhile or not possible."""
@@ -156,13 +194,19 @@ class PlantReplay:
         return stretches.PlantRecord(
             _by_row(self._truth, stamps),
             _by_row(self._measured, stamps),
-            np.ascontiguousarray(
-                _filled(self._commands.values("effort"), self._commands.rows_of(stamps))[:, 0]
-            ),
+            self._torques(stamps),
             disturbances,
             np.isin(stamps, list(self._fell)).astype(np.int64),
             self._noise,
         )
+
+    def _torques(self, stamps: Integers) -> Floats:
+        """Return the torque over the step from each state [N], NaN where the record does not tell it."""
+        if self._possible is None:
+            efforts, rows = self._commands.values("effort"), self._commands.rows_of(stamps)
+            return np.ascontiguousarray(_filled(efforts, rows)[:, 0])
+        acted = _by_row(self._truth, stamps)[1:, -1]
+        return np.append(acted, np.nan)
 
 
 def _is_whole(table: JointTable) -> bool:

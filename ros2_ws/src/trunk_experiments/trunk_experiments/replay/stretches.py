@@ -137,7 +137,9 @@ def commands_stretch_of(update: Update) -> Callable[..., tuple[int, Memory]]:
             after, answer = decide(memory, reading, setting, constants, update)
             if not (answer.active and alike(answer.effort, record.command[row])):
                 return row, memory
-            if answer.fresh and told >= 0:
+            if answer.fresh != (told >= 0):
+                return row, memory
+            if answer.fresh:
                 said = state_record(answer, states[at, 0])
                 for i in range(len(said)):
                     if not alike(said[i], record.terms[told, i]):

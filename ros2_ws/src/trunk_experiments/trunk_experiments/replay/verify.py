@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,77 +14,28 @@ from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
-from .bits import ulps
-from .record import RecordedRun
-from .replay import (
-    ACTIVE_CONTROLLERS,
-    Checked,
-    Difference,
-    replay_controllers,
-    replay_disturbance,
-)
+from ..recorded.run import RecordedRun
+from .as_written import not_as_written
+from .consistency import contradictions, failures, shared_from_ns, uncounted
+from .real_time import replay_torques
+from .replay import Checked, replay_controllers, replay_disturbance
 from .replay_plant import PlantReplay
+from .told import untellable
+from .verdict import DIVERGES, UNJUDGED, VERIFIED, Part, Verdict, describe
 
-VERIFIED, DIVERGES, UNJUDGED = 0, 1, 2
-# What determines the bits of sin, cos and exp, and of the noise.
-_ARITHMETIC = ("libm", "machine", "numpy")
+__all__ = [
+    "DIVERGES",
+    "UNJUDGED",
+    "VERIFIED",
+    "Part",
+    "Verdict",
+    "describe",
+    "verdict_on",
+    "verify",
+]
 
-
-@dataclass
-class Part:
-    """One kind of recomputation: how many steps were checked and what differed."""
-
-    name: str
-    steps: int = 0
-    wrong_steps: int = 0
-    first: list[Difference] = field(default_factory=list)
-
-    def take(self, checked: Checked) -> None:
-        """Add some steps."""
-        self.steps += checked.steps
-        if checked.found:
-            self.wrong_steps += 1
-            self.first = self.first or list(checked.found)
-
-
-@dataclass
-class Verdict:
-    """What `verify` found. ``obstacles``: why the run cannot be judged as a whole.
-
-    ``altered``: topics whose content is not what the recorder wrote, even if no computed bit depends on it.
-    """
-
-    parts: list[Part] = field(default_factory=list)
-    altered: list[str] = field(default_factory=list)
-    obstacles: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def exit_code(self) -> int:
-        """0: verified, 1: something diverges, 2: nothing diverges but the run cannot be judged."""
-        if self.altered or any(part.wrong_steps for part in self.parts):
-            return DIVERGES
-        return UNJUDGED if self.obstacles or not self.parts else VERIFIED
-
-    @property
-    def word(self) -> str:
-        """The verdict in a word or two."""
-        return ("verified", "diverges", "cannot be judged")[self.exit_code]
-
-
-def describe(difference: Difference) -> str:
-    """Return a difference as one line: where, both values, how far apart."""
-    if difference.field == "missing":
-        return f"t = {seconds(difference.stamp_ns):g} s: {difference.topic}: no message with this stamp"
-    if difference.field == ACTIVE_CONTROLLERS:
-        count = f"{difference.recorded:.0f} controllers are active by the run's events"
-        return f"t = {seconds(difference.stamp_ns):g} s: {count}, 1 gave a command"
-    distance = ulps(difference.recorded, difference.computed)
-    return (
-        f"t = {seconds(difference.stamp_ns):g} s: {difference.topic}: {difference.field}: "
-        f"recorded {difference.recorded!r}, computed {difference.computed!r}"
-        + ("" if distance is None else f", {distance} ULP apart")
-    )
+_PLANT = "states of the plant"
+_MODES = {"real_time": "in real time", "lockstep": "in lock-step", "offline": "offline"}
 
 
 def verify(recording: Recording) -> Verdict:
@@ -98,7 +48,10 @@ def verdict_on(run: RecordedRun) -> Verdict:
     recording = run.recording
     verdict = Verdict()
     verdict.obstacles += recording.warnings
-    verdict.altered = recording.altered_topics()
+    verdict.altered = recording.alterations()
+    uncovered = recording.undigested()
+    if uncovered:
+        verdict.obstacles.append(f"no digests of {', '.join(uncovered)}: an edit would not show")
     if recording.end is None:
         verdict.obstacles.append("no end marker: the recorder did not finish this file")
     if not run.mode:
@@ -115,23 +68,81 @@ def verdict_on(run: RecordedRun) -> Verdict:
         verdict.obstacles.append(f"no parameters recorded of {', '.join(sorted(missing))}")
         return verdict
     try:
-        verdict.obstacles += _gaps(run, run.config("simulator").period_ns)
-        until_ns = _recorded_until_ns(run)
-        if until_ns is not None:
-            verdict.obstacles.append(
-                f"the recorder was inactive from t = {seconds(until_ns):g} s: what follows is not judged"
-            )
-        verdict.parts += _recomputed(run, until_ns)
+        _judge(run, verdict)
     except ParameterError as error:
         verdict.obstacles.append(f"recorded parameters cannot be used: {error}")
     except RecordingError as error:
         verdict.obstacles.append(str(error).removeprefix(f"{recording.path}: "))
-    if not run.exact:
-        verdict.notes.append(
-            "real-time run: its states depend on the wall clock and are not recomputed"
-        )
     verdict.notes += _platform(recording)
     return verdict
+
+
+def _judge(run: RecordedRun, verdict: Verdict) -> None:
+    verdict.obstacles += _gaps(run, run.config("simulator").period_ns)
+    verdict.obstacles += failures(run.events, run.recording.topic("simulator"))
+    until_ns = _recorded_until_ns(run)
+    if until_ns is not None:
+        verdict.obstacles.append(
+            f"the recorder was inactive from t = {seconds(until_ns):g} s: what follows is not judged"
+        )
+    shared_ns = shared_from_ns(run)
+    if shared_ns is not None:
+        verdict.obstacles.append(
+            "two simulators or controllers, or a run that was started anew: what follows "
+            f"t = {seconds(shared_ns):g} s is not judged"
+        )
+        # The state at that time may have been answered by either.
+        before_ns = shared_ns - run.config("simulator").period_ns
+        until_ns = before_ns if until_ns is None else min(until_ns, before_ns)
+    elif (run.recording.end or {}).get("complete") == "true":
+        verdict.contradictions += contradictions(run)
+        verdict.contradictions += not_as_written(run)
+        verdict.contradictions += untellable(run)
+        verdict.obstacles += uncounted(run)
+    verdict.parts += _recomputed(run, until_ns)
+    verdict.judged = _span(run, until_ns)
+    verdict.obstacles += _too_few(run, verdict.parts, until_ns)
+    verdict.unjudged += _unjudged(run)
+
+
+def _span(run: RecordedRun, until_ns: int | None) -> str:
+    stamps = run.table(topics.GROUND_TRUTH).stamp_ns
+    if until_ns is not None:
+        stamps = stamps[stamps <= until_ns]
+    if not len(stamps):
+        return "no state"
+    first, last = (seconds(int(stamps[i])) for i in (0, -1))
+    mode = _MODES.get(run.mode, f"mode {run.mode or 'unknown'}")
+    return f"t = {first:g} to {last:g} s, {len(stamps)} states, {mode}"
+
+
+def _unjudged(run: RecordedRun) -> list[str]:
+    """Return what no check of this run looks at."""
+    found = [
+        f"{name}: its parameters are recorded, but it gave no command"
+        for name in sorted(set(run.parameters) & set(CONTROLLERS) - set(run.controllers))
+    ]
+    if not run.exact:
+        found.append("when commands and disturbances arrived: the wall clock decides it")
+    found.append("the origin (scenario, commit, host, time): covered by digests alone")
+    return found
+
+
+def _too_few(run: RecordedRun, parts: list[Part], until_ns: int | None) -> list[str]:
+    """Return what was recomputed for fewer steps than the run has."""
+    if until_ns is not None:
+        return []
+    wanted = run.count(topics.GROUND_TRUTH)
+    commands = sum(part.steps for part in parts if part.name.startswith("commands"))
+    found = [f"{part.name}: nothing was checked" for part in parts if not part.steps]
+    if commands < (wanted if run.exact else 1):
+        found.append(f"commands: {commands} steps checked of {wanted} states")
+    found += [
+        f"{part.name}: {part.steps} steps checked of {wanted} states"
+        for part in parts
+        if part.name == _PLANT and part.steps < wanted
+    ]
+    return found
 
 
 def _recorded_until_ns(run: RecordedRun) -> int | None:
@@ -153,8 +164,9 @@ def _recomputed(run: RecordedRun, until_ns: int | None) -> list[Part]:
     replays: dict[str, Iterable[Checked]] = {}
     if run.count(topics.DISTURBANCE):
         replays["disturbances"] = replay_disturbance(run, until_ns)
-    if run.exact:
-        replays["states of the plant"] = PlantReplay(run, until_ns)
+    if not run.exact:
+        replays["torques in force"] = replay_torques(run, until_ns)
+    replays[_PLANT] = PlantReplay(run, until_ns)
     for name, replay in replays.items():
         part = Part(name)
         for checked in replay:
@@ -220,9 +232,8 @@ def _disorder(relative: str, stamps: Integers) -> list[str]:
 
 
 def _platform(recording: Recording) -> list[str]:
-    here = provenance.gather()
     return [
-        f"recorded with {key} {recording.provenance[key]}, here {here[key]}: last bits may differ"
-        for key in _ARITHMETIC
-        if key in recording.provenance and recording.provenance[key] != here.get(key)
+        f"recorded with {key} {recording.provenance[key]}, here {here}: last bits may differ"
+        for key, here in provenance.arithmetic().items()
+        if key in recording.provenance and recording.provenance[key] != here
     ]

@@ -62,6 +62,7 @@ class _OfflineRecorder:
         }
         self._acting = disturbance_source(plan)
         self._last_ns = -1
+        self._of_simulator = plan.timeline("simulator")
         self.states = 0
 
     def _put(self, topic: str, stamp_ns: int, data: bytes) -> None:
@@ -106,11 +107,11 @@ class _OfflineRecorder:
 
     def _change(self, node: str, change: Change) -> None:
         """Write what came from outside, as in the original recording."""
+        word = change.event if change.values is None else Event.RETUNED
+        data = event(change.stamp_ns, f"/{node}", word)
+        self._put(topics.RUN_EVENTS, change.stamp_ns, data)
         if change.values is not None:
             self._parameters(change.stamp_ns, node, {}, change.values)
-        else:
-            data = event(change.stamp_ns, f"/{node}", change.event)
-            self._put(topics.RUN_EVENTS, change.stamp_ns, data)
 
     def write(self, step: Step) -> None:
         """Write one step, in the graph's order."""
@@ -145,9 +146,10 @@ class _OfflineRecorder:
 
     def _mark_fall(self, step: Step) -> None:
         if step.falls:
+            self._of_simulator.advance(step.stamp_ns)
             values = {
                 "angle": str(step.truth.position[1]),
-                "limit": str(self._plan.simulator.fall_angle),
+                "limit": str(self._of_simulator.config.fall_angle),
             }
             self._event(Event.FELL, values, level=1)
 

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.reader import RecordingError
 
 from ..analysis.metrics import QUANTITIES, metrics
 from ..plans.nodes import CONTROLLERS
+from ..recorded.run import RecordedRun
 from ..replay.diff import RunDiff, diff
 from .run_view import RunView, labels
 
@@ -83,7 +84,7 @@ def differing_parameters(views: Sequence[RunView]) -> dict[str, tuple[Value | No
     return {name: row for name, row in table.items() if any(value != row[0] for value in row)}
 
 
-def divergence(first: Recording, other: Recording) -> RunDiff:
+def divergence(first: RecordedRun, other: RecordedRun) -> RunDiff:
     """Return where a run diverges from the first; with different laws ``~/state`` is not compared."""
     return diff(first, other, terms=first.controllers == other.controllers)
 
@@ -94,5 +95,5 @@ def compare(views: Sequence[RunView]) -> Comparison:
         names=tuple(labels(views)),
         rows=metric_rows(views),
         parameters=differing_parameters(views),
-        diffs=tuple(divergence(views[0].recording, view.recording) for view in views[1:]),
+        diffs=tuple(divergence(views[0].run, view.run) for view in views[1:]),
     )

@@ -16,7 +16,6 @@ from trunk_msgs_util.parameters.declarations import parameter
 _BODY = Body()
 
 TOPIC = "markers"
-TYPE = "visualization_msgs/msg/MarkerArray"
 
 Point = tuple[float, float, float]
 Color = tuple[float, float, float, float]  # red, green, blue, alpha, each from 0 to 1

@@ -12,7 +12,7 @@ from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
 
 from ..analysis.metrics import QUANTITIES
-from ..replay.doctor import INFO, examine
+from ..replay.doctor import INFO, findings
 from .compare import Row, differing_parameters, metric_rows
 from .report_data import report_data, rule_use
 from .run_view import RunView, labels
@@ -93,8 +93,8 @@ def quantity_label(key: str) -> tuple[str, str]:
 
 
 def said_of(view: RunView) -> list[str]:
-    """Return what is wrong with a run: what `examine` finds, and why its parameters cannot be used."""
-    found = [finding.describe() for finding in examine(view.path) if finding.severity != INFO]
+    """Return what is wrong with a run: what `findings` finds, and why its parameters cannot be used."""
+    found = [finding.describe() for finding in findings(view.run) if finding.severity != INFO]
     return found + [w for w in view.warnings if w not in view.recording.warnings]
 
 

@@ -23,8 +23,8 @@ from trunk_sim.disturbances import CHANNELS, pulse
 
 from ..analysis.run_table import RunTable
 from ..plans.nodes import CONTROLLERS
-from ..replay.record import RecordedRun
-from ..replay.recorded_turns import Turn, recorded_turns
+from ..recorded.run import RecordedRun
+from ..recorded.turns import Turn, recorded_turns
 
 if TYPE_CHECKING:
     from trunk_msgs_util.parameters.declarations import Value
@@ -50,7 +50,7 @@ class RunView:
     the one with the most updates; ``controllers`` has all whose parameters are known.
     """
 
-    recording: Recording
+    run: RecordedRun
     table: RunTable
     terms: JointArrays  # of ~/state, by stamp; empty if there is none
     disturbances: JointArrays  # by stamp
@@ -64,13 +64,12 @@ class RunView:
     warnings: tuple[str, ...]
 
     @classmethod
-    def read(cls, recording: Recording) -> RunView:
-        """Return what can be shown of a recording; ``warnings`` lists what cannot.
+    def read(cls, run: RecordedRun) -> RunView:
+        """Return what can be shown of a run; ``warnings`` lists what cannot.
 
         Raises RecordingError if there are no true states.
         """
-        run = RecordedRun(recording)
-        warnings = list(recording.warnings)
+        warnings = list(run.recording.warnings)
 
         def config(node: str) -> object:
             try:
@@ -86,14 +85,16 @@ class RunView:
             for one in run.controllers
         }
         fuzzy = [one for one, c in controllers.items() if isinstance(c, FuzzyPidConfig)]
-        name = fuzzy[0] if fuzzy else recording.controller
+        name = fuzzy[0] if fuzzy else run.recording.controller
+        for one in run.controllers:  # kept: the turns and the table of the run need them too
+            run.table(topics.controller_state(one))
         state = topics.controller_state(name) if name else ""
         disturbance = cast("DisturbanceConfig | None", config("disturbance"))
-        acting = recording.joints(recording.topic(topics.DISTURBANCE)).by_stamp()
+        acting = run.joints(topics.DISTURBANCE).by_stamp()
         return cls(
-            recording=recording,
-            table=RunTable.from_recording(recording),
-            terms=recording.joints(recording.topic(state)).by_stamp(),
+            run=run,
+            table=RunTable.from_run(run),
+            terms=run.joints(state).by_stamp(),
             disturbances=acting,
             controller_name=name,
             controller=controllers.get(name or ""),
@@ -101,14 +102,19 @@ class RunView:
             simulator=cast("SimulatorConfig | None", config("simulator")),
             disturbance=disturbance,
             pulses=tuple(_pulses(run, acting.stamp_ns)) if disturbance else (),
-            turns=recorded_turns(recording),
+            turns=recorded_turns(run),
             warnings=tuple(warnings),
         )
 
     @property
+    def recording(self) -> Recording:
+        """The recording of the run."""
+        return self.run.recording
+
+    @property
     def path(self) -> Path:
         """The recording's file."""
-        return self.recording.path
+        return self.run.path
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -131,10 +137,7 @@ class RunView:
     @property
     def parameters(self) -> Mapping[str, Mapping[str, Value]]:
         """Every node's parameters at the start, without the run's namespace."""
-        return {
-            name.removeprefix(self.recording.namespace).lstrip("/"): values
-            for name, values in self.recording.parameters().items()
-        }
+        return self.run.parameters
 
     @property
     def title(self) -> str:

@@ -1,4 +1,4 @@
-"""What every node of the project shares: parameters, run events, diagnostics, a managed life, an end."""
+"""What all nodes of the project share: parameters, run events, diagnostics, lifecycle and shutdown."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from .. import topics
 from ..events import Event
 from ..parameters.config import ManagedConfig
 from ..parameters.declarations import values_of
+from ..printable import printable
 from . import evidence, qos
 from .conversions import status_to_ros
 from .managed import EXIT_FAILED, ManagedNode
@@ -28,12 +29,12 @@ Config = TypeVar("Config", bound=ManagedConfig)
 
 
 class TrunkNode(ManagedNode, Generic[Config]):
-    """A managed node with a checked configuration, which tells the run's record what happens to it.
+    """A managed node with a checked configuration that reports on the recording what happens to it.
 
-    Parameters, run events and diagnostics are there from the beginning; a subclass fills in `set_up`,
+    Parameters, run events and diagnostics exist from the beginning; a subclass implements `set_up`,
     `activate`, `deactivate` and `tear_down`, which ROS 2's transitions call.
 
-    ``run_stamp_ns`` is the stamp of the last state that the node dealt with; events and changes of
+    ``run_stamp_ns`` is the stamp of the last state that the node processed; events and changes of
     parameters carry it. A change applies from the first state with a greater stamp on.
     """
 
@@ -43,8 +44,9 @@ class TrunkNode(ManagedNode, Generic[Config]):
         self.run_stamp_ns = -1  # before the first state
         self._born_s = time.monotonic()
         self._evidence: list[evidence.Evidence] = []
+        self._accounted = False
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.linger_s = 0.0  # messages may gather for so long before they are taken
+        self.linger_s = 0.0  # how long messages may collect before they are taken
         self._parameters_set = NodeParameters(self, config_class, self._on_parameters)
         self._parameters_topic = self.create_publisher(
             ParameterEvent, topics.RUN_PARAMETERS, qos.run_information()
@@ -58,19 +60,19 @@ class TrunkNode(ManagedNode, Generic[Config]):
         self.keep_permanent()
 
     def autostart(self) -> None:
-        """Configure and activate, where the parameter ``autostart`` says so. Raises ParameterError."""
+        """Configure and activate if the parameter ``autostart`` says so. Raises ParameterError."""
         if self.config.autostart:
             super().autostart()
         else:
             self.get_logger().info("unconfigured: autostart is false")
 
     def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
-        """Call back periodically by the steady clock: simulated time must not drive what makes it."""
+        """Call back periodically by the steady clock: simulated time must not drive its own source."""
         return self.create_timer(period_s, callback, clock=self._steady_clock)
 
     @property
     def config(self) -> Config:
-        """The active configuration: always what the stored parameters say."""
+        """The active configuration, always equal to the stored parameters."""
         return self._parameters_set.config
 
     def _on_parameters(self, old: Config, new: Config) -> None:
@@ -78,13 +80,15 @@ class TrunkNode(ManagedNode, Generic[Config]):
         changed = {name: value for name, value in after.items() if value != before[name]}
         self.retune(new)
         if changed:
+            # Two topics have no order between them: this marks the place among the node's events.
+            self.event(Event.RETUNED)
             self._parameters_topic.publish(self._parameters_set.event(self.run_stamp_ns, changed))
 
     def retune(self, config: Config) -> None:
         """Take a changed configuration; called between two callbacks."""
 
     def diagnostics(self) -> Mapping[str, object]:
-        """Return what /diagnostics says of this node, besides its counters."""
+        """Return what /diagnostics reports on this node besides its counters."""
         return {}
 
     def create_subscription(
@@ -95,7 +99,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
         qos_profile: Any,
         **more: Any,
     ) -> Subscription:
-        """Create a subscription that counts publishers whose messages it will never get."""
+        """Create a subscription that counts publishers whose quality of service is incompatible."""
 
         def incompatible(event: QoSRequestedIncompatibleQoSInfo) -> None:
             policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
@@ -103,7 +107,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
                 event.total_count_change
             )
             self.get_logger().warning(
-                f"a publisher of {topic} is not heard: its {policy} is not what this node asks for"
+                f"a publisher of {topic} is not received: its {policy} is not what this node requests"
             )
 
         more.setdefault(
@@ -118,7 +122,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
         return self._evidence[-1]
 
     def event(self, message: Event, level: bytes = DiagnosticStatus.OK, **values: object) -> None:
-        """Put an event on the run's record."""
+        """Publish a run event; the recorder records it."""
         self._events_topic.publish(
             status_to_ros(
                 self.run_stamp_ns, self.get_fully_qualified_name(), message, values, level
@@ -126,13 +130,13 @@ class TrunkNode(ManagedNode, Generic[Config]):
         )
 
     def fail(self, reason: str, **values: object) -> None:
-        """End this node's process with an error that the record and the console name."""
-        self.get_logger().error(reason)
+        """End this node's process with an error, reported on the recording and on the console."""
+        self.get_logger().error(printable(reason))
         self.event(Event.FAILED, DiagnosticStatus.ERROR, reason=reason, **values)
         self.exit_code = EXIT_FAILED
 
     def draining(self) -> bool:
-        """Return True while the node still has something to take in before it closes."""
+        """Return True while the node still has messages to take before it closes."""
         return False
 
     def _publish_diagnostics(self) -> None:
@@ -155,10 +159,15 @@ class TrunkNode(ManagedNode, Generic[Config]):
         self._evidence.clear()
         super()._clean_up()
 
-    def close(self) -> None:
-        """Say how much evidence there is, wait within a bound until it is recorded; then destroy."""
+    def account(self) -> None:
+        """Report, once, how much evidence was published; nothing is published after it."""
         counts = evidence.counted(self._evidence)
-        if counts:
+        if counts and not self._accounted:
+            self._accounted = True
             self.event(Event.PUBLISHED, DiagnosticStatus.OK, **counts)
-        evidence.hand_over(self, self._born_s, anything=bool(counts))
+
+    def close(self) -> None:
+        """Report how much evidence was published, wait a bounded time until it is recorded, then destroy."""
+        self.account()
+        evidence.hand_over(self, self._born_s, anything=self._accounted)
         self.destroy_node()

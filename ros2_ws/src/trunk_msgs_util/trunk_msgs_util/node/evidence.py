@@ -1,4 +1,4 @@
-"""Evidence of a run: counted where it is published, and in the recorder's hands before its node ends."""
+"""Evidence of a run: counted as it is published, and handed to the recorder before its node ends."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from .. import topics
-from . import meeting
+from . import meeting, settings
 
-# So long a node that ends waits at most until a recorder that is there, and every other reliable reader,
-# has what was published.
+# A node that ends waits at most this long for the recorder and every other reliable reader to receive
+# what it published; this and the next limit are multiplied by TRUNK_PATIENCE.
 _HAND_OVER_S = 3.0
-# A recorder is found within this time of a node's beginning; without one, a node that is older ends at once.
+# A node finds a recorder within this time of its start; an older node that knows of none ends at once.
 _FOUND_S = 2.0
 _LOOK_S = 0.01
 
@@ -43,20 +43,22 @@ def counted(evidence: Sequence[Evidence]) -> dict[str, int]:
 
 
 def claims(values: Mapping[str, str]) -> dict[str, int]:
-    """Return the counts that an event tells. Raises ValueError where one is no whole number."""
+    """Return the counts in an event. Raises ValueError if one is not an integer."""
     return {topic: int(count) for topic, count in values.items()}
 
 
 def hand_over(node: Node, born_s: float, anything: bool) -> None:
-    """Wait, within a bound, until every reliable reader has what the node has published.
+    """Wait, for a bounded time, until every reliable reader has received what the node published.
 
-    Where there is ``anything`` to record, a recorder that this node knows has to have found it first; one
-    that is not known may still be on its way to a node that was ``born_s`` (monotonic clock) ago.
+    If there is ``anything`` to record, first wait until every known recorder is matched with this node.
+    If none is known, it may not have been discovered yet: ``born_s`` (monotonic clock) is the node's start.
     """
-    deadline = time.monotonic() + _HAND_OVER_S
+    patience = settings.patience()
+    deadline = time.monotonic() + _HAND_OVER_S * patience
     while anything and not _recorder_met(node) and time.monotonic() < deadline:
-        if time.monotonic() > born_s + _FOUND_S and not node.get_publishers_info_by_topic(
-            topics.RECORDER_PROGRESS
+        if (
+            time.monotonic() > born_s + _FOUND_S * patience
+            and not node.get_publishers_info_by_topic(topics.RECORDER_PROGRESS)
         ):
             break
         time.sleep(_LOOK_S)
@@ -66,10 +68,10 @@ def hand_over(node: Node, born_s: float, anything: bool) -> None:
 
 
 def _recorder_met(node: Node) -> bool:
-    """Return True once each recorder that is known has been met with all its subscriptions.
+    """Return True once every known recorder is matched with all its subscriptions.
 
-    DDS tells a reader's subscriptions in the order in which they were made: the recorder's last is that
-    of the run's events.
+    DDS announces a participant's subscriptions in the order of their creation; the recorder creates the
+    one for the run's events last.
     """
     recorders = meeting.names(node.get_publishers_info_by_topic(topics.RECORDER_PROGRESS))
     return bool(recorders) and set(recorders) <= meeting.listeners(node, topics.RUN_EVENTS)

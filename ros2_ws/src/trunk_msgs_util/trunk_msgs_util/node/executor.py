@@ -1,8 +1,8 @@
 """A single-threaded executor that is quick for the messages of a control loop.
 
-rclpy's own executor collects every entity anew and builds a new wait set for each callback, which costs
-more than the callback. This one takes messages and calls timers directly, waits on a set that it builds
-once, and leaves all else (services, guard conditions) to rclpy's, so that their meaning stays rclpy's.
+rclpy's own executor collects all entities and builds a new wait set for each callback, which costs more
+than the callback itself. This one takes messages and calls timers directly, waits on a set that it builds
+once, and leaves everything else (services, guard conditions) to rclpy, so that it behaves as usual.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-# While messages keep coming, so that nothing is waited for, all else gets its turn at least this often.
+# While messages keep coming there is no wait; everything else then gets its turn at least this often.
 _OTHERS_EVERY_NS = 5_000_000
 # Messages taken from one subscription before the next one's turn.
 _BURST = 64
@@ -36,7 +36,7 @@ class LoopExecutor(SingleThreadedExecutor):
         self._others_due_ns = 0
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Handle what is there, or wait for it, at most ``timeout_sec`` s (None: for ever)."""
+        """Handle what is ready, or wait for it for at most ``timeout_sec`` s (None: for ever)."""
         taken = self._take_messages()
         if time.monotonic_ns() >= self._others_due_ns:
             self._others()
@@ -55,7 +55,7 @@ class LoopExecutor(SingleThreadedExecutor):
         self._others_due_ns = time.monotonic_ns() + _OTHERS_EVERY_NS
 
     def _collect(self) -> None:
-        """Look up the nodes' entities again where their number has changed."""
+        """Look up the nodes' entities again if any was created or destroyed."""
         nodes = self.get_nodes()
         subscriptions = [s for node in nodes for s in node.subscriptions]
         timers = [t for node in nodes for t in node.timers]
@@ -112,7 +112,7 @@ class LoopExecutor(SingleThreadedExecutor):
             wait_set.add_guard_condition(guard.handle)
 
     def _wait(self, timeout_sec: float | None) -> bool:
-        """Wait for anything; return True where it is neither a message nor a timer."""
+        """Wait for anything; return True if something other than a message or a timer is ready."""
         try:
             self._fill_wait_set()
         except (InvalidHandle, _rclpy.RCLError):  # a callback has destroyed something

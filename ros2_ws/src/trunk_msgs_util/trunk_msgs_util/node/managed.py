@@ -1,4 +1,4 @@
-"""A managed node whose transitions are four plain methods, and which no request can bring down."""
+"""A managed node whose transitions are four plain methods, and which no request can crash."""
 
 from __future__ import annotations
 
@@ -12,15 +12,17 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from ..events import Event
 from ..parameters.declarations import ParameterError
+from ..printable import printable
+from ..process_id import process_id
 
 RCLError = rclpy_implementation.RCLError
 EXIT_FAILED = 1
 
 
 class ManagedNode(LifecycleNode):
-    """ROS 2's lifecycle, with what a subclass has to do in `set_up`, `activate`, `deactivate`, `tear_down`.
+    """ROS 2's lifecycle; a subclass implements `set_up`, `activate`, `deactivate` and `tear_down`.
 
-    What is made before `keep_permanent` is called outlives a cleanup.
+    Entities created before `keep_permanent` is called survive a cleanup.
     """
 
     def __init__(self, name: str, **arguments: Any) -> None:
@@ -28,40 +30,40 @@ class ManagedNode(LifecycleNode):
         self.configured = False
         self.active = False
         self.counters: Counter[str] = Counter()
-        self.exit_code: int | None = None  # set: the node is done and its process ends
+        self.exit_code: int | None = None  # once set, the node is done and its process ends
         self._refusal: ParameterError | None = None
         self._permanent: set[int] = set()
         self._change_state = self._service_change_state.callback
         self._service_change_state.callback = self._on_change_state
 
     def keep_permanent(self) -> None:
-        """Keep the topics, services and timers that are there now for the node's whole life."""
+        """Keep the present topics, services and timers for as long as the node exists."""
         self._permanent = {id(entity) for entity in self._entities()}
 
-    def event(self, message: Event) -> None:
+    def event(self, message: Event, level: bytes = b"\0", **values: object) -> None:
         """Put an event on the run's record."""
 
     def stopping(self) -> None:
-        """Publish what must be said before the process ends; called once."""
+        """Publish the last messages before the process ends; called once."""
 
     def set_up(self) -> None:
-        """Make topics, services, files: from unconfigured to inactive. Raises ParameterError."""
+        """Create topics, services and files: from unconfigured to inactive. Raises ParameterError."""
 
     def activate(self) -> None:
-        """Begin, or go on."""
+        """Start or resume."""
 
     def deactivate(self) -> None:
-        """Hold; what is there is kept."""
+        """Hold and keep everything."""
 
     def tear_down(self) -> None:
-        """Give up what `set_up` made; topics, services and timers go by themselves."""
+        """Release what `set_up` created; topics, services and timers are destroyed automatically."""
 
     def starts_active(self) -> bool:
-        """Return True where a node that starts by itself is active at once."""
+        """Return True if a node that starts by itself is active at once."""
         return True
 
     def autostart(self) -> None:
-        """Configure and activate. Raises ParameterError where a parameter does not allow it."""
+        """Configure and activate. Raises ParameterError if a parameter does not allow it."""
         if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
             if self._refusal is not None:
                 raise self._refusal
@@ -69,27 +71,27 @@ class ManagedNode(LifecycleNode):
             self.trigger_activate()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Set up, and put it on the run's record; a parameter may refuse: unconfigured, then."""
+        """Set up and report it; if a parameter is refused, the node stays unconfigured."""
         done = self._transition(self.set_up)
         if done == TransitionCallbackReturn.SUCCESS:
             self.configured = True
-            self.event(Event.CONFIGURED)
+            self.event(Event.CONFIGURED, process=process_id())
         return done
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin, and put it on the run's record."""
+        """Activate and report it."""
         self.active = True
         self.event(Event.ACTIVATED)
         return self._transition(self.activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Hold, and put it on the run's record."""
+        """Deactivate and report it."""
         self.active = False
         self.event(Event.DEACTIVATED)
         return self._transition(self.deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give up everything but the parameters, and put it on the run's record."""
+        """Release everything but the parameters and report it."""
         self.configured = False
         done = self._transition(self._clean_up)
         self.event(Event.CLEANED_UP)
@@ -103,20 +105,21 @@ class ManagedNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _on_change_state(self, request: Any, response: Any) -> Any:
-        """Refuse a transition that the present state does not have; rclpy would raise and end the node."""
+        """Refuse a transition that the current state does not have; rclpy would raise and end the node."""
         try:
             response = self._change_state(request, response)
         except RCLError:
             machine, asked = self._state_machine, request.transition
             labels = {number: label for number, label, *_ in machine.transition_graph}
             self.get_logger().warning(
-                f"transition refused: {asked.label or labels.get(asked.id, asked.id)}; this node is "
+                f"transition refused: {printable(asked.label) or labels.get(asked.id, asked.id)}; "
+                "this node is "
                 f"{machine.current_state[1]}: "
                 f"{' or '.join(label for _, label, *_ in machine.available_transitions)} it"
             )
             response.success = False
         if self._refusal is not None:
-            self.get_logger().error(str(self._refusal))
+            self.get_logger().error(printable(str(self._refusal)))
             self._refusal = None
         return response
 

@@ -1,8 +1,8 @@
-"""Who has met whom: DDS finds each direction by itself, and what is sent in between is lost to the other.
+"""Which nodes are matched in both directions.
 
-A subscription that wants nothing from the past gets what is published once its publisher has found it. So a
-node that is to answer states says that it is ready when the one who publishes them hears its answers, and
-that one begins when it has found the node that is to hear them.
+DDS discovers each direction separately, and a volatile subscription misses whatever is published before its
+publisher has discovered it. So a node that answers states reports that it is ready once the publisher of the
+states subscribes to its answers, and that publisher starts once it has discovered the node as a subscriber.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ def publishers(node: Node, topic: str) -> set[str]:
 
 
 def listeners(node: Node, topic: str) -> set[str]:
-    """Return the nodes that are known to listen to a topic."""
+    """Return the nodes that are known to subscribe to a topic."""
     return known(node.get_subscriptions_info_by_topic(topic))
 
 
 def met(node: Node, hears: str, answers: str) -> bool:
-    """Return True where who publishes on ``hears`` has been found, also as a listener to ``answers``."""
+    """Return True if a publisher of ``hears`` is known that also subscribes to ``answers``."""
     return bool(publishers(node, hears) & listeners(node, answers))

@@ -18,7 +18,7 @@ def evidence() -> QoSProfile:
 
 
 def control(depth: int = 100) -> QoSProfile:
-    """Return the profile of subscriptions in the loop: reliable, nothing from the past.
+    """Return the profile of subscriptions in the loop: reliable, no past messages.
 
     Deep enough for the burst with which a simulator catches up after a stall: each state is answered.
     """
@@ -30,7 +30,7 @@ def control(depth: int = 100) -> QoSProfile:
 
 
 def run_information() -> QoSProfile:
-    """Return the profile of events and parameters: whoever joins late gets them all."""
+    """Return the profile of events and parameters: late joiners get them all."""
     return QoSProfile(
         depth=1000,
         reliability=ReliabilityPolicy.RELIABLE,
@@ -39,7 +39,7 @@ def run_information() -> QoSProfile:
 
 
 def view() -> QoSProfile:
-    """Return the profile of subscriptions that only look: the newest, and the loop never waits for it."""
+    """Return the profile of viewers: the newest message only, and the loop never waits for them."""
     return QoSProfile(
         depth=1,
         reliability=ReliabilityPolicy.BEST_EFFORT,

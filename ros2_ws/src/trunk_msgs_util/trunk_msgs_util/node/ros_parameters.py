@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, Generic, TypeVar
@@ -27,9 +28,11 @@ from ..parameters.declarations import (
     build,
     check,
     declarations,
+    of_every_node,
     unknown_name,
     values_of,
 )
+from ..parameters.param_load import meant
 from .conversions import stamp_to_ros
 
 Config = TypeVar("Config")
@@ -43,8 +46,6 @@ _TYPES = {
     "double array": Parameter.Type.DOUBLE_ARRAY,
     "string array": Parameter.Type.STRING_ARRAY,
 }
-# Declared by rclpy itself in every node.
-_OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 def descriptor(declaration: Declaration) -> ParameterDescriptor:
@@ -78,6 +79,11 @@ def descriptor(declaration: Declaration) -> ParameterDescriptor:
     return message
 
 
+def _text(parameter: Parameter) -> str:
+    value = parameter.value
+    return repr(list(value) if isinstance(value, array) else value)
+
+
 def to_ros(declaration: Declaration, value: Value) -> Parameter:
     """Return a checked value as a ROS parameter of the declared type."""
     return Parameter(
@@ -98,7 +104,7 @@ class NodeParameters(Generic[Config]):
         self._class = config_class
         self._declared = declarations(config_class)
         self._on_change = on_change
-        # rclpy names overrides that nothing declares nowhere else.
+        # The only place where rclpy keeps overrides that nothing declares.
         self._overrides: Mapping[str, object] = getattr(node, "_parameter_overrides", {})
         self.config = build(config_class, self._take_overrides())
         for name, value in values_of(self.config).items():
@@ -106,10 +112,10 @@ class NodeParameters(Generic[Config]):
         node.add_pre_set_parameters_callback(self._coerce)
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._apply)
-        _Services(node, self.refusal)
+        _Services(node, self)
 
     def _take_overrides(self) -> dict[str, object]:
-        """Return what files and command line say, of whatever type it is."""
+        """Return the values from files and the command line, of any type."""
         given: dict[str, object] = {}
         for name, declaration in self._declared.items():
             untyped = self._node.declare_parameter(
@@ -121,9 +127,9 @@ class NodeParameters(Generic[Config]):
             elif name in self._overrides and declaration.kind.endswith("array"):
                 given[name] = ()  # YAML's [] has no type in ROS 2 and arrives as "not set"
         for name in self._overrides:
-            # Files for a set of nodes name, under "/**", much that a node does not have; a near miss
-            # is more likely a slip.
-            if name not in self._declared and not name.startswith(_OF_RCLPY):
+            # Files for several nodes contain, under "/**", many parameters that a node does not have; a
+            # near miss is more likely a typo.
+            if name not in self._declared and not of_every_node(name):
                 close = get_close_matches(name, list(self._declared), n=1, cutoff=0.85)
                 if close:
                     self._node.get_logger().warning(
@@ -145,16 +151,26 @@ class NodeParameters(Generic[Config]):
 
     def _coerce(self, changes: list[Parameter]) -> list[Parameter]:
         """Take integers for doubles, as at start; leave what is wrong for `_judge` to refuse."""
-        return [self._coerced(change) for change in changes]
+        return [self.coerced(change) for change in changes]
 
-    def _coerced(self, change: Parameter) -> Parameter:
+    def coerced(self, change: Parameter) -> Parameter:
+        """Return a change with its value as the declared type; as it is if the value is wrong."""
         declaration = self._declared.get(change.name)
         if declaration is None:
             return change
         try:
-            return to_ros(declaration, check(declaration, change.value))
+            value = meant(declaration, change.value, values_of(self.config)[change.name])
+            return to_ros(declaration, check(declaration, value))
         except ParameterError:
             return change
+
+    def unchanged(self, change: Parameter) -> bool:
+        """Return True if the parameter, one of rclpy's too, has this value already."""
+        if not self._node.has_parameter(change.name):
+            return False
+        now = self._node.get_parameter(change.name)
+        # Their texts: 0.0 and -0.0 are equal, but not the same.
+        return now.type_ == change.type_ and _text(now) == _text(change)
 
     def _candidate(self, changes: Sequence[Parameter]) -> Any:
         values: dict[str, object] = dict(values_of(self.config))
@@ -162,9 +178,9 @@ class NodeParameters(Generic[Config]):
         return build(self._class, values)
 
     def refusal(self, changes: Sequence[Parameter]) -> str:
-        """Return why these changes are refused as a set, every wrong value by its name; empty: they fit.
+        """Return why these changes are refused as a set, naming every wrong value; empty if they are not.
 
-        Linked values are checked together, once each is right by itself.
+        Linked values are checked together once each is valid by itself.
         """
         errors = []
         for change in changes:
@@ -182,7 +198,7 @@ class NodeParameters(Generic[Config]):
     def _check(self, change: Parameter) -> None:
         declaration = self._declared.get(change.name)
         if declaration is not None:
-            if declaration.fixed:
+            if declaration.fixed and not self.unchanged(change):
                 now = self._node.get_parameter(change.name).value
                 raise ParameterError(
                     change.name,
@@ -190,13 +206,13 @@ class NodeParameters(Generic[Config]):
                     f"fixed at start, to {now!r}; start the node with another value",
                 )
             check(declaration, change.value)
-        elif not self._node.has_parameter(change.name):  # rclpy has some of its own
+        elif not self._node.has_parameter(change.name):  # rclpy declares some of its own
             raise ParameterError(
                 change.name, change.value, unknown_name(change.name, self._declared)
             )
 
     def _judge(self, changes: list[Parameter]) -> SetParametersResult:
-        """Accept or refuse the changes; here come those of this process, which pass no service."""
+        """Accept or refuse changes made within this process, which do not go through a service."""
         reason = self.refusal(changes)
         return SetParametersResult(successful=not reason, reason=reason)
 
@@ -221,14 +237,16 @@ class NodeParameters(Generic[Config]):
 
 
 class _Services(ParameterService):
-    """A node's parameter services: rclpy's, but what is refused is refused in our words.
+    """A node's parameter services: rclpy's, but with our own messages for refusals.
 
-    rclpy judges types, ranges and fixed values by the descriptors before any callback is asked, and not
-    every reason of its own names the parameter; a type that ROS 2 does not know would end the node.
+    rclpy checks types, ranges and fixed values against the descriptors before it calls any callback, and
+    not all of its messages name the parameter; a type that ROS 2 does not know would end the node.
+    A parameter set to the value that it has is not set: `ros2 param load` of a node's dump sets all, fixed
+    ones too, and must change nothing.
     """
 
-    def __init__(self, node: Node, refusal: Callable[[Sequence[Parameter]], str]) -> None:
-        self._refusal = refusal
+    def __init__(self, node: Node, parameters: NodeParameters[Any]) -> None:
+        self._parameters = parameters
         super().__init__(node)
 
     def _set_parameters_callback(
@@ -248,16 +266,21 @@ class _Services(ParameterService):
         strange = [message for message in messages if message.value.type not in known]
         if strange:
             reason = "; ".join(
-                f"parameter {message.name!r}: {message.value.type} is no type of a parameter"
+                f"parameter {message.name!r}: {message.value.type} is not a parameter type"
                 for message in strange
             )
             return SetParametersResult(successful=False, reason=reason)
-        changes = [Parameter.from_parameter_msg(message) for message in messages]
-        reason = self._refusal(changes)
+        sent = [Parameter.from_parameter_msg(message) for message in messages]
+        values = [self._parameters.coerced(parameter) for parameter in sent]
+        reason = self._parameters.refusal(values)
         if reason:
             return SetParametersResult(successful=False, reason=reason)
+        names_changed = {value.name for value in values if not self._parameters.unchanged(value)}
+        changes = [value for value in values if value.name in names_changed]
+        if not changes:
+            return SetParametersResult(successful=True)
         result = self._get_node().set_parameters_atomically(changes)
-        if not result.successful:  # of a parameter that is rclpy's own
+        if not result.successful:  # one of rclpy's own parameters
             names = ", ".join(repr(change.name) for change in changes)
             result.reason = f"parameter {names}: {result.reason}"
         return result

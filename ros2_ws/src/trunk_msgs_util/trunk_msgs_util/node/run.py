@@ -17,12 +17,13 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.signals import SignalHandlerOptions
 
 from ..errors import EXIT_USAGE, TrunkError
+from ..printable import printable
 from . import middleware
 from .base import TrunkNode
 from .executor import LoopExecutor
 from .managed import EXIT_FAILED
 
-_DRAIN_S = 5.0  # of messages that are still coming in; where nothing comes, they end at once
+_DRAIN_S = 5.0  # at most, while messages still arrive; with none arriving, the nodes end at once
 
 
 class Shutdown:
@@ -37,7 +38,7 @@ class Shutdown:
         self.requested = True
 
     def ended(self) -> None:
-        """Ignore what else comes: the interpreter, ending, would take it for a reason to die of."""
+        """Ignore later signals: one that arrives while the interpreter exits would kill it."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
 
@@ -45,13 +46,16 @@ class Shutdown:
 def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str) -> int:
     """Run nodes in one executor until one of them is done, or they are told to stop.
 
-    Return the process's exit code: 0 after SIGINT, SIGTERM or a finished run; 1 where a node failed, or a
-    callback raised; 2, with one line on stderr and no traceback, where a parameter or an argument is
-    wrong. Whatever happens, the nodes are closed, in the reverse order of the mapping: the recorder
-    stands first, and what it has recorded is kept.
+    Return the process's exit code: 0 after SIGINT, SIGTERM or a finished run; 1 if a node failed or a
+    callback raised; 2, with one line on stderr and no traceback, if a parameter or an argument is wrong.
+    Whatever happens, the nodes are closed in the reverse order of the mapping: the recorder comes first
+    in it, so that it closes last and what it has recorded is kept.
     """
     shutdown = Shutdown()
-    middleware.prepare()
+    try:
+        middleware.prepare()
+    except TrunkError as error:
+        return _say(program, error, error.exit_code)
     # rcl would print its own version of what our one line says.
     set_logger_level("rcl", LoggingSeverity.FATAL)
     try:
@@ -91,7 +95,7 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
 
 
 def _fail(nodes: list[TrunkNode[Any]], error: Exception) -> None:
-    """Say all of a defect on stderr; the record and the nodes' logs get its last line."""
+    """Print a defect in full on stderr; the recording and the nodes' logs get its last line."""
     traceback.print_exception(error)
     for node in nodes:
         if node.exit_code is None:
@@ -103,17 +107,26 @@ def _end(nodes: list[TrunkNode[Any]], executor: LoopExecutor) -> None:
         if node.exit_code is None:
             node.stopping()
     deadline = time.monotonic() + _DRAIN_S
-    while any(node.draining() for node in nodes) and time.monotonic() < deadline:
-        try:
-            executor.spin_once(timeout_sec=0.02)
-        except Exception:
-            traceback.print_exc()  # and take in what else there is
+    _drain(nodes, executor, deadline)
+    if len(nodes) > 1:  # a recorder among them takes in the others' counts, too, before it closes
+        for node in nodes:
+            node.account()
+        _drain(nodes, executor, deadline)
     executor.shutdown()
     _close(nodes)
 
 
+def _drain(nodes: list[TrunkNode[Any]], executor: LoopExecutor, deadline: float) -> None:
+    """Let nodes take what is under way to them, until none expects more."""
+    while any(node.draining() for node in nodes) and time.monotonic() < deadline:
+        try:
+            executor.spin_once(timeout_sec=0.02)
+        except Exception:
+            traceback.print_exc()  # and handle the remaining messages
+
+
 def _close(nodes: list[TrunkNode[Any]]) -> None:
-    """Close every node, the last one first, whatever becomes of the others."""
+    """Close every node, the last one first, even if closing another one raises."""
     with ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)
         for node in nodes:
@@ -121,7 +134,7 @@ def _close(nodes: list[TrunkNode[Any]]) -> None:
 
 
 def _say(name: str, error: Exception, exit_code: int) -> int:
-    line = " ".join(str(error).split())
+    line = printable(" ".join(str(error).split()))
     print(f"{name}: error: {line}", file=sys.stderr, flush=True)
     return exit_code
 

@@ -1,8 +1,8 @@
-"""The declarations of a body's constants, for the plant and for a controller's model of it."""
+"""A body's constants as parameters, of the plant and of a controller's model of it."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 from ..mechanics import Body
 from .declarations import parameter
@@ -29,6 +29,39 @@ _WORDS: dict[str, tuple[str, dict[str, Any]]] = {
         {"choices": ("passive", "prescribed")},
     ),
 }
+
+
+class BodyParameters(Protocol):
+    """A configuration whose fields `body_parameter` has made."""
+
+    @property
+    def hip_mass(self) -> float: ...
+    @property
+    def trunk_mass(self) -> float: ...
+    @property
+    def length(self) -> float: ...
+    @property
+    def gravity(self) -> float: ...
+    @property
+    def amplitude(self) -> float: ...
+    @property
+    def wavenumber(self) -> float: ...
+    @property
+    def hip_mode(self) -> str: ...
+
+
+def body_of(config: BodyParameters, as_printed: bool = False) -> Body:
+    """Return the body that a configuration describes."""
+    return Body(
+        config.hip_mass,
+        config.trunk_mass,
+        config.length,
+        config.gravity,
+        config.amplitude,
+        config.wavenumber,
+        config.hip_mode == "prescribed",
+        as_printed,
+    )
 
 
 def body_parameter(name: str, field: str, believed: bool = False) -> Any:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import struct
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -26,13 +28,16 @@ from .blocks import (
     read_block,
     records,
 )
+from .digests import DIGESTS
 from .faults import Faults, JointCheck
 from .limits import MAX_CHANNELS, MAX_METADATA, MAX_NAME, Budget, LimitError
-from .writer import DIGESTS, END, PROVENANCE
+from .writer import END, PROVENANCE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping
     from typing import BinaryIO
+
+    from mcap.data_stream import ReadDataStream
 
     from .joint_arrays import Integers
     from .messages import Messages
@@ -48,6 +53,7 @@ STAMPED = (
 
 
 _OURS = PROVENANCE[:6].encode()  # what the names of our metadata begin with
+_SHORT = 4096  # bytes of others' metadata that are read
 _NUMBER = struct.Struct("<H")
 
 
@@ -136,7 +142,11 @@ class RecordingFile:
         self.path = path
         self.topics = topics
         self.library = ""
+        self.profile = ""
         self.metadata: dict[str, dict[str, str]] = {PROVENANCE: {}}
+        self.metadata_records: list[tuple[str, dict[str, str]]] = []  # all, in file order
+        self.attachments = 0
+        self._bodies: dict[tuple[int, int | None], bytes] = {}  # of the first schemas and channels
         self.warning: str | None = None
         self.sound = True  # nothing in it was altered
         self.channels: dict[int, Channel] = {}
@@ -184,22 +194,44 @@ class RecordingFile:
     def take_record(self, record: Record) -> None:
         """Process a record without messages. Raises whatever mcap raises."""
         if record.opcode == Opcode.HEADER:
-            self.library = Header.read(record.stream).library
+            header = Header.read(record.stream)
+            self.profile, self.library = header.profile, header.library
         elif record.opcode == Opcode.SCHEMA:
-            if numbered(record) not in self.schemas:
+            if self._is_new(record, self.schemas, Schema.read):
                 self.take_described(Schema.read(record.stream))
         elif record.opcode == Opcode.CHANNEL:
-            if numbered(record) not in self.channels:
+            if self._is_new(record, self.channels, Channel.read):
                 self.take_described(Channel.read(record.stream))
-        elif record.opcode == Opcode.METADATA and record.body[4:10] == _OURS:
+        elif record.opcode == Opcode.METADATA and record.body[4:10] != _OURS:
+            self.metadata_records.append(_of_others(record))
+        elif record.opcode == Opcode.METADATA:
             self._described_by += len(record.body)
             if self._described_by > MAX_METADATA:
                 raise LimitError(f"more than {MAX_METADATA} bytes of metadata")
             metadata = Metadata.read(record.stream)
+            self.metadata_records.append((metadata.name, metadata.metadata))
             if metadata.name == PROVENANCE:
                 self.metadata[PROVENANCE].update(metadata.metadata)
             elif metadata.name in (DIGESTS, END):
                 self.metadata[metadata.name] = metadata.metadata
+        elif record.opcode == Opcode.ATTACHMENT:
+            self.attachments += 1
+
+    def _is_new(
+        self, record: Record, known: Mapping[int, object], read: Callable[[ReadDataStream], object]
+    ) -> bool:
+        """Return True for a schema or channel that was not described before.
+
+        Raises ValueError if it was, but otherwise: other readers may take the later one.
+        """
+        number = numbered(record)
+        if number not in known:
+            self._bodies[record.opcode, number] = record.body
+            return True
+        same = self._bodies.get((record.opcode, number)) == record.body
+        if not same and read(record.stream) != known.get(number or 0):
+            raise ValueError(f"number {number} was described otherwise before")
+        return False
 
     def take_described(self, item: Schema | Channel) -> None:
         """Process a schema or a channel; the first with a given number counts. Raises LimitError."""
@@ -223,13 +255,17 @@ class RecordingFile:
             messages = content.messages(channels)
             if messages is not None:
                 bad = self.topics[topic].take(messages)
-                if bad:
-                    self._bad.setdefault(record.offset, []).append(messages.start[bad])
+                self.leave_out(record.offset, messages, bad)
         self.blocks.append(Block(record.offset, record.end, frozenset(content.channels)))
 
     def numbers(self, topic: str) -> list[int]:
         """Return the channels of a topic."""
         return self._numbers.get(topic, [])
+
+    def leave_out(self, block: int, messages: Messages, rows: list[int]) -> None:
+        """Note which messages of the block at this byte cannot be read."""
+        if rows:
+            self._bad.setdefault(block, []).append(messages.start[rows])
 
     def readable(self, block: int, messages: Messages) -> Messages:
         """Return the messages of the block at this byte that can be read."""
@@ -268,6 +304,15 @@ def size_of(path: Path) -> int:
 def numbered(record: Record) -> int | None:
     """Return the number with which a schema's or a channel's record begins; None without one."""
     return _NUMBER.unpack_from(record.body)[0] if len(record.body) >= _NUMBER.size else None
+
+
+def _of_others(record: Record) -> tuple[str, dict[str, str]]:
+    """Return a metadata record that is not ours; its digest alone where it is large or makes no sense."""
+    if len(record.body) <= _SHORT:
+        with suppress(Exception):  # whatever mcap may raise: nothing in it is needed
+            metadata = Metadata.read(record.stream)
+            return metadata.name, metadata.metadata
+    return "", {"blake2b": hashlib.blake2b(record.body, digest_size=32).hexdigest()}
 
 
 def check_described(count: int, item: Schema | Channel) -> None:

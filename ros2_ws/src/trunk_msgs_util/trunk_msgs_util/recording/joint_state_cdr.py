@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _ENCAPSULATION = b"\x00\x01\x00\x00"  # CDR, little-endian, no options
 _ORIGIN = len(_ENCAPSULATION)  # alignment counts from here
 # rmw_serialize leaves such a tail: room for alignment that empty arrays do not need.
-_MAX_TRAILING = 16
+MAX_TRAILING = 16
 
 
 class _Plan:
@@ -159,7 +159,7 @@ class JointStateLayout:
 
     def unpack(self, data: bytes) -> JointSample:
         """Return the sample. Raises ValueError if the message does not have this layout."""
-        if not self.size <= len(data) <= self.size + _MAX_TRAILING or data[:2] != b"\x00\x01":
+        if not self.size <= len(data) <= self.size + MAX_TRAILING or data[:2] != b"\x00\x01":
             raise ValueError(f"a message of {len(data)} bytes does not have the layout {self!r}")
         _, sec, nanosec, *rest = self._struct.unpack_from(data)
         values: list[tuple[float, ...]] = []
@@ -235,7 +235,7 @@ class JointStateLayout:
         frame_id = cursor.string()
         name = cursor.strings(MAX_JOINTS)
         position, velocity, effort = (cursor.doubles() for _ in range(3))
-        if len(data) - cursor.at > _MAX_TRAILING:
+        if len(data) - cursor.at > MAX_TRAILING:
             raise ValueError(f"{len(data) - cursor.at} bytes too many")
         return cls(name, position, velocity, effort, frame_id)
 

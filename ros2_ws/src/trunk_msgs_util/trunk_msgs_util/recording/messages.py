@@ -37,6 +37,11 @@ class Messages(NamedTuple):
     start: Integers
     end: Integers
 
+    def heads(self) -> bytes:
+        """Return what precedes each message's data, with opcode and length, as it is in the file."""
+        head = np.dtype((np.void, HEAD.size + _MESSAGE_HEAD.size))
+        return unaligned(self.data, head)[self.offsets()].tobytes()
+
     def bytes(self) -> list[bytes]:
         """Return each message."""
         data = self.data

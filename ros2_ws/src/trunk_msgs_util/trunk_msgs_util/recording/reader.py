@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from contextlib import suppress
@@ -13,12 +12,13 @@ from typing import TYPE_CHECKING, TypeVar
 from .. import topics as names
 from ..events import Event
 from .bag_folder import METADATA, bag_folder
+from .digests import DIGESTS, RunningDigests, differing, uncoverable, uncovered
 from .file import RecordingError, RecordingFile, Topic, size_of
 from .glance import glance
 from .joint_arrays import JointArrays, concatenate, decode
 from .limits import MAX_TEXT
 from .schemas import ParameterChange, RunEvent, parse_event, parse_parameter_event
-from .writer import DIGESTS, END, PROVENANCE
+from .writer import END, PROVENANCE
 
 if TYPE_CHECKING:
     from ..values import Value
@@ -159,6 +159,11 @@ class Recording:
         return [file.path for file in self._files]
 
     @property
+    def opened(self) -> list[RecordingFile]:
+        """The files as they were scanned, with their header, channels and records."""
+        return list(self._files)
+
+    @property
     def size(self) -> int:
         """Bytes of all files."""
         return sum(path.stat().st_size for path in self.files)
@@ -173,13 +178,43 @@ class Recording:
         """True if the recorder marked the run as complete, and nothing was altered."""
         return self._sound and self.end is not None and self.end.get("complete") == "true"
 
-    def altered_topics(self) -> list[str]:
-        """Return the topics whose messages differ from what the recorder wrote, by its digests."""
-        found = {topic: hashlib.blake2b(digest_size=16) for topic in self.digests}
-        for block in self._blocks(self.digests):
-            for topic, messages in block.items():
-                found[topic].update(b"".join(messages.bytes()))
-        return sorted(t for t, digest in self.digests.items() if found[t].hexdigest() != digest)
+    def alterations(self) -> list[str]:
+        """Return the topics and parts that differ from what the recorder wrote, by its digests."""
+        return differing(self.digests, self.digested)
+
+    def undigested(self) -> list[str]:
+        """Return the topics and parts that no digest of the recorder covers."""
+        return uncovered(self.digests, self.topics) + self.undigestible()
+
+    def undigestible(self) -> list[str]:
+        """Return what no digest could cover."""
+        return uncoverable(self.topics, sum(file.attachments for file in self._files))
+
+    @property
+    def damage(self) -> list[str]:
+        """What keeps the files from being read to their end, or as many messages as counted."""
+        found = [f"{file.path.name}: {file.warning}" for file in self._files if file.warning]
+        return found or ([] if self._sound else [f"other messages than {METADATA} counts"])
+
+    @cached_property
+    def digested(self) -> dict[str, str]:
+        """The digests of what the file holds now."""
+        digests = RunningDigests()
+        for file in self._files:
+            digests.header(file.profile, file.library)
+            for channel in file.channels.values():
+                digests.channel(channel, file.schemas.get(channel.schema_id))
+            for name, values in file.metadata_records:
+                digests.metadata(name, values)
+            for _ in range(file.attachments):
+                digests.attachment()
+        for file, _, _, content in self._contents(self.topics):
+            whole = content.messages(content.channels)
+            if whole is not None:
+                digests.heads(whole.heads())
+            for number, messages in content.channels.items():
+                digests.messages(file.channels[number].topic, b"".join(messages.bytes()))
+        return digests.values()
 
     @cached_property
     def namespace(self) -> str:
@@ -188,8 +223,8 @@ class Recording:
         return next((t.removesuffix(suffix) for t in self.topics if t.endswith(suffix)), "")
 
     def topic(self, relative: str) -> str:
-        """Return the absolute name of a relative topic or node."""
-        return f"{self.namespace}/{relative}"
+        """Return the absolute name of a topic or node; an absolute one is returned as it is."""
+        return relative if relative.startswith("/") else f"{self.namespace}/{relative}"
 
     @property
     def controller(self) -> str | None:
@@ -323,20 +358,28 @@ class Recording:
         found: list[Parsed] = []
         if topic is None:
             return found
+        if topic.faults.limit is not None:
+            raise RecordingError(f"{self.path}: {topic.faults.describe(name, topic.count)}")
         index = size = 0
-        for log_times, messages in self.messages(name):
-            size += sum(map(len, messages))
+        for file, block, channels, content in self._contents([name]):
+            messages = content.messages(sorted(channels & content.channels.keys()))
+            if messages is None:
+                continue
+            size += int((messages.end - messages.start).sum())
             if size > MAX_TEXT:
                 topic.faults.limit = f"its messages have more than the {MAX_TEXT} bytes allowed"
                 raise RecordingError(f"{self.path}: {topic.faults.describe(name, topic.count)}")
-            for log_time_ns, data in zip(log_times, messages, strict=True):
+            bad: list[int] = []
+            for row, data in enumerate(messages.bytes()):
                 try:
                     if topic.type != type_name:
                         raise ValueError(f"its type is {topic.type or 'not given'}")
                     found.append(parse(data))
                 except ValueError as error:
-                    topic.faults.add(index, log_time_ns, str(error))
-                index += 1
+                    topic.faults.add(index + row, int(messages.log_time_ns[row]), str(error))
+                    bad.append(row)
+            file.leave_out(block.offset, messages, bad)
+            index += len(messages)
         return found
 
     @cached_property
@@ -354,6 +397,10 @@ class Recording:
             if event.new:
                 found.setdefault(event.node, event.new)
         return found
+
+    def parameter_messages(self) -> list[ParameterChange]:
+        """Return all messages on ``run/parameters`` in file order."""
+        return list(self._parameter_events)
 
     def parameter_changes(self) -> list[ParameterChange]:
         """Return the changes during the run; each applies to states with a later stamp."""

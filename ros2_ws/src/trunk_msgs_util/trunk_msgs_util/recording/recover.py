@@ -24,12 +24,13 @@ from .blocks import (
     reached,
     records,
 )
+from .digests import DIGESTS
 from .file import check_described, check_magic, numbered, size_of
 from .limits import Budget, LimitError
 from .reader import RecordingError
 from .split import Content
 from .summary import Summary, read_summary
-from .writer import DIGESTS, END
+from .writer import END
 
 LIBRARY = "trunk_msgs_util recover"
 _LOSSES = 20  # listed in the end record
@@ -186,10 +187,15 @@ class _Copy:
                 metadata = Metadata.read(record.stream)
                 if metadata.name == END:
                     self._end = metadata.metadata
-                elif metadata.name != DIGESTS or not self._recovery.lost:
-                    # Digests cover the whole run: after a loss they would flag what is left as altered.
+                elif metadata.name != DIGESTS:
                     self._writer.flush()
                     self._writer.add_metadata(metadata.name, metadata.metadata)
+                elif not self._recovery.lost:
+                    # Digests cover the whole run: after a loss they would flag what is left as altered.
+                    # The rest is not what it was: numbers of channels, the end record.
+                    topics = {k: v for k, v in metadata.metadata.items() if k.startswith("/")}
+                    self._writer.flush()
+                    self._writer.add_metadata(DIGESTS, topics)
         except LimitError as error:
             raise reached(record, error) from None
         except Exception as error:  # whatever mcap may raise on a damaged record

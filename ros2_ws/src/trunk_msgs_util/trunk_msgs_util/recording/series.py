@@ -10,7 +10,7 @@ import numpy as np
 
 from ..topics import JOINT_STATE_TYPE
 from .file import RecordingError
-from .joint_arrays import QUANTITIES, Floats, Integers, decode, stamps, structured
+from .joint_arrays import QUANTITIES, Floats, Integers, JointArrays, decode, stamps, structured
 
 if TYPE_CHECKING:
     from .messages import Messages
@@ -65,6 +65,12 @@ def read_series(
                 "counted: its index is wrong (trunk doctor) or the file has changed: open it again"
             )
     return {topic: series.pop(topic).ordered() for topic in list(series)}
+
+
+def series_of(arrays: JointArrays, columns: Collection[Column]) -> Series:
+    """Return columns of a topic that was read whole."""
+    rows = arrays.by_stamp()
+    return Series(rows.stamp_ns, {column: rows.column(*column) for column in columns})
 
 
 def in_turn(series: Sequence[Series]) -> Series:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
+import struct
 from contextlib import suppress
-from errno import ENOENT
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
+from .digests import DIGESTS, RunningDigests
+from .own_file import check_own, open_own
 from .schemas import definition
 
 if TYPE_CHECKING:
@@ -22,9 +24,12 @@ if not hasattr(Writer, "flush"):
 
 PROVENANCE = "trunk_provenance"
 END = "trunk_end"
-# By topic: BLAKE2b (16 bytes) over its messages in order.
-DIGESTS = "trunk_digests"
 
+PROFILE, LIBRARY = "ros2", "trunk_msgs_util mcap-python/"
+_LIBRARY = f"trunk_msgs_util {LIBRARY_IDENTIFIER}"
+# Of a message record: opcode and length, then channel, sequence, log time, publish time.
+_HEAD = struct.Struct("<BQHIQQ")
+_HEAD_OF_RECORD = 9
 _COMPRESSIONS = {
     "zstd": CompressionType.ZSTD,
     "lz4": CompressionType.LZ4,
@@ -43,35 +48,37 @@ class RecordingWriter:
     def __init__(
         self, path: str | Path, compression: str = "zstd", *, overwrite: bool = False
     ) -> None:
-        """Create the file. Raises FileExistsError if it exists, unless ``overwrite``."""
+        """Create the file.
+
+        Raises FileExistsError if it exists, unless ``overwrite``, and BlockingIOError if it is being written.
+        """
         self.path = Path(path)
-        try:
-            self._file = self.path.open("wb" if overwrite else "xb")
-        except FileExistsError:
-            raise FileExistsError(f"{path} exists: choose another name, or overwrite it") from None
+        self._file = open_own(self.path, overwrite=overwrite)
         self._writer = Writer(
             self._file, compression=_COMPRESSIONS[compression], enable_data_crcs=True
         )
         self._schemas: dict[str, int] = {}
         self._counts: dict[int, int] = {}
-        self._digests: dict[int, tuple[str, hashlib.blake2b]] = {}
+        self._topics: dict[int, str] = {}
+        self._digests = RunningDigests()
         self._failure: OSError | None = None
-        self._writer.start("ros2", f"trunk_msgs_util {LIBRARY_IDENTIFIER}")
+        self._writer.start(PROFILE, _LIBRARY)
+        self._digests.header(PROFILE, _LIBRARY)
 
     def channel(self, topic: str, type_name: str, qos: str = "") -> int:
         """Add a topic and return its channel; ``qos`` as rosbag2's ``offered_qos_profiles``."""
+        text = definition(type_name)
         if type_name not in self._schemas:
-            self._schemas[type_name] = self._writer.register_schema(
-                type_name, "ros2msg", definition(type_name)
-            )
-        channel = self._writer.register_channel(
-            topic,
-            "cdr",
-            self._schemas[type_name],
-            {"offered_qos_profiles": qos} if qos else {},
-        )
+            self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", text)
+        schema = self._schemas[type_name]
+        metadata = {"offered_qos_profiles": qos} if qos else {}
+        channel = self._writer.register_channel(topic, "cdr", schema, metadata)
         self._counts[channel] = 0
-        self._digests[channel] = (topic, hashlib.blake2b(digest_size=16))
+        self._topics[channel] = topic
+        self._digests.channel(
+            Channel(channel, topic, "cdr", metadata, schema),
+            Schema(schema, text, "ros2msg", type_name),
+        )
         return channel
 
     def write(self, channel: int, log_time_ns: int, publish_time_ns: int, cdr: bytes) -> None:
@@ -83,7 +90,11 @@ class RecordingWriter:
         except OSError as error:
             raise self._failed(error) from None
         self._counts[channel] = sequence + 1
-        self._digests[channel][1].update(cdr)
+        length = _HEAD.size - _HEAD_OF_RECORD + len(cdr)
+        self._digests.heads(
+            _HEAD.pack(Opcode.MESSAGE, length, channel, sequence, log_time_ns, publish_time_ns)
+        )
+        self._digests.messages(self._topics[channel], cdr)
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Write a record of names and values, after all messages so far."""
@@ -92,33 +103,44 @@ class RecordingWriter:
             self._writer.add_metadata(name, dict(data))
         except OSError as error:
             raise self._failed(error) from None
+        self._digests.metadata(name, data)
 
     def flush(self) -> None:
         """Finish the chunk and hand everything to the operating system: SIGKILL then loses nothing.
 
-        Raises OSError if it fails, also if the file has been deleted, since nobody could ever read it.
+        Raises OSError if it fails, also where `check` does.
         """
         self._check()
         try:
             self._writer.flush()
-            if not os.fstat(self._file.fileno()).st_nlink:
-                raise FileNotFoundError(ENOENT, "it has been deleted")
+        except OSError as error:
+            raise self._failed(error) from None
+        self.check()
+
+    def check(self) -> None:
+        """Raise OSError if the file has been deleted, renamed, replaced or truncated.
+
+        Nobody who opens its path could read what is written from then on.
+        """
+        self._check()
+        try:
+            check_own(self._file, self.path)
         except OSError as error:
             raise self._failed(error) from None
 
     def finish(self, *, complete: bool, reason: str) -> None:
-        """Write the end record and the index, and close the file; a second call does nothing.
+        """Write the end record, the digests and the index, and close the file; a second call does nothing.
 
         Raises OSError, with the file closed, if a write has failed.
         """
         if self._file.closed:
             return
         try:
-            self.add_metadata(
-                DIGESTS, {topic: digest.hexdigest() for topic, digest in self._digests.values()}
-            )
             self.add_metadata(END, {"complete": str(complete).lower(), "reason": reason})
+            self.add_metadata(DIGESTS, self._digests.values())
             self._writer.finish()
+            self._file.flush()
+            self.check()
             self._file.close()
         except OSError as error:
             with suppress(OSError):

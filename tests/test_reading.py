@@ -9,17 +9,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import IndexType
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import write_mcap
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from trunk_experiments.analysis.run_table import RunTable
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.series import joint_names, read_series
 from trunk_msgs_util.samples import JointSample
-
-from .mcap_files import write_mcap
 
 TYPE = topics.JOINT_STATE_TYPE
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -162,11 +162,11 @@ def test_a_rosbags_bag_is_a_run(tmp_path, compression):
     assert not recording.complete
     (warning,) = recording.warnings
     assert "recorded by rosbags" in warning
-    table = RunTable.from_recording(recording)
+    table = RunTable.from_run(RecordedRun(recording))
     assert table.theta.tolist() == [k + 0.25 for k in range(51)]
     assert table.torque.tolist() == [*range(1, 51), 51]
     assert table.reference.tolist() == [0.5] * 51
-    alone = RunTable.from_recording(Recording.open(bag / "bag.mcap"))
+    alone = RunTable.from_run(RecordedRun.open(bag / "bag.mcap"))
     assert alone.theta.tolist() == table.theta.tolist()
 
 
@@ -202,7 +202,7 @@ def test_a_split_bag_is_one_run(tmp_path, metadata):
     says = "recorded by libmcap" if metadata else "no metadata.yaml"
     assert len(recording.warnings) == 1
     assert says in recording.warnings[0]
-    table = RunTable.from_recording(recording)
+    table = RunTable.from_run(RecordedRun(recording))
     assert table.theta.tolist() == [k + 0.25 for k in range(201)]
     assert table.torque.tolist() == [*range(1, 201), 201]
 

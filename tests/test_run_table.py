@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 
 from trunk_experiments.analysis.run_table import CSV_COLUMNS, RunTable
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording import schemas
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
-from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.recording.writer import RecordingWriter
 from trunk_msgs_util.samples import JointSample
 
 
 def table_of(path) -> RunTable:
-    return RunTable.from_recording(Recording.open(path))
+    return RunTable.from_run(RecordedRun.open(path))
 
 
 def test_columns_are_matched_by_stamp(run_file):

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.units import seconds
+
+from .run import RecordedRun
 
 
 class Turn(NamedTuple):
@@ -18,13 +19,10 @@ class Turn(NamedTuple):
     controller: str
 
 
-def recorded_turns(recording: Recording) -> tuple[Turn, ...]:
+def recorded_turns(run: RecordedRun) -> tuple[Turn, ...]:
     """Return the turns in order: one for a single controller, none without a controller."""
-    names = recording.controllers
-    stamps = [
-        recording.joints(recording.topic(topics.controller_state(name))).by_stamp().stamp_ns
-        for name in names
-    ]
+    names = run.controllers
+    stamps = [run.joints(topics.controller_state(name)).by_stamp().stamp_ns for name in names]
     if not stamps:
         return ()
     who = np.repeat(np.arange(len(names)), [len(s) for s in stamps])

@@ -1,98 +1,33 @@
-"""`RecordedRun`: a recording, loaded once for all that judge, explain or repeat the run."""
+"""`RecordedRun`: a recording, loaded once for all that judge, measure, show or repeat the run."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import compress, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.parameters.declarations import Value, build
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.joint_arrays import JointArrays
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
+from trunk_msgs_util.recording.series import Column, Series, joint_names, read_series, series_of
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS, NODES
 from ..plans.plan import RunPlan
 from ..plans.timeline import Change, Timeline
+from .joint_table import JointTable
 
 EXACT_MODES = (
     "lockstep",
     "offline",
 )  # time is exact: every state is answered, and can be recomputed
-
-
-class JointTable:
-    """A JointState topic whose rows are found by stamp; of equal stamps the last row counts."""
-
-    def __init__(self, recording: Recording, relative: str) -> None:
-        self.topic = relative
-        self._where = f"{recording.path}: {recording.topic(relative)}"
-        arrays = recording.joints(recording.topic(relative))
-        self.names = arrays.names
-        self.stamp_ns: Integers = arrays.stamp_ns
-        self._values: dict[str, Floats] = {
-            quantity: getattr(arrays, quantity) for quantity in ("position", "velocity", "effort")
-        }
-
-    @cached_property
-    def stamps(self) -> list[int]:
-        """All stamps in file order, ns."""
-        return [int(stamp) for stamp in self.stamp_ns.tolist()]
-
-    @cached_property
-    def rows(self) -> Mapping[int, int]:
-        """Each stamp's row."""
-        return {stamp: row for row, stamp in enumerate(self.stamps)}
-
-    def __contains__(self, stamp_ns: int) -> bool:
-        return stamp_ns in self.rows
-
-    def __len__(self) -> int:
-        return len(self.stamp_ns)
-
-    def get(self, stamp_ns: int, quantity: str, count: int | None = None) -> list[float]:
-        """Return a message's values of a quantity, one for each name; KeyError without the stamp.
-
-        Raises RecordingError if they are not as many as the names, or as ``count``.
-        """
-        values: list[float] = self._values[quantity][self.rows[stamp_ns]].tolist()
-        needed = len(self.names) if count is None else count
-        if not len(values) == len(self.names) == needed:
-            raise RecordingError(
-                f"{self._where}: {len(values)} values of {quantity} for {len(self.names)} names at "
-                f"t = {seconds(stamp_ns):g} s, {needed} are needed: it cannot be recomputed"
-            )
-        return values
-
-    def index(self, joint: str) -> int:
-        """Return the index of a joint's values. Raises RecordingError if there is none."""
-        if joint not in self.names:
-            there = f"only {', '.join(self.names)}" if len(self) else "and no messages"
-            raise RecordingError(
-                f"{self._where} has no joint {joint!r}, {there}: it cannot be recomputed"
-            )
-        return self.names.index(joint)
-
-    def values(self, quantity: str) -> Floats:
-        """Return all values of a quantity [N, names], or [N, 0] if no message carries it."""
-        return self._values[quantity]
-
-    def rows_of(self, stamps: Integers) -> Integers:
-        """Return the row of each stamp, -1 if there is none."""
-        order = np.argsort(self.stamp_ns, kind="stable")
-        known = self.stamp_ns[order]
-        at = np.searchsorted(known, stamps, side="right") - 1
-        found = (at >= 0) & (known[np.maximum(at, 0)] == stamps) if len(known) else at >= 0
-        return np.where(found, order[at] if len(known) else -1, -1)
 
 
 class RecordedRun:
@@ -145,10 +80,6 @@ class RecordedRun:
         """The run's events in file order."""
         return tuple(self.recording.events())
 
-    @cached_property
-    def _parameter_changes(self) -> Sequence[ParameterChange]:
-        return tuple(self.recording.parameter_changes())
-
     def count(self, relative: str) -> int:
         """Return how many messages of a topic there are."""
         topic = self.recording.topics.get(self.recording.topic(relative))
@@ -160,6 +91,37 @@ class RecordedRun:
             self._tables[relative] = JointTable(self.recording, relative)
         return self._tables[relative]
 
+    def joints(self, topic: str) -> JointArrays:
+        """Return a JointState topic's messages, its name relative or absolute.
+
+        They are those of its table if that was read, and else not kept: all topics of an hour at
+        1 kHz take more than 1 GiB.
+        """
+        kept = self._tables.get(topic.removeprefix(self.recording.topic("")))
+        if kept is not None:
+            return kept.arrays
+        return self.recording.joints(self.recording.topic(topic))
+
+    def joint_names(self, relative: str) -> Sequence[str]:
+        """Return the names in a JointState topic's first message; none without messages."""
+        return joint_names(self.recording, self.recording.topic(relative))
+
+    def series(self, wanted: Mapping[str, Collection[Column]]) -> dict[str, Series]:
+        """Return columns of some JointState topics, empty ones for topics that were not recorded.
+
+        They are those of the tables that were read; the others are read in one pass and not kept.
+        """
+        names = {
+            topic: self.recording.topic(topic) for topic in wanted if topic not in self._tables
+        }
+        found = read_series(self.recording, {name: wanted[topic] for topic, name in names.items()})
+        return {
+            topic: found.pop(names[topic])
+            if topic in names
+            else series_of(self._tables[topic].arrays, columns)
+            for topic, columns in wanted.items()
+        }
+
     def config(self, node: str) -> Any:
         """Return a node's configuration at the start.
 
@@ -169,31 +131,51 @@ class RecordedRun:
             self._configs[node] = build(NODES[node].config, self.parameters[node])
         return self._configs[node]
 
-    def changes(self, node: str) -> list[Change]:
-        """Return a node's changes of parameters and resets, and a controller's turns."""
+    def parameter_changes(self, node: str) -> list[ParameterChange]:
+        """Return a node's changes of parameters in file order."""
         name = self.recording.topic(node)
-        changes = [
-            Change(change.stamp_ns, change.changed)
-            for change in self._parameter_changes
-            if change.node == name
-        ]
+        return [change for change in self.recording.parameter_changes() if change.node == name]
+
+    def changes(self, node: str) -> list[Change]:
+        """Return a node's changes of parameters and resets, and a controller's turns, in their order.
+
+        Raises RecordingError if the record does not tell the order: it holds other events
+        of changed parameters than changes.
+        """
+        name = self.recording.topic(node)
+        changed = self.parameter_changes(node)
         # The plant's turns are pauses, in which simulated time stands still.
-        wanted = (
-            (Event.RESET, Event.ACTIVATED, Event.DEACTIVATED)
-            if node in CONTROLLERS
-            else (Event.RESET,)
+        wanted = (Event.RETUNED, Event.RESET) + (
+            (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP) if node in CONTROLLERS else ()
         )
-        events = [
-            Change(event.stamp_ns, None, event.message)
-            for event in self.events
-            if event.node == name and event.message in wanted
-        ]
+        events = [event for event in self.events if event.node == name and event.message in wanted]
+        retuned = [event for event in events if event.message == Event.RETUNED]
+        if [e.stamp_ns for e in retuned] != [change.stamp_ns for change in changed]:
+            raise RecordingError(
+                f"{self.path}: {node}: {len(changed)} changes of parameters, but {len(retuned)} events "
+                "that place them, or at other times: their order is not known"
+            )
+        values = iter(changed)
+        found: list[Change] = []
+        since_ns = -1  # a node that was cleaned up stamps anew from -1 on, until it sees a state
+        for event in events:
+            if event.message == Event.CLEANED_UP:
+                since_ns = event.stamp_ns
+            stamp_ns = max(event.stamp_ns, since_ns)
+            retuned_to = next(values).changed if event.message == Event.RETUNED else None
+            found.append(
+                Change(stamp_ns, None, event.message)
+                if retuned_to is None
+                else Change(stamp_ns, retuned_to)
+            )
         # A controller that joins a run under way reports it once more: it is active from there on.
-        stays = [
-            not (one.event == after.event == Event.ACTIVATED and one.stamp_ns < after.stamp_ns)
-            for one, after in pairwise(events)
+        turns = [change for change in found if change.event in (Event.ACTIVATED, Event.DEACTIVATED)]
+        again = [
+            one
+            for one, after in pairwise(turns)
+            if one.event == after.event == Event.ACTIVATED and one.stamp_ns < after.stamp_ns
         ]
-        return [*changes, *compress(events, [*stays, True])]
+        return [change for change in found if not any(change is one for one in again)]
 
     def timeline(self, node: str) -> Timeline:
         """Return a node's configuration at the start and its changes during the run."""

@@ -1,0 +1,220 @@
+"""Whether a file is one that our recorder writes: channels, records, each message's head and bytes.
+
+A recomputation looks at numbers alone. What surrounds them (frames, further statuses, times, sequence
+numbers, schemas) decides what other tools show, so it has to be what recorder and nodes write.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.parameters.declarations import declarations
+from trunk_msgs_util.recording.digests import DIGESTS
+from trunk_msgs_util.recording.joint_state_cdr import MAX_TRAILING, JointStateLayout
+from trunk_msgs_util.recording.messages import head_field, unaligned
+from trunk_msgs_util.recording.schemas import (
+    definition,
+    deserialize,
+    event,
+    parameter_event,
+    parse_event,
+    parse_parameter_event,
+    serialize,
+)
+from trunk_msgs_util.recording.writer import END, LIBRARY, PROFILE, PROVENANCE
+from trunk_msgs_util.units import LAST_STAMP_NS, NANOSECONDS, seconds
+
+from ..plans.nodes import CONTROLLERS, NODES
+
+if TYPE_CHECKING:
+    from trunk_msgs_util.recording.file import RecordingFile
+    from trunk_msgs_util.recording.joint_arrays import Integers
+    from trunk_msgs_util.recording.messages import Messages
+
+    from ..recorded.run import RecordedRun
+
+_RECORDS = (PROVENANCE, END, DIGESTS)  # of metadata, in their order
+
+
+def not_as_written(run: RecordedRun) -> list[str]:
+    """Return what our recorder and nodes would not have written, a line each.
+
+    Raises RecordingError for messages that cannot be read, ParameterError for parameters.
+    """
+    found = [line for file in run.recording.opened for line in _around(run, file)]
+    found += _heads(run)
+    found += _layouts(run)
+    found += _told(run)
+    return found
+
+
+def _around(run: RecordedRun, file: RecordingFile) -> Iterator[str]:
+    """Yield what is odd about the file's header, records and channels."""
+    if file.profile != PROFILE or not file.library.startswith(LIBRARY):
+        yield (
+            f"the file's header names profile {file.profile!r} and library {file.library!r}; "
+            f"ours has {PROFILE!r} and {LIBRARY!r}"
+        )
+    names = tuple(name for name, _ in file.metadata_records)
+    if names != _RECORDS:
+        yield f"metadata records {', '.join(names)}; ours are {', '.join(_RECORDS)}"
+    if set(run.recording.end or {}) != {"complete", "reason"}:
+        yield f"{END} holds {', '.join(run.recording.end or {})}; ours holds complete, reason"
+    if file.attachments:
+        yield f"{file.attachments} attachments; ours have none"
+    types = topics.evidence_types(_controllers(run))
+    wanted = {run.recording.topic(name): kind for name, kind in types.items()}
+    counts = Counter(channel.topic for channel in file.channels.values())
+    for topic in sorted({*wanted, *counts}):
+        if counts[topic] != (topic in wanted):
+            yield f"{topic}: {counts[topic]} channels; ours has {int(topic in wanted)}"
+    for channel in file.channels.values():
+        schema = file.schemas.get(channel.schema_id)
+        kind = wanted.get(channel.topic, "")
+        if not kind:
+            continue
+        if schema is None or (schema.name, schema.encoding) != (kind, "ros2msg"):
+            yield f"{channel.topic}: its schema is not {kind} in ros2msg"
+        elif schema.data != definition(kind):
+            yield f"{channel.topic}: the text of its schema is not that of {kind}"
+        if channel.message_encoding != "cdr" or channel.metadata:
+            yield f"{channel.topic}: its channel is not plain cdr"
+
+
+def _controllers(run: RecordedRun) -> tuple[str, ...]:
+    """Return the controllers whose terms the recorder has a channel for."""
+    told = run.parameters.get("recorder", {}).get("controllers")
+    planned = tuple(map(str, told)) if isinstance(told, tuple) else ()
+    return (
+        planned
+        or tuple(run.recording.provenance.get("controller", "").split())
+        or tuple(run.controllers)
+    )
+
+
+def _heads(run: RecordedRun) -> Iterator[str]:
+    """Yield topics whose sequence numbers, publish times or simulated log times are not ours."""
+    counts: Counter[str] = Counter()
+    found: dict[tuple[str, str], str] = {}
+    for block in run.recording.blocks(list(run.recording.topics)):
+        for topic, messages in block.items():
+            data, offsets = messages.data, messages.offsets()
+            stamp_ns = np.clip(_stamps(messages), 0, LAST_STAMP_NS)
+            log = messages.log_time_ns
+            sequence = np.arange(counts[topic], counts[topic] + len(messages))
+            counts[topic] += len(messages)
+            odd = {
+                "the sequence number is not the next": head_field(data, offsets, "sequence")
+                != sequence,
+                "the publish time is not the log time": head_field(data, offsets, "publish_time")
+                != log.astype(np.uint64),
+            }
+            if run.exact:
+                odd[f"mode {run.mode}, but the log time is not the stamp"] = log != stamp_ns
+            for what, wrong in odd.items():
+                if wrong.any():
+                    at = seconds(int(stamp_ns[np.flatnonzero(wrong)[0]]))
+                    found.setdefault((topic, what), f"{topic}: at t = {at:g} s {what}")
+    yield from found.values()
+
+
+def _stamps(messages: Messages) -> Integers:
+    """Return the stamps with which the messages begin, ns; 0 for those that are too short."""
+    sec, nanosec = unaligned(messages.data, "<i4"), unaligned(messages.data, "<u4")
+    long = messages.end - messages.start >= 12
+    start = np.where(long, messages.start, 0)
+    stamp_ns: Integers = sec[start + 4].astype(np.int64) * NANOSECONDS + nanosec[start + 8]
+    return np.where(long, stamp_ns, 0)
+
+
+def _layouts(run: RecordedRun) -> Iterator[str]:
+    """Yield topics of the loop with a message of another frame, order of names or length."""
+    for relative, layout in layouts(run).items():
+        topic = run.recording.topic(relative)
+        for block in run.recording.blocks([topic]):
+            row = _other(block[topic], layout)
+            if row is not None:
+                at = seconds(int(_stamps(block[topic])[row]))
+                yield (
+                    f"{relative}: at t = {at:g} s a message is not as its node writes it: "
+                    f"{', '.join(layout.name)}, {layout.position} positions, {layout.velocity} "
+                    f"velocities, {layout.effort} efforts, no frame, nothing else"
+                )
+                break
+
+
+def layouts(run: RecordedRun) -> dict[str, JointStateLayout]:
+    """Return the layout of each topic of the loop that has messages."""
+    joints = run.config("simulator").joints
+    found = {
+        topics.GROUND_TRUTH: JointStateLayout(joints, 2, 2, 2),
+        topics.JOINT_STATES: JointStateLayout(joints, 2, 2, 2),
+    }
+    if run.count(topics.DISTURBANCE):
+        found[topics.DISTURBANCE] = JointStateLayout(run.config("disturbance").joints, 2, 0, 2)
+    for name in run.controllers:
+        if name in CONTROLLERS:
+            joint = run.config(name).joint
+            found[topics.EFFORT_COMMAND] = JointStateLayout((joint,), 0, 0, 1)
+            terms = JointStateLayout(topics.STATE_NAMES, len(topics.STATE_NAMES))
+            found[topics.controller_state(name)] = terms
+    return {relative: layout for relative, layout in found.items() if run.count(relative)}
+
+
+def _other(messages: Messages, layout: JointStateLayout) -> int | None:
+    """Return the first message that has another layout; None if all have this one."""
+    sizes = messages.end - messages.start
+    wrong = np.flatnonzero((sizes < layout.size) | (sizes > layout.size + MAX_TRAILING))
+    if len(wrong):
+        return int(wrong[0])
+    try:
+        layout.decode_at(messages.data, messages.start)
+    except ValueError:
+        for row, start in enumerate(messages.start):
+            try:
+                layout.decode_at(messages.data, np.array([start]))
+            except ValueError:
+                return row
+    return None
+
+
+def _told(run: RecordedRun) -> Iterator[str]:
+    """Yield events and sets of parameters that hold more than ours do, or in other words."""
+    names = {run.recording.topic(name): name for name in NODES}
+    for data in _all(run, topics.RUN_EVENTS):
+        told = parse_event(data)
+        plain = event(told.stamp_ns, told.node, told.message, told.values, told.level)
+        if _plain(topics.DIAGNOSTIC_ARRAY_TYPE, data) != plain:
+            yield f"run/events: {told.node} {told.message!r}: the message holds more than an event"
+    for data in _all(run, topics.RUN_PARAMETERS):
+        change = parse_parameter_event(data)
+        if change.node not in names:
+            continue
+        declared = declarations(NODES[names[change.node]].config)
+        what = f"run/parameters: {change.node} at t = {seconds(change.stamp_ns):g} s"
+        unknown = {*change.new, *change.changed} - set(declared)
+        if unknown:
+            yield f"{what}: it has no parameters {', '.join(sorted(unknown))}"
+            continue
+        kinds = {name: d.kind for name, d in declared.items()}
+        try:
+            plain = parameter_event(*change, kinds)
+        except Exception:  # a value that its declared kind cannot hold
+            plain = b""
+        if _plain(topics.PARAMETER_EVENT_TYPE, data) != plain:
+            yield f"{what}: not as the node writes its parameters: types, doubles or more than these"
+
+
+def _all(run: RecordedRun, relative: str) -> Iterator[bytes]:
+    for _, messages in run.recording.messages(run.recording.topic(relative)):
+        yield from messages
+
+
+def _plain(type_name: str, data: bytes) -> bytes:
+    """Return the message without what fills gaps between its fields."""
+    return serialize(type_name, deserialize(type_name, data))

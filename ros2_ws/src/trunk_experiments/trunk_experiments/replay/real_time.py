@@ -1,0 +1,96 @@
+"""What can be recomputed of a real-time run: each step from the torque that the record says acted.
+
+Which command and which disturbance had arrived by a step is decided by the wall clock. The record
+tells it all the same: the true state's effort is the torque over the previous step, and it has to be that of
+some command which could have been in force; the measured state shows the disturbance that acted.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.units import nanoseconds
+from trunk_sim.disturbances import Disturbance
+from trunk_sim.step import saturate
+
+from ..recorded.joint_table import JointTable
+from ..recorded.run import RecordedRun
+from .bits import same
+from .replay import Checked, Difference, acting_at, judged
+
+
+class PossibleDisturbances:
+    """The disturbances that may have acted at a stamp, the newest message first.
+
+    One that has acted is never followed by an older one; none acts before the first, or after one that
+    is older than the timeout.
+    """
+
+    def __init__(self, disturbances: JointTable) -> None:
+        self._table = disturbances
+        self._stamps = sorted(disturbances.rows)
+        self._since_ns = -1  # stamp of the one in force
+
+    def passed(self, stamp_ns: int) -> None:
+        """Note that the message of this stamp, if there is one, was in force at it."""
+        if stamp_ns in self._table:
+            self._since_ns = max(self._since_ns, stamp_ns)
+
+    def at(self, stamp_ns: int, timeout_ns: int) -> Iterator[tuple[int, Disturbance]]:
+        """Yield what may act at a stamp, one at least, with its message's stamp.
+
+        Where nothing acts, the stamp is that of the message in force, -1 if there is none.
+        """
+        row = bisect_right(self._stamps, stamp_ns) - 1
+        while row >= 0 and self._stamps[row] >= self._since_ns:
+            yield self._stamps[row], acting_at(self._table, self._stamps[row])
+            row -= 1
+        if self._since_ns < 0 or self._since_ns < stamp_ns - timeout_ns:
+            yield self._since_ns, Disturbance()
+
+    def chosen(self, since_ns: int) -> None:
+        """Note which one has acted."""
+        self._since_ns = since_ns
+
+
+def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Checked]:
+    """Yield, for each step, whether its torque is that of a command that could be in force.
+
+    That is the command for this state or an earlier one, never older than one that was in force before;
+    0 before the first, and where the newest is older than ``command_timeout``.
+    """
+    truth, commands = run.table(topics.GROUND_TRUTH), run.table(topics.EFFORT_COMMAND)
+    timeline = run.timeline("simulator")
+    stamps = judged(truth.stamp_ns, until_ns).tolist()
+    told = sorted(commands.rows)
+    first = 0  # the oldest command that may be in force
+    since_ns = -1
+    for row in range(1, len(stamps)):
+        now, after = stamps[row - 1], stamps[row]
+        timeline.advance(now + 1)
+        config = timeline.config
+        torque = truth.get(after, "effort")[1]
+        timeout_ns = nanoseconds(config.command_timeout)
+        newest = bisect_right(told, now)
+        match = -1
+        for at in range(max(first, bisect_left(told, now - timeout_ns)), newest):
+            effort = commands.get(told[at], "effort", 1)[0]
+            if same(saturate(effort, config.max_effort), torque):
+                match = at
+                break
+        timed_out = since_ns < 0 or now - since_ns > timeout_ns
+        if match >= 0:
+            first, since_ns = match, told[match]
+            yield Checked(after, ())
+        elif torque == 0.0 and timed_out:
+            yield Checked(after, ())
+        else:
+            computed = 0.0
+            if newest > 0:
+                effort = commands.get(told[newest - 1], "effort", 1)[0]
+                computed = saturate(effort, config.max_effort)
+                first, since_ns = newest - 1, told[newest - 1]
+            difference = Difference(after, truth.topic, "effort[in force]", torque, computed)
+            yield Checked(after, [difference])

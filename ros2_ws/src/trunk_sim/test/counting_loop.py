@@ -1,0 +1,41 @@
+"""The loop that pacing drives, without a plant."""
+
+from __future__ import annotations
+
+H = 1_000_000  # ns, its period
+
+
+class CountingLoop:
+    """A plant that only counts."""
+
+    held_up = 0  # percent of the time in which a participant is silent
+
+    def __init__(self, steps=None):
+        self.stamp_ns, self.period_ns, self.steps = 0, H, steps
+        self.efforts, self.counts = [], {}
+        self.finished, self.failure = False, None
+
+    @property
+    def at_end(self):
+        return self.steps is not None and self.stamp_ns == self.steps * H
+
+    def advance(self, effort):
+        self.efforts.append(effort)
+        self.stamp_ns += H
+
+    def finish(self):
+        self.finished = True
+
+    def fail(self, reason):
+        self.failure = reason
+
+    def participant(self, topic):
+        return f"/node ({topic})"
+
+    def held_up_ns(self, topics, wall_ns):
+        return self.held_up * wall_ns // 100 if topics else 0
+
+    def count(self, what, number=1):
+        assert isinstance(number, int)
+        assert number != 0
+        self.counts[what] = self.counts.get(what, 0) + number

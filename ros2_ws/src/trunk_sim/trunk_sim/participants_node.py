@@ -1,0 +1,64 @@
+"""The participants as a node sees them: from the graph, and from their events."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.node import meeting, qos
+
+from .config import SimulatorConfig
+from .participants import Participants
+
+_ANSWERED = {
+    topics.EFFORT_COMMAND: topics.JOINT_STATES,
+    topics.DISTURBANCE: topics.GROUND_TRUTH,
+}
+
+
+class GraphParticipants(Participants):
+    """Asks the graph on behalf of a node, and listens to ``run/events``."""
+
+    def __init__(
+        self, node: Node, config: SimulatorConfig, answers: Mapping[str, Subscription]
+    ) -> None:
+        """Take the node's subscriptions to the answers, by relative topic."""
+        super().__init__(config, self._publishers_of, self._command_givers)
+        self._node = node
+        self._answers = answers
+        node.create_subscription(
+            DiagnosticArray, topics.RUN_EVENTS, self._on_event, qos.run_information()
+        )
+
+    def missing(self, now: float) -> list[str]:
+        """Return the topics that the run waits for: no participant yet, or not matched both ways."""
+        return super().missing(now) or self._not_met()
+
+    def _not_met(self) -> list[str]:
+        """Return the topics with a ready node that is not matched both ways: it would miss state 0."""
+        return [
+            topic
+            for topic, states in _ANSWERED.items()
+            if self._publishers_of(topic)  # otherwise nobody is left to match
+            and self.unmet(
+                topic,
+                meeting.publishers(self._node, topic),
+                meeting.listeners(self._node, states),
+            )
+        ]
+
+    def _publishers_of(self, topic: str) -> int:
+        subscription = self._answers.get(topic)
+        return 0 if subscription is None else int(subscription.get_publisher_count())
+
+    def _command_givers(self) -> list[str]:
+        return meeting.names(self._node.get_publishers_info_by_topic(topics.EFFORT_COMMAND))
+
+    def _on_event(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {v.key: v.value for v in status.values}
+            self.hear(status.name, status.message, values)

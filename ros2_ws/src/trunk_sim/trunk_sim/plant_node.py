@@ -1,0 +1,258 @@
+"""The plant on its topics: takes in answers, steps when its pacing says so, publishes each state."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
+from trunk_msgs_util.node import qos
+from trunk_msgs_util.node.base import TrunkNode
+from trunk_msgs_util.node.conversions import WireReader, sample_to_wire, stamp_to_ros
+from trunk_msgs_util.patience import HeldUp
+from trunk_msgs_util.process_id import local_pid
+from trunk_msgs_util.units import nanoseconds, seconds, step_count
+
+from .answers import RefusedError, disturbance_of, effort_of
+from .config import SimulatorConfig
+from .disturbance_feed import DisturbanceFeed
+from .pacing import make_pacing, tick_period
+from .participants_node import GraphParticipants
+from .simulation import DivergedError, Simulation
+
+_DOUBLED = ("late answers ignored", "doubled answers ignored", "commands out of order")
+
+
+class PlantNode(TrunkNode[SimulatorConfig]):
+    """The running loop; how a run begins and is held is up to the subclass."""
+
+    def __init__(self) -> None:
+        super().__init__("simulator", SimulatorConfig)
+        self._read_command = WireReader()
+        self._read_disturbance = WireReader()
+        self._read_progress = WireReader()
+        self._forget()
+
+    def _forget(self) -> None:
+        config = self.config
+        self._simulation = Simulation(config)
+        self._steps = step_count(config.duration, config.update_rate) if config.duration else None
+        self._running = False
+        self._started = time.monotonic()
+        self._disturbances = DisturbanceFeed(config.period_ns)
+        self._held_up = HeldUp()
+        self._diagnosed = (time.monotonic(), 0)
+        self._pacing = make_pacing(self, config)
+
+    def _create_topics(self, config: SimulatorConfig) -> None:
+        self._truth = self.create_evidence(topics.GROUND_TRUTH)
+        self._measured = self.create_evidence(topics.JOINT_STATES)
+        self._clock_topic = (
+            self.create_publisher(Clock, "/clock", qos.clock()) if config.publish_clock else None
+        )
+        self._commands = self.create_subscription(
+            JointState, topics.EFFORT_COMMAND, self._on_command, qos.control(), raw=True
+        )
+        disturbances = self.create_subscription(
+            JointState, topics.DISTURBANCE, self._on_disturbance, qos.control(), raw=True
+        )
+        answers = {topics.EFFORT_COMMAND: self._commands, topics.DISTURBANCE: disturbances}
+        self._participants = GraphParticipants(self, config, answers)
+        if config.lockstep and "recorder" in config.wait_for:
+            self.create_subscription(
+                JointState,
+                topics.RECORDER_PROGRESS,
+                self._on_progress,
+                qos.control(),
+                raw=True,
+            )
+        self._step_timer = self.every(tick_period(config), self._tick)
+        self._step_timer.cancel()
+
+    def retune(self, config: SimulatorConfig) -> None:
+        """Take changed constants; they act from the next step on."""
+        self._simulation.retune(config)
+        self._pacing.set_timeout(config.command_timeout)
+
+    def _begin(self) -> None:
+        """Publish the measured state 0 and step from here on; the true state 0 is already published."""
+        self._running = True
+        self._started = time.monotonic()
+        self.event(Event.STARTED, rate=self.config.update_rate)
+        self._publish_measured()
+        self._say_fall()
+        self._step_timer.reset()
+        self._pacing.begin(time.monotonic_ns())
+
+    def _only_one_controller(self) -> bool:
+        rivals = self._participants.rivals()
+        if not rivals:
+            return True
+        self.fail(
+            f"{len(rivals)} nodes publish {self._commands.topic_name}: {', '.join(rivals)}; "
+            "one controller at a time: stop the others"
+        )
+        return False
+
+    # The loop, as `pacing.Loop` wants it.
+
+    @property
+    def stamp_ns(self) -> int:
+        """Simulated time of the published state, ns."""
+        return self._simulation.stamp_ns
+
+    @property
+    def period_ns(self) -> int:
+        """The plant's period, ns."""
+        return self.config.period_ns
+
+    @property
+    def at_end(self) -> bool:
+        """True where the published state is the run's last."""
+        return self._simulation.step_index == self._steps or self._simulation.ended_by_fall
+
+    def advance(self, effort: float) -> None:
+        """Step with this effort and publish the new state; a plant that diverges ends the run."""
+        if self.exit_code is not None:
+            return  # the same tick has more steps to make up, but the run is over
+        try:
+            self._simulation.step(effort, self._disturbances.acting)
+        except DivergedError as error:
+            self.fail(str(error))
+            return
+        self._publish_measured()
+        self._publish_truth()
+        self._say_fall()
+
+    def finish(self) -> None:
+        """End the run: the last state is answered."""
+        self._step_timer.cancel()
+        self._publish_diagnostics()  # the counts of the whole run
+        fell = self._simulation.ended_by_fall
+        self._say_finished(Event.FINISHED, "the trunk has fallen" if fell else "finished")
+        wall = time.monotonic() - self._started
+        steps = self._simulation.step_index
+        self.get_logger().info(f"finished: {steps} steps in {wall:.6f} s of wall time")
+        self.exit_code = 0
+
+    def fail(self, reason: str, **values: object) -> None:
+        """End the run with an error; the record says how many states there are."""
+        self._step_timer.cancel()
+        super().fail(reason, states=self._simulation.step_index + 1, **values)
+
+    def count(self, what: str, number: int = 1) -> None:
+        """Count something for diagnostics; doubled answers may mean a second controller."""
+        self.counters[what] += number
+        if what in _DOUBLED and self._running and self.exit_code is None:
+            self._only_one_controller()
+
+    def participant(self, topic: str) -> str:
+        """Return who answers on a topic, in words for a message."""
+        return self._participants.describe(topic)
+
+    def held_up_ns(self, topics: Sequence[str], wall_ns: int) -> int:
+        """Return for how much of the last ``wall_ns`` this node or who answers on the topics could not run.
+
+        Of a process on another machine nothing is known: it is taken as having run.
+        """
+        told = {process for topic in topics for process in self._participants.processes(topic)}
+        pids = {os.getpid(), *filter(None, map(local_pid, told))} if topics else set()
+        return self._held_up.between(pids, wall_ns)
+
+    def _tick(self) -> None:
+        if self.exit_code is None:
+            self._pacing.tick(time.monotonic_ns())
+
+    def _publish_measured(self) -> None:
+        simulation = self._simulation
+        self.run_stamp_ns = now = simulation.stamp_ns
+        config = self.config
+        timeout_ns = None if config.lockstep else nanoseconds(config.command_timeout)
+        if self._disturbances.advance(now, timeout_ns):
+            self.count("steps without a fresh disturbance")
+        self._measured.publish(sample_to_wire(simulation.measure(self._disturbances.acting)))
+        if self._clock_topic is not None:
+            self._clock_topic.publish(Clock(clock=stamp_to_ros(now)))
+
+    def _publish_truth(self) -> None:
+        self._truth.publish(sample_to_wire(self._simulation.truth()))
+
+    def _say_fall(self) -> None:
+        if self._simulation.falls_now:
+            angle = self._simulation.state.theta
+            self.event(Event.FELL, DiagnosticStatus.WARN, angle=angle, limit=self.config.fall_angle)
+            self.get_logger().warning(
+                f"the trunk fell at t = {seconds(self.stamp_ns):g} s: angle {angle:.3g} rad"
+            )
+
+    def _say_finished(self, message: Event, reason: str) -> None:
+        self.event(message, reason=reason, states=self._simulation.step_index + 1)
+
+    def stopping(self) -> None:
+        """Close the record: an endless run is finished when it is stopped, another is not."""
+        if not self._running:
+            return
+        self._running = False
+        self._pacing.paused = True  # composed, a recorder may still take in what is under way
+        if self._steps is None:
+            self._say_finished(Event.FINISHED, "stopped on request")
+        else:
+            self._say_finished(
+                Event.STOPPED, f"stopped at t = {seconds(self.stamp_ns):g} s, too early"
+            )
+
+    # What comes in.
+
+    def _on_command(self, data: bytes) -> None:
+        command = self._read_command(data)
+        try:
+            effort = effort_of(command, self.config.joints[1])
+        except RefusedError as refused:
+            self.count(str(refused))
+            return
+        if self._running and self.exit_code is None:
+            self._pacing.command(command.stamp_ns, effort, time.monotonic_ns())
+
+    def _on_disturbance(self, data: bytes) -> None:
+        sample = self._read_disturbance(data)
+        try:
+            disturbance = disturbance_of(sample, self.config.joints)
+        except RefusedError as refused:
+            self.count(str(refused))
+            return
+        if self._disturbances.take(sample.stamp_ns, disturbance, self.stamp_ns):
+            self._answered(topics.DISTURBANCE, sample.stamp_ns)
+        else:
+            self.count("disturbances out of order")
+
+    def _on_progress(self, data: bytes) -> None:
+        self._answered("recorder", self._read_progress(data).stamp_ns)
+
+    def _answered(self, topic: str, stamp_ns: int) -> None:
+        if self.exit_code is None:
+            self._pacing.answered(topic, stamp_ns, time.monotonic_ns())
+
+    def _state(self) -> str:
+        if not self._running:
+            return "waiting for participants"
+        return "paused" if self._pacing.paused else "running"
+
+    def diagnostics(self) -> dict[str, object]:
+        """Return progress, the achieved rate and the worst lateness since the last call."""
+        now, step = time.monotonic(), self._simulation.step_index
+        before, step_before = self._diagnosed
+        self._diagnosed = (now, step)
+        worst, self._pacing.worst_late_ns = self._pacing.worst_late_ns, 0
+        return {
+            "time": f"{seconds(self._simulation.stamp_ns):.3f}",
+            "step": step,
+            "rate": f"{(step - step_before) / max(now - before, 1e-9):.1f}",
+            "worst lateness": f"{seconds(max(worst, 0)):.6f}",
+            "state": self._state(),
+        }

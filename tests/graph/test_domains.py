@@ -1,0 +1,23 @@
+"""The domains that tests are given are deserted, whatever earlier tests left alive."""
+
+from __future__ import annotations
+
+import pytest
+
+from .conftest import Domains
+from .peer import Peer
+
+pytestmark = pytest.mark.graph
+
+
+def test_a_domain_with_a_participant_left_in_it_is_not_given_out(
+    domain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, left = Peer("first"), Peer("left")
+    first.close()
+    monkeypatch.setenv("TRUNK_TEST_DOMAIN", str(domain))
+    monkeypatch.setattr("tests.graph.conftest._LOCK", "another-session-{}")
+    domains = Domains()
+    assert domains.choose() != domain
+    left.close()
+    domains.close()

@@ -1,0 +1,1 @@
+"""Our own attacks on `trunk verify`, and honest runs that it must not accuse."""

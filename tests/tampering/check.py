@@ -1,0 +1,128 @@
+"""Attacks on `trunk verify`, all of them, and honest runs: python -m tests.tampering.check [edits|honest] [N]
+
+Exit code 1 if an edit passes that is not listed, a listed one is refused, `verify` raises, or an honest run
+is accused.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from itertools import chain
+from pathlib import Path
+
+from trunk_experiments.replay.verify import VERIFIED
+
+from .bases import BASES, OFFLINE, make_base
+from .honest import graph_runs, offline_runs
+from .kit import DIGESTS, Outcome, outcomes
+from .let_pass import LET_PASS, pattern_for
+
+_PARTS = 8  # of each recording's edits, so that all cores have work
+_DURATION_S = {OFFLINE: 0.12, "lockstep": 0.3, "real_time": 0.3}
+
+
+class Row(Counter[str]):
+    """Counts of one kind of edit."""
+
+
+def _part(base: str, path: str, number: int) -> list[tuple[str, str, str, int | None, str, str]]:
+    """Return what became of every eighth edit: base, kind, name, exit code, why listed, what is wrong."""
+    turn = iter(range(1_000_000))
+
+    def mine(_: object) -> bool:
+        return next(turn) % _PARTS == number
+
+    with tempfile.TemporaryDirectory() as folder:
+        return [
+            (one.digests, one.edit.kind, one.name, one.exit_code, one.reason, _wrong(one))
+            for one in outcomes(base, Path(path), Path(folder), DIGESTS, mine)
+        ]
+
+
+def _wrong(one: Outcome) -> str:
+    """Return what is wrong; what happened when in a graph differs, so that there a pattern may match more."""
+    listed = one.reason and one.base != OFFLINE and not one.raised
+    return "" if listed else one.wrong
+
+
+def check_edits(folder: Path) -> int:
+    """Apply every edit to every base; print what is wrong, a table by kind and a line of totals."""
+    for base in BASES:
+        make_base(base, folder / f"{base}.mcap", _DURATION_S[base])
+    rows: dict[str, Row] = {}
+    wrong, passed = [], set()
+    jobs = [(base, str(folder / f"{base}.mcap"), n) for base in BASES for n in range(_PARTS)]
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        parts = pool.map(_part, *zip(*jobs, strict=True))
+        for digests, kind, name, code, reason, fault in chain.from_iterable(parts):
+            if code is None:
+                continue
+            row = rows.setdefault(kind, Row())
+            row["edits"] += 1
+            row[f"refused, {digests}" if code != VERIFIED else "let pass"] += 1
+            if code == VERIFIED and reason:
+                passed.add(pattern_for(name))
+            if fault:
+                wrong.append(f"{name} (digests {digests}): {fault}")
+    wrong += [
+        f"nothing passes by this entry of the list: {p}" for p, _ in LET_PASS if p not in passed
+    ]
+    print("\n".join(wrong))
+    heads = ("edits", *(f"refused, {digests}" for digests in DIGESTS), "let pass")
+    print(f"{'kind':24}" + "".join(f"{head:>16}" for head in heads))
+    for kind, row in sorted(rows.items()):
+        print(f"{kind:24}" + "".join(f"{row[head]:16}" for head in heads))
+    total: Counter[str] = sum(rows.values(), Counter())
+    refused = sum(total[f"refused, {digests}"] for digests in DIGESTS)
+    print(
+        f"{total['edits']} edits of {len(BASES)} recordings: {refused} refused, "
+        f"{total['let pass']} let pass and listed ({len(LET_PASS)} reasons), {len(wrong)} wrong"
+    )
+    return 1 if wrong else 0
+
+
+def check_honest(folder: Path, count: int) -> int:
+    """Verify random honest runs: 80 % offline, 16 % in lock-step, 4 % in real time."""
+    lockstep, real_time = max(count * 16 // 100, 1), max(count * 4 // 100, 1)
+    runs: Iterator = chain(
+        offline_runs(count - lockstep - real_time, folder),
+        graph_runs(lockstep, folder, lockstep=True),
+        graph_runs(real_time, folder, lockstep=False),
+    )
+    counts: Counter[str] = Counter()
+    for run in runs:
+        counts["runs"] += 1
+        counts["complete"] += run.complete
+        if run.accused:
+            counts["accused"] += 1
+            print(f"{run.name}: {run.accused}", flush=True)
+    print(
+        f"{counts['runs']} honest runs, {counts['complete']} complete: {counts['accused']} accused"
+    )
+    return 1 if counts["accused"] else 0
+
+
+def main(arguments: list[str]) -> int:
+    """Run one part, or both."""
+    what, count = (*arguments, "", "")[:2]
+    if what not in ("", "edits", "honest") or not re.fullmatch(r"\d*", count):
+        print(__doc__, file=sys.stderr)
+        return 2
+    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    with tempfile.TemporaryDirectory() as name:
+        codes = [0]
+        if what != "honest":
+            codes.append(check_edits(Path(name)))
+        if what != "edits":
+            codes.append(check_honest(Path(name), int(count or 500)))
+    return max(codes)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,34 @@
+"""`trunk verify` refuses what is planted in an offline recording, or it is listed with its reason.
+
+A selection of scripts/check_tampering.sh, which edits recordings of the graph, too.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from .tampering.bases import OFFLINE, make_base
+from .tampering.honest import offline_runs
+from .tampering.kit import ANEW, KEPT, NONE, outcomes, sample
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory):
+    path = tmp_path_factory.mktemp("tampering") / "base.mcap"
+    make_base(OFFLINE, path, duration=0.06)
+    return path
+
+
+@pytest.mark.parametrize(("digests", "share"), [(ANEW, 0.12), (KEPT, 0.015), (NONE, 0.015)])
+def test_every_edit_is_refused_or_listed(base, tmp_path, digests, share):
+    found = list(outcomes(OFFLINE, base, tmp_path, (digests,), sample(share)))
+    assert len(found) > 1000 * share
+    assert not [f"{one.name}: {one.wrong}" for one in found if one.wrong]
+    kinds = Counter(one.exit_code for one in found)
+    assert kinds[1] > 0
+
+
+def test_honest_runs_are_not_accused(tmp_path):
+    assert not [f"{run.name}: {run.accused}" for run in offline_runs(12, tmp_path) if run.accused]
