@@ -1,34 +1,48 @@
 """Packs what the fuzzer found into the corpus that CI replays: python -m tests.hostile.corpus FOLDER
 
-FOLDER is one of scripts/fuzz_reader.sh, after ``-merge=1`` if it is large. The shortest files come first,
-until the archive is as large as it may be.
+FOLDER is the ``corpus`` of scripts/fuzz_reader.sh. The shortest files come first, until the archive is as
+large as it may be.
 """
 
 from __future__ import annotations
 
-import hashlib
+import io
+import lzma
 import sys
-import zipfile
+import tarfile
+from collections.abc import Iterator
 from pathlib import Path
 
-ARCHIVE = Path(__file__).resolve().parents[1] / "corpus.zip"
+ARCHIVE = Path(__file__).resolve().parents[1] / "corpus.tar.xz"
 MOST = 300_000  # bytes
 
 
 def pack(folder: Path, archive: Path = ARCHIVE) -> int:
     """Write the archive; return how many files it has."""
     files = sorted({p.read_bytes() for p in folder.iterdir() if p.is_file()}, key=len)
-    size = count = 0
-    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as packed:
-        for data in files:
-            name = zipfile.ZipInfo(hashlib.blake2b(data, digest_size=8).hexdigest())
-            name.compress_type = zipfile.ZIP_DEFLATED
-            packed.writestr(name, data)
-            size += name.compress_size + 2 * len(name.filename) + 80
-            count += 1
-            if size > MOST - 20_000:
-                break
-    return count
+    while len(packed := _packed(files)) > MOST:
+        files = files[: int(0.9 * len(files))]
+    archive.write_bytes(packed)
+    return len(files)
+
+
+def _packed(files: list[bytes]) -> bytes:
+    buffer = io.BytesIO()
+    with tarfile.open(fileobj=buffer, mode="w") as tar:
+        for number, data in enumerate(files):
+            about = tarfile.TarInfo(f"{number:04}")
+            about.size = len(data)
+            tar.addfile(about, io.BytesIO(data))
+    return lzma.compress(buffer.getvalue(), preset=9 | lzma.PRESET_EXTREME)
+
+
+def unpacked(archive: Path = ARCHIVE) -> Iterator[bytes]:
+    """Yield the corpus's files."""
+    with tarfile.open(archive) as tar:
+        for about in tar:
+            file = tar.extractfile(about)
+            if file is not None:
+                yield file.read()
 
 
 if __name__ == "__main__":

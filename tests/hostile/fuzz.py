@@ -38,8 +38,8 @@ def readers() -> Callable[[bytes, Path], None]:
             recording = Recording.open(path)
             for use in (
                 verify,
-                RunTable.from_recording,
-                lambda recording: explain(recording, 0.001),
+                lambda recording: RunTable.from_run(RecordedRun(recording)),
+                lambda recording: explain(RecordedRun(recording), 0.001),
                 lambda recording: RecordedRun(recording).plan(),
             ):
                 with suppress(TrunkError):

@@ -6,13 +6,12 @@ import signal
 import struct
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 
 import pytest
 
 from ..graph.processes import Child, Children, until
-from .corpus import ARCHIVE
+from .corpus import unpacked
 from .fuzz import readers
 from .mcap_bytes import MAGIC, header
 
@@ -60,8 +59,34 @@ def test_a_signal_ends_a_verb_in_a_long_file(children: Children, tmp_path, verb,
 def test_the_fuzzers_corpus_is_read_or_refused(tmp_path):
     """Every file with which fuzzing reached new code: read to its end, or a TrunkError."""
     read = readers()
-    with zipfile.ZipFile(ARCHIVE) as packed:
-        names = packed.namelist()
-        for name in names:
-            read(packed.read(name), tmp_path / "a.mcap")
-    assert len(names) > 50
+    files = list(unpacked())
+    for data in files:
+        read(data, tmp_path / "a.mcap")
+    assert len(files) > 100
+
+
+STUCK = """
+import hashlib
+from trunk_experiments import executables
+executables._end_soon()
+executables.early_signals.end_by(executables._unwind)
+print("stuck", flush=True)
+hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)  # hours, and no handler of Python's is called in it
+"""
+
+
+def computed(child: Child) -> int:
+    """Return a process's time of the processor, in ticks (10 ms)."""
+    about = Path(f"/proc/{child.process.pid}/stat").read_text().rpartition(")")[2].split()
+    return int(about[11])
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+def test_a_signal_ends_a_verb_that_is_stuck_in_a_library(children: Children, number):
+    child = children.python(STUCK)
+    until(lambda: "stuck" in child.stdout, "it is about to be", 0.001)
+    before = computed(child)
+    until(lambda: computed(child) > before + 20, "it computes, and thus is stuck", 0.001)
+    assert child.stop(number) == 128 + number, child.stderr
+    assert child.stderr == "interrupted\n"

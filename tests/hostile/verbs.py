@@ -16,12 +16,10 @@ def of_recording(path: Path, base: Path, folder: Path) -> Mapping[str, Arguments
         "metrics": ("metrics", path),
         "metrics --json": ("metrics", "--json", path),
         "verify": ("verify", path),
-        "verify --json": ("verify", "--json", path),
         "explain": ("explain", path, "--at", "0.5"),
         "plot": ("plot", path, "-o", folder / "a.png"),
         "report": ("report", path, "-o", folder / "a.html"),
         "doctor": ("doctor", path),
-        "doctor --json": ("doctor", "--json", path),
         "export": (
             *("export", path, "--csv", folder / "a.csv", "--npz", folder / "a.npz"),
             *("--parquet", folder / "a.parquet"),

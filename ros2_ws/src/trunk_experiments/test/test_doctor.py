@@ -14,7 +14,7 @@ from trunk_msgs_util.recording.digests import PARTS
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.recover import recover
-from trunk_msgs_util.recording.schemas import parameter_event
+from trunk_msgs_util.recording.schemas import event, parameter_event
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.samples import JointSample
 
@@ -34,6 +34,7 @@ def write_run(path, stamps=range(20), value=float, end=True, provenance=True, pa
     for node in ("simulator", "pid") if parameters else ():
         data = parameter_event(0, f"/{node}", {"update_rate": 1000.0}, {})
         writer.write(channels[topics.RUN_PARAMETERS], 0, 0, data)
+    writer.write(channels[topics.RUN_EVENTS], 0, 0, event(0, "/simulator", "started"))
     for i, k in enumerate(stamps):
         both = (0.0, 0.0)
         sample = JointSample(round(k * MS), ("hip", "trunk"), (0.5, value(k)), both, both)

@@ -11,6 +11,7 @@ import numpy as np
 
 from trunk_msgs_util import topics as names
 from trunk_msgs_util.events import Event
+from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.bag_folder import bag_folder
 from trunk_msgs_util.recording.joint_arrays import QUANTITIES, Integers, JointArrays
 from trunk_msgs_util.recording.reader import Recording, RecordingError
@@ -18,7 +19,7 @@ from trunk_msgs_util.recording.structure import ERROR, INFO, WARNING, Finding, s
 from trunk_msgs_util.units import period_ns as period_of
 from trunk_msgs_util.units import seconds
 
-from ..plans.nodes import CONTROLLERS
+from ..plans.nodes import CONTROLLERS, NODES
 from ..recorded.run import RecordedRun
 
 __all__ = ["ERROR", "INFO", "WARNING", "Finding", "examine"]
@@ -32,7 +33,9 @@ _NEEDED = {
     names.GROUND_TRUTH: ("position", "velocity", "effort"),
     names.JOINT_STATES: ("position", "velocity", "effort"),
     names.EFFORT_COMMAND: ("effort",),
+    names.DISTURBANCE: ("position", "effort"),  # if there are any
 }
+_OF_BOTH = (names.GROUND_TRUTH, names.JOINT_STATES, names.DISTURBANCE)  # joints
 
 
 def examine(
@@ -68,11 +71,14 @@ def findings(run: RecordedRun) -> list[Finding]:
         Finding(ERROR, f"{what}: not as the recorder wrote it (digest)")
         for what in recording.alterations()
     ]
-    found += _evidence(run)
-    roles = _Roles.of(run)
-    for topics in _together(recording):
-        for name, joints in recording.joints_of(topics).items():
-            found += _joints(run, roles, name, joints)
+    try:
+        found += _evidence(run)
+        roles = _Roles.of(run)
+        for topics in _together(recording):
+            for name, joints in recording.joints_of(topics).items():
+                found += _joints(run, roles, name, joints)
+    except RecordingError as error:
+        found.append(Finding(ERROR, str(error).removeprefix(f"{path}: ")))
     return found
 
 
@@ -94,10 +100,20 @@ def _together(recording: Recording) -> Iterator[list[str]]:
 def _evidence(run: RecordedRun) -> Iterator[Finding]:
     """Yield what keeps the run from being recomputed although every message is sound."""
     recording = run.recording
-    for relative, quantities in _NEEDED.items():
+    if run.controllers and not run.events:
+        yield Finding(
+            WARNING, "no events: the run cannot be judged", recording.topic(names.RUN_EVENTS)
+        )
+    for node in sorted(run.parameters.keys() & NODES.keys()):
+        try:
+            run.config(node)
+        except ParameterError as error:
+            yield Finding(WARNING, f"{node}: recorded parameters cannot be used: {error}")
+    needed = {**_NEEDED, **{names.controller_state(c): ("position",) for c in run.controllers}}
+    for relative, quantities in needed.items():
         topic = recording.topic(relative)
         if topic not in recording.topics or not recording.topics[topic].readable:
-            if run.controllers:
+            if run.controllers and relative != names.DISTURBANCE:
                 yield Finding(WARNING, "no messages: the run cannot be recomputed", topic)
             continue
         try:
@@ -109,6 +125,9 @@ def _evidence(run: RecordedRun) -> Iterator[Finding]:
             if not table.values(quantity).shape[1]:
                 text = f"no {quantity} in any message: the run cannot be recomputed"
                 yield Finding(WARNING, text, topic)
+        if relative in _OF_BOTH and len(table.names) != 2:
+            text = f"{len(table.names)} joints, not hip and trunk: the run cannot be recomputed"
+            yield Finding(WARNING, text, topic)
         for node, joint in _told_joints(run, relative):
             if joint not in table.names:
                 text = f"no joint {joint!r}, which {node} names, but {', '.join(table.names[:9])}"
@@ -117,11 +136,11 @@ def _evidence(run: RecordedRun) -> Iterator[Finding]:
 
 def _told_joints(run: RecordedRun, relative: str) -> Iterator[tuple[str, str]]:
     """Yield the joints of a topic by the nodes' parameters, with the node."""
-    if relative != names.EFFORT_COMMAND:
+    if relative in _OF_BOTH:
         joints = run.parameters.get("simulator", {}).get("joints")
         for joint in joints if isinstance(joints, tuple) else ():
             yield "simulator", str(joint)
-    if relative != names.GROUND_TRUTH:
+    if relative in (names.JOINT_STATES, names.EFFORT_COMMAND):
         for node in run.controllers:
             named = run.parameters.get(node, {}).get("joint")
             if isinstance(named, str):

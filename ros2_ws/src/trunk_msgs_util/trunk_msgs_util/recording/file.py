@@ -255,13 +255,17 @@ class RecordingFile:
             messages = content.messages(channels)
             if messages is not None:
                 bad = self.topics[topic].take(messages)
-                if bad:
-                    self._bad.setdefault(record.offset, []).append(messages.start[bad])
+                self.leave_out(record.offset, messages, bad)
         self.blocks.append(Block(record.offset, record.end, frozenset(content.channels)))
 
     def numbers(self, topic: str) -> list[int]:
         """Return the channels of a topic."""
         return self._numbers.get(topic, [])
+
+    def leave_out(self, block: int, messages: Messages, rows: list[int]) -> None:
+        """Note which messages of the block at this byte cannot be read."""
+        if rows:
+            self._bad.setdefault(block, []).append(messages.start[rows])
 
     def readable(self, block: int, messages: Messages) -> Messages:
         """Return the messages of the block at this byte that can be read."""

@@ -349,34 +349,46 @@ class Recording:
                     f"its type is {found or 'not given'}"
                 )
 
-    def _parsed(self, relative: str, parse: Callable[[bytes], Parsed]) -> list[Parsed]:
+    def _parsed(
+        self, relative: str, type_name: str, parse: Callable[[bytes], Parsed]
+    ) -> list[Parsed]:
         """Return a topic's messages that can be read, and note the others. Raises RecordingError."""
         name = self.topic(relative)
         topic = self.topics.get(name)
         found: list[Parsed] = []
         if topic is None:
             return found
+        if topic.faults.limit is not None:
+            raise RecordingError(f"{self.path}: {topic.faults.describe(name, topic.count)}")
         index = size = 0
-        for log_times, messages in self.messages(name):
-            size += sum(map(len, messages))
+        for file, block, channels, content in self._contents([name]):
+            messages = content.messages(sorted(channels & content.channels.keys()))
+            if messages is None:
+                continue
+            size += int((messages.end - messages.start).sum())
             if size > MAX_TEXT:
                 topic.faults.limit = f"its messages have more than the {MAX_TEXT} bytes allowed"
                 raise RecordingError(f"{self.path}: {topic.faults.describe(name, topic.count)}")
-            for log_time_ns, data in zip(log_times, messages, strict=True):
+            bad: list[int] = []
+            for row, data in enumerate(messages.bytes()):
                 try:
+                    if topic.type != type_name:
+                        raise ValueError(f"its type is {topic.type or 'not given'}")
                     found.append(parse(data))
                 except ValueError as error:
-                    topic.faults.add(index, log_time_ns, str(error))
-                index += 1
+                    topic.faults.add(index + row, int(messages.log_time_ns[row]), str(error))
+                    bad.append(row)
+            file.leave_out(block.offset, messages, bad)
+            index += len(messages)
         return found
 
     @cached_property
     def _parameter_events(self) -> list[ParameterChange]:
-        return self._parsed(names.RUN_PARAMETERS, parse_parameter_event)
+        return self._parsed(names.RUN_PARAMETERS, names.PARAMETER_EVENT_TYPE, parse_parameter_event)
 
     @cached_property
     def _events(self) -> list[RunEvent]:
-        return self._parsed(names.RUN_EVENTS, parse_event)
+        return self._parsed(names.RUN_EVENTS, names.DIAGNOSTIC_ARRAY_TYPE, parse_event)
 
     def parameters(self) -> dict[str, dict[str, Value]]:
         """Return every node's first full set of parameters, by its fully qualified name."""
