@@ -8,7 +8,7 @@ source scripts/env.sh
 folder=$PWD/.venv/.bench
 if ! cmp -s requirements/bench.txt "$folder/.installed"; then
     rm -rf "$folder"
-    python -m pip install --quiet --disable-pip-version-check --no-deps --target "$folder" -r requirements/bench.txt
+    bash scripts/install.sh python requirements/bench.txt .venv/.bench-log --target "$folder"
     cp requirements/bench.txt "$folder/.installed"
 fi
 PYTHONPATH=$folder:${PYTHONPATH:-} exec python -m pytest ros2_ws/src/trunk_experiments/test/test_bench_{core,sweep}.py "$@"

@@ -3,8 +3,8 @@
 # interrupted, run again, and run twice at once.
 #
 # Without ROS 2, Jazzy comes from pinned wheels. Where ROS 2 Jazzy is sourced, that one is used and .venv
-# only adds to it. $PYTHON chooses the interpreter, CPython 3.10 to 3.13. --no-dev leaves out what only the
-# tests need, for an image.
+# only adds to it. Every file that is installed has its hash in requirements/. $PYTHON chooses the
+# interpreter, CPython 3.10 to 3.13. --no-dev leaves out what only the tests need, for an image.
 set -euo pipefail
 cd -P "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
@@ -70,23 +70,21 @@ make_venv() {
 
 install_set() {
     say "installing requirements/$1.txt"
-    local pins=requirements/$1.txt
+    local pins=requirements/$1.txt wrong
     if [[ $ros == jazzy ]]; then # its messages are compiled for its own numpy
         pins=.venv/.pins-$1.txt
-        grep -v '^numpy==' "requirements/$1.txt" >"$pins"
+        sed '/^numpy==/,/[^\\]$/d' "requirements/$1.txt" >"$pins" # up to the last of its hashes
     fi
-    .venv/bin/python -m pip install --quiet --no-input --disable-pip-version-check -r "$pins" \
-        >.venv/.log 2>&1 && return
+    wrong=$(bash scripts/install.sh .venv/bin/python "$pins" .venv/.log 2>&1) && return
     rm -f .venv/.busy # pip ended by itself: what it did is whole
-    die "requirements/$1.txt could not be installed: $(grep -m 1 '^ERROR' .venv/.log || tail -n 1 .venv/.log);" \
-        "is the network there? Simply run this again (pip's words are in .venv/.log)"
+    die "$wrong"
 }
 
 install_pins() {
-    local set sets=(runtime ros build "${dev[@]}")
+    local set sets=(setuptools runtime ros build "${dev[@]}")
     if [[ $ros == jazzy ]]; then
         sets=(runtime "${dev[@]}")
-        .venv/bin/python -c 'import colcon, colcon_ros' 2>/dev/null || sets+=(build)
+        .venv/bin/python -c 'import colcon, colcon_ros' 2>/dev/null || sets+=(setuptools build)
     fi
     rm -f .venv/.installed
     : >.venv/.busy # stays when we are killed: .venv is then not trusted again
@@ -129,7 +127,7 @@ case $* in
     --no-dev) dev=() ;;
     *) die "what is '$*'? --no-dev is the one option" ;;
 esac
-pins=$(cat requirements/{runtime,ros,build}.txt "${dev[@]/#dev/requirements/dev.txt}" | sha256sum)
+pins=$(cat requirements/{setuptools,runtime,ros,build}.txt "${dev[@]/#dev/requirements/dev.txt}" | sha256sum)
 
 python=$(identify .venv/bin/python) || python=''
 if [[ -z $python || -n ${PYTHON:-} || $made != "$ros"\ * ]]; then python=$(find_python); fi
@@ -143,7 +141,8 @@ fi
     die '.venv was made for the ROS 2 Jazzy of this machine: source /opt/ros/jazzy/setup.bash first, or delete .venv'
 
 # ── the work, by one process at a time ─────────────────────────────────────────────────────────────────
-mkdir -p .venv
+mkdir -p .venv 2>/dev/null && [[ -w .venv && -w ros2_ws ]] ||
+    die "this checkout cannot be written to ($root), but .venv and the build go into it: give it write permission, or copy it"
 exec 9>>.venv/.lock
 flock -n 9 || { say 'waiting for another bootstrap of this checkout'; flock 9; }
 trap 'exit 130' INT TERM HUP

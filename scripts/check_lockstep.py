@@ -51,7 +51,7 @@ def check(plan: RunPlan, folder: Path, repeat: int, shuffle: random.Random) -> l
                 problems.append(f"{files.folder.name}: {found.first.describe()}")
             verdict = verify(recording)
             if verdict.exit_code != VERIFIED:
-                problems.append(f"{files.folder.name}: {verdict.word}: {verdict.obstacles}")
+                problems.append(f"{files.folder.name}: {verdict.word}: {verdict.reasons}")
     return problems
 
 

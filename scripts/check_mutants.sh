@@ -11,7 +11,7 @@ source scripts/env.sh
 
 folder=$(mktemp -d "${TMPDIR:-/tmp}/trunk-mutants.XXXXXX")
 trap 'rm -rf "$folder"' EXIT
-python -m pip install -qq --disable-pip-version-check --target "$folder/tool" -r scripts/mutants/requirements.txt
+bash scripts/install.sh python requirements/mutants.txt "$folder/log" --target "$folder/tool"
 mkdir "$folder/tree"
 git ls-files -coz --exclude-standard --deduplicate | xargs -0 cp --parents -t "$folder/tree"
 

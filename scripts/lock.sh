@@ -1,19 +1,30 @@
 #!/usr/bin/env bash
-# Renew requirements/*.txt from requirements/*.in; needs uv (pip install uv). Further arguments go to
-# uv, e.g. scripts/lock.sh --upgrade-package numpy
+# Renew requirements/*.txt from requirements/*.in: pins, and the hashes of all files that PyPI has of them. Needs uv
+# (pip install uv) and the network. Pins stay as they are unless uv is told otherwise: scripts/lock.sh --upgrade-package numpy
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../requirements"
+sets=(setuptools runtime ros build cluster dev mutants release)
 
+# Hashes are PyPI's: no other index, from an environment or from a file, takes part.
+unset UV_INDEX UV_DEFAULT_INDEX UV_INDEX_URL UV_EXTRA_INDEX_URL UV_FIND_LINKS
 # One version of a package for CPython 3.10 to 3.13 wherever there is one: same pins, same bits.
 compile=(uv pip compile --quiet --universal --python-version 3.10 --fork-strategy fewest
          --no-config --no-emit-index-url --no-annotate --no-header)
 
-all=$(mktemp --suffix=.txt)
-trap 'rm -f "$all"' EXIT
-sort -u {runtime,ros,build,cluster,dev}.txt >"$all" # uv keeps the pins it finds in its output file
-"${compile[@]}" "$@" {runtime,ros,build,cluster,dev}.in -o "$all"
-for set in runtime ros build cluster dev; do
-    "${compile[@]}" --constraint "$all" "$set.in" -o "$set.txt"
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+pins() { sed -n '/==/{s/ *\\$//;p}' "$@" | sort -u; } # FILE...: as they are, without hashes
+
+pins "${sets[@]/%/.txt}" >"$folder/all.txt" 2>/dev/null || true # uv keeps the pins it finds in its output file
+"${compile[@]}" "$@" "${sets[@]/%/.in}" -o "$folder/all.txt"
+pins bench.txt >"$folder/bench-pins.txt"
+"${compile[@]}" --no-deps "$@" bench.in -o "$folder/bench-pins.txt"
+# Into new files: uv would also keep the hashes that it finds, whatever they are.
+for set in "${sets[@]}"; do
+    "${compile[@]}" --generate-hashes --constraint "$folder/all.txt" "$set.in" -o "$folder/$set.txt"
 done
-"${compile[@]}" --no-deps "$@" bench.in -o bench.txt
+"${compile[@]}" --generate-hashes --no-deps --constraint "$folder/bench-pins.txt" bench.in -o "$folder/bench.txt"
+for set in "${sets[@]}" bench; do mv "$folder/$set.txt" "$set.txt"; done
 sed -i '1i # pip install --no-deps -r requirements/bench.txt' bench.txt
+"${compile[@]}" --no-deps "$@" fuzz.in -o fuzz.txt
+sed -i '1i # pip install --no-deps -r requirements/fuzz.txt' fuzz.txt

@@ -28,19 +28,22 @@ stage 'ruff check' ruff check
 stage 'ruff format' ruff format --check
 stage mypy mypy
 stage arrows lint-imports
+stage licences python scripts/licences.py
 if [[ ${1:-} == --quick ]]; then
     stage 'pytest: quick' "${run[@]}" -n auto -q -m 'not (graph or browser or slow)' "${@:2}"
     left='; not run: processes, browser, slow ones (scripts/test.sh)'
 elif (($#)); then
     stage pytest python -m pytest "$@"
 else
+    # colcon finds and runs each package's pytest: a few tests of each, as pytest below runs them all.
+    stage 'colcon test: a few' bash scripts/colcon_test.sh -q -k 'test_units or test_config or test_timeline'
     bash scripts/browser.sh >/dev/null || true # says why, and its tests are skipped
     stage 'pytest: in one process' "${run[@]}" -n auto -m 'not graph' --durations=8
     # Processes wait for each other more than they work: two tests at once for each core.
     stage 'pytest: the graph' "${run[@]}" -n "$((2 * $(nproc)))" -m graph --durations=8
 fi
 
-skipped=$(paste -sd';' "$TRUNK_SKIPPED" | sed 's/;/; /g')
+skipped=$(sort -u "$TRUNK_SKIPPED" | paste -sd';' | sed 's/;/; /g')
 [[ -z $skipped ]] || left="; skipped: $skipped$left"
 if ((${#failed[@]})); then
     printf '\ntest: FAILED:%s%s\n' "$(printf ' %s,' "${failed[@]}" | sed 's/,$//')" "$left" >&2

@@ -1,12 +1,19 @@
-"""Every test knows, when its fixtures tidy up, whether it has failed."""
+"""Every test knows, when its fixtures tidy up, whether it has failed; small recordings to read."""
 
 from __future__ import annotations
 
 from collections.abc import Generator
+from pathlib import Path
 
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.conftest import RunFile
 
 from .failed import FAILED
+
+
+@pytest.fixture
+def run_file(tmp_path: Path) -> RunFile:
+    return RunFile(tmp_path)
 
 
 @pytest.hookimpl(wrapper=True)

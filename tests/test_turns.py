@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import parse_swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
@@ -18,6 +21,7 @@ from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.plots import overview
 from trunk_experiments.views.report_data import report_data
 from trunk_experiments.views.run_view import RunView
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording
 
 from .edited import ANEW, NONE, copied
@@ -74,6 +78,29 @@ def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
     assert examine(path) == []  # nothing is missing between two turns
     record_offline(RecordedRun(recording).plan(), again)
     assert diff(RecordedRun(recording), RecordedRun.open(again)).identical
+
+
+def test_a_controller_that_is_activated_during_the_run_begins_inactive(tmp_path):
+    """Nothing in its parameters says so: it starts by itself, and somebody deactivated it at first."""
+    path, again = tmp_path / "swapped.mcap", tmp_path / "again.mcap"
+    pid, fuzzy = (
+        make_plan("fig8", name, everywhere={"duration": 0.4}) for name in ("pid", "fuzzy_pid")
+    )
+    at_ns = 199_000_000
+    plan = replace(
+        pid,
+        controllers={**pid.controllers, **fuzzy.controllers},
+        changes={
+            "pid": [Change(at_ns, None, Event.DEACTIVATED)],
+            "fuzzy_pid": [Change(at_ns, None, Event.ACTIVATED)],
+        },
+    )
+    record_offline(plan, path)
+    verdict = verify(Recording.open(path))
+    assert verdict.exit_code == VERIFIED, verdict
+    assert [part.steps for part in verdict.parts[:2]] == [200, 201]
+    record_offline(RecordedRun.open(path).plan(), again)
+    assert diff(RecordedRun.open(path), RecordedRun.open(again)).identical
 
 
 def test_commands_of_two_publishers_may_be_in_any_order(tmp_path):

@@ -277,3 +277,20 @@ def test_runs_of_different_controllers_differ(whole, tmp_path):
     found = diff(RecordedRun.open(whole), RecordedRun.open(other))
     assert found.first.stamp_ns == 0
     assert "fuzzy_pid: only in A" in found.parameters
+
+
+def test_what_no_joint_state_shows_is_in_the_diff_too(whole, tmp_path):
+    """Order across topics, log times, an event: data are identical, the record is not."""
+
+    def edit(messages):
+        messages.insert(0, messages.pop(messages.index(of(messages, COMMAND)[700])))
+        of(messages, STATE)[5][1] += 1
+        event = of(messages, "/run/events")[-1]
+        event[2] = event[2].replace(b"1201", b"1202")
+
+    copy = copied(whole, tmp_path / "edited.mcap", edit)
+    found = diff(RecordedRun.open(whole), RecordedRun(copy))
+    assert not any("log times" in line and "of A" in line for line in found.record)
+    assert any("order" in line and "of B" in line for line in found.record)
+    assert any(line.startswith("joint_states: logged at") for line in found.record)
+    assert any(line.startswith("events of simulator: finished") for line in found.record)

@@ -61,7 +61,9 @@ MODULES = {
         CONTROL + "trunk_control/schedule.py", (*_in(CONTROL, "handover"), "-k", "turns")
     ),
     "reference": Module(CONTROL + "trunk_control/reference.py", _in(CONTROL, "reference")),
-    "metrics": Module(EXPERIMENTS + "trunk_experiments/analysis/metrics.py", _in(UTIL, "metrics")),
+    "metrics": Module(
+        EXPERIMENTS + "trunk_experiments/analysis/metrics.py", ("tests/test_metrics.py",)
+    ),
     "replay": Module(
         EXPERIMENTS + "trunk_experiments/replay/replay.py",
         ("tests/test_replay.py", "tests/test_turns.py"),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from itertools import product
@@ -19,10 +20,13 @@ NODES = (SIMULATOR, DISTURBANCE, CONTROLLER, RECORDER)
 PROCESSES = (*NODES, RUNNER)
 SIGINT, SIGTERM, SIGKILL, SIGSTOP = "SIGINT", "SIGTERM", "SIGKILL", "SIGSTOP"
 SIGNALS = (SIGINT, SIGTERM, SIGKILL, SIGSTOP)  # SIGSTOP: followed by SIGCONT
+ORPHANED = "SIGSTOP for good, and the runner SIGKILL"
 ASKING = (SIGINT, SIGTERM)
 STARTING, RUNNING, STOPPING = "starting", "running", "stopping"
 PHASES = (STARTING, RUNNING, STOPPING)
 MODES = ("real time", "lock-step")
+TOOK = "from the fault to the end of all processes, s"
+PROMISE_S = 10.0
 
 
 class Recording(Enum):
@@ -43,7 +47,7 @@ class Cell(NamedTuple):
     mode: str
 
     def __str__(self) -> str:
-        return "-".join(self)
+        return "-".join("orphaned" if part == ORPHANED else part for part in self)
 
 
 @dataclass(frozen=True)
@@ -102,9 +106,22 @@ ROWS = (
         Recording.CUT,
     ),
     Row((STOPPING,), (RUNNER,), (SIGKILL,), -9, "", Recording.WHOLE),
+    Row((STARTING,), NODES, (ORPHANED,), -9, "", Recording.NONE),
+    Row(
+        (RUNNING,),
+        (SIMULATOR, DISTURBANCE, CONTROLLER),
+        (ORPHANED,),
+        -9,
+        "",
+        Recording.INCOMPLETE,
+    ),
+    Row((RUNNING,), (RECORDER,), (ORPHANED,), -9, "", Recording.CUT),
 )
 
-CELLS = tuple(Cell(*cell) for cell in product(PROCESSES, SIGNALS, PHASES, MODES))
+CELLS = (
+    *(Cell(*cell) for cell in product(PROCESSES, SIGNALS, PHASES, MODES)),
+    *(Cell(*cell) for cell in product(NODES, (ORPHANED,), (STARTING, RUNNING), MODES)),
+)
 
 
 def row_of(cell: Cell) -> Row:
@@ -127,7 +144,7 @@ def selection() -> list[Cell]:
         later = (STARTING, STOPPING) if p % 4 < 2 else (STOPPING, STARTING)
         chosen.append(Cell(process, other, later[0], MODES[p % 2]))
         chosen.append(Cell(process, (SIGKILL, SIGSTOP)[p % 2], later[1], MODES[(p + 1) % 2]))
-    return chosen
+    return [*chosen, Cell(RECORDER, ORPHANED, RUNNING, MODES[1])]
 
 
 def _exit(row: Row) -> str:
@@ -149,7 +166,7 @@ def table() -> str:
     for row in ROWS:
         who = "each node" if row.processes == NODES else ", ".join(row.processes)
         who = {PROCESSES: "anyone"}.get(row.processes, who).replace(CONTROLLER, "controller")
-        signals = "any of them" if row.signals == SIGNALS else ", ".join(row.signals)
+        signals = {SIGNALS: "any of the four"}.get(row.signals, ", ".join(row.signals))
         recording = row.recording.value
         if row.reason:
             recording += f": *{_shown(row.reason)}*"
@@ -157,6 +174,15 @@ def table() -> str:
             f"| {' or '.join(row.phases)} | {who} | {signals} | {_exit(row)} | {recording} |"
         )
     return "\n".join(lines)
+
+
+def times(taken: Mapping[str, float]) -> list[str]:
+    """Return lines that say how long the end took, by cell, the longest first, and the worst of all."""
+    worst = sorted(taken.items(), key=lambda item: -item[1])
+    over = sum(seconds > PROMISE_S for seconds in taken.values())
+    lines = [f"{seconds:6.2f} s  {cell}" for cell, seconds in worst]
+    longest = f"every process had ended after at most {worst[0][1]:.2f} s"
+    return [*lines, f"{longest}; {over} of {len(worst)} cells took over {PROMISE_S:g} s"]
 
 
 def refreshed(page: str) -> str:

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from io import BytesIO
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from trunk_experiments.cli import main, trunk
+from trunk_experiments.errors import RunError
+from trunk_experiments.runs.graph import _own_recording
+from trunk_experiments.runs.processes import NodeProcess
+from trunk_msgs_util.process_id import process_id
 from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 
 from ..graph.peer import Peer
 from ..graph.processes import Child, Children, until
-from ..graph.recordings import states_in
+from ..graph.recordings import finished_file, states_in
 from .disks import Disk, mounted
 
 FULL = "No space left on device"
@@ -93,6 +101,58 @@ def test_folder_is_deleted_in_a_run(children: Children, peer: Peer, tmp_path: Pa
     run = start(children, peer, folder)
     shutil.rmtree(folder)
     ends(children, run, 1, "recorder", "run.mcap: cannot write: it has been deleted")
+
+
+def replaced(file: Path, other: Path) -> None:
+    shutil.copy(other, file.with_name("other.mcap")).replace(file)
+
+
+def truncated(file: Path, other: Path) -> None:
+    os.truncate(file, 1000)
+
+
+HARMS = {
+    replaced: "another file has been put in its place",
+    truncated: "it has been truncated",
+}
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize("harm", HARMS, ids=lambda harm: harm.__name__)
+def test_recording_is_changed_in_a_run(
+    children: Children, peer: Peer, tmp_path: Path, recorded: Path, harm: Callable[..., None]
+) -> None:
+    file = tmp_path / "run" / "run.mcap"
+    run = start(children, peer, file.parent)
+    harm(file, recorded)
+    ends(children, run, 1, "recorder", f"run.mcap: cannot write: {HARMS[harm]}")
+    assert run.stdout == ""  # no metrics of another file
+
+
+@pytest.mark.graph
+def test_second_recorder_on_one_file(children: Children, peer: Peer, tmp_path: Path) -> None:
+    first = children.node("recorder", "output:=run.mcap")
+    peer.until_up("recorder")
+    until((tmp_path / "run.mcap").exists, "the first one has its file")
+    second = children.node("recorder", "output:=run.mcap", "overwrite:=true", name="second")
+    assert second.wait() == 2
+    said = second.stderr.splitlines()
+    assert said[-1].startswith("recorder: error: parameter 'output': ")
+    assert "run.mcap is being written by another process" in said[-1]
+    assert first.stop() == 0
+    assert finished_file(tmp_path / "run.mcap")
+
+
+def test_another_whole_file_is_not_this_runs(recorded: Path, tmp_path: Path) -> None:
+    process = subprocess.Popen(["true"])
+    own = NodeProcess("recorder", process, tmp_path / "log", BytesIO(), process_id())
+    process.wait()
+    with pytest.raises(RunError, match="another file has been put in the place of this run's"):
+        _own_recording(recorded, own)
+    file = tmp_path / "own.mcap"
+    with RecordingWriter(file) as writer:
+        writer.add_metadata(PROVENANCE, {"process": process_id()})
+    assert _own_recording(file, own).complete
 
 
 @pytest.fixture(scope="module")

@@ -30,6 +30,28 @@ def test_simulator_hangs_in_real_time(children: Children, peer: Peer, tmp_path: 
     assert not Recording.open(tmp_path / "run" / "run.mcap").complete
 
 
+def test_simulator_is_killed_while_all_others_hang(children: Children, peer: Peer) -> None:
+    run = children.trunk("run", "demo", "--duration", 60, "--output", "run")
+    peer.until_started(run)
+    for name in ("disturbance", "fuzzy_pid", "recorder"):
+        os.kill(children.pid_of(name), signal.SIGSTOP)
+    os.kill(children.pid_of("simulator"), signal.SIGKILL)
+    assert run.wait() == 1, run.stderr
+    children.none_left()
+    line = run.stderr.splitlines()[-1]
+    assert line.startswith("trunk: error: the run ended because simulator was ended by SIGKILL")
+
+
+def test_all_hang_and_the_runner_is_told_to_end(children: Children, peer: Peer) -> None:
+    run = children.trunk("run", "demo", "--duration", 60, "--output", "run")
+    peer.until_started(run)
+    for name in ("simulator", "disturbance", "fuzzy_pid", "recorder"):
+        os.kill(children.pid_of(name), signal.SIGSTOP)
+    assert run.stop(signal.SIGTERM) == 1
+    children.none_left()
+    assert run.stderr.splitlines()[-1].startswith("trunk: error: stopped by SIGTERM")
+
+
 def test_recorder_hangs_at_the_end(children: Children, tmp_path: Path) -> None:
     run = children.trunk("run", "demo", "--duration", 2, "--output", "run")
     recorder = children.pid_of("recorder")
@@ -39,6 +61,6 @@ def test_recorder_hangs_at_the_end(children: Children, tmp_path: Path) -> None:
     assert run.wait() == 1, run.stderr
     children.none_left()
     assert run.stderr.splitlines()[-1] == (
-        "trunk: error: the recording is not whole: recorder did not end within 10 s and was killed"
+        "trunk: error: the recording is not whole: recorder did not end within 8 s and was killed"
     )
     assert not Recording.open(tmp_path / "run" / "run.mcap").complete

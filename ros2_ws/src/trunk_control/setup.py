@@ -22,6 +22,7 @@ setup(
         (f"share/{name}", ["package.xml"]),
     ],
     zip_safe=False,
+    extras_require={"test": ["pytest"]},  # `colcon test` looks here for what runs the tests
     entry_points={
         "console_scripts": [f"{law} = trunk_control.executables:{law}" for law in laws],
     },

@@ -20,6 +20,7 @@ setup(
         (f"share/{name}", ["package.xml"]),
     ],
     zip_safe=False,
+    extras_require={"test": ["pytest"]},  # `colcon test` looks here for what runs the tests
     entry_points={
         "console_scripts": [
             "simulator = trunk_sim.executables:simulator",

@@ -8,9 +8,10 @@ from mcap.writer import Writer
 
 from trunk_experiments.commands.doctor import exit_code
 from trunk_experiments.replay.doctor import ERROR, WARNING, examine
+from trunk_experiments.replay.verify import verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.digests import PARTS
-from trunk_msgs_util.recording.joint_state_cdr import layout_of
+from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.recover import recover
 from trunk_msgs_util.recording.schemas import parameter_event
@@ -34,8 +35,13 @@ def write_run(path, stamps=range(20), value=float, end=True, provenance=True, pa
         data = parameter_event(0, f"/{node}", {"update_rate": 1000.0}, {})
         writer.write(channels[topics.RUN_PARAMETERS], 0, 0, data)
     for i, k in enumerate(stamps):
-        sample = JointSample(round(k * MS), ("hip", "trunk"), (0.5, value(k)))
+        both = (0.0, 0.0)
+        sample = JointSample(round(k * MS), ("hip", "trunk"), (0.5, value(k)), both, both)
         writer.write(channels[topics.GROUND_TRUTH], i, i, layout_of(sample).pack(sample))
+        seen = JointSample(i * MS, ("hip", "trunk"), both, both, both)
+        writer.write(channels[topics.JOINT_STATES], i, i, layout_of(seen).pack(seen))
+        command = JointSample(i * MS, ("trunk",), effort=(0.0,))
+        writer.write(channels[topics.EFFORT_COMMAND], i, i, layout_of(command).pack(command))
         state = JointSample(i * MS, topics.STATE_NAMES, (1.0,) * len(topics.STATE_NAMES))
         writer.write(channels["pid/state"], i, i, layout_of(state).pack(state))
         if i % 5 == 4:
@@ -247,3 +253,60 @@ def test_any_damage_can_be_examined_and_recovered(tmp_path):
         joints = Recording.open(output).joints(TRUTH)
         assert joints.position[:, 1].tolist() == [stamp / MS for stamp in joints.stamp_ns]
         assert not [f for f in examine(output) if f.byte is not None]
+
+
+def renamed(run, path, topic, names=None, without=()):
+    """Copy a run with other joints on a topic, or without some of its quantities."""
+    recording = Recording.open(run)
+    with RecordingWriter(path) as writer:
+        writer.add_metadata(PROVENANCE, recording.provenance)
+        for name, about in recording.topics.items():
+            channel = writer.channel(name, about.type)
+            for log, messages in recording.messages(name):
+                for at, data in zip(log, messages, strict=True):
+                    if name == topic:
+                        sample = JointStateLayout.parse(data).unpack(data)
+                        sample = sample._replace(**dict.fromkeys(without, ()))
+                        sample = sample._replace(name=names or sample.name)
+                        data = layout_of(sample).pack(sample)
+                    writer.write(channel, at, at, data)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("topic", "change", "says"),
+    [
+        ("/joint_states", {"without": ["velocity"]}, "no velocity in any message"),
+        (TRUTH, {"without": ["position"]}, "no position in any message"),
+        ("/effort_command", {"without": ["effort"]}, "no effort in any message"),
+        ("/joint_states", {"names": ("a", "b")}, "no joint 'trunk', which pid names, but a, b"),
+        (TRUTH, {"names": ("a", "b")}, "no joint 'hip', which simulator names, but a, b"),
+        ("/effort_command", {"names": ("elbow",)}, "no joint 'trunk', which pid names, but elbow"),
+    ],
+)
+def test_what_cannot_be_recomputed_is_named(tmp_path, short_run, topic, change, says):
+    path = renamed(short_run("fig8", "pid", duration=0.3), tmp_path / "a.mcap", topic, **change)
+    found = examine(path)
+    assert exit_code(found) == 1
+    assert f"{topic}: {says}: the run cannot be recomputed" in "\n".join(
+        finding.describe() for finding in found
+    )
+
+
+def test_a_bad_message_is_named(tmp_path, short_run):
+    path = tmp_path / "a.mcap"
+    recording = Recording.open(short_run("fig8", "pid", duration=0.3))
+    with RecordingWriter(path) as writer:
+        writer.add_metadata(PROVENANCE, recording.provenance)
+        for name, about in recording.topics.items():
+            channel = writer.channel(name, about.type)
+            for log, messages in recording.messages(name):
+                for at, data in zip(log, messages, strict=True):
+                    writer.write(channel, at, at, data)
+            if name == "/run/events":
+                writer.write(channel, 5, 5, b"\0\1\0\0")
+    (finding,) = examine(path)
+    assert finding.message.startswith("/run/events: 1 of 3 messages cannot be read (message 2, ")
+    verdict = verify(Recording.open(path))
+    assert [part.wrong_steps for part in verdict.parts] == [0, 0, 0]
+    assert verdict.obstacles == [finding.message]

@@ -93,7 +93,7 @@ def test_a_terminal_shows_the_progress(here, monkeypatch):
     def terminal(**_):
         return Console(file=screen, force_terminal=True, width=100)
 
-    monkeypatch.setattr(reading, "Console", terminal)
+    monkeypatch.setattr(reading, "console", terminal)
     done, told = run("mine.yaml")
     assert done.exit_code == 0, told
     for text in ("runs", "Floquet multipliers", "100%"):

@@ -5,10 +5,12 @@ from __future__ import annotations
 import errno
 import sys
 from importlib import import_module
+from typing import TextIO, cast
 
 import click
 
 from trunk_msgs_util.errors import EXIT_USAGE, TrunkError
+from trunk_msgs_util.printable import PrintableStream
 
 # Verb: its module in `commands`, and one line for the overview (which thus imports nothing).
 _VERBS = {
@@ -22,6 +24,7 @@ _VERBS = {
     "plot": ("plot", "Draw recorded runs as PNG, SVG or PDF."),
     "diff": ("diff", "Find where two recorded runs diverge, bit by bit."),
     "verify": ("verify", "Recompute a recorded run from its own data."),
+    "sign": ("sign", "Sign a recording's content with your key; make a key."),
     "info": ("info", "Show what is in a recording."),
     "doctor": ("doctor", "Report what is wrong with a recording, and where."),
     "recover": ("recover", "Write a valid file from a broken one."),
@@ -69,7 +72,19 @@ def trunk() -> None:
 
 
 def main() -> None:
-    """Run the command; a user's mistake is one line on stderr, never a traceback."""
+    """Run the command; a user's mistake is one line on stderr, never a traceback.
+
+    Nothing that a file or a message says acts on the terminal (`printable`).
+    """
+    out, err = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = (cast(TextIO, PrintableStream(stream)) for stream in (out, err))
+    try:
+        _run()
+    finally:
+        sys.stdout, sys.stderr = out, err
+
+
+def _run() -> None:
     try:
         code = trunk(standalone_mode=False)  # what a verb passes to ctx.exit comes back as a value
         sys.exit(code if isinstance(code, int) else 0)

@@ -23,6 +23,12 @@ class DrawError(TrunkError):
     """Numbers that do not make a distribution."""
 
 
+class NotSignedError(TrunkError):
+    """A recording that is not to be signed: its name, why, and what would allow it."""
+
+    exit_code: ClassVar[int] = EXIT_FAILED
+
+
 class ExecutableError(TrunkError):
     """A node's executable that is not installed."""
 

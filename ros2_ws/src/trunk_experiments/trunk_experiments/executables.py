@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import time
+from threading import Thread
 
 from trunk_msgs_util.node import early_signals
+from trunk_msgs_util.whole_file import discard_parts
+
+_SAID: list[bool] = []  # not empty: the one line is written
+_PATIENCE = 0.7  # s that a verb has to leave nothing half done
+# These start or talk to other processes, which are ended in order, and take the time for it.
+_WITH_OTHERS = {"run", "bench", "sweep", "map", "paper", "params", "tune"}
 
 bare_pair = early_signals.node("trunk_experiments.bench.bare_pair_node")
 composed = early_signals.node("trunk_experiments.runs.composed_node")
@@ -25,13 +34,36 @@ def _unwind(number: int) -> None:
 
 
 def _end(number: int) -> None:
-    os.write(2, b"interrupted\n")
+    discard_parts()
+    if not _SAID:
+        os.write(2, b"interrupted\n")
     os._exit(128 + number)
+
+
+def _end_soon() -> None:
+    """End the process `_PATIENCE` after a signal even if what it is in does not return to Python.
+
+    Python's handlers wait for the call in progress, such as the drawing of a long curve.
+    """
+    told, tell = os.pipe()
+    os.set_blocking(tell, False)
+    signal.set_wakeup_fd(tell)
+
+    def watch() -> None:
+        number = os.read(told, 1)[0]
+        while number not in early_signals.ENDING:
+            number = os.read(told, 1)[0]
+        time.sleep(_PATIENCE)
+        _end(number)
+
+    Thread(target=watch, daemon=True).start()
 
 
 def trunk() -> None:
     """Run the ``trunk`` command; Ctrl-C or SIGTERM at any time gives one line and code 130 or 143."""
     early_signals.end_by(_end)
+    if not set(sys.argv[1:2]) & _WITH_OTHERS:
+        _end_soon()
     from .cli import main
 
     try:
@@ -42,5 +74,6 @@ def trunk() -> None:
             early_signals.end_by(_end)
     except _Interrupted as interrupted:
         early_signals.end_by(lambda number: os._exit(128 + number))
+        _SAID.append(True)
         print("interrupted", file=sys.stderr)
         sys.exit(128 + interrupted.number)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import struct
+import zlib
 from pathlib import Path
 
 from mcap.data_stream import RecordBuilder
@@ -50,3 +52,20 @@ def message(channel: int, log_time_ns: int, data: bytes) -> bytes:
 
 def chunk(data: bytes, *, size: int, compression: str, crc: int = 0) -> Chunk:
     return Chunk(compression, data, 0, 0, crc, size)
+
+
+def with_chunk(path: Path, hostile: bytes) -> Path:
+    """Write an empty recording with some bytes between its header and its end."""
+    buffer = io.BytesIO()
+    writer = Writer(buffer, enable_data_crcs=False)
+    writer.start("ros2", "foreign")
+    head = buffer.tell()
+    writer.finish()
+    whole = buffer.getvalue()
+    tail = whole[head:]
+    # The footer gives the place of the summary: there is none.
+    data_end = tail[: 9 + 4]
+    footer = struct.pack("<BQQQ", 2, 20, 0, 0)
+    footer += struct.pack("<I", zlib.crc32(footer))
+    path.write_bytes(whole[:head] + hostile + data_end + footer + MAGIC)
+    return path

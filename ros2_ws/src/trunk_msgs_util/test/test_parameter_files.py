@@ -145,6 +145,21 @@ def test_parameters_of_any_of_the_nodes_and_other_nodes_pass():
     check_names([parse(text, "f"), parse("rviz:\n  ros__parameters: {x: 1}\n", "g")], NODES)
 
 
+def test_what_every_ros_node_has_passes_but_not_its_misspelling():
+    """`ros2 param dump` writes these with a node's own."""
+    text = (
+        "/pid:\n  ros__parameters:\n    gains: {p: 1.0}\n    use_sim_time: false\n"
+        "    start_type_description_service: true\n"
+        "    qos_overrides: {/parameter_events: {publisher: {depth: 1000}}}\n"
+    )
+    layer = parse(text, "dump.yaml")
+    check_names([layer], NODES)
+    assert resolve("/pid", [layer], NODES["pid"]) == {"gains.p": 1.0}
+    for name in ("use_sim_times", "qos_overridesx"):
+        with pytest.raises(ParameterFileError, match=f"'{name}': no such parameter"):
+            check_names([parse(f"pid: {{ros__parameters: {{{name}: true}}}}", "f")], NODES)
+
+
 values = st.one_of(
     st.booleans(),
     st.integers(-(2**53), 2**53),

@@ -13,6 +13,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.recording import schemas
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.series import joint_names, read_series
 from trunk_msgs_util.recording.writer import RecordingWriter
 from trunk_msgs_util.samples import JointSample
 
@@ -113,16 +114,84 @@ def test_big_endian_messages_are_read(tmp_path):
     assert Recording.open(tmp_path / "a.mcap").topics[TRUTH].first_stamp_ns == stamp_ns
 
 
+def two_joints(k, names=("a", "b"), count=2):
+    sample = JointSample(k * 10**9, names, (1.0 * k,) * count)
+    return layout_of(sample).pack(sample)
+
+
 @pytest.mark.parametrize(
-    "encode",
-    [lambda _: b"\x00\x01\x00\x00garbage", lambda s: layout_of(s).pack(s)],
-    ids=["bytes", "three values for two names"],
+    ("odd", "why"),
+    [
+        (b"\x00\x01\x00\x00garbage", "ends before"),
+        (b"", "not a sensor_msgs/msg/JointState"),
+        (two_joints(7, count=3), "3 values of position for 2 names"),
+        (two_joints(7, names=("a", "a")), "a name appears twice"),
+        (two_joints(7, names=("a", "b" * 1025)), "1025 bytes, 1024 are read"),
+        (two_joints(7, names=tuple(map(str, range(1025))), count=0), "1025 names, 1024 are read"),
+    ],
+    ids=["garbage", "nothing", "three values", "one name", "a long name", "many names"],
 )
-def test_nonsensical_messages_are_a_recording_error(tmp_path, encode):
-    odd = JointSample(0, ("a", "b"), (1.0, 2.0, 3.0))
-    with pytest.raises(RecordingError, match=r"a\.mcap: /ground_truth/joint_states") as caught:
-        write_joints(tmp_path / "a.mcap", [odd], encode)
-    assert "\n" not in str(caught.value)
+def test_a_bad_message_is_named_and_the_others_are_read(tmp_path, odd, why):
+    messages = [two_joints(k) for k in range(5)]
+    messages[3] = odd
+    path = tmp_path / "a.mcap"
+    with RecordingWriter(path) as writer:
+        channel = writer.channel(TRUTH, topics.JOINT_STATE_TYPE)
+        for k, data in enumerate(messages):
+            writer.write(channel, k * 10**9, 0, data)
+            if k % 2:
+                writer.flush()
+    recording = Recording.open(path)
+    (warning,) = recording.warnings
+    told = f"{TRUTH}: 1 of 5 messages cannot be read (message 3, logged at 3.000000000 s: "
+    assert warning.startswith(told)
+    assert why in warning
+    assert recording.joints(TRUTH).position[:, 0].tolist() == [0.0, 1.0, 2.0, 4.0]
+    series = read_series(recording, {TRUTH: [("position", "b")]})[TRUTH]
+    assert series.column("position", "b").tolist() == [0.0, 1.0, 2.0, 4.0]
+    assert (recording.topics[TRUTH].count, recording.topics[TRUTH].readable) == (5, 4)
+    assert recording.alterations() == []  # the recorder's digests are of all messages
+
+
+def test_bad_events_and_parameters_are_named_and_the_others_are_read(tmp_path):
+    empty = schemas.build(
+        topics.DIAGNOSTIC_ARRAY_TYPE,
+        header=schemas.build("std_msgs/msg/Header", stamp=schemas._time(0), frame_id=""),
+        status=[],
+    )
+    path = tmp_path / "a.mcap"
+    with RecordingWriter(path) as writer:
+        events = writer.channel("/run/events", topics.DIAGNOSTIC_ARRAY_TYPE)
+        given = writer.channel("/run/parameters", topics.PARAMETER_EVENT_TYPE)
+        writer.write(events, 1, 0, schemas.event(5, "/simulator", "reset"))
+        writer.write(events, 2, 0, schemas.serialize(topics.DIAGNOSTIC_ARRAY_TYPE, empty))
+        for k in range(4):
+            writer.write(given, 3 + k, 0, b"\x00\x01\x00\x00\xff")
+        writer.write(given, 7, 0, schemas.parameter_event(0, "/pid", {"kp": 1.0}, {}))
+    recording = Recording.open(path)
+    assert [event.message for event in recording.events()] == ["reset"]
+    assert recording.parameters() == {"/pid": {"kp": 1.0}}
+    one, four = recording.warnings
+    assert one == (
+        "/run/events: 1 of 2 messages cannot be read "
+        "(message 1, logged at 0.000000002 s: a DiagnosticArray without a status)"
+    )
+    assert four.startswith("/run/parameters: 4 of 5 messages cannot be read (the first 3 of them: ")
+    assert four.count("message ") == 3
+
+
+def test_a_topic_of_another_type_is_a_recording_error(tmp_path):
+    path = tmp_path / "a.mcap"
+    with RecordingWriter(path) as writer:
+        writer.write(writer.channel(TRUTH, "std_msgs/msg/String"), 0, 0, b"\0\1\0\0\1\0\0\0\0")
+    recording = Recording.open(path)
+    for read in (
+        lambda: recording.joints(TRUTH),
+        lambda: read_series(recording, {TRUTH: []}),
+        lambda: joint_names(recording, TRUTH),
+    ):
+        with pytest.raises(RecordingError, match=r"a\.mcap: /ground_truth.* its type is std_msgs"):
+            read()
 
 
 def test_a_file_without_chunks_is_read(tmp_path):

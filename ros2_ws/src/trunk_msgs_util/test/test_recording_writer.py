@@ -112,6 +112,65 @@ def test_finish_comes_last_and_once(tmp_path):
     assert Recording.open(path).end == {"complete": "false", "reason": "stopped"}
 
 
+def rename(path):
+    path.rename(path.with_name("b.mcap"))
+
+
+def replace(path):
+    other = path.with_name("other.mcap")
+    RecordingWriter(other).finish(complete=True, reason="finished")
+    other.replace(path)
+
+
+def move_folder(path):
+    path.parent.rename(path.parent.with_name("elsewhere"))
+
+
+@pytest.mark.parametrize(
+    ("harm", "says"),
+    [
+        (rename, "it has been renamed"),
+        (move_folder, "it has been renamed"),
+        (Path.unlink, "it has been deleted"),
+        (replace, "another file has been put in its place"),
+        (lambda path: os.truncate(path, 20), "it has been truncated"),
+        (lambda path: path.open("ab").write(b"more"), "it has been written to by another process"),
+    ],
+    ids=["renamed", "folder renamed", "deleted", "replaced", "truncated", "appended"],
+)
+def test_a_file_that_is_no_longer_what_was_written_ends_the_recording(tmp_path, harm, says):
+    path = tmp_path / "folder" / "a.mcap"
+    path.parent.mkdir()
+    writer = RecordingWriter(path)
+    channel = writer.channel("/a", topics.JOINT_STATE_TYPE)
+    writer.write(channel, 0, 0, bytes(64))
+    writer.flush()
+    writer.write(channel, 1, 1, bytes(64))
+    writer.check()
+    harm(path)
+    for attempt in (
+        writer.check,
+        writer.flush,
+        lambda: writer.write(channel, 2, 2, bytes(64)),
+        lambda: writer.finish(complete=True, reason="finished"),
+    ):
+        with pytest.raises(OSError, match=says):
+            attempt()
+
+
+def test_a_file_that_is_being_written_is_refused_and_left_alone(tmp_path):
+    path = tmp_path / "a.mcap"
+    with RecordingWriter(path) as writer:
+        writer.channel("/a", topics.JOINT_STATE_TYPE)
+        writer.flush()
+        size = path.stat().st_size
+        with pytest.raises(BlockingIOError, match=r"a\.mcap is being written by another process"):
+            RecordingWriter(path, overwrite=True)
+        assert path.stat().st_size == size
+    assert Recording.open(path).complete
+    RecordingWriter(path, overwrite=True).finish(complete=True, reason="")  # it is free again
+
+
 def test_a_full_disk_is_reported_at_once_and_ends_the_file():
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")

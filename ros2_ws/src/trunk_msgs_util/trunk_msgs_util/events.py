@@ -16,7 +16,12 @@ class Event(str, Enum):
     meaning: str
     carries: tuple[str, ...]  # keys of the status' values, in order
 
-    CONFIGURED = "configured", "every node", "Its topics, services and files are open"
+    CONFIGURED = (
+        "configured",
+        "every node",
+        "Its topics, services and files are open; `process` identifies the node's process",
+        "process",
+    )
     ACTIVATED = "activated", "every node", "It acts from the next state on"
     DEACTIVATED = "deactivated", "every node", "It holds from the next state on"
     CLEANED_UP = "cleaned up", "every node", "It has released its topics, services and files"

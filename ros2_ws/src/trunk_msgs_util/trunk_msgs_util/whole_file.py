@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+_PARTS: set[Path] = set()  # that are being written
+
 
 @contextmanager
 def whole_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
@@ -23,6 +25,7 @@ def whole_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
         return
     target = Path(os.path.realpath(path))
     part = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
+    _PARTS.add(part)
     try:
         yield part
         with part.open("rb+") as file:
@@ -35,5 +38,16 @@ def whole_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
             raise OSError(f"{path}: {error}") from None
         raise OSError(error.errno, os.strerror(error.errno), str(path)) from None
     finally:
-        with suppress(OSError):
-            part.unlink()
+        _discard(part)
+
+
+def discard_parts() -> None:
+    """Delete what is not complete yet, in a process that ends at once."""
+    for part in list(_PARTS):
+        _discard(part)
+
+
+def _discard(part: Path) -> None:
+    with suppress(OSError):
+        part.unlink()
+    _PARTS.discard(part)

@@ -108,6 +108,31 @@ def test_silence_ends_the_run_and_the_error_names_the_silent():
     assert "t = 0.001 s" in loop.failure
 
 
+@pytest.mark.parametrize(("held_up", "ticks"), [(0, 101), (50, 167), (100, None)])
+def test_time_in_which_a_participant_was_held_up_does_not_count(held_up, ticks):
+    loop, pacing = lockstep()
+    loop.held_up = held_up
+    pacing.begin(0)
+    failed = None
+    for tick in range(1, 1000):
+        pacing.tick(tick * 10_000_000)  # 100 of them are the timeout
+        if loop.failure:
+            failed = tick
+            break
+    assert failed == ticks
+
+
+def test_an_answer_begins_the_wait_anew():
+    loop, pacing = lockstep()
+    pacing.begin(0)
+    for tick in range(1, 1000):
+        pacing.tick(tick * 10_000_000)
+        if tick % 90 == 0:
+            pacing.command(loop.stamp_ns, 0.0, tick * 10_000_000)
+    assert loop.failure is None
+    assert len(loop.efforts) == 11
+
+
 @pytest.mark.parametrize("speed", [0.5, 1.0, 2.0])
 def test_the_pace_delays_the_next_state(speed):
     loop, pacing = lockstep(speed=speed)

@@ -146,3 +146,13 @@ def test_a_ready_node_is_met_once_its_publisher_has_a_name_and_it_listens():
     assert those.unmet(topic, set(), set())  # discovered, but not yet by name
     assert those.unmet(topic, {"/pid"}, {"/recorder"})
     assert not those.unmet(topic, {"/pid"}, {"/pid", "/recorder"})
+
+
+def test_the_processes_of_those_that_answer_are_known_where_they_told():
+    those = participants()
+    those.hear("/pid", "configured", {"process": "boot.1.1"})
+    those.hear("/idle", "configured", {"process": "boot.2.2"})
+    for node in ("/pid", "/foreign"):
+        those.hear(node, "ready", {"answers": "effort_command"})
+    assert those.processes("effort_command") == ["boot.1.1"]
+    assert those.processes("disturbance") == []

@@ -6,10 +6,11 @@ Pure: time comes in as integers, the loop is reached through `Loop`; the simulat
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.patience import READ_FROM
 from trunk_msgs_util.units import NANOSECONDS, nanoseconds, seconds
 
 from .config import SimulatorConfig
@@ -49,6 +50,9 @@ class Loop(Protocol):
 
     def participant(self, topic: str) -> str:
         """Return who answers on a topic, as readable text."""
+
+    def held_up_ns(self, topics: Sequence[str], wall_ns: int) -> int:
+        """Return for how much of the last ``wall_ns`` who answers on these topics could not run."""
 
 
 class Pacing(ABC):
@@ -184,6 +188,8 @@ class LockstepPacing(Pacing):
         self._answered = dict.fromkeys(windows, -1)
         self._effort = 0.0
         self._waiting_since_ns: int | None = None
+        self._waited_since_ns: int | None = None  # as of the last tick
+        self._waited_ns = self._ticked_ns = 0
 
     def _wall(self, duration_ns: int) -> int:
         return round(duration_ns / self._speed) if self._speed > 0.0 else 0
@@ -243,14 +249,23 @@ class LockstepPacing(Pacing):
         silent = self.silent()
         if not silent:
             self._advance(now_ns)
-        elif self._waiting_since_ns is not None:
-            waited = (now_ns - self._waiting_since_ns) / NANOSECONDS
-            if waited > self._timeout:
-                self._loop.fail(
-                    f"no answer from {', '.join(map(self._loop.participant, silent))} to the state at "
-                    f"t = {seconds(self._loop.stamp_ns):g} s within lockstep.timeout = "
-                    f"{self._timeout:g} s"
-                )
+        elif self._waiting_since_ns is not None and self._gives_up(silent, now_ns):
+            self._loop.fail(
+                f"no answer from {', '.join(map(self._loop.participant, silent))} to the state at "
+                f"t = {seconds(self._loop.stamp_ns):g} s within lockstep.timeout = "
+                f"{self._timeout:g} s"
+            )
+
+    def _gives_up(self, silent: Sequence[str], now_ns: int) -> bool:
+        """Return True where these could have answered in time: no busy machine held them up."""
+        if self._waited_since_ns != self._waiting_since_ns:
+            self._waited_since_ns = self._ticked_ns = self._waiting_since_ns or 0
+            self._waited_ns = 0
+        wall_ns, self._ticked_ns = now_ns - self._ticked_ns, now_ns
+        timeout_ns = self._timeout * NANOSECONDS
+        soon = self._waited_ns < timeout_ns * READ_FROM
+        self._waited_ns += wall_ns - self._loop.held_up_ns(() if soon else silent, wall_ns)
+        return self._waited_ns > timeout_ns
 
 
 def make_pacing(loop: Loop, config: SimulatorConfig) -> Pacing:

@@ -34,6 +34,7 @@ class Participants:
         self._matched = matched
         self._controllers = controllers
         self._ready: dict[str, set[str]] = {}  # topic -> nodes that answer on it
+        self._processes: dict[str, str] = {}  # node -> its process, as it says itself
         self._inactive: set[str] = set()
         self._unready: set[str] = set()  # were ready once but have reopened their topics since
         self._matched_since: dict[str, float] = {}
@@ -41,6 +42,8 @@ class Participants:
 
     def hear(self, node: str, message: str, values: Mapping[str, str]) -> None:
         """Process a node's event on ``run/events``."""
+        if message == Event.CONFIGURED:
+            self._processes[node] = values.get("process", "")
         if message == Event.READY and "answers" in values:
             self._ready.setdefault(values["answers"], set()).add(node)
             self._unready.discard(node)
@@ -122,6 +125,11 @@ class Participants:
             if own in turns:
                 seen.add(own)
         return acting
+
+    def processes(self, topic: str) -> list[str]:
+        """Return the processes of the nodes that answer on a topic, of those that have told theirs."""
+        ready = self._ready.get(topic, set())
+        return sorted({self._processes[node] for node in ready if node in self._processes})
 
     def describe(self, topic: str) -> str:
         """Return who answers on a topic, as text for a message."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import time
+from collections.abc import Sequence
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rosgraph_msgs.msg import Clock
@@ -13,6 +15,8 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire, stamp_to_ros
+from trunk_msgs_util.patience import HeldUp
+from trunk_msgs_util.process_id import local_pid
 from trunk_msgs_util.units import nanoseconds, seconds, step_count
 
 from .answers import RefusedError, disturbance_of, effort_of
@@ -42,6 +46,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._running = False
         self._started = time.monotonic()
         self._disturbances = DisturbanceFeed(config.period_ns)
+        self._held_up = HeldUp()
         self._diagnosed = (time.monotonic(), 0)
         self._pacing = make_pacing(self, config)
 
@@ -150,6 +155,15 @@ class PlantNode(TrunkNode[SimulatorConfig]):
     def participant(self, topic: str) -> str:
         """Return who answers on a topic, in words for a message."""
         return self._participants.describe(topic)
+
+    def held_up_ns(self, topics: Sequence[str], wall_ns: int) -> int:
+        """Return for how much of the last ``wall_ns`` this node or who answers on the topics could not run.
+
+        Of a process on another machine nothing is known: it is taken as having run.
+        """
+        told = {process for topic in topics for process in self._participants.processes(topic)}
+        pids = {os.getpid(), *filter(None, map(local_pid, told))} if topics else set()
+        return self._held_up.between(pids, wall_ns)
 
     def _tick(self) -> None:
         if self.exit_code is None:

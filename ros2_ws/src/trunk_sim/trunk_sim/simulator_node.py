@@ -9,6 +9,7 @@ from std_srvs.srv import SetBool, Trigger
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.node.run import main_for
+from trunk_msgs_util.printable import printable
 from trunk_msgs_util.units import seconds
 
 from .plant_node import PlantNode
@@ -63,7 +64,7 @@ class SimulatorNode(PlantNode):
         if missing:
             if time.monotonic() - self._waiting_logged > 5.0:
                 self._waiting_logged = time.monotonic()
-                self.get_logger().info(f"waiting for {', '.join(missing)}")
+                self.get_logger().info(printable(f"waiting for {', '.join(missing)}"))
             return
         if self._participants.unsettled(time.monotonic()):
             return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from math import degrees, radians
+from math import degrees, isfinite, radians
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -78,18 +78,32 @@ def metrics(table: RunTable) -> Metrics:
 
     Overshoot and settling refer to the reference's last level and count from its last change (t_0 if
     it is constant). A reference that still changes in the last second (a sine, or a level set too
-    late) has no such level: both are None. Raises ValueError for a table without rows or with data
-    that are not finite.
+    late) has no such level: both are None. Raises ValueError for a table without rows, with data that
+    are not finite, or with such as make a metric infinite.
     """
     _check(table)
     t, theta, torque = table.t, table.theta, table.torque
     error = table.reference - theta
-    changes = np.flatnonzero(np.diff(table.reference)) + 1
+    with np.errstate(over="ignore"):
+        return _checked(_computed(t, theta, torque, error, table.reference))
+
+
+def _checked(found: Metrics) -> Metrics:
+    for name, value in found.as_dict().items():
+        if value is not None and not isfinite(value):
+            raise ValueError(f"{name} is beyond the numbers of a computer: no metrics")
+    return found
+
+
+def _computed(
+    t: Floats, theta: Floats, torque: Floats, error: Floats, reference: Floats
+) -> Metrics:
+    changes = np.flatnonzero(np.diff(reference)) + 1
     start = int(changes[-1]) if len(changes) else 0
     has_level = start == 0 or t[-1] - t[start] >= SETTLED_FOR - _TOLERANCE
     mean, rms = _steady_state(t, error)
     return Metrics(
-        overshoot_deg=_overshoot(theta[start:], table.reference[-1]) if has_level else None,
+        overshoot_deg=_overshoot(theta[start:], reference[-1]) if has_level else None,
         settling_time_6deg_s=_settling_time(t[start:], error[start:]) if has_level else None,
         steady_state_error_mean_deg=mean,
         steady_state_error_rms_deg=rms,

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..plans.plan import RunPlan
-from ..runs.processes import NodeProcess, stop
+from ..runs.processes import NodeProcess
+from ..runs.stopping import stop
 
 
 @dataclass(frozen=True)
@@ -35,4 +36,4 @@ class Way:
             yield running
         finally:
             for process in reversed(running):
-                stop([process])
+                stop([process], [])

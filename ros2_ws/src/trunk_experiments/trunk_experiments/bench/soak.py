@@ -149,5 +149,4 @@ def problems_of_file(recording: Recording) -> list[str]:
     verdict = verify(recording)
     if verdict.exit_code == VERIFIED:
         return []
-    reasons = [*verdict.obstacles, *verdict.altered, *(p.name for p in verdict.parts if p.first)]
-    return [f"{recording.path}: {verdict.word}: {'; '.join(reasons)}"]
+    return [f"{recording.path}: {verdict.word}: {'; '.join(verdict.reasons)}"]

@@ -10,13 +10,15 @@ from typing import Any, TypeVar
 
 import click
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
+
+from trunk_msgs_util.printable import printable
 
 from ..errors import PlanError
 from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import parse_swap
+from .terminal import console
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -135,9 +137,9 @@ def check_output(path: Path, suffixes: Sequence[str] = (), force: bool = True) -
 
 def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print a table: first column left, the others right; plain without a terminal."""
-    table = Table(title=title, box=SIMPLE_HEAD, title_justify="left", title_style="bold")
+    table = Table(title=printable(title), box=SIMPLE_HEAD, title_justify="left", title_style="bold")
     for i, column in enumerate(header):
         table.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
     for row in rows:
-        table.add_row(*row)
-    Console().print(table)
+        table.add_row(*map(printable, row))
+    console().print(table)

@@ -14,6 +14,8 @@ from ..views.compare import Comparison, compare
 from .common import print_table
 from .reading import open_views
 
+_LONGEST = 20  # values of an array that are listed
+
 
 @click.command("compare")
 @click.argument("runs", nargs=-1, metavar="RUN...", type=click.Path(path_type=Path))
@@ -122,7 +124,8 @@ def number(value: float | None) -> str:
 def setting(value: object) -> str:
     """Return a parameter's value as text, a dash if a run has none."""
     if isinstance(value, tuple):
-        return "[" + ", ".join(map(setting, value)) + "]"
+        more = f", … ({len(value)} in all)" if len(value) > _LONGEST else ""
+        return "[" + ", ".join(map(setting, value[:_LONGEST])) + more + "]"
     if isinstance(value, float):
         return f"{value:.6g}"
     return "–" if value is None else str(value)

@@ -34,6 +34,7 @@ def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
             "first": None if found.first is None else found.first._asdict(),
             "parameters": found.parameters,
             "provenance": found.provenance,
+            "record": found.record,
         }
         click.echo(json.dumps(values, indent=2))
         ctx.exit(0 if found.identical else 1)
@@ -41,7 +42,11 @@ def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
         click.echo(f"identical: {found.compared} messages, bit for bit")
     else:
         click.echo(f"different at {found.differing_steps} steps; first at {found.first.describe()}")
-    for title, lines in (("parameters", found.parameters), ("provenance", found.provenance)):
+    for title, lines in (
+        ("parameters", found.parameters),
+        ("provenance", found.provenance),
+        ("record", found.record),
+    ):
         for line in lines:
             click.echo(f"  {title}: {line}")
     ctx.exit(0 if found.identical else 1)

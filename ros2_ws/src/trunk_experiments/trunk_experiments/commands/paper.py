@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from rich.console import Console
 
 from .common import print_table
+from .terminal import console
 
 
 @click.command("paper")
@@ -33,8 +33,7 @@ def command(context: click.Context, output: Path, graph: bool) -> None:
     from ..paper.reproduction import reproduce
 
     output.mkdir(parents=True, exist_ok=True)
-    console = Console(stderr=True)
-    with console.status("starting") as status:
+    with console(stderr=True).status("starting") as status:
         result = reproduce(output, graph, status.update)
         status.update("drawing")
         report = write_report(result, output)

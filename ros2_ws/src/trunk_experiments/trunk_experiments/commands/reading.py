@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
+from trunk_msgs_util.printable import printable
 from trunk_msgs_util.recording.reader import Recording
 
 from ..recorded.run import RecordedRun
+from .terminal import console
 
 if TYPE_CHECKING:
     from ..views.run_view import RunView
@@ -24,9 +25,10 @@ Tell = Callable[[int, int], None]
 @contextmanager
 def progress_bar(what: str) -> Iterator[Tell]:
     """Yield a function to call with the amount done and the total; a bar only on terminals."""
-    console = Console(stderr=True)
+    what = printable(what)
+    screen = console(stderr=True)
     columns = (TextColumn(what), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    bar = Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal)
     with bar:
         task = bar.add_task(what, total=None)
         yield lambda done, of: bar.update(task, completed=done, total=of)

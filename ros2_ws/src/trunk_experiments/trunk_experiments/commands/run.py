@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from trunk_msgs_util import topics
@@ -16,6 +15,7 @@ from ..recorded.run import RecordedRun
 from ..runs.graph import RunFiles, run_graph
 from .common import plan_of, plan_options
 from .metrics import show_metrics
+from .terminal import console
 
 
 @click.command("run")
@@ -54,8 +54,8 @@ def command(
     if not plan.simulator.duration:
         raise PlanError("simulator: duration is 0: a recorded run needs an end; give --duration S")
     files = RunFiles.for_run(plan, output)
-    console = Console(stderr=True)
-    console.print(
+    screen = console(stderr=True)
+    screen.print(
         f"{plan.scenario}, {plan.turns}: {plan.simulator.duration:g} s "
         f"at {plan.simulator.update_rate:g} Hz, {'lock-step' if lockstep else 'real time'}",
         highlight=False,
@@ -64,17 +64,18 @@ def command(
         TextColumn("{task.description}"),
         BarColumn(),
         TextColumn("{task.completed:.1f} of {task.total:g} s"),
-        console=console,
+        console=screen,
         transient=True,
-        disable=not console.is_terminal,
+        disable=not screen.is_terminal,
     ) as progress:
         task = progress.add_task("running", total=plan.simulator.duration)
-        run_graph(plan, files, lambda t: progress.update(task, completed=t), composed=composed)
-    _verdict(files)
+        recording = run_graph(
+            plan, files, lambda t: progress.update(task, completed=t), composed=composed
+        )
+    _verdict(files, RecordedRun(recording))
 
 
-def _verdict(files: RunFiles) -> None:
-    run = RecordedRun.open(files.recording)
+def _verdict(files: RunFiles, run: RecordedRun) -> None:
     show_metrics(run, "metrics of the run (true error)")
     states, commands = run.count(topics.GROUND_TRUTH), run.count(topics.EFFORT_COMMAND)
     complete = run.recording.complete

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from trunk_control.pid import Gains
@@ -21,6 +20,7 @@ from ..plans.nodes import NODES
 from ..plans.plan import RunPlan, make_plan
 from .common import FiniteRange, Function, check_output, print_table
 from .margins import print_margins
+from .terminal import console
 
 if TYPE_CHECKING:
     from ..tuning.linear import Linear
@@ -202,7 +202,7 @@ def optimise_command(
         TextColumn("generation {task.completed} of {task.total}"),
         BarColumn(),
         TextColumn("best {task.fields[best]:.5g}"),
-        console=Console(stderr=True),
+        console=console(stderr=True),
         transient=True,
     ) as progress:
         task = progress.add_task("", total=generations, best=inf)

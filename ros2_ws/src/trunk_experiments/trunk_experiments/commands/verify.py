@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import click
 
+from trunk_msgs_util.recording.keys import public_key, read_key
 from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.signature import signature_path
 from trunk_msgs_util.units import seconds
 
+from ..errors import PlanError
+from ..replay.signed import check_signature, take_signature
+from ..replay.verdict import SignatureCheck
 from ..replay.verify import Verdict, describe, verify
 from .common import json_option
 
@@ -35,26 +41,71 @@ def as_values(verdict: Verdict) -> dict[str, object]:
         "obstacles": verdict.obstacles,
         "not_judged": verdict.unjudged,
         "notes": verdict.notes,
+        "signature": _signature_values(verdict.signature),
     }
+
+
+def _signature_values(check: SignatureCheck | None) -> dict[str, object] | None:
+    if check is None:
+        return None
+    return {
+        "file": check.file,
+        "valid": not check.fault,
+        "trusted_key": check.trusted,
+        "fingerprint": check.fingerprint or None,
+        "fault": check.fault or None,
+    }
+
+
+def judged(run: Path, key: Path | None, signature: Path | None) -> Verdict:
+    """Return the verdict; a signature counts if it is asked for, or lies beside the recording.
+
+    Raises KeyFileError, PlanError and RecordingError.
+    """
+    trusted = None if key is None else public_key(read_key(key), str(key))
+    file = signature or signature_path(run)
+    if signature and not signature.exists() and not key:
+        raise PlanError(f"--signature {signature}: it does not exist: give a file of trunk sign")
+    recording = Recording.open(run)
+    verdict = verify(recording)
+    if trusted or os.path.lexists(file):
+        take_signature(verdict, check_signature(recording, file, trusted, str(key)))
+    return verdict
 
 
 @click.command("verify")
 @click.argument("run", type=click.Path(path_type=Path))
+@click.option(
+    "--key",
+    type=click.Path(path_type=Path),
+    metavar="PUBLIC",
+    help="The public Ed25519 key that must have signed it: PEM or OpenSSH.",
+)
+@click.option(
+    "--signature",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="The signature; otherwise RUN.sig, beside the recording.",
+)
 @json_option()
 @click.pass_context
-def command(ctx: click.Context, run: Path, as_json: bool) -> None:
+def command(
+    ctx: click.Context, run: Path, key: Path | None, signature: Path | None, as_json: bool
+) -> None:
     """Recompute every command of a recorded run and, where time was exact, every state.
 
-    Exit code 0: verified; 1: something diverges, was altered or contradicts itself; 2: the run
-    cannot be judged as a whole. What no check looks at is listed.
+    Exit code 0: verified; 1: something diverges, was altered, contradicts itself or is not signed by
+    --key; 2: the run cannot be judged as a whole. What no check looks at is listed.
     """
-    verdict = verify(Recording.open(run))
+    verdict = judged(run, key, signature)
     if as_json:
         click.echo(json.dumps(as_values(verdict), indent=2))
         ctx.exit(verdict.exit_code)
     click.echo(f"{run}: {verdict.word}")
+    if verdict.signature and (verdict.signature.trusted or verdict.signature.refuted):
+        click.echo(f"  {verdict.signature.describe()}")
     if verdict.judged:
-        click.echo(f"  {verdict.judged}")
+        click.echo(f"  judged: {verdict.judged}")
     for part in verdict.parts:
         outcome = f"{part.wrong_steps} diverge" if part.wrong_steps else "all equal to the last bit"
         click.echo(f"  {part.name}: {part.steps} steps checked, {outcome}")

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import yaml
 
-from trunk_msgs_util.parameters.declarations import unknown_name
+from trunk_msgs_util.parameters.declarations import of_every_node, unknown_name
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
 
 
@@ -47,7 +47,7 @@ def said_of(node: str, layer: Layer, declared: Sequence[str]) -> dict[str, objec
         raise ParameterFileError(f"{layer.source}: nothing for {node} in it; it is for {there}")
     for section in sections:
         for name in section.values if "*" not in section.last_token else ():
-            if name not in declared:
+            if name not in declared and not of_every_node(name):
                 raise ParameterFileError(
                     f"{layer.source}: {section.pattern}: parameter {name!r}: "
                     f"{unknown_name(name, declared)}"

@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from trunk_msgs_util.parameters.files import Layer, Section, read
-from trunk_msgs_util.parameters.yaml_text import YamlTextError, load
+from trunk_msgs_util.yaml_text import YamlTextError, load
 
 from ..errors import PlanError
 from .nodes import NODES

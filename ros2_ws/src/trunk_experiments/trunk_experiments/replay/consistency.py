@@ -7,7 +7,7 @@ with its digests, as far as its parts no longer fit. Each returns one line for e
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Integers
     from trunk_msgs_util.recording.schemas import RunEvent
 
-    from ..recorded.joint_table import JointTable
     from ..recorded.run import RecordedRun
 
 _JOINTS = ("position", "velocity", "effort")
@@ -249,17 +248,21 @@ def _of(run: RecordedRun, node: str, message: Event) -> list[RunEvent]:
     return [event for event in run.events if event.node == name and event.message == message]
 
 
-def begins_anew_ns(tables: Iterable[JointTable]) -> int | None:
-    """Return the last stamp before any of the tables' stamps does not increase; None if all do.
+def shared_from_ns(run: RecordedRun) -> int | None:
+    """Return the first stamp at which the run may not have been alone; None if it always was.
 
-    One simulator's stamps increase. Where they do not, a second one publishes, or the run was started
-    anew: from there on no message can be attributed.
+    One simulator's stamps increase, and each state has one answer. Where that ends, a second simulator or
+    controller publishes, or the run was started anew: from there on no message can be attributed.
     """
     found: list[int] = []
-    for table in tables:
-        places = np.flatnonzero(np.diff(table.stamp_ns) <= 0)
+    for relative in (topics.GROUND_TRUTH, topics.JOINT_STATES):
+        stamps = run.table(relative).stamp_ns
+        places = np.flatnonzero(np.diff(stamps) <= 0)
         if len(places):
-            found.append(int(table.stamp_ns[: int(places[0]) + 1].max()))
+            found.append(int(stamps[: int(places[0]) + 1].max()))
+    # A file does not keep the order between publishers: of two controllers' commands too.
+    answers = np.sort(run.table(topics.EFFORT_COMMAND).stamp_ns)
+    found += answers[1:][np.diff(answers) == 0][:1].tolist()
     return min(found, default=None)
 
 

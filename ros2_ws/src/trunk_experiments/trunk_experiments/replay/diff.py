@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from typing import NamedTuple
 
 import numpy as np
@@ -40,13 +41,17 @@ class FirstDifference(NamedTuple):
 
 @dataclass
 class RunDiff:
-    """All that differs between two runs. Data decide; parameters and provenance help explain."""
+    """All that differs between two runs. Data decide; the rest helps explain.
+
+    ``record``: events, log times, and what is not as its recorder wrote it.
+    """
 
     compared: int = 0  # messages
     differing_steps: int = 0
     first: FirstDifference | None = None
     parameters: list[str] = field(default_factory=list)
     provenance: list[str] = field(default_factory=list)
+    record: list[str] = field(default_factory=list)
 
     @property
     def identical(self) -> bool:
@@ -71,7 +76,55 @@ def diff(a: RecordedRun, b: RecordedRun, terms: bool = True) -> RunDiff:
     )  # min keeps the topics' order
     result.parameters = _parameters(a, b)
     result.provenance = _mappings("", a.recording.provenance, b.recording.provenance)
+    result.record = [
+        *_altered("A", a),
+        *_altered("B", b),
+        *(_log_times(a, b) if a.exact and b.exact else ()),
+        *(_events(a, b) if a.mode == b.mode and a.exact else ()),
+    ]
     return result
+
+
+def _altered(letter: str, run: RecordedRun) -> list[str]:
+    return [
+        f"{what}: not as the recorder of {letter} wrote it (digest)"
+        for what in run.recording.alterations()
+    ]
+
+
+def _log_times(a: RecordedRun, b: RecordedRun) -> list[str]:
+    """Compare when messages were logged, where that is simulated time: one line for each topic."""
+    lines = []
+    for relative in _TOPICS:
+        here, there = (run.joints(relative).log_time_ns for run in (a, b))
+        shorter = min(len(here), len(there))
+        rows = np.flatnonzero(here[:shorter] != there[:shorter])
+        if len(rows):
+            times = (seconds(int(log[rows[0]])) for log in (here, there))
+            lines.append("{}: logged at {:g} s in A, {:g} s in B".format(relative, *times))
+    return lines
+
+
+def _events(a: RecordedRun, b: RecordedRun) -> list[str]:
+    """Compare each node's events in their order: a line for the first that differs."""
+    lines = []
+    here, there = _events_by_node(a), _events_by_node(b)
+    for node in sorted(here.keys() | there.keys()):
+        pairs = zip_longest(here.get(node, []), there.get(node, []), fillvalue="nothing")
+        first = next(((x, y) for x, y in pairs if x != y), None)
+        if first:
+            lines.append(f"events of {node}: {first[0]} in A, {first[1]} in B")
+    return lines
+
+
+def _events_by_node(run: RecordedRun) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for event in run.events:
+        told = {key: value for key, value in event.values.items() if key != "process"}
+        values = "".join(f", {key} {value}" for key, value in told.items())
+        text = f"{event.message} at t = {seconds(event.stamp_ns):g} s{values}"
+        found.setdefault(event.node.removeprefix(run.recording.topic("")), []).append(text)
+    return found
 
 
 def _state_topics(a: RecordedRun, b: RecordedRun) -> list[str]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from math import inf
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +25,14 @@ __all__ = ["ERROR", "INFO", "WARNING", "Finding", "examine"]
 
 _EXAMPLES = 3  # places listed for one kind of finding on one topic
 _GAP = 1.5  # periods between two messages: more is a gap
+_LONGEST_PERIOD = 1e9  # s: what is longer is no period
+_PASS = 64 << 20  # bytes of messages that are taken apart in one pass
+# What a run is recomputed from, and the quantities without which it is not.
+_NEEDED = {
+    names.GROUND_TRUTH: ("position", "velocity", "effort"),
+    names.JOINT_STATES: ("position", "velocity", "effort"),
+    names.EFFORT_COMMAND: ("effort",),
+}
 
 
 def examine(
@@ -58,13 +68,87 @@ def findings(run: RecordedRun) -> list[Finding]:
         Finding(ERROR, f"{what}: not as the recorder wrote it (digest)")
         for what in recording.alterations()
     ]
-    try:
-        for name, topic in sorted(recording.topics.items()):
-            if topic.type == names.JOINT_STATE_TYPE and topic.count:
-                found += _joints(run, name)
-    except RecordingError as error:
-        found.append(Finding(ERROR, str(error).removeprefix(f"{path}: ")))
+    found += _evidence(run)
+    roles = _Roles.of(run)
+    for topics in _together(recording):
+        for name, joints in recording.joints_of(topics).items():
+            found += _joints(run, roles, name, joints)
     return found
+
+
+def _together(recording: Recording) -> Iterator[list[str]]:
+    """Yield the JointState topics that can be read, as many in one pass as memory should hold."""
+    some: list[str] = []
+    size = 0
+    for name, topic in sorted(recording.topics.items()):
+        if topic.type == names.JOINT_STATE_TYPE and topic.readable:
+            if some and size + topic.size > _PASS:
+                yield some
+                some, size = [], 0
+            some.append(name)
+            size += topic.size
+    if some:
+        yield some
+
+
+def _evidence(run: RecordedRun) -> Iterator[Finding]:
+    """Yield what keeps the run from being recomputed although every message is sound."""
+    recording = run.recording
+    for relative, quantities in _NEEDED.items():
+        topic = recording.topic(relative)
+        if topic not in recording.topics or not recording.topics[topic].readable:
+            if run.controllers:
+                yield Finding(WARNING, "no messages: the run cannot be recomputed", topic)
+            continue
+        try:
+            table = run.table(relative)
+        except RecordingError as error:
+            yield Finding(ERROR, str(error).removeprefix(f"{recording.path}: "))
+            continue
+        for quantity in quantities:
+            if not table.values(quantity).shape[1]:
+                text = f"no {quantity} in any message: the run cannot be recomputed"
+                yield Finding(WARNING, text, topic)
+        for node, joint in _told_joints(run, relative):
+            if joint not in table.names:
+                text = f"no joint {joint!r}, which {node} names, but {', '.join(table.names[:9])}"
+                yield Finding(WARNING, f"{text}: the run cannot be recomputed", topic)
+
+
+def _told_joints(run: RecordedRun, relative: str) -> Iterator[tuple[str, str]]:
+    """Yield the joints of a topic by the nodes' parameters, with the node."""
+    if relative != names.EFFORT_COMMAND:
+        joints = run.parameters.get("simulator", {}).get("joints")
+        for joint in joints if isinstance(joints, tuple) else ():
+            yield "simulator", str(joint)
+    if relative != names.GROUND_TRUTH:
+        for node in run.controllers:
+            named = run.parameters.get(node, {}).get("joint")
+            if isinstance(named, str):
+                yield node, named
+
+
+class _Roles(NamedTuple):
+    """Who publishes what, by absolute topic."""
+
+    owners: dict[str, str]  # the controller of a ~/state
+    by_simulator: frozenset[str]  # in the simulator's period
+    commands: str
+
+    @classmethod
+    def of(cls, run: RecordedRun) -> _Roles:
+        recording = run.recording
+        return cls(
+            {recording.topic(names.controller_state(name)): name for name in run.controllers},
+            frozenset(
+                recording.topic(name)
+                for name in (
+                    *(names.GROUND_TRUTH, names.JOINT_STATES, names.DISTURBANCE),
+                    *([names.EFFORT_COMMAND] if run.exact else []),
+                )
+            ),
+            recording.topic(names.EFFORT_COMMAND),
+        )
 
 
 def _provenance(run: RecordedRun) -> Iterator[Finding]:
@@ -86,33 +170,21 @@ def _provenance(run: RecordedRun) -> Iterator[Finding]:
         yield Finding(WARNING, "no controller's ~/state: reference and gains are not known")
 
 
-def _joints(run: RecordedRun, topic: str) -> Iterator[Finding]:
-    recording = run.recording
-    joints = run.joints(topic)
+def _joints(run: RecordedRun, roles: _Roles, topic: str, joints: JointArrays) -> Iterator[Finding]:
     yield from _numbers(joints, topic)
-    owner = {
-        recording.topic(names.controller_state(name)): name for name in recording.controllers
-    }.get(topic)
+    owner = roles.owners.get(topic)
     is_state = owner is not None
-    answers = is_state or topic == recording.topic(names.EFFORT_COMMAND)
+    answers = is_state or topic == roles.commands
     # In real time the latest state is answered: some states twice, some never.
     loose = answers and not run.exact
-    several = topic == recording.topic(names.EFFORT_COMMAND) and len(recording.controllers) > 1
+    several = topic == roles.commands and len(run.controllers) > 1
     # With several controllers, each one's commands are in order; together they need not be.
     yield from _order(joints.stamp_ns, topic, INFO if loose or several else WARNING)
-    by_simulator = {
-        recording.topic(name)
-        for name in (
-            names.GROUND_TRUTH,
-            names.JOINT_STATES,
-            names.DISTURBANCE,
-            *([names.EFFORT_COMMAND] if run.exact else []),
-        )
-    }
-    if answers or topic in by_simulator:
-        node = "simulator" if topic in by_simulator else owner or recording.controller or ""
-        rate = recording.parameters().get(recording.topic(node), {}).get("update_rate")
-        known = isinstance(rate, float) and rate > 0.0
+    if answers or topic in roles.by_simulator:
+        node = owner or run.recording.controller or ""
+        node = "simulator" if topic in roles.by_simulator else node
+        rate = run.parameters.get(node, {}).get("update_rate")
+        known = isinstance(rate, float) and 1.0 / _LONGEST_PERIOD < rate < inf
         period_ns = period_of(rate) if isinstance(rate, float) and known else None
         severity = WARNING if known and not loose else INFO
         for turn in _turns(run, owner, np.unique(joints.stamp_ns)):

@@ -187,6 +187,7 @@ def replay_controllers(
         if name in records:
             change_ns = min(one.timeline.next_ns for one in driven.values())
             last = int(np.searchsorted(stamps, change_ns, side="right"))
+            last = min(last, row + stretches.LONGEST)
             passed = driven[name].pass_over(records[name], row, last) - row
             if passed:
                 row += passed
@@ -247,6 +248,7 @@ def replay_disturbance(run: RecordedRun, until_ns: int | None = None) -> Iterato
             signals = timeline.config.signals
         if quick:
             last = int(np.searchsorted(stamps, timeline.next_ns, side="right"))
+            last = min(last, row + stretches.LONGEST)
             passed = (
                 stretches.compiled_disturbances()(row, last, with_arrays(signals), stamps, matrix)
                 - row

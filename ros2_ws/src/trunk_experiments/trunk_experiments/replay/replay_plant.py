@@ -88,6 +88,7 @@ class PlantReplay:
         before = self._row
         # A change stamped k came while state k was the latest: it acts on the step to k + 1.
         last = int(np.searchsorted(self._stamps, self._timeline.next_ns))
+        last = min(last, before + stretches.LONGEST)
         self._row, self._trunk, self._falls = stretches.compiled_plant()(
             before,
             max(last, before),

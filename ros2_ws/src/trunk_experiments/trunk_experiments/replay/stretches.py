@@ -25,6 +25,8 @@ from trunk_sim.step import Plant, SensorParameters, Trunk, act, sense
 from ..compiled import compiled
 from .bits import alike
 
+LONGEST = 100_000  # rows at a time: compiled code cannot be interrupted
+
 
 class PlantRecord(NamedTuple):
     """A run's record of the plant, one row per recorded true state; NaN where a message is missing."""

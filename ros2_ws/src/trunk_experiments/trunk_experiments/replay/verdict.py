@@ -10,6 +10,36 @@ from .bits import ulps
 from .replay import ACTIVE_CONTROLLERS, MISSING, UNEXPECTED, Checked, Difference
 
 VERIFIED, DIVERGES, UNJUDGED = 0, 1, 2
+NOT_SIGNED = "not signed"  # the word if that is all there is to say against it
+
+
+@dataclass(frozen=True)
+class SignatureCheck:
+    """Whether a signature is of this content, and by the key that was asked for.
+
+    ``trusted``: the name of that key's file; None: any key will do. ``fingerprint``: of the trusted key,
+    or else of the signature's; empty if neither is known. ``fault``: why it does not count; empty: it does.
+    """
+
+    file: str
+    trusted: str | None
+    fingerprint: str
+    fault: str = ""
+    other_content: bool = False  # a whole signature, by the right key, but of something else
+
+    @property
+    def refuted(self) -> bool:
+        """True if the signature is of other content, or does not say what was asked for."""
+        return bool(self.fault) and (self.other_content or self.trusted is not None)
+
+    def describe(self) -> str:
+        """Return the finding as one line."""
+        if self.trusted is not None:
+            who = f"{self.fingerprint} ({self.trusted})"
+            return f"not signed by {who}: {self.fault}" if self.fault else f"signed by {who}"
+        if self.fault:
+            return f"signature: {self.fault}"
+        return f"signed by key {self.fingerprint} ({self.file}); --key PUBLIC checks whose it is"
 
 
 @dataclass
@@ -50,18 +80,38 @@ class Verdict:
     unjudged: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     judged: str = ""  # the run in a few words
+    signature: SignatureCheck | None = None  # None: not asked for, and there is none
 
     @property
     def exit_code(self) -> int:
-        """0: verified, 1: something diverges, 2: nothing diverges but the run cannot be judged."""
-        if self.altered or self.contradictions or any(part.wrong_steps for part in self.parts):
+        """0: verified, 1: it diverges or is not signed as asked, 2: it cannot be judged."""
+        if self.diverges or (self.signature and self.signature.refuted):
             return DIVERGES
         return UNJUDGED if self.obstacles or not self.parts else VERIFIED
 
     @property
+    def diverges(self) -> bool:
+        """True if something differs from what was computed, recorded elsewhere, or signed."""
+        differs = self.altered or self.contradictions or any(p.wrong_steps for p in self.parts)
+        return bool(differs or (self.signature and self.signature.other_content))
+
+    @property
     def word(self) -> str:
         """The verdict in a word or two."""
+        if self.exit_code == DIVERGES and not self.diverges:
+            return NOT_SIGNED
         return ("verified", "diverges", "cannot be judged")[self.exit_code]
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why it is not verified, a line each; empty if it is."""
+        return [
+            *(f"altered: {what}" for what in self.altered),
+            *self.contradictions,
+            *self.obstacles,
+            *(f"{part.name}: {describe(part.first[0])}" for part in self.parts if part.first),
+            *([self.signature.describe()] if self.signature and self.signature.refuted else []),
+        ]
 
 
 def describe(difference: Difference) -> str:

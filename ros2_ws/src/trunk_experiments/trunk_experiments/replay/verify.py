@@ -16,7 +16,7 @@ from trunk_msgs_util.units import seconds
 from ..plans.nodes import CONTROLLERS
 from ..recorded.run import RecordedRun
 from .as_written import not_as_written
-from .consistency import begins_anew_ns, contradictions, failures, uncounted
+from .consistency import contradictions, failures, shared_from_ns, uncounted
 from .real_time import replay_torques
 from .replay import Checked, replay_controllers, replay_disturbance
 from .replay_plant import PlantReplay
@@ -35,6 +35,7 @@ __all__ = [
 ]
 
 _PLANT = "states of the plant"
+_MODES = {"real_time": "in real time", "lockstep": "in lock-step", "offline": "offline"}
 
 
 def verify(recording: Recording) -> Verdict:
@@ -84,13 +85,14 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         verdict.obstacles.append(
             f"the recorder was inactive from t = {seconds(until_ns):g} s: what follows is not judged"
         )
-    anew_ns = begins_anew_ns(run.table(t) for t in (topics.GROUND_TRUTH, topics.JOINT_STATES))
-    if anew_ns is not None:
+    shared_ns = shared_from_ns(run)
+    if shared_ns is not None:
         verdict.obstacles.append(
-            f"two simulators, or a run started anew: what follows t = {seconds(anew_ns):g} s is not judged"
+            "two simulators or controllers, or a run that was started anew: what follows "
+            f"t = {seconds(shared_ns):g} s is not judged"
         )
-        # The state at that time may have been answered by either run.
-        before_ns = anew_ns - run.config("simulator").period_ns
+        # The state at that time may have been answered by either.
+        before_ns = shared_ns - run.config("simulator").period_ns
         until_ns = before_ns if until_ns is None else min(until_ns, before_ns)
     elif (run.recording.end or {}).get("complete") == "true":
         verdict.contradictions += contradictions(run)
@@ -110,7 +112,8 @@ def _span(run: RecordedRun, until_ns: int | None) -> str:
     if not len(stamps):
         return "no state"
     first, last = (seconds(int(stamps[i])) for i in (0, -1))
-    return f"t = {first:g} to {last:g} s, {len(stamps)} states, {run.mode or 'unknown mode'}"
+    mode = _MODES.get(run.mode, f"mode {run.mode or 'unknown'}")
+    return f"t = {first:g} to {last:g} s, {len(stamps)} states, {mode}"
 
 
 def _unjudged(run: RecordedRun) -> list[str]:

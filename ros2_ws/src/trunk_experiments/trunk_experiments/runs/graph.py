@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as with_values
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
 from trunk_msgs_util.events import ENDS, Event
+from trunk_msgs_util.node import middleware
+from trunk_msgs_util.patience import Patience
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import RunEvent
 
 from ..errors import PlanError, RunError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
-from .processes import PATIENCE_S, NodeProcess, stop
+from .guardian import Guardian
+from .processes import NodeProcess
+from .stopping import ALL_S, stop
 
 if TYPE_CHECKING:
     from .monitor_node import Monitor
 
-_DOUBLED_S = 0.5  # so long two nodes of one name have to be seen
 START_TIMEOUT_S = 30.0
 EXIT_FAILED = 1  # of a node that has said why
 SILENCE_S = 5.0  # of a simulator that diagnoses itself every second
 COMPOSED = "composed"
+_LAST = (COMPOSED, "recorder")  # to be stopped: it has to hear what the others say as they end
 _WAITING = "{} not active: with autostart false, configure and activate it (ros2 lifecycle set …)"
 
 
@@ -41,13 +47,19 @@ class RunFiles:
     @classmethod
     def for_run(cls, plan: RunPlan, folder: Path | None = None) -> RunFiles:
         """Make the run's folder, by default a new one below ``runs``. Raises PlanError."""
+        given = folder
         if folder is None:
             stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
             place = plan.namespace.replace("/", "_")
             folder = Path("runs") / f"{stamp}_{plan.scenario}_{plan.controller_name}{place}"
         if (folder / "run.mcap").exists():
             raise PlanError(f"output {folder}: there is a run.mcap in it; give another folder")
-        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            if given is not None:
+                raise  # the error names it
+            raise PlanError(f"{folder}: {error.strerror}: give a folder with --output") from None
         return cls(folder)
 
     @property
@@ -95,19 +107,22 @@ def run_graph(
     progress: Callable[[float], None],
     order: Sequence[str] | None = None,
     composed: bool = False,
-) -> None:
+) -> Recording:
     """Run the plan's nodes, as processes or ``composed`` in one, until the simulator is done.
 
     ``progress`` is called with simulated seconds. ``order``: the nodes' names in the order of their
-    start (it makes no difference to a lock-step run). Raises RunError naming the node that ended the
-    run and why; by then every process has been stopped and the recording finished.
+    start (it makes no difference to a lock-step run). Return the recording, which is this run's own. Raises
+    RunError naming the node that ended the run and why; by then every process has been stopped and the
+    recording finished.
     """
+    middleware.prepare(participants=1 + (1 if composed else len(plan.configs)))
     (files.folder / "logs").mkdir(parents=True, exist_ok=True)
     plan = files.record(plan)
     running: dict[str, NodeProcess] = {}
+    names = list(plan.configs)
     interrupt = _Interrupt()
+    guardian = Guardian()
     try:
-        names = list(plan.configs)
         for process in [COMPOSED] if composed else order or names:
             running[process] = NodeProcess.start(
                 process,
@@ -115,6 +130,7 @@ def run_graph(
                 names if composed else [],
                 files.parameters,
                 files.log(process),
+                partial(guardian.watch_me, last=process in _LAST),
             )
         from .monitor_node import Monitor  # here: it has threads, and starting processes must not
 
@@ -122,10 +138,13 @@ def run_graph(
             heard = _watch(plan, running, monitor, progress, interrupt)
     finally:
         killed = _stop_all(running)
+        guardian.close()
         interrupt.restore()
+    recorder = running.get(COMPOSED) or running["recorder"]
     if not heard:
-        _read_end(files.recording, running.get(COMPOSED) or running["simulator"])
-    _check_recorder(running.get(COMPOSED) or running["recorder"], killed)
+        _read_end(files.recording, running.get(COMPOSED) or running["simulator"], recorder)
+    _check_recorder(recorder, killed)
+    return _own_recording(files.recording, recorder)
 
 
 def _watch(
@@ -136,10 +155,10 @@ def _watch(
     interrupt: _Interrupt,
 ) -> bool:
     """Return True when the run has finished, False where it was over before that could be heard."""
-    deadline = time.monotonic() + START_TIMEOUT_S
-    doubled_since = time.monotonic()
+    starting = Patience(START_TIMEOUT_S)
+    own = {name: (running.get(COMPOSED) or running[name]).identity for name in plan.configs}
     simulator = running.get(COMPOSED) or running["simulator"]
-    silence = _Silence()
+    silence = _Silence(simulator.pid)
     while simulator.exit_code is None:
         monitor.spin(0.05)
         if monitor.finished:
@@ -152,16 +171,12 @@ def _watch(
             raise RunError(
                 f"the run ended because {simulator.name} has said nothing for {SILENCE_S:g} s"
             )
-        doubled = monitor.doubled(list(running))
-        if not doubled:
-            doubled_since = time.monotonic()
-        # One look may show a node twice while discovery is under way.
-        elif time.monotonic() - doubled_since > _DOUBLED_S:
+        if doubled := monitor.doubled(own):
             raise RunError(
                 f"another {doubled[0]} is running in this ROS domain: stop it, "
                 "or set ROS_DOMAIN_ID to another number"
             )
-        if not monitor.started and time.monotonic() > deadline:
+        if not monitor.started and starting.spent(_awaited(running, monitor)):
             raise RunError(
                 f"the run did not start within {START_TIMEOUT_S:g} s: "
                 f"{_silent(plan, monitor.ready)}"
@@ -176,18 +191,23 @@ def _watch(
 class _Silence:
     """How long the simulator has given no sign of life: it may be stopped, or hang."""
 
-    def __init__(self) -> None:
-        self._seconds, self._told = 0.0, 0
-        self._looked = time.monotonic()
+    def __init__(self, pid: int) -> None:
+        self._pids = (os.getpid(), pid)  # here, too, a sign may have to wait for a processor
+        self._patience, self._told = Patience(SILENCE_S), 0
 
     def lasts(self, monitor: Monitor) -> bool:
-        now = time.monotonic()
-        # Time in which this process itself was stopped is not the simulator's.
-        self._seconds += min(now - self._looked, 0.2)
         if monitor.told != self._told or not monitor.started:
-            self._seconds = 0.0
-        self._looked, self._told = now, monitor.told
-        return self._seconds > SILENCE_S
+            self._told = monitor.told
+            self._patience.restart()
+        return self._patience.spent(self._pids)
+
+
+def _awaited(running: dict[str, NodeProcess], monitor: Monitor) -> Iterator[int]:
+    """Return the processes that a run which has not started may be waiting for."""
+    yield os.getpid()
+    for process in running.values():
+        if process.name in ("simulator", COMPOSED) or process.name not in monitor.ready:
+            yield process.pid
 
 
 def _silent(plan: RunPlan, ready: set[str]) -> str:
@@ -202,8 +222,8 @@ def _silent(plan: RunPlan, ready: set[str]) -> str:
 
 
 def _hear_last_words(monitor: Monitor) -> None:
-    deadline = time.monotonic() + 0.5
-    while not (monitor.failure or monitor.finished) and time.monotonic() < deadline:
+    patience = Patience(0.5)
+    while not (monitor.failure or monitor.finished or patience.spent([os.getpid()])):
         monitor.spin(0.05)
 
 
@@ -220,35 +240,36 @@ def _check_alive(running: dict[str, NodeProcess], simulator: NodeProcess, monito
 
 
 def _stop_all(running: dict[str, NodeProcess]) -> set[str]:
-    """Stop the simulator first, so that the others hear its end, and the recorder last.
-
-    Return the names of those that did not end by themselves and were killed.
-    """
-    last = {"recorder", COMPOSED}
-    turns = (("simulator",), running.keys() - {"simulator", *last}, last)
-    return {
-        process.name
-        for names in turns
-        for process in stop([running[name] for name in names if name in running])
-    }
+    """Stop all at once, but the recorder last. Return the names of those that had to be killed."""
+    first = [process for name, process in running.items() if name not in _LAST]
+    last = [process for name, process in running.items() if name in _LAST]
+    return {process.name for process in stop(first, last)}
 
 
 def _check_recorder(process: NodeProcess, killed: set[str]) -> None:
     """Say so where the run was whole, but not its recording."""
     if process.name in killed:
         raise RunError(
-            f"the recording is not whole: {process.name} did not end within {PATIENCE_S:g} s "
+            f"the recording is not whole: {process.name} did not end within {ALL_S:g} s "
             "and was killed"
         )
     if process.exit_code != 0:
         raise RunError(f"the recording is not whole: {process.describe_end()}")
 
 
-def _read_end(file: Path, simulator: NodeProcess) -> None:
+def _own_recording(file: Path, recorder: NodeProcess) -> Recording:
+    """Open the recording. Raises RunError where this run's recorder has not written it."""
+    recording = Recording.open(file)
+    if recording.provenance.get("process", "") != recorder.identity:
+        raise RunError(f"{file}: another file has been put in the place of this run's recording")
+    return recording
+
+
+def _read_end(file: Path, simulator: NodeProcess, recorder: NodeProcess) -> None:
     """Take from the recording how the simulator ended the run. Raises RunError where too early."""
     events: list[RunEvent] = []
     with suppress(RecordingError):  # there may be none yet
-        events = Recording.open(file).events()
+        events = _own_recording(file, recorder).events()
     ends = [event for event in events if event.node == "/simulator" and event.message in ENDS]
     if not ends:
         raise RunError(f"the run ended because {simulator.describe_end()}")

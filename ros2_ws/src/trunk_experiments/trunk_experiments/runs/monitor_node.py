@@ -1,8 +1,9 @@
-"""What is seen of a run in progress: events, progress, duplicate nodes."""
+"""What is seen of a run in progress: events, progress, a second node of the same name."""
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
+from collections.abc import Mapping
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -23,6 +24,7 @@ class Monitor:
         self.finished = False  # the simulator has reported the run as whole
         self.told = 0  # how often the simulator has given a sign of life
         self.ready: set[str] = set()
+        self._processes: defaultdict[str, set[str]] = defaultdict(set)  # of each node's name
         self.failure: str | None = None
         self.time = 0.0
         middleware.prepare()
@@ -48,10 +50,12 @@ class Monitor:
         """Take the messages that have arrived, or wait for one."""
         self._executor.spin_once(timeout_sec=timeout_s)
 
-    def doubled(self, names: list[str]) -> list[str]:
-        """Return the names of our nodes that appear twice in the graph."""
-        count = Counter(self._node.get_fully_qualified_node_names())
-        return [name for name in names if count[f"/{name}"] > 1]
+    def doubled(self, own: Mapping[str, str]) -> list[str]:
+        """Return which of our nodes has a namesake; ``own`` are the processes of ours, by node.
+
+        Nodes say themselves in which process they are: discovery may for a while list a node that is gone.
+        """
+        return [name for name, process in own.items() if self._processes[name] - {process}]
 
     def _on_event(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -62,6 +66,8 @@ class Monitor:
                 self.finished = True
             elif status.message == Event.READY:
                 self.ready.add(status.name.lstrip("/"))
+            elif status.message == Event.CONFIGURED:
+                self._processes[status.name.lstrip("/")].add(values.get("process", ""))
             elif status.message in (Event.FAILED, Event.STOPPED):
                 self.failure = f"{status.name.lstrip('/')}: {values.get('reason', 'failed')}"
 

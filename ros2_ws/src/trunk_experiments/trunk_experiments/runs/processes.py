@@ -6,20 +6,18 @@ import ctypes
 import os
 import signal
 import subprocess
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
 from trunk_msgs_util.node import early_signals
+from trunk_msgs_util.process_id import process_id
 
 from ..errors import ExecutableError
 
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None)
-_POLL_S = 0.02
-PATIENCE_S = 10.0  # with a process that was told to end; evidence is handed over within it
 
 
 def find_executable(package: str, executable: str) -> Path:
@@ -34,12 +32,14 @@ def find_executable(package: str, executable: str) -> Path:
     )
 
 
-def _child_of(parent: int) -> Callable[[], None]:
+def _child_of(parent: int, enlist: Callable[[], None]) -> Callable[[], None]:
     def prepare() -> None:
-        # Calls into libc, which take no lock: safe between fork and exec.
+        # System calls, which take no lock: safe between fork and exec.
         # A run that is killed outright must not leave its nodes behind, not even this moment.
+        # One that hangs is the guardian's.
         _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
         early_signals.block()  # the executable takes them once it can
+        enlist()
         if os.getppid() != parent:
             os._exit(0)
 
@@ -54,12 +54,22 @@ class NodeProcess:
     process: subprocess.Popen[bytes]
     log: Path
     output: BinaryIO  # the log to read, even where its folder has been deleted
+    identity: str  # as `process_id` gives it
 
     @classmethod
     def start(
-        cls, name: str, package: str, arguments: Sequence[str], parameters: Path, log: Path
+        cls,
+        name: str,
+        package: str,
+        arguments: Sequence[str],
+        parameters: Path,
+        log: Path,
+        enlist: Callable[[], None] = lambda: None,
     ) -> NodeProcess:
-        """Start the executable ``name``; stdout and stderr go to ``log``."""
+        """Start the executable ``name``; stdout and stderr go to ``log``.
+
+        ``enlist`` is called in the new process before it becomes the executable.
+        """
         command = [
             str(find_executable(package, name)),
             *arguments,
@@ -75,9 +85,19 @@ class NodeProcess:
                 stdout=stream,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,  # Ctrl-C reaches the runner alone, which stops in order
-                preexec_fn=_child_of(os.getpid()),  # noqa: PLW1509
+                preexec_fn=_child_of(os.getpid(), enlist),  # noqa: PLW1509
             )
-        return cls(name, process, log, output)
+        return cls(name, process, log, output, process_id(process.pid))
+
+    @property
+    def pid(self) -> int:
+        """The process's id."""
+        return self.process.pid
+
+    @property
+    def ended(self) -> bool:
+        """True once the process has ended."""
+        return self.exit_code is not None
 
     @property
     def exit_code(self) -> int | None:
@@ -101,25 +121,3 @@ class NodeProcess:
         self.output.seek(0)
         lines = self.output.read().decode("utf-8", errors="replace").strip().splitlines()
         return f"{self.name} {how}" + (f": {lines[-1]}" if lines else f" (log: {self.log})")
-
-
-def stop(processes: Sequence[NodeProcess], patience_s: float = PATIENCE_S) -> list[NodeProcess]:
-    """Stop processes at once: SIGINT, later SIGKILL. Return those that did not end by themselves."""
-    for process in processes:
-        process.signal(signal.SIGINT)
-    wait(processes, patience_s)
-    hung = [process for process in processes if process.exit_code is None]
-    for process in hung:
-        process.signal(signal.SIGKILL)
-        process.process.wait()
-    return hung
-
-
-def wait(processes: Sequence[NodeProcess], timeout_s: float) -> bool:
-    """Wait until all have ended; return False at the deadline."""
-    deadline = time.monotonic() + timeout_s
-    while any(p.exit_code is None for p in processes):
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(_POLL_S)
-    return True

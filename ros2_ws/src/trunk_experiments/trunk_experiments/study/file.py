@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from trunk_msgs_util.parameters.yaml_text import YamlTextError, load
+from trunk_msgs_util.yaml_text import YamlTextError, load
 
 from ..errors import DrawError, StudyError
 from ..plans.nodes import CONTROLLERS

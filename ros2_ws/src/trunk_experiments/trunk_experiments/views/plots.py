@@ -6,7 +6,7 @@ Drawn only on `matplotlib.figure.Figure`: no window, no global state, whatever t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
+from math import isfinite, nan
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from .run_view import RunView, labels, off_scale, same_pulses
 BAND, PULSE, REFERENCE, LIMIT = "#7a7a7a", "#E69F00", "#222222", "#B00020"
 TURN = "#555555"
 TURN_LINE: dict[str, Any] = {"color": TURN, "linewidth": 1.0, "linestyle": (0, (5, 2, 1, 2))}
+_FAR = 1e12  # m: sine has no digits left there
 _NAMED_TURNS = 6  # more would overlap
 FIGURES = {
     6: "zero reference",
@@ -231,15 +232,15 @@ def _gains(grid: Sequence[Axes], views: Sequence[RunView]) -> None:
 
 
 def _path(axes: Axes, views: Sequence[RunView]) -> None:
-    low = min(float(view.table.x.min()) for view in views)
-    high = max(float(view.table.x.max()) for view in views)
+    ranges = [_travelled(view) for view in views]
+    low, high = min(low for low, _ in ranges), max(high for _, high in ranges)
     margin = 0.25 * max(high - low, 1.0)
     x = np.linspace(low - margin, high + margin, 800)
     for amplitude, wavenumber in sorted({view.hip_path for view in views}):
         axes.plot(x, _heights(x, amplitude, wavenumber), color="#888888", linewidth=0.9)
-    for i, view in enumerate(views):
+    for i, (view, (least, most)) in enumerate(zip(views, ranges, strict=True)):
         amplitude, wavenumber = view.hip_path
-        traveled = np.linspace(float(view.table.x.min()), float(view.table.x.max()), 800)
+        traveled = np.linspace(least, most, 800)
         y = _heights(traveled, amplitude, wavenumber)
         # Wide below, narrow above: every run's range shows even where they overlap.
         width = 2.2 + 2.4 * (len(views) - 1 - i)
@@ -260,8 +261,15 @@ def _path(axes: Axes, views: Sequence[RunView]) -> None:
         axes.set_aspect("equal", adjustable="datalim")
 
 
+def _travelled(view: RunView) -> tuple[float, float]:
+    """Return the range of the hip's finite positions in m; 0 and 0 without any."""
+    x = view.table.x[np.isfinite(view.table.x) & (np.abs(view.table.x) < _FAR)]
+    return (float(x.min()), float(x.max())) if len(x) else (0.0, 0.0)
+
+
 def _height(view: RunView) -> float:
-    return path_height(float(view.table.x[0]), *view.hip_path)
+    x = float(view.table.x[0])
+    return path_height(x, *view.hip_path) if abs(x) < _FAR else nan
 
 
 def _heights(x: NDArray[np.floating[Any]], amplitude: float, wavenumber: float) -> list[float]:

@@ -19,6 +19,7 @@ from .. import topics
 from ..events import Event
 from ..parameters.config import ManagedConfig
 from ..parameters.declarations import values_of
+from ..printable import printable
 from . import evidence, qos
 from .conversions import status_to_ros
 from .managed import EXIT_FAILED, ManagedNode
@@ -130,7 +131,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
 
     def fail(self, reason: str, **values: object) -> None:
         """End this node's process with an error, reported on the recording and on the console."""
-        self.get_logger().error(reason)
+        self.get_logger().error(printable(reason))
         self.event(Event.FAILED, DiagnosticStatus.ERROR, reason=reason, **values)
         self.exit_code = EXIT_FAILED
 

@@ -9,10 +9,15 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from pathlib import Path
 from types import FrameType
+
+from ..errors import TrunkError
+from . import middleware
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
 
@@ -56,6 +61,11 @@ def node(module: str, *arguments: str) -> Callable[[], None]:
 
     def main() -> None:
         end_by(lambda number: os._exit(0))  # nothing has started, so there is nothing to clean up
+        try:
+            middleware.prepare()  # where there is no room for rclpy, it is not even imported
+        except TrunkError as error:
+            print(f"{Path(sys.argv[0]).name}: error: {error}", file=sys.stderr)
+            sys.exit(error.exit_code)
         import_module(module).main(*arguments)
 
     return main

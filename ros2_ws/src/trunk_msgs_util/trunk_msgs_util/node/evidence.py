@@ -11,10 +11,10 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from .. import topics
-from . import meeting
+from . import meeting, settings
 
 # A node that ends waits at most this long for the recorder and every other reliable reader to receive
-# what it published.
+# what it published; this and the next limit are multiplied by TRUNK_PATIENCE.
 _HAND_OVER_S = 3.0
 # A node finds a recorder within this time of its start; an older node that knows of none ends at once.
 _FOUND_S = 2.0
@@ -53,10 +53,12 @@ def hand_over(node: Node, born_s: float, anything: bool) -> None:
     If there is ``anything`` to record, first wait until every known recorder is matched with this node.
     If none is known, it may not have been discovered yet: ``born_s`` (monotonic clock) is the node's start.
     """
-    deadline = time.monotonic() + _HAND_OVER_S
+    patience = settings.patience()
+    deadline = time.monotonic() + _HAND_OVER_S * patience
     while anything and not _recorder_met(node) and time.monotonic() < deadline:
-        if time.monotonic() > born_s + _FOUND_S and not node.get_publishers_info_by_topic(
-            topics.RECORDER_PROGRESS
+        if (
+            time.monotonic() > born_s + _FOUND_S * patience
+            and not node.get_publishers_info_by_topic(topics.RECORDER_PROGRESS)
         ):
             break
         time.sleep(_LOOK_S)

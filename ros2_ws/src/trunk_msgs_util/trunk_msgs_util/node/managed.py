@@ -12,6 +12,8 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from ..events import Event
 from ..parameters.declarations import ParameterError
+from ..printable import printable
+from ..process_id import process_id
 
 RCLError = rclpy_implementation.RCLError
 EXIT_FAILED = 1
@@ -38,7 +40,7 @@ class ManagedNode(LifecycleNode):
         """Keep the present topics, services and timers for as long as the node exists."""
         self._permanent = {id(entity) for entity in self._entities()}
 
-    def event(self, message: Event) -> None:
+    def event(self, message: Event, level: bytes = b"\0", **values: object) -> None:
         """Put an event on the run's record."""
 
     def stopping(self) -> None:
@@ -73,7 +75,7 @@ class ManagedNode(LifecycleNode):
         done = self._transition(self.set_up)
         if done == TransitionCallbackReturn.SUCCESS:
             self.configured = True
-            self.event(Event.CONFIGURED)
+            self.event(Event.CONFIGURED, process=process_id())
         return done
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -110,13 +112,14 @@ class ManagedNode(LifecycleNode):
             machine, asked = self._state_machine, request.transition
             labels = {number: label for number, label, *_ in machine.transition_graph}
             self.get_logger().warning(
-                f"transition refused: {asked.label or labels.get(asked.id, asked.id)}; this node is "
+                f"transition refused: {printable(asked.label) or labels.get(asked.id, asked.id)}; "
+                "this node is "
                 f"{machine.current_state[1]}: "
                 f"{' or '.join(label for _, label, *_ in machine.available_transitions)} it"
             )
             response.success = False
         if self._refusal is not None:
-            self.get_logger().error(str(self._refusal))
+            self.get_logger().error(printable(str(self._refusal)))
             self._refusal = None
         return response
 

@@ -19,6 +19,8 @@ from .. import provenance, topics
 from ..events import ENDS, Event
 from ..parameters.config import RecorderConfig
 from ..parameters.declarations import ParameterError
+from ..printable import printable
+from ..process_id import process_id
 from ..recording.schemas import RunEvent, parse_event
 from ..recording.writer import PROVENANCE, RecordingWriter
 from ..samples import JointSample
@@ -37,12 +39,15 @@ _MESSAGES: dict[str, type[Any]] = {
 _STAMP = struct.Struct("<iI")
 # What happened to the nodes, the recorder's own turns among it, is written while it is inactive too.
 _ALWAYS = (topics.RUN_PARAMETERS, topics.RUN_EVENTS)
+# One message for each state, by the simulator alone.
+_OF_STATES = (topics.GROUND_TRUTH, topics.JOINT_STATES)
 # Told to end, it goes on until nothing has come for this long.
 _QUIET_S = 0.3
 # ... but, where the run goes on without it, no longer than this.
 _LEAVE_S = 0.7
 _TELL_EVERY = 50
 _FOLLOW_S = 0.05
+_CHECK_S = 0.1
 # In lock-step nothing waits for the recorder, within its window: waking it for each message would cost
 # the loop more than the recording does.
 _LINGER_S = 0.01
@@ -84,10 +89,11 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._begin_file(self._writer)
         self._progress = self.create_publisher(JointState, topics.RECORDER_PROGRESS, qos.evidence())
         self._flush_timer = self.every(config.flush_interval, self._flush)
+        self._check_timer = self.every(_CHECK_S, self._check)
         if config.lockstep:
             self.linger_s = _LINGER_S
             self._progress_timer = self.every(0.02, self._tell_progress)
-        self.get_logger().info(f"recording to {self._path}")
+        self.get_logger().info(f"recording to {printable(str(self._path))}")
 
     def _begin_file(self, writer: RecordingWriter) -> None:
         config = self.config
@@ -96,6 +102,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             controller=" ".join(config.controllers),
             mode=config.mode,
             rmw=get_rmw_implementation_identifier(),
+            process=process_id(),
         )
         try:
             writer.add_metadata(PROVENANCE, told)
@@ -221,6 +228,14 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         except OSError as error:
             self._disk_failed(error)
 
+    def _check(self) -> None:
+        """Notice soon that the file is no longer where it was, or what it was."""
+        try:
+            if self._writer is not None:
+                self._writer.check()
+        except OSError as error:
+            self._disk_failed(error)
+
     def _disk_failed(self, error: OSError) -> None:
         if self.exit_code is None:
             self.fail(f"{self._path}: cannot write: {error.strerror}; the recording ends here")
@@ -263,6 +278,12 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         for topic in wanted:
             if self._counts[topic] < states:
                 return False, f"{topic}: {self._counts[topic]} of {states} messages were recorded"
+        for topic in _OF_STATES:
+            if self._counts[topic] > states:
+                return False, (
+                    f"{topic}: {self._counts[topic]} messages of {states} states: "
+                    "another node publishes there too"
+                )
         return self._taken() or (True, reason)
 
     def _taken(self) -> tuple[bool, str] | None:

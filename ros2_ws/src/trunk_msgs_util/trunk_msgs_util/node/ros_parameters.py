@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, Generic, TypeVar
@@ -27,9 +28,11 @@ from ..parameters.declarations import (
     build,
     check,
     declarations,
+    of_every_node,
     unknown_name,
     values_of,
 )
+from ..parameters.param_load import meant
 from .conversions import stamp_to_ros
 
 Config = TypeVar("Config")
@@ -43,8 +46,6 @@ _TYPES = {
     "double array": Parameter.Type.DOUBLE_ARRAY,
     "string array": Parameter.Type.STRING_ARRAY,
 }
-# Declared by rclpy itself in every node.
-_OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 def descriptor(declaration: Declaration) -> ParameterDescriptor:
@@ -78,6 +79,11 @@ def descriptor(declaration: Declaration) -> ParameterDescriptor:
     return message
 
 
+def _text(parameter: Parameter) -> str:
+    value = parameter.value
+    return repr(list(value) if isinstance(value, array) else value)
+
+
 def to_ros(declaration: Declaration, value: Value) -> Parameter:
     """Return a checked value as a ROS parameter of the declared type."""
     return Parameter(
@@ -106,7 +112,7 @@ class NodeParameters(Generic[Config]):
         node.add_pre_set_parameters_callback(self._coerce)
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._apply)
-        _Services(node, self.refusal)
+        _Services(node, self)
 
     def _take_overrides(self) -> dict[str, object]:
         """Return the values from files and the command line, of any type."""
@@ -123,7 +129,7 @@ class NodeParameters(Generic[Config]):
         for name in self._overrides:
             # Files for several nodes contain, under "/**", many parameters that a node does not have; a
             # near miss is more likely a typo.
-            if name not in self._declared and not name.startswith(_OF_RCLPY):
+            if name not in self._declared and not of_every_node(name):
                 close = get_close_matches(name, list(self._declared), n=1, cutoff=0.85)
                 if close:
                     self._node.get_logger().warning(
@@ -145,16 +151,26 @@ class NodeParameters(Generic[Config]):
 
     def _coerce(self, changes: list[Parameter]) -> list[Parameter]:
         """Take integers for doubles, as at start; leave what is wrong for `_judge` to refuse."""
-        return [self._coerced(change) for change in changes]
+        return [self.coerced(change) for change in changes]
 
-    def _coerced(self, change: Parameter) -> Parameter:
+    def coerced(self, change: Parameter) -> Parameter:
+        """Return a change with its value as the declared type; as it is if the value is wrong."""
         declaration = self._declared.get(change.name)
         if declaration is None:
             return change
         try:
-            return to_ros(declaration, check(declaration, change.value))
+            value = meant(declaration, change.value, values_of(self.config)[change.name])
+            return to_ros(declaration, check(declaration, value))
         except ParameterError:
             return change
+
+    def unchanged(self, change: Parameter) -> bool:
+        """Return True if the parameter, one of rclpy's too, has this value already."""
+        if not self._node.has_parameter(change.name):
+            return False
+        now = self._node.get_parameter(change.name)
+        # Their texts: 0.0 and -0.0 are equal, but not the same.
+        return now.type_ == change.type_ and _text(now) == _text(change)
 
     def _candidate(self, changes: Sequence[Parameter]) -> Any:
         values: dict[str, object] = dict(values_of(self.config))
@@ -182,7 +198,7 @@ class NodeParameters(Generic[Config]):
     def _check(self, change: Parameter) -> None:
         declaration = self._declared.get(change.name)
         if declaration is not None:
-            if declaration.fixed:
+            if declaration.fixed and not self.unchanged(change):
                 now = self._node.get_parameter(change.name).value
                 raise ParameterError(
                     change.name,
@@ -225,10 +241,12 @@ class _Services(ParameterService):
 
     rclpy checks types, ranges and fixed values against the descriptors before it calls any callback, and
     not all of its messages name the parameter; a type that ROS 2 does not know would end the node.
+    A parameter set to the value that it has is not set: `ros2 param load` of a node's dump sets all, fixed
+    ones too, and must change nothing.
     """
 
-    def __init__(self, node: Node, refusal: Callable[[Sequence[Parameter]], str]) -> None:
-        self._refusal = refusal
+    def __init__(self, node: Node, parameters: NodeParameters[Any]) -> None:
+        self._parameters = parameters
         super().__init__(node)
 
     def _set_parameters_callback(
@@ -252,10 +270,15 @@ class _Services(ParameterService):
                 for message in strange
             )
             return SetParametersResult(successful=False, reason=reason)
-        changes = [Parameter.from_parameter_msg(message) for message in messages]
-        reason = self._refusal(changes)
+        sent = [Parameter.from_parameter_msg(message) for message in messages]
+        values = [self._parameters.coerced(parameter) for parameter in sent]
+        reason = self._parameters.refusal(values)
         if reason:
             return SetParametersResult(successful=False, reason=reason)
+        names_changed = {value.name for value in values if not self._parameters.unchanged(value)}
+        changes = [value for value in values if value.name in names_changed]
+        if not changes:
+            return SetParametersResult(successful=True)
         result = self._get_node().set_parameters_atomically(changes)
         if not result.successful:  # one of rclpy's own parameters
             names = ", ".join(repr(change.name) for change in changes)

@@ -17,6 +17,7 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.signals import SignalHandlerOptions
 
 from ..errors import EXIT_USAGE, TrunkError
+from ..printable import printable
 from . import middleware
 from .base import TrunkNode
 from .executor import LoopExecutor
@@ -51,7 +52,10 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
     in it, so that it closes last and what it has recorded is kept.
     """
     shutdown = Shutdown()
-    middleware.prepare()
+    try:
+        middleware.prepare()
+    except TrunkError as error:
+        return _say(program, error, error.exit_code)
     # rcl would print its own version of what our one line says.
     set_logger_level("rcl", LoggingSeverity.FATAL)
     try:
@@ -130,7 +134,7 @@ def _close(nodes: list[TrunkNode[Any]]) -> None:
 
 
 def _say(name: str, error: Exception, exit_code: int) -> int:
-    line = " ".join(str(error).split())
+    line = printable(" ".join(str(error).split()))
     print(f"{name}: error: {line}", file=sys.stderr, flush=True)
     return exit_code
 

@@ -19,6 +19,9 @@ from ..values import Value as Value
 
 Config = TypeVar("Config")
 
+# rclpy declares these in every node; `ros2 param dump` writes them with a node's own.
+_OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
+
 
 class ParameterError(TrunkError, ValueError):
     """A parameter's name, its value and what is allowed, in one line."""
@@ -151,6 +154,11 @@ def check(declaration: Declaration, value: object) -> Value:
         return tuple(_scalar(declaration, item, items) for item in items)
     checked: Value = _scalar(declaration, value, value)
     return checked
+
+
+def of_every_node(name: str) -> bool:
+    """Return True for a parameter that every ROS node has, whatever it declares itself."""
+    return name in _OF_EVERY_NODE or name.startswith("qos_overrides.")
 
 
 def unknown_name(name: str, known: Iterable[str]) -> str:

@@ -17,8 +17,8 @@ import yaml
 
 from ..errors import TrunkError
 from ..whole_file import whole_file
-from .declarations import Value, unknown_name
-from .yaml_text import YamlTextError, load
+from ..yaml_text import YamlTextError, load
+from .declarations import Value, of_every_node, unknown_name
 
 
 class ParameterFileError(TrunkError):
@@ -130,7 +130,8 @@ def resolve(node: str, layers: Iterable[Layer], declared: Iterable[str]) -> dict
 def check_names(layers: Iterable[Layer], nodes: Mapping[str, Iterable[str]]) -> None:
     """Refuse misspelt parameters: each must be declared by a node that its section can apply to.
 
-    ``nodes``: the declared parameter names by node base name. Sections of other projects' nodes pass.
+    ``nodes``: the declared parameter names by node base name. Sections of other projects' nodes pass, and
+    what every ROS node has (``use_sim_time``), so that a node's dump can be used as it is.
     Raises ParameterFileError naming the file, the section and the parameter.
     """
     declared = {node: set(names) for node, names in nodes.items()}
@@ -142,7 +143,7 @@ def check_names(layers: Iterable[Layer], nodes: Mapping[str, Iterable[str]]) -> 
                 continue
             known = declared.get(token, everything)
             for name in section.values:
-                if name not in known:
+                if name not in known and not of_every_node(name):
                     raise ParameterFileError(
                         f"{layer.source}: {section.pattern}: parameter {name!r}: "
                         f"{unknown_name(name, known)}"

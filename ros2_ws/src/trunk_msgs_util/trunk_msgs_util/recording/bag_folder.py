@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import yaml
-
+from ..yaml_text import YamlTextError, load
 from .file import RecordingError
+from .limits import MAX_BAG_METADATA, MAX_NAME
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -35,40 +35,52 @@ def bag_folder(folder: Path) -> BagFolder:
     about = _information(folder / METADATA)
     storage = about.get("storage_identifier")
     if storage != "mcap":
+        shown = repr(storage) if isinstance(storage, str) and len(storage) < MAX_NAME else "?"
         raise RecordingError(
-            f"{folder} has the storage {storage!r}, only 'mcap' is read: "
+            f"{folder} has the storage {shown}, only 'mcap' is read: "
             "convert it with ros2 bag convert or rosbags-convert"
         )
-    mode = str(about.get("compression_mode") or "none").lower()
-    if mode not in ("none", "storage"):
+    mode = about.get("compression_mode") or "none"
+    if not isinstance(mode, str) or mode.lower() not in ("none", "storage"):
+        shown = mode.lower() if isinstance(mode, str) and len(mode) < MAX_NAME else "?"
         raise RecordingError(
-            f"{folder} is compressed by {mode}, which MCAP readers do not know: "
+            f"{folder} is compressed by {shown}, which MCAP readers do not know: "
             "convert it with ros2 bag convert or rosbags-convert"
         )
     listed = about.get("relative_file_paths")
     if not isinstance(listed, list) or not listed:
         raise RecordingError(f"{folder / METADATA} lists no files: repair it with ros2 bag reindex")
-    files = [_inside(folder, str(name)) for name in listed]
+    files = [_inside(folder, name) for name in listed]
+    if len(set(files)) < len(files):
+        raise RecordingError(
+            f"{folder / METADATA} lists a file twice: repair it with ros2 bag reindex"
+        )
     count = about.get("message_count")
     return BagFolder(files, count if isinstance(count, int) else None)
 
 
 def _information(path: Path) -> dict[str, Any]:
+    why = ""
     try:
-        about = yaml.safe_load(path.read_text("utf-8"))["rosbag2_bagfile_information"]
+        with path.open(encoding="utf-8") as file:
+            tree = load(file.read(MAX_BAG_METADATA + 1), MAX_BAG_METADATA)
+        about = tree["rosbag2_bagfile_information"]
         if isinstance(about, dict):
             return about
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, RecursionError):
+    except YamlTextError as error:
+        why = f" ({error})"
+    except (UnicodeDecodeError, KeyError, TypeError):
         pass
-    raise RecordingError(f"{path} does not describe a bag: repair it with ros2 bag reindex")
+    raise RecordingError(f"{path} does not describe a bag{why}: repair it with ros2 bag reindex")
 
 
-def _inside(folder: Path, name: str) -> Path:
+def _inside(folder: Path, listed: object) -> Path:
     """Return a listed file by its bare name: paths in metadata from elsewhere are not trusted.
 
     Old bags list a file with their own folder's name before it.
     """
-    path = folder / name.rsplit("/", 1)[-1]
+    name = listed if isinstance(listed, str) and len(listed) < MAX_NAME else "what is no name"
+    path = folder / name.rsplit("/", 1)[-1].replace("\0", "")
     if path == folder or not path.is_file():
         raise RecordingError(f"{folder / METADATA} lists {name}, which is missing: restore it")
     return path

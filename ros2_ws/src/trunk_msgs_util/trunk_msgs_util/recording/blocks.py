@@ -14,7 +14,8 @@ import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
-from .chunk import MAX_CHUNK, chunk_records
+from .chunk import chunk_head, chunk_records
+from .limits import MAX_CHUNK, Budget, LimitError
 from .messages import HEAD
 from .split import Content, record_offsets, split
 
@@ -25,7 +26,8 @@ MAGIC = b"\x89MCAP0\r\n"
 BLOCKS = (Opcode.CHUNK, Opcode.MESSAGE)
 
 _CRC = struct.Struct("<I")
-_RUN = 1 << 20  # bytes of messages outside chunks that are read at a time
+_RUN = 1 << 20  # bytes of messages outside chunks that are read at a time, at most
+_AHEAD = 1 << 12  # the same, at first: it doubles while nothing else comes
 # These may be longer than `MAX_CHUNK`; their content is not read here.
 _SKIPPED = (Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX)
 # What may come before the end of the data; any other kind is a damaged record.
@@ -45,6 +47,10 @@ _INDEX_HEAD = struct.Struct("<HI")  # channel, bytes of the entries
 
 class DamageError(ValueError):
     """The file is damaged from some byte on."""
+
+
+class LimitReachedError(DamageError):
+    """The file goes beyond a limit: it is read up to there."""
 
 
 class ChecksumError(DamageError):
@@ -141,14 +147,24 @@ def _skip(file: BinaryIO, length: int, crc: int) -> int:
 
 
 def _run(file: BinaryIO, first: bytes, left: int) -> bytes:
-    """Return a message record and the whole message records after it, about `_RUN` bytes."""
-    data = first + file.read(min(_RUN, left))
-    offsets, end = record_offsets(data)
-    others = np.flatnonzero(np.frombuffer(data, np.uint8)[offsets] != Opcode.MESSAGE)
-    if len(others):
-        end = int(offsets[others[0]])
-    file.seek(end - len(data), 1)
-    return data[:end]
+    """Return a message record and the whole message records after it, about `_RUN` bytes.
+
+    What is read ahead in vain is about as much as what is returned, or `_AHEAD`.
+    """
+    run, ahead = [first], _AHEAD
+    while ahead <= _RUN and left:
+        data = file.read(min(ahead, left))
+        offsets, end = record_offsets(data)
+        others = np.flatnonzero(np.frombuffer(data, np.uint8)[offsets] != Opcode.MESSAGE)
+        if len(others):
+            end = int(offsets[others[0]])
+        file.seek(end - len(data), 1)
+        run.append(data[:end])
+        left -= end
+        if len(others) or not end:
+            break
+        ahead *= 2
+    return b"".join(run)
 
 
 def damaged(record: Record, error: Exception) -> DamageError:
@@ -159,12 +175,24 @@ def damaged(record: Record, error: Exception) -> DamageError:
     )
 
 
-def content_of(record: Record) -> Content:
-    """Return the content of a block. Raises DamageError."""
+def content_of(record: Record, budget: Budget | None = None) -> Content:
+    """Return the content of a block. Raises DamageError, and LimitReachedError beyond the budget."""
     try:
-        return split(chunk_records(record.body) if record.opcode == Opcode.CHUNK else record.body)
+        if record.opcode != Opcode.CHUNK:
+            return split(record.body, budget)
+        if budget is not None:
+            budget.unpack(chunk_head(record.body).size)
+        return split(chunk_records(record.body), budget)
+    except LimitError as error:
+        raise reached(record, error) from None
     except Exception as error:  # whatever a decompressor may raise on damaged bytes
         raise damaged(record, error) from None
+
+
+def reached(record: Record, error: LimitError) -> LimitReachedError:
+    """Return the error for a record that goes beyond a limit."""
+    where = f"at the {name_of(record.opcode)} record at byte {record.offset}"
+    return LimitReachedError(f"the file reaches a limit {where}: {error}")
 
 
 def read_block(file: BinaryIO, offset: int, end: int) -> Record:

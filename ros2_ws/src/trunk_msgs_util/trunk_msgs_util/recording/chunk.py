@@ -13,9 +13,7 @@ from typing import NamedTuple
 import lz4.frame
 import zstandard
 
-# Largest uncompressed chunk, and largest record outside chunks, that is read: 128 MiB. Recorders
-# write chunks of about 1 MiB; with this bound no file makes its reader use 1 GiB.
-MAX_CHUNK = 128 << 20
+from .limits import MAX_CHUNK
 
 _HEAD = struct.Struct("<QQQI")  # start, end, uncompressed size, checksum
 _SIZE = struct.Struct("<I")

@@ -11,7 +11,7 @@ do not depend on compression or on the limits of chunks:
 - ``header``: profile and library of the file; ``attachments``: how many there are.
 
 They are not a secret: whoever rewrites a recording can write new digests. A signature over them
-(`seal`) says who vouches for it.
+(`signature`) says who vouches for it.
 """
 
 from __future__ import annotations
@@ -104,6 +104,12 @@ def differing(recorded: Mapping[str, str], computed: Mapping[str, str]) -> list[
     return sorted(
         PARTS.get(key, key) for key, digest in recorded.items() if computed.get(key, "") != digest
     )
+
+
+def uncoverable(topics: Iterable[str], attachments: int) -> list[str]:
+    """Return what no digest covers: attachments, and topics whose name is that of a part."""
+    found = [f"a topic with the name {topic}" for topic in sorted(topics) if topic in PARTS]
+    return found + (["the attachments' content"] if attachments else [])
 
 
 def uncovered(recorded: Mapping[str, str], topics: Iterable[str]) -> list[str]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+import struct
+from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -21,15 +24,20 @@ from .blocks import (
     Record,
     content_of,
     damaged,
+    reached,
     read_block,
     records,
 )
 from .digests import DIGESTS
+from .faults import Faults, JointCheck
+from .limits import MAX_CHANNELS, MAX_METADATA, MAX_NAME, Budget, LimitError
 from .writer import END, PROVENANCE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Mapping
     from typing import BinaryIO
+
+    from mcap.data_stream import ReadDataStream
 
     from .joint_arrays import Integers
     from .messages import Messages
@@ -42,6 +50,11 @@ STAMPED = (
     names.DIAGNOSTIC_ARRAY_TYPE,
     names.CLOCK_TYPE,
 )
+
+
+_OURS = PROVENANCE[:6].encode()  # what the names of our metadata begin with
+_SHORT = 4096  # bytes of others' metadata that are read
+_NUMBER = struct.Struct("<H")
 
 
 class RecordingError(TrunkError):
@@ -59,13 +72,36 @@ class Topic:
     size: int = 0  # encoded bytes
     last_log_ns: int | None = None
     longest_gap_ns: int = 0  # between the log times of consecutive messages
+    faults: Faults = field(default_factory=Faults)
+    _check: JointCheck = field(default_factory=JointCheck, repr=False, compare=False)
 
-    def take(self, messages: Messages) -> None:
-        """Count some messages that follow the earlier ones."""
+    @property
+    def readable(self) -> int:
+        """How many of the messages can be read, as far as they were looked at."""
+        return 0 if self.faults.limit is not None else self.count - self.faults.count
+
+    def take(self, messages: Messages) -> list[int]:
+        """Count some messages that follow the earlier ones; return the rows that cannot be read."""
+        bad = self._bad(messages)
+        for row, why in bad:
+            self.faults.add(self.count + row, int(messages.log_time_ns[row]), why)
+        rows = [row for row, _ in bad]
+        good = messages.without(rows) if rows else messages
         self.count += len(messages)
         self.size += int((messages.end - messages.start).sum())
-        self.take_stamps(messages, messages)
+        if len(good):
+            self.take_stamps(good, good)
         self.take_log(messages.log_time_ns)
+        return rows
+
+    def _bad(self, messages: Messages) -> list[tuple[int, str]]:
+        if self.type != names.JOINT_STATE_TYPE or self.faults.limit is not None:
+            return []
+        try:
+            return self._check.bad(messages)
+        except LimitError as error:
+            self.faults.limit = str(error)
+            return []
 
     def take_stamps(self, first: Messages, last: Messages) -> None:
         """Take account of the first stamp of some messages, and of the last stamp of others."""
@@ -110,20 +146,27 @@ class RecordingFile:
         self.metadata: dict[str, dict[str, str]] = {PROVENANCE: {}}
         self.metadata_records: list[tuple[str, dict[str, str]]] = []  # all, in file order
         self.attachments = 0
+        self._bodies: dict[tuple[int, int | None], bytes] = {}  # of the first schemas and channels
         self.warning: str | None = None
         self.sound = True  # nothing in it was altered
         self.channels: dict[int, Channel] = {}
         self.blocks: list[Block] = []
         self.schemas: dict[int, Schema] = {}
+        self._numbers: dict[str, list[int]] = {}  # channels by topic
+        self._bad: dict[
+            int, list[Integers]
+        ] = {}  # by block: where messages begin that cannot be read
+        self._described_by = 0  # bytes of our metadata
 
     def scan(self, progress: Callable[[int], None] = lambda _: None) -> None:
         """Read the file; ``progress`` is called with the bytes read. Raises RecordingError and OSError."""
-        size = self.path.stat().st_size
+        size = size_of(self.path)
+        budget = Budget(size)
         with self.path.open("rb") as file:
             check_magic(self.path, file, size)
             try:
                 for record in records(file, size):
-                    self._take(record)
+                    self._take(record, budget)
                     progress(record.end)
             except ChecksumError as error:
                 self.sound = False
@@ -131,12 +174,20 @@ class RecordingFile:
             except DamageError as error:
                 self.warning = str(error)
 
-    def _take(self, record: Record) -> None:
+    def _take(self, record: Record, budget: Budget) -> None:
         if record.opcode in BLOCKS:
-            self._take_block(record)
-            return
+            content = content_of(record, budget)
+            for opcode, body in content.others:
+                self._take_other(Record(record.offset, opcode, body, record.end))
+            self.take_content(content, record)
+        else:
+            self._take_other(record)
+
+    def _take_other(self, record: Record) -> None:
         try:
             self.take_record(record)
+        except LimitError as error:
+            raise reached(record, error) from None
         except Exception as error:  # whatever mcap may raise on a damaged record
             raise damaged(record, error) from None
 
@@ -146,10 +197,17 @@ class RecordingFile:
             header = Header.read(record.stream)
             self.profile, self.library = header.profile, header.library
         elif record.opcode == Opcode.SCHEMA:
-            self.take_described(Schema.read(record.stream))
+            if self._is_new(record, self.schemas, Schema.read):
+                self.take_described(Schema.read(record.stream))
         elif record.opcode == Opcode.CHANNEL:
-            self.take_described(Channel.read(record.stream))
+            if self._is_new(record, self.channels, Channel.read):
+                self.take_described(Channel.read(record.stream))
+        elif record.opcode == Opcode.METADATA and record.body[4:10] != _OURS:
+            self.metadata_records.append(_of_others(record))
         elif record.opcode == Opcode.METADATA:
+            self._described_by += len(record.body)
+            if self._described_by > MAX_METADATA:
+                raise LimitError(f"more than {MAX_METADATA} bytes of metadata")
             metadata = Metadata.read(record.stream)
             self.metadata_records.append((metadata.name, metadata.metadata))
             if metadata.name == PROVENANCE:
@@ -159,20 +217,33 @@ class RecordingFile:
         elif record.opcode == Opcode.ATTACHMENT:
             self.attachments += 1
 
+    def _is_new(
+        self, record: Record, known: Mapping[int, object], read: Callable[[ReadDataStream], object]
+    ) -> bool:
+        """Return True for a schema or channel that was not described before.
+
+        Raises ValueError if it was, but otherwise: other readers may take the later one.
+        """
+        number = numbered(record)
+        if number not in known:
+            self._bodies[record.opcode, number] = record.body
+            return True
+        same = self._bodies.get((record.opcode, number)) == record.body
+        if not same and read(record.stream) != known.get(number or 0):
+            raise ValueError(f"number {number} was described otherwise before")
+        return False
+
     def take_described(self, item: Schema | Channel) -> None:
-        """Process a schema or a channel; the first with a given number counts."""
+        """Process a schema or a channel; the first with a given number counts. Raises LimitError."""
         if isinstance(item, Schema):
+            check_described(len(self.schemas), item)
             self.schemas.setdefault(item.id, item)
-        elif self.channels.setdefault(item.id, item) is item:
+        elif item.id not in self.channels:
+            check_described(max(len(self.channels), len(self.topics)), item)
+            self.channels[item.id] = item
+            self._numbers.setdefault(item.topic, []).append(item.id)
             described = self.schemas.get(item.schema_id)
             self.topics.setdefault(item.topic, Topic(described.name if described else ""))
-
-    def _take_block(self, record: Record) -> None:
-        content = content_of(record)
-        for opcode, body in content.others:
-            if opcode not in BLOCKS:
-                self._take(Record(record.offset, opcode, body, record.end))
-        self.take_content(content, record)
 
     def take_content(self, content: Content, record: Record) -> None:
         """Count a block's messages. Raises DamageError for unknown channels."""
@@ -183,19 +254,28 @@ class RecordingFile:
         for topic, channels in self.by_topic(content.channels).items():
             messages = content.messages(channels)
             if messages is not None:
-                self.topics[topic].take(messages)
+                bad = self.topics[topic].take(messages)
+                if bad:
+                    self._bad.setdefault(record.offset, []).append(messages.start[bad])
         self.blocks.append(Block(record.offset, record.end, frozenset(content.channels)))
 
     def numbers(self, topic: str) -> list[int]:
         """Return the channels of a topic."""
-        return [number for number, channel in self.channels.items() if channel.topic == topic]
+        return self._numbers.get(topic, [])
+
+    def readable(self, block: int, messages: Messages) -> Messages:
+        """Return the messages of the block at this byte that can be read."""
+        if block not in self._bad:
+            return messages
+        bad = np.isin(messages.start, np.concatenate(self._bad[block]))
+        return messages.without(np.flatnonzero(bad).tolist())
 
     def type_of(self, channel: int) -> str:
         """Return the message type of a channel."""
         schema = self.schemas.get(self.channels[channel].schema_id)
         return schema.name if schema else ""
 
-    def by_topic(self, channels: dict[int, Messages]) -> dict[str, list[int]]:
+    def by_topic(self, channels: Iterable[int]) -> dict[str, list[int]]:
         """Return the channels in a block by their topics."""
         found: dict[str, list[int]] = {}
         for number in channels:
@@ -208,6 +288,36 @@ class RecordingFile:
             return content_of(read_block(file, block.offset, block.end))
         except DamageError as error:
             raise RecordingError(f"{self.path} has changed while it was read: {error}") from None
+
+
+def size_of(path: Path) -> int:
+    """Return a file's size. Raises RecordingError for what is not a file, and OSError."""
+    if not path.is_file() and path.exists():
+        raise RecordingError(f"{path} is not a regular file: give a recording of a run")
+    return path.stat().st_size
+
+
+def numbered(record: Record) -> int | None:
+    """Return the number with which a schema's or a channel's record begins; None without one."""
+    return _NUMBER.unpack_from(record.body)[0] if len(record.body) >= _NUMBER.size else None
+
+
+def _of_others(record: Record) -> tuple[str, dict[str, str]]:
+    """Return a metadata record that is not ours; its digest alone where it is large or makes no sense."""
+    if len(record.body) <= _SHORT:
+        with suppress(Exception):  # whatever mcap may raise: nothing in it is needed
+            metadata = Metadata.read(record.stream)
+            return metadata.name, metadata.metadata
+    return "", {"blake2b": hashlib.blake2b(record.body, digest_size=32).hexdigest()}
+
+
+def check_described(count: int, item: Schema | Channel) -> None:
+    """Raise LimitError for a schema or channel after so many others, or with too long a name."""
+    what, name = ("schema", item.name) if isinstance(item, Schema) else ("topic", item.topic)
+    if count >= MAX_CHANNELS:
+        raise LimitError(f"more than {MAX_CHANNELS} {what}s")
+    if len(name) > MAX_NAME:
+        raise LimitError(f"the name of a {what} has {len(name)} letters, {MAX_NAME} are read")
 
 
 def check_magic(path: Path, file: BinaryIO, size: int) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, BinaryIO
 
+import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Schema
 
 from .blocks import Record, content_of, read_block, records
 from .file import Block, RecordingFile, Topic
-from .messages import HEAD
+from .limits import Budget
+from .messages import HEAD, Messages
 from .split import Content
 from .summary import Summary, message_indexes, read_summary
 
@@ -95,27 +97,35 @@ def _measure(recording: RecordingFile, summary: Summary, file: BinaryIO) -> None
         channel: count for channel, count in statistics.channel_message_counts.items() if count
     }:
         raise ValueError("statistics and indexes do not agree")
-    contents: dict[int, Content] = {}
-    for channel in counts:
-        holding = [c for c in summary.chunks if channel in c.message_index_offsets]
-        ends = [_content(file, chunk, contents).channels[channel] for chunk in _ends(holding)]
+    firsts: dict[int, int] = {}
+    lasts: dict[int, int] = {}
+    for i, chunk in enumerate(summary.chunks):
+        for channel in chunk.message_index_offsets:
+            firsts.setdefault(channel, i)
+            lasts[channel] = i
+    ends: dict[int, list[Messages]] = {}
+    sizes_of: dict[int, set[int]] = {}
+    budget = Budget(recording.path.stat().st_size)
+    for i in sorted({*firsts.values(), *lasts.values()}):
+        content = _content(file, summary.chunks[i], budget)
+        for channel in summary.chunks[i].message_index_offsets:
+            if channel in counts and i in (firsts[channel], lasts[channel]):
+                messages = content.channels[channel]
+                ends.setdefault(channel, []).append(messages.ends())
+                lengths = np.unique(messages.end - messages.start)
+                sizes_of.setdefault(channel, set()).update(lengths[:2].tolist())
+    for channel, found in ends.items():
         topic = recording.topics[recording.channels[channel].topic]
         before = topic.count
-        topic.take_stamps(ends[0], ends[-1])
-        sizes = {int(n) for messages in ends for n in messages.end - messages.start}
+        topic.take_stamps(found[0], found[-1])
+        sizes = sizes_of[channel]
         topic.count = before + counts[channel]
         topic.size = counts[channel] * sizes.pop() if len(sizes) == 1 and not before else 0
 
 
-def _ends(chunks: list[ChunkIndex]) -> tuple[ChunkIndex, ChunkIndex]:
-    return chunks[0], chunks[-1]
-
-
-def _content(file: BinaryIO, chunk: ChunkIndex, known: dict[int, Content]) -> Content:
+def _content(file: BinaryIO, chunk: ChunkIndex, budget: Budget) -> Content:
     at = chunk.chunk_start_offset
-    if at not in known:
-        record = read_block(file, at, at + chunk.chunk_length)
-        if record.opcode != Opcode.CHUNK:
-            raise ValueError("no chunk where the index says")
-        known[at] = content_of(record)
-    return known[at]
+    record = read_block(file, at, at + chunk.chunk_length)
+    if record.opcode != Opcode.CHUNK:
+        raise ValueError("no chunk where the index says")
+    return content_of(record, budget)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,7 @@ from ..samples import JointSample
 from ..topics import JOINT_STATE_TYPE
 from ..units import NANOSECONDS
 from .joint_state_cdr import JointStateLayout, shared
+from .limits import MAX_JOINTS, MAX_LAYOUTS, MAX_NAME, LimitError
 from .schemas import deserialize, stamp_of
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 QUANTITIES = ("position", "velocity", "effort")
+_MAX_UNUSUAL_BYTES = 1 << 20  # of a message that is read one by one
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,10 @@ class JointArrays:
         if (np.diff(self.stamp_ns) > 0).all():
             return self
         _, rows = np.unique(self.stamp_ns, return_index=True)
+        return self.rows(rows)
+
+    def rows(self, rows: Integers) -> JointArrays:
+        """Return some of the messages, in this order."""
         quantities = (getattr(self, quantity)[rows] for quantity in QUANTITIES)
         return JointArrays(self.names, self.stamp_ns[rows], self.log_time_ns[rows], *quantities)
 
@@ -81,18 +86,68 @@ def stamps(array: NDArray[Any]) -> Integers:
     return stamp_ns
 
 
+def groups(messages: Messages) -> tuple[list[tuple[JointStateLayout, Integers]], list[int]]:
+    """Return the layouts of one or more messages with their rows, and the rows that have none.
+
+    Those are big-endian or malformed. Raises LimitError beyond `MAX_LAYOUTS`.
+    """
+    data, _, start, end = messages
+    sizes = end - start
+    order = np.argsort(sizes, kind="stable")
+    found: list[tuple[JointStateLayout, Integers]] = []
+    strange: list[int] = []
+    for rows in np.split(order, np.flatnonzero(np.diff(sizes[order])) + 1):
+        left = rows
+        while len(left):
+            first = int(left[0])
+            try:
+                layout = shared(JointStateLayout.parse(data[start[first] : end[first]]))
+                fits = layout.fits(data, start[left])
+            except ValueError:
+                strange.append(first)
+                left = left[1:]
+                continue
+            found.append((layout, left[fits]))
+            left = left[~fits]
+            if len(found) > MAX_LAYOUTS:
+                raise LimitError(f"its messages have more than {MAX_LAYOUTS} layouts")
+    return sorted(found, key=lambda one: int(one[1][0])), sorted(strange)
+
+
+def misfit(layout: JointStateLayout) -> str:
+    """Return why values do not match names; empty if they do."""
+    names = len(layout.name)
+    if len(set(layout.name)) < names:
+        return f"a name appears twice among {', '.join(layout.name)}"[:200]
+    for quantity in QUANTITIES:
+        count = getattr(layout, quantity)
+        if count not in (0, names):
+            return f"{count} values of {quantity} for {names} names"
+    return ""
+
+
 def decode(messages: Messages) -> JointArrays:
-    """Return one or more serialized messages as arrays, in bulk if they share a layout.
+    """Return one or more serialized messages as arrays, in bulk for each layout.
 
     Raises ValueError for bytes that are not JointState, and if values do not match names.
     """
     log = messages.log_time_ns
     found = structured(messages)
-    if found is None:
-        samples = [_sample(message) for message in messages.bytes()]
-        return concatenate([_one(s, log[i : i + 1]) for i, s in enumerate(samples)])
-    names, array = found
-    return _arrays(names, stamps(array), log, [array[quantity] for quantity in QUANTITIES])
+    if found is not None:
+        names, array = found
+        return _arrays(names, stamps(array), log, [array[quantity] for quantity in QUANTITIES])
+    parts: list[tuple[Integers, JointArrays]] = []
+    regular, strange = groups(messages)
+    for layout, rows in regular:
+        array = layout.decode_at(messages.data, messages.start[rows])
+        quantities = [array[quantity] for quantity in QUANTITIES]
+        parts.append((rows, _arrays(layout.name, stamps(array), log[rows], quantities)))
+    for row in strange:
+        parts.append((np.array([row]), _one(sample(messages, row), log[row : row + 1])))
+    parts.sort(key=lambda part: int(part[0][0]))
+    joined = concatenate([part for _, part in parts])
+    order = np.argsort(np.concatenate([rows for rows, _ in parts]), kind="stable")
+    return joined.rows(order)
 
 
 def _arrays(
@@ -105,29 +160,46 @@ def _arrays(
     return JointArrays(names, stamp, log, *(np.array(v, np.float64) for v in quantities))
 
 
-def _sample(data: bytes) -> JointSample:
-    with suppress(ValueError):
+def sample(messages: Messages, row: int) -> JointSample:
+    """Return a message that no layout describes. Raises ValueError if it cannot be read."""
+    data = messages.data[messages.start[row] : messages.end[row]]
+    try:
         return shared(JointStateLayout.parse(data)).unpack(data)
-    message = deserialize(JOINT_STATE_TYPE, data)
-    values = (tuple(getattr(message, quantity).tolist()) for quantity in QUANTITIES)
-    return JointSample(stamp_of(message.header.stamp), tuple(message.name), *values)
+    except ValueError as error:
+        refused = error
+    if len(data) > _MAX_UNUSUAL_BYTES:
+        raise refused
+    try:
+        message = deserialize(JOINT_STATE_TYPE, data)
+    except ValueError as error:  # the first reason is the better one, if it is one
+        raise refused if data[:2] == b"\x00\x01" else error from None
+    names = tuple(message.name)
+    values = tuple(tuple(getattr(message, quantity).tolist()) for quantity in QUANTITIES)
+    if len(names) > MAX_JOINTS or any(len(name) > MAX_NAME for name in names):
+        raise refused
+    position, velocity, effort = map(len, values)
+    why = misfit(JointStateLayout(names, position, velocity, effort))
+    if why:
+        raise ValueError(why)
+    return JointSample(stamp_of(message.header.stamp), names, *values)
 
 
-def _one(sample: JointSample, log: Integers) -> JointArrays:
-    rows = [np.array([values], np.float64).reshape(1, -1) for values in sample[2:]]
-    return _arrays(sample.name, np.array([sample.stamp_ns], np.int64), log, rows)
+def _one(found: JointSample, log: Integers) -> JointArrays:
+    rows = [np.array([values], np.float64).reshape(1, -1) for values in found[2:]]
+    return _arrays(found.name, np.array([found.stamp_ns], np.int64), log, rows)
 
 
 def concatenate(parts: Sequence[JointArrays]) -> JointArrays:
     """Return the parts concatenated; names that a part lacks are NaN there."""
     names = tuple(dict.fromkeys(name for part in parts for name in part.names))
+    places = {name: place for place, name in enumerate(names)}
 
     def spread(values: Floats, part: JointArrays) -> Floats:
         if part.names == names and values.shape[1]:
             return values
         wide = np.full((len(part), len(names)), np.nan)
         if values.shape[1]:
-            wide[:, [names.index(name) for name in part.names]] = values
+            wide[:, [places[name] for name in part.names]] = values
         return wide
 
     def joined(quantity: str) -> Floats:

@@ -17,6 +17,7 @@ import numpy as np
 
 from ..samples import JointSample
 from ..units import NANOSECONDS
+from .limits import MAX_JOINTS, MAX_NAME
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -184,27 +185,41 @@ class JointStateLayout:
         A view if they are equally spaced, otherwise a copy. Raises ValueError unless all
         have this layout.
         """
+        return self._checked(self._whole(data, start))
+
+    def fits(self, data: bytes, start: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return for each message that begins at some bytes of ``data`` if it has this layout [N].
+
+        Raises ValueError if one would go beyond the data.
+        """
+        whole = self._whole(data, start)
+        octets = self._octets(whole)
+        fits = np.ones(len(whole), np.bool_)
+        for at, values in self._constant_spans:
+            fits &= (octets[:, at : at + len(values)] == values).all(axis=1)
+        return fits
+
+    def _whole(self, data: bytes, start: NDArray[np.int64]) -> NDArray[np.void]:
         size = self.size
         if start[-1] + size > len(data):
             raise ValueError("messages of different sizes")
         step = int(start[1] - start[0]) if len(start) > 1 else size
         if step > 0 and (np.diff(start) == step).all():
-            whole: NDArray[np.void] = np.ndarray(
-                (len(start),), f"V{size}", data, int(start[0]), (step,)
-            )
-        else:
-            everywhere: NDArray[np.void] = np.ndarray(
-                (len(data) - size + 1,), f"V{size}", data, 0, (1,)
-            )
-            whole = everywhere[start]
-        return self._checked(whole)
+            return np.ndarray((len(start),), f"V{size}", data, int(start[0]), (step,))
+        everywhere: NDArray[np.void] = np.ndarray(
+            (len(data) - size + 1,), f"V{size}", data, 0, (1,)
+        )
+        return everywhere[start]
 
-    def _checked(self, whole: NDArray[np.void]) -> NDArray[Any]:
-        octets = np.lib.stride_tricks.as_strided(
+    def _octets(self, whole: NDArray[np.void]) -> NDArray[np.uint8]:
+        return np.lib.stride_tricks.as_strided(
             whole.view(np.dtype([("first", "u1"), ("", f"V{self.size - 1}")]))["first"],
             (len(whole), self.size),
             (*whole.strides, 1),
         )
+
+    def _checked(self, whole: NDArray[np.void]) -> NDArray[Any]:
+        octets = self._octets(whole)
         for at, values in self._constant_spans:
             if not (octets[:, at : at + len(values)] == values).all():
                 raise ValueError("messages of different layouts")
@@ -218,7 +233,7 @@ class JointStateLayout:
         cursor = _Cursor(data)
         cursor.take(8, 4)  # the stamp
         frame_id = cursor.string()
-        name = tuple(cursor.string() for _ in range(cursor.count()))
+        name = cursor.strings(MAX_JOINTS)
         position, velocity, effort = (cursor.doubles() for _ in range(3))
         if len(data) - cursor.at > MAX_TRAILING:
             raise ValueError(f"{len(data) - cursor.at} bytes too many")
@@ -246,7 +261,16 @@ class _Cursor:
         data = self.take(self.count(), 1)
         if data[-1:] != b"\x00":
             raise ValueError("a string without its terminator")
+        if len(data) > MAX_NAME + 1:
+            raise ValueError(f"a name of {len(data) - 1} bytes, {MAX_NAME} are read at most")
         return data[:-1].decode()
+
+    def strings(self, limit: int) -> tuple[str, ...]:
+        count = self.count()
+        if count > limit:
+            self.take(4 * count, 4)  # no more than can be there
+            raise ValueError(f"{count} names, {limit} are read at most")
+        return tuple(self.string() for _ in range(count))
 
     def doubles(self) -> int:
         count = self.count()

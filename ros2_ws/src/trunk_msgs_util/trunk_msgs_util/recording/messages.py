@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from .joint_arrays import Integers
 
 HEAD = struct.Struct("<BQ")  # of every record: opcode, length of what follows
@@ -49,6 +51,19 @@ class Messages(NamedTuple):
     def first(self) -> Messages:
         """Return only the first message."""
         return Messages(self.data, self.log_time_ns[:1], self.start[:1], self.end[:1])
+
+    def ends(self) -> Messages:
+        """Return a copy of the first message and the last, which keeps no others in memory."""
+        two = [self.data[self.start[i] : self.end[i]] for i in (0, -1)]
+        end = np.cumsum([len(data) for data in two])
+        start = np.array([0, end[0]])
+        return Messages(b"".join(two), self.log_time_ns[[0, -1]], start, end)
+
+    def without(self, rows: Sequence[int]) -> Messages:
+        """Return all messages but some."""
+        kept = np.ones(len(self), np.bool_)
+        kept[list(rows)] = False
+        return Messages(self.data, self.log_time_ns[kept], self.start[kept], self.end[kept])
 
     def head(self, row: int) -> MessageHead:
         """Return the header of message ``row``."""

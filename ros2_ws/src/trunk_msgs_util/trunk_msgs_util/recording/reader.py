@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
+from contextlib import suppress
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -11,15 +12,17 @@ from typing import TYPE_CHECKING, TypeVar
 from .. import topics as names
 from ..events import Event
 from .bag_folder import METADATA, bag_folder
-from .digests import DIGESTS, RunningDigests, differing, uncovered
-from .file import RecordingError, RecordingFile, Topic
+from .digests import DIGESTS, RunningDigests, differing, uncoverable, uncovered
+from .file import RecordingError, RecordingFile, Topic, size_of
 from .glance import glance
 from .joint_arrays import JointArrays, concatenate, decode
+from .limits import MAX_TEXT
 from .schemas import ParameterChange, RunEvent, parse_event, parse_parameter_event
 from .writer import END, PROVENANCE
 
 if TYPE_CHECKING:
     from ..values import Value
+    from .file import Block
     from .messages import Messages
     from .split import Content
 
@@ -52,6 +55,7 @@ class Recording:
         self._sound = True
         self._files: list[RecordingFile] = []
         self._kept: OrderedDict[tuple[int, int], Content] = OrderedDict()
+        self._kept_bytes = 0
 
     @classmethod
     def open(
@@ -90,7 +94,7 @@ class Recording:
         is_bag = self.path.is_dir()
         if is_bag:
             files, counted = bag_folder(self.path)
-        sizes = [path.stat().st_size for path in files]
+        sizes = [size_of(path) for path in files]
         glances = not self.checked and sum(sizes) >= _GLANCE
         self.checked = True
         for i, path in enumerate(files):
@@ -113,6 +117,7 @@ class Recording:
                     self.warnings.append(f"{left} later {noun} not read")
                 break
         self._judge(is_bag, counted)
+        self._look_at_messages()
 
     def _judge(self, is_bag: bool, counted: int | None) -> None:
         """Warn if nothing says that the run is whole."""
@@ -132,6 +137,21 @@ class Recording:
             self.warnings.append(
                 f"recorded by {library}: no {END} record says whether the run is whole"
             )
+
+    def _look_at_messages(self) -> None:
+        """Warn of messages that cannot be read: everything else goes on without them."""
+        for relative, read in (
+            (names.RUN_PARAMETERS, lambda: self._parameter_events),
+            (names.RUN_EVENTS, lambda: self._events),
+        ):
+            if self.topic(relative) in self.topics:
+                with suppress(RecordingError):  # for whoever asks for it
+                    read()
+        self.warnings += [
+            topic.faults.describe(name, topic.count)
+            for name, topic in sorted(self.topics.items())
+            if topic.faults.count or topic.faults.limit is not None
+        ]
 
     @property
     def files(self) -> list[Path]:
@@ -160,14 +180,24 @@ class Recording:
 
     def alterations(self) -> list[str]:
         """Return the topics and parts that differ from what the recorder wrote, by its digests."""
-        return differing(self.digests, self._digested)
+        return differing(self.digests, self.digested)
 
     def undigested(self) -> list[str]:
         """Return the topics and parts that no digest of the recorder covers."""
-        return uncovered(self.digests, self.topics)
+        return uncovered(self.digests, self.topics) + self.undigestible()
+
+    def undigestible(self) -> list[str]:
+        """Return what no digest could cover."""
+        return uncoverable(self.topics, sum(file.attachments for file in self._files))
+
+    @property
+    def damage(self) -> list[str]:
+        """What keeps the files from being read to their end, or as many messages as counted."""
+        found = [f"{file.path.name}: {file.warning}" for file in self._files if file.warning]
+        return found or ([] if self._sound else [f"other messages than {METADATA} counts"])
 
     @cached_property
-    def _digested(self) -> dict[str, str]:
+    def digested(self) -> dict[str, str]:
         """The digests of what the file holds now."""
         digests = RunningDigests()
         for file in self._files:
@@ -178,7 +208,7 @@ class Recording:
                 digests.metadata(name, values)
             for _ in range(file.attachments):
                 digests.attachment()
-        for file, content in self._contents(list(self.topics)):
+        for file, _, _, content in self._contents(self.topics):
             whole = content.messages(content.channels)
             if whole is not None:
                 digests.heads(whole.heads())
@@ -186,7 +216,7 @@ class Recording:
                 digests.messages(file.channels[number].topic, b"".join(messages.bytes()))
         return digests.values()
 
-    @property
+    @cached_property
     def namespace(self) -> str:
         """The namespace of the run, as ``/robot``; empty for the root."""
         suffix = f"/{names.GROUND_TRUTH}"
@@ -199,24 +229,25 @@ class Recording:
     @property
     def controller(self) -> str | None:
         """The node whose ``~/state`` was recorded; of several, the one with most messages."""
-        counts = self._controllers()
+        counts = self._controllers
         return max(counts, key=lambda name: counts[name], default=None)
 
     @property
     def controllers(self) -> list[str]:
         """All nodes whose ``~/state`` was recorded, in the plan's order."""
-        counts = self._controllers()
+        counts = self._controllers
         planned = self.provenance.get("controller", "").split()
         return sorted(
             counts, key=lambda name: planned.index(name) if name in planned else len(planned)
         )
 
+    @cached_property
     def _controllers(self) -> dict[str, int]:
         prefix, suffix = self.topic(""), "/state"
         return {
-            name.removeprefix(prefix).removesuffix(suffix): topic.count
+            name.removeprefix(prefix).removesuffix(suffix): topic.readable
             for name, topic in self.topics.items()
-            if topic.count and name.startswith(prefix) and name.endswith(suffix)
+            if topic.readable and name.startswith(prefix) and name.endswith(suffix)
         }
 
     @property
@@ -225,28 +256,45 @@ class Recording:
         return next((e.stamp_ns for e in self.events() if e.message == Event.FELL), None)
 
     def blocks(self, topics: Iterable[str]) -> Iterator[dict[str, Messages]]:
-        """Yield the messages of some topics, block by block in file order.
+        """Yield the messages of some topics that can be read, block by block in file order.
 
         One pass: each block is decompressed once for all topics. A topic without messages in a block
-        is not in its dictionary.
+        is not in its dictionary. Raises RecordingError for a topic beyond a limit.
         """
         asked = list(topics)
-        for file, content in self._contents(asked):
-            found = {topic: content.messages(file.numbers(topic)) for topic in asked}
-            yield {topic: messages for topic, messages in found.items() if messages is not None}
+        for topic in asked:
+            if topic in self.topics and self.topics[topic].faults.limit is not None:
+                raise RecordingError(f"{self.path}: {self.topics[topic].faults.describe(topic, 0)}")
+        return self._blocks(asked, only_readable=True)
+
+    def _blocks(
+        self, topics: Iterable[str], only_readable: bool = False
+    ) -> Iterator[dict[str, Messages]]:
+        for file, block, channels, content in self._contents(topics):
+            found: dict[str, Messages] = {}
+            for topic, numbers in file.by_topic(sorted(channels & content.channels.keys())).items():
+                messages = content.messages(numbers)
+                if messages is not None and only_readable:
+                    messages = file.readable(block.offset, messages)
+                if messages is not None and len(messages):
+                    found[topic] = messages
+            if found:
+                yield found
 
     def copies(self, topics: Iterable[str]) -> Iterator[tuple[RecordingFile, Messages]]:
         """Yield the messages of some topics together, in file order, with their file."""
-        asked = list(topics)
-        for file, content in self._contents(asked):
-            messages = content.messages([c for topic in asked for c in file.numbers(topic)])
+        for file, _, channels, content in self._contents(topics):
+            messages = content.messages(channels & content.channels.keys())
             if messages is not None:
                 yield file, messages
 
-    def _contents(self, topics: list[str]) -> Iterator[tuple[RecordingFile, Content]]:
-        """Yield the blocks that have messages of some topics, each read once."""
+    def _contents(
+        self, topics: Iterable[str]
+    ) -> Iterator[tuple[RecordingFile, Block, Set[int], Content]]:
+        """Yield the blocks that have messages of some topics, each read once, and the topics' channels."""
+        asked = list(topics)
         for number, file in enumerate(self._files):
-            every = {channel for topic in topics for channel in file.numbers(topic)}
+            every = {channel for topic in asked for channel in file.numbers(topic)}
             with file.path.open("rb") as stream:
                 for block in file.blocks:
                     if every.isdisjoint(block.channels):
@@ -254,14 +302,15 @@ class Recording:
                     key = (number, block.offset)
                     content = self._kept.get(key) or file.content(stream, block)
                     self._keep(key, content)
-                    yield file, content
+                    yield file, block, every, content
 
     def _keep(self, key: tuple[int, int], content: Content) -> None:
+        if key not in self._kept:
+            self._kept_bytes += _cost(content)
         self._kept[key] = content
         self._kept.move_to_end(key)
-        # Offsets take about as much memory as short messages.
-        while sum(2 * len(kept.data) for kept in self._kept.values()) > _KEPT:
-            self._kept.popitem(last=False)
+        while self._kept_bytes > _KEPT:
+            self._kept_bytes -= _cost(self._kept.popitem(last=False)[1])
 
     def messages(self, topic: str) -> Iterator[tuple[list[int], list[bytes]]]:
         """Yield ``(log times in ns, messages)`` of a topic, block by block, in the file's order."""
@@ -269,15 +318,17 @@ class Recording:
             yield block[topic].log_time_ns.tolist(), block[topic].bytes()
 
     def joints(self, topic: str) -> JointArrays:
-        """Return all messages of a JointState topic (absolute name), none for an unknown topic.
+        """Return all readable messages of a JointState topic (absolute name), none for an unknown topic.
 
-        Raises RecordingError if they are not JointState messages.
+        Raises RecordingError for a topic of another type, and for one beyond a limit.
         """
         return self.joints_of([topic])[topic]
 
     def joints_of(self, topics: Iterable[str]) -> Mapping[str, JointArrays]:
         """Return all messages of some JointState topics, read in one pass. Raises as `joints` does."""
         parts: dict[str, list[JointArrays]] = {topic: [] for topic in topics}
+        for topic in parts:
+            self.check_type(topic, names.JOINT_STATE_TYPE)
         for block in self.blocks(parts):
             for topic, messages in block.items():
                 try:
@@ -288,12 +339,36 @@ class Recording:
                     ) from None
         return {topic: concatenate(parts.pop(topic)) for topic in list(parts)}
 
+    def check_type(self, topic: str, type_name: str) -> None:
+        """Raise RecordingError if messages of a topic are of another type."""
+        if topic in self.topics and self.topics[topic].count:
+            found = self.topics[topic].type
+            if found != type_name:
+                raise RecordingError(
+                    f"{self.path}: {topic} cannot be read as {type_name}: "
+                    f"its type is {found or 'not given'}"
+                )
+
     def _parsed(self, relative: str, parse: Callable[[bytes], Parsed]) -> list[Parsed]:
-        topic = self.topic(relative)
-        try:
-            return [parse(data) for _, messages in self.messages(topic) for data in messages]
-        except ValueError as error:
-            raise RecordingError(f"{self.path}: {topic} cannot be read: {error}") from None
+        """Return a topic's messages that can be read, and note the others. Raises RecordingError."""
+        name = self.topic(relative)
+        topic = self.topics.get(name)
+        found: list[Parsed] = []
+        if topic is None:
+            return found
+        index = size = 0
+        for log_times, messages in self.messages(name):
+            size += sum(map(len, messages))
+            if size > MAX_TEXT:
+                topic.faults.limit = f"its messages have more than the {MAX_TEXT} bytes allowed"
+                raise RecordingError(f"{self.path}: {topic.faults.describe(name, topic.count)}")
+            for log_time_ns, data in zip(log_times, messages, strict=True):
+                try:
+                    found.append(parse(data))
+                except ValueError as error:
+                    topic.faults.add(index, log_time_ns, str(error))
+                index += 1
+        return found
 
     @cached_property
     def _parameter_events(self) -> list[ParameterChange]:
@@ -322,6 +397,11 @@ class Recording:
     def events(self) -> list[RunEvent]:
         """Return the run's events in file order."""
         return list(self._events)
+
+
+def _cost(content: Content) -> int:
+    """Return about how many bytes a block takes; offsets take as much as short messages."""
+    return 2 * len(content.data) + 1000
 
 
 def _tell(progress: Callable[[int, int], None], before: int, of: int, done: int) -> None:

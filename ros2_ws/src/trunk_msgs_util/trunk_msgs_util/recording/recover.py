@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
@@ -11,15 +13,27 @@ from mcap.records import Channel, Metadata, Schema
 from mcap.writer import Writer
 
 from ..whole_file import whole_file
-from .blocks import BLOCKS, ChecksumError, DamageError, Record, content_of, damaged, records
+from .blocks import (
+    BLOCKS,
+    ChecksumError,
+    DamageError,
+    LimitReachedError,
+    Record,
+    content_of,
+    damaged,
+    reached,
+    records,
+)
 from .digests import DIGESTS
-from .file import check_magic
+from .file import check_described, check_magic, numbered, size_of
+from .limits import Budget, LimitError
 from .reader import RecordingError
 from .split import Content
-from .summary import read_summary
+from .summary import Summary, read_summary
 from .writer import END
 
 LIBRARY = "trunk_msgs_util recover"
+_LOSSES = 20  # listed in the end record
 
 
 @dataclass
@@ -40,10 +54,10 @@ def recover(path: Path, output: Path, overwrite: bool = False) -> Recovery:
 
     Damaged chunks are left out; after damage that hides where the next record begins, the file's
     own index says where to go on. The end record says "complete: false" and why. Raises RecordingError
-    if nothing can be read, FileExistsError, and OSError.
+    if nothing can be read, FileExistsError, and OSError. Beyond a limit (`limits`) nothing is read.
     """
     recovery = Recovery()
-    size = path.stat().st_size
+    size = size_of(path)
     with path.open("rb") as file:
         check_magic(path, file, size)
         if output.exists() and output.samefile(path):
@@ -66,6 +80,7 @@ class _Copy:
         self._channels: dict[int, tuple[int, str]] = {}
         self._end: dict[str, str] | None = None
         self._seen = 8  # everything before this byte was read or given up
+        self._budget = Budget(size)
 
     def run(self) -> None:
         self._writer.start("ros2", LIBRARY)
@@ -75,7 +90,9 @@ class _Copy:
             start = self._stretch(start)
         self._writer.flush()
         told = self._end or {}
-        lost = "; ".join(self._recovery.lost) or "nothing"
+        lost = "; ".join(self._recovery.lost[:_LOSSES]) or "nothing"
+        if len(self._recovery.lost) > _LOSSES:
+            lost += f"; and {len(self._recovery.lost) - _LOSSES} losses more"
         before = "complete" if told.get("complete") == "true" else told.get("reason", "no end")
         reason = f"recovered; it was: {before}; lost: {lost}"
         self._writer.add_metadata(END, {"complete": "false", "recovered": "true", "reason": reason})
@@ -83,22 +100,36 @@ class _Copy:
 
     def _described(self) -> None:
         """Read schemas and channels from the summary, in case their chunk is lost."""
-        try:
-            summary = read_summary(self._file, self._size)
-        except ValueError:
-            return
+        summary = self._summary
         if summary is not None and summary.footer.summary_crc == summary.crc:
-            for schema in summary.schemas:
-                self._describe(schema)
-            for channel in summary.channels:
-                self._describe(channel)
+            try:
+                for schema in summary.schemas:
+                    self._describe(schema)
+                for channel in summary.channels:
+                    self._describe(channel)
+            except LimitError as error:
+                self._recovery.lost.append(f"the summary describes {error}")
+
+    @cached_property
+    def _summary(self) -> Summary | None:
+        try:
+            return read_summary(self._file, self._size)
+        except ValueError:
+            return None
+
+    @cached_property
+    def _chunks(self) -> list[int]:
+        """Where chunks begin, according to the index."""
+        return sorted(c.chunk_start_offset for c in self._summary.chunks) if self._summary else []
 
     def _describe(self, item: Schema | Channel) -> None:
         if isinstance(item, Schema):
             if item.id not in self._schemas:
+                check_described(len(self._schemas) - 1, item)
                 number = self._writer.register_schema(item.name, item.encoding, item.data)
                 self._schemas[item.id] = number
         elif item.id not in self._channels:
+            check_described(len(self._channels), item)
             schema = self._schemas.get(item.schema_id, 0)
             number = self._writer.register_channel(
                 item.topic, item.message_encoding, schema, item.metadata
@@ -113,12 +144,16 @@ class _Copy:
                 at = self._file.tell()
                 try:
                     self._take(record)
+                except LimitReachedError:
+                    raise
                 except DamageError as error:
                     self._recovery.lost.append(str(error))
                 self._file.seek(at)
                 self._seen = record.end
         except ChecksumError as error:
             self._recovery.lost.append(f"{error}, but its records can be read")
+        except LimitReachedError as error:
+            self._recovery.lost.append(f"{error}; nothing after it is read")
         except DamageError as error:
             self._recovery.lost.append(str(error))
             return self._next_chunk()
@@ -126,18 +161,14 @@ class _Copy:
 
     def _next_chunk(self) -> int:
         """Return where the index gives a chunk after the damage."""
-        try:
-            summary = read_summary(self._file, self._size)
-        except ValueError:
-            return self._size
-        starts = [chunk.chunk_start_offset for chunk in summary.chunks] if summary else []
-        following = min((at for at in starts if at > self._seen), default=self._size)
+        after = bisect_right(self._chunks, self._seen)
+        following = self._chunks[after] if after < len(self._chunks) else self._size
         self._seen = following
         return following
 
     def _take(self, record: Record) -> None:
         if record.opcode in BLOCKS:
-            content = content_of(record)
+            content = content_of(record, self._budget)
             for opcode, body in content.others:
                 self._take_other(Record(record.offset, opcode, body, record.end))
             self._messages(content, record)
@@ -147,9 +178,11 @@ class _Copy:
     def _take_other(self, record: Record) -> None:
         try:
             if record.opcode == Opcode.SCHEMA:
-                self._describe(Schema.read(record.stream))
+                if numbered(record) not in self._schemas:
+                    self._describe(Schema.read(record.stream))
             elif record.opcode == Opcode.CHANNEL:
-                self._describe(Channel.read(record.stream))
+                if numbered(record) not in self._channels:
+                    self._describe(Channel.read(record.stream))
             elif record.opcode == Opcode.METADATA:
                 metadata = Metadata.read(record.stream)
                 if metadata.name == END:
@@ -163,6 +196,8 @@ class _Copy:
                     topics = {k: v for k, v in metadata.metadata.items() if k.startswith("/")}
                     self._writer.flush()
                     self._writer.add_metadata(DIGESTS, topics)
+        except LimitError as error:
+            raise reached(record, error) from None
         except Exception as error:  # whatever mcap may raise on a damaged record
             raise damaged(record, error) from None
 

@@ -9,7 +9,6 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
 from ..topics import DIAGNOSTIC_ARRAY_TYPE, PARAMETER_EVENT_TYPE
@@ -85,11 +84,12 @@ def serialize(type_name: str, message: Any) -> bytes:
 
 
 def deserialize(type_name: str, data: bytes) -> Any:
-    """Return the message. Raises ValueError if the bytes are not of this type."""
+    """Return the message. Raises ValueError if the bytes are not of this type, or there is none."""
     try:
         return _store().deserialize_cdr(data, type_name)
-    except (SerdeError, IndexError, MemoryError, OverflowError) as error:
-        raise ValueError(f"not a {type_name}: {error}") from None
+    except Exception as error:  # whatever rosbags may raise on damaged bytes
+        what = str(error) or type(error).__name__
+        raise ValueError(f"not a {type_name}: {what}") from None
 
 
 def _time(stamp_ns: int) -> Any:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..topics import JOINT_STATE_TYPE
 from .file import RecordingError
 from .joint_arrays import QUANTITIES, Floats, Integers, JointArrays, decode, stamps, structured
 
@@ -38,11 +39,15 @@ def read_series(
 ) -> dict[str, Series]:
     """Return columns of some topics (absolute names), empty ones for unknown topics.
 
-    Raises RecordingError if a topic has messages other than JointState, or not as many as were
-    counted when the recording was opened.
+    Messages that cannot be read are left out. Raises RecordingError if a topic is of another type,
+    or has not as many messages as were counted when the recording was opened.
     """
+    for topic in wanted:
+        recording.check_type(topic, JOINT_STATE_TYPE)
     series = {
-        topic: _Filling(recording.topics[topic].count if topic in recording.topics else 0, columns)
+        topic: _Filling(
+            recording.topics[topic].readable if topic in recording.topics else 0, columns
+        )
         for topic, columns in wanted.items()
     }
     for block in recording.blocks(wanted):
@@ -83,7 +88,8 @@ def in_turn(series: Sequence[Series]) -> Series:
 
 
 def joint_names(recording: Recording, topic: str) -> tuple[str, ...]:
-    """Return the names in a topic's first message; none without messages."""
+    """Return the names in a topic's first readable message; none without messages."""
+    recording.check_type(topic, JOINT_STATE_TYPE)
     for block in recording.blocks([topic]):
         try:
             return decode(block[topic].first()).names

@@ -18,6 +18,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from .limits import Budget
 from .messages import HEAD, Messages, data_starts, head_field
 
 if TYPE_CHECKING:
@@ -49,11 +50,16 @@ class Content:
         return Messages(self.data, log[order], start[order], end[order])
 
 
-def split(data: bytes) -> Content:
-    """Return the content of a chunk. Raises ValueError if its records make no sense."""
+def split(data: bytes, budget: Budget | None = None) -> Content:
+    """Return the content of a chunk. Raises ValueError if its records make no sense.
+
+    Raises LimitError if it has more records than the budget allows.
+    """
     offsets, end = record_offsets(data)
     if end != len(data):
         raise ValueError("a record goes beyond its chunk")
+    if budget is not None:
+        budget.take(len(offsets))
     opcodes = np.frombuffer(data, np.uint8)[offsets]
     ends = np.append(offsets[1:], end)
     is_message = opcodes == Opcode.MESSAGE
@@ -76,8 +82,9 @@ def split(data: bytes) -> Content:
         raise ValueError("a log time is beyond the year 2262")
     log = log.astype(np.int64)
     channel = head_field(data, offsets, "channel")
-    for number in np.unique(channel).tolist():
-        rows = np.flatnonzero(channel == number)
+    order = np.argsort(channel, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(channel[order])) + 1):
+        number = int(channel[rows[0]])
         content.channels[number] = Messages(data, log[rows], starts[rows], ends[rows])
     return content
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,10 +14,19 @@ from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
 
 from ..units import seconds
-from .blocks import BLOCKS, ChecksumError, DamageError, Record, content_of, records
+from .blocks import (
+    BLOCKS,
+    ChecksumError,
+    DamageError,
+    LimitReachedError,
+    Record,
+    content_of,
+    records,
+)
 from .chunk import chunk_head
-from .file import check_magic
+from .file import check_magic, size_of
 from .joint_arrays import Integers
+from .limits import Budget
 from .split import Content
 from .summary import message_indexes, read_summary
 
@@ -45,11 +55,11 @@ class Finding:
 
 def structure(path: Path) -> list[Finding]:
     """Return what is wrong with a file's structure. Raises RecordingError if it is not MCAP."""
-    size = path.stat().st_size
+    size = size_of(path)
     found: list[Finding] = []
     with path.open("rb") as file:
         check_magic(path, file, size)
-        walk = _Walk()
+        walk = _Walk(size)
         try:
             for record in records(file, size):
                 found += walk.take(record)
@@ -64,7 +74,8 @@ def structure(path: Path) -> list[Finding]:
 class _Walk:
     """What a pass through the records has seen, to check the indexes against."""
 
-    def __init__(self) -> None:
+    def __init__(self, size: int) -> None:
+        self.budget = Budget(size)
         self.end = 8
         self.counts: dict[int, int] = {}
         self.chunks: dict[int, tuple[int, dict[int, int]]] = {}  # offset: end, marks by channel
@@ -83,7 +94,9 @@ class _Walk:
             self.metadata.add(record.offset)
         elif record.opcode in BLOCKS:
             try:
-                content = content_of(record)
+                content = content_of(record, self.budget)
+            except LimitReachedError:
+                raise
             except DamageError as error:
                 yield Finding(ERROR, str(error), byte=record.offset)
                 return
@@ -144,15 +157,26 @@ def _summary(file: BinaryIO, size: int, walk: _Walk) -> Iterator[Finding]:
     else:
         for offset in sorted(walk.chunks.keys() - indexed):
             yield Finding(ERROR, "the chunk is not in the index", byte=offset)
+    starts = [*sorted(walk.chunks), size]
+    seen: set[int] = set()
     for chunk in summary.chunks:
-        yield from _chunk_index(file, chunk, walk)
+        at = chunk.chunk_start_offset
+        if at in seen:
+            yield Finding(ERROR, "the index has the chunk twice", byte=at)
+        else:
+            seen.add(at)
+            following = starts[min(bisect_right(starts, at), len(starts) - 1)]
+            yield from _chunk_index(file, chunk, walk, following)
     for index in summary.metadata:
         if index.offset not in walk.metadata:
             text = f"the index has a metadata record {index.name!r} here, the file does not"
             yield Finding(ERROR, text, byte=index.offset)
 
 
-def _chunk_index(file: BinaryIO, chunk: ChunkIndex, walk: _Walk) -> Iterator[Finding]:
+def _chunk_index(
+    file: BinaryIO, chunk: ChunkIndex, walk: _Walk, following: int
+) -> Iterator[Finding]:
+    """Yield what is wrong with a chunk's index; ``following`` is where the next chunk begins."""
     at = chunk.chunk_start_offset
     end, marks = walk.chunks.get(at, (None, {}))
     if end is None:
@@ -163,6 +187,9 @@ def _chunk_index(file: BinaryIO, chunk: ChunkIndex, walk: _Walk) -> Iterator[Fin
         return
     if not chunk.message_index_offsets:
         return  # optional in a file
+    if end + chunk.message_index_length > following:
+        yield Finding(ERROR, "the message indexes of the chunk go into the next one", byte=at)
+        return
     try:
         told = message_indexes(file, chunk)
     except ValueError as error:

@@ -14,7 +14,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, MetadataIndex, Schema, Statistics
 
 from .blocks import MAGIC, Record
-from .chunk import MAX_CHUNK
+from .limits import MAX_CHUNK
 from .messages import HEAD
 from .split import record_offsets
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import struct
 from contextlib import suppress
-from errno import ENOENT
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +12,7 @@ from mcap.records import Channel, Schema
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 from .digests import DIGESTS, RunningDigests
+from .own_file import check_own, open_own
 from .schemas import definition
 
 if TYPE_CHECKING:
@@ -49,12 +48,12 @@ class RecordingWriter:
     def __init__(
         self, path: str | Path, compression: str = "zstd", *, overwrite: bool = False
     ) -> None:
-        """Create the file. Raises FileExistsError if it exists, unless ``overwrite``."""
+        """Create the file.
+
+        Raises FileExistsError if it exists, unless ``overwrite``, and BlockingIOError if it is being written.
+        """
         self.path = Path(path)
-        try:
-            self._file = self.path.open("wb" if overwrite else "xb")
-        except FileExistsError:
-            raise FileExistsError(f"{path} exists: choose another name, or overwrite it") from None
+        self._file = open_own(self.path, overwrite=overwrite)
         self._writer = Writer(
             self._file, compression=_COMPRESSIONS[compression], enable_data_crcs=True
         )
@@ -109,13 +108,23 @@ class RecordingWriter:
     def flush(self) -> None:
         """Finish the chunk and hand everything to the operating system: SIGKILL then loses nothing.
 
-        Raises OSError if it fails, also if the file has been deleted, since nobody could ever read it.
+        Raises OSError if it fails, also where `check` does.
         """
         self._check()
         try:
             self._writer.flush()
-            if not os.fstat(self._file.fileno()).st_nlink:
-                raise FileNotFoundError(ENOENT, "it has been deleted")
+        except OSError as error:
+            raise self._failed(error) from None
+        self.check()
+
+    def check(self) -> None:
+        """Raise OSError if the file has been deleted, renamed, replaced or truncated.
+
+        Nobody who opens its path could read what is written from then on.
+        """
+        self._check()
+        try:
+            check_own(self._file, self.path)
         except OSError as error:
             raise self._failed(error) from None
 
@@ -130,6 +139,8 @@ class RecordingWriter:
             self.add_metadata(END, {"complete": str(complete).lower(), "reason": reason})
             self.add_metadata(DIGESTS, self._digests.values())
             self._writer.finish()
+            self._file.flush()
+            self.check()
             self._file.close()
         except OSError as error:
             with suppress(OSError):

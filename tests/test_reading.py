@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import IndexType
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import write_mcap
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -19,8 +20,6 @@ from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_o
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.series import joint_names, read_series
 from trunk_msgs_util.samples import JointSample
-
-from .mcap_files import write_mcap
 
 TYPE = topics.JOINT_STATE_TYPE
 STORE = get_typestore(Stores.ROS2_JAZZY)

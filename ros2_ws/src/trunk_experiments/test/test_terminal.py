@@ -1,0 +1,64 @@
+"""No verb lets what a file says act on the terminal; an ASCII terminal ends none."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+
+import pytest
+
+from trunk_experiments.cli import main
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
+
+EVIL = "\x1b]0;owned\x07\x1b[2J"
+
+
+def says(monkeypatch: pytest.MonkeyPatch, *words: object, encoding: str = "utf-8") -> str:
+    """Return all that the command prints, stdout and stderr together."""
+    raw = io.BytesIO()
+    screen = io.TextIOWrapper(raw, encoding=encoding)
+    monkeypatch.setattr(sys, "argv", ["trunk", *map(str, words)])
+    monkeypatch.setattr(sys, "stdout", screen)
+    monkeypatch.setattr(sys, "stderr", screen)
+    with pytest.raises(SystemExit):
+        main()
+    screen.flush()
+    return raw.getvalue().decode(encoding)
+
+
+@pytest.fixture
+def evil(tmp_path):
+    path = tmp_path / "run.mcap"
+    writer = RecordingWriter(path)
+    writer.add_metadata(PROVENANCE, {"scenario": EVIL, EVIL: "value"})
+    writer.channel(f"/{EVIL}", "sensor_msgs/msg/JointState")
+    writer.finish(complete=False, reason=EVIL)
+    return path
+
+
+@pytest.mark.parametrize("verb", ["info", "doctor", "verify", "metrics"])
+def test_names_and_reasons_do_not_reach_the_terminal(monkeypatch, evil, verb):
+    said = says(monkeypatch, verb, evil)
+    assert "\\u001b" in said
+    assert not set(said) & {"\x1b", "\x07"}
+
+
+def test_an_error_shows_the_name_that_was_given(monkeypatch):
+    said = says(monkeypatch, "simulate", EVIL, "-o", "x.mcap")
+    assert said.startswith("trunk: error: no scenario ")
+    assert not set(said) & {"\x1b", "\x07"}
+
+
+def test_json_is_that_of_the_file(monkeypatch, evil):
+    said = says(monkeypatch, "info", evil, "--json")
+    assert json.loads(said)["provenance"] == dict(Recording.open(evil).provenance)
+    assert not set(said) & {"\x1b", "\x07"}
+
+
+def test_an_ascii_terminal_shows_metrics(monkeypatch, tmp_path):
+    path = tmp_path / "run.mcap"
+    says(monkeypatch, "simulate", "demo", "--duration", 0.2, "-o", path, encoding="ascii")
+    said = says(monkeypatch, "metrics", path, encoding="ascii")
+    assert "largest angle" in said

@@ -1,0 +1,149 @@
+"""``trunk sign``: who vouches for a recording."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from trunk_msgs_util.recording.keys import (
+    Ed25519PrivateKey,
+    KeyFileError,
+    fingerprint,
+    private_key,
+    public_key,
+    read_key,
+    write_new_key,
+)
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.signature import (
+    SignatureError,
+    read,
+    sign,
+    signature_path,
+    to_text,
+)
+from trunk_msgs_util.whole_file import whole_file
+
+from ..errors import NotSignedError, PlanError
+from ..replay.verify import VERIFIED, Verdict, verify
+from .common import check_output
+
+
+@click.command("sign")
+@click.argument("run", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--key",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Your private Ed25519 key: PEM, or OpenSSH's as ssh-keygen -t ed25519 makes it.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="The signature to write; otherwise RUN.sig, beside the recording.",
+)
+@click.option("--force", is_flag=True, help="Replace a signature that exists.")
+@click.option("--unverified", is_flag=True, help="Sign although trunk verify does not verify it.")
+@click.option(
+    "--new-key",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Make a key pair, FILE and FILE.pub, instead of signing.",
+)
+def command(
+    run: Path | None,
+    key: Path | None,
+    output: Path | None,
+    force: bool,
+    unverified: bool,
+    new_key: Path | None,
+) -> None:
+    """Sign a recording's content with an Ed25519 key, into a file beside it.
+
+    The signature covers the content (messages, their times and order, channels, metadata), not its
+    compression. The recording stays as it is. `trunk verify RUN --key PUBLIC` checks the signature.
+    """
+    if new_key is not None:
+        if run or key or output or force or unverified:
+            raise click.UsageError("--new-key FILE makes a key and takes nothing else")
+        _make_key(new_key)
+        return
+    if run is None or key is None:
+        raise click.UsageError("give RUN and --key FILE, or --new-key FILE to make a key")
+    target = output or signature_path(run)
+    _check_target(target, force)
+    signer = private_key(read_key(key), str(key), lambda: _passphrase(key))
+    recording = Recording.open(run)
+    _check_content(recording)
+    verdict = verify(recording)
+    _check_verdict(run, verdict, unverified)
+    _write(target, recording, signer, force)
+
+
+def _make_key(path: Path) -> None:
+    public = write_new_key(path)
+    told = fingerprint(public_key(read_key(public), str(public)))
+    click.echo(f"{path}: private key, not encrypted; keep it secret (ssh-keygen -p -f encrypts it)")
+    click.echo(f"{public}: public key {told}, for those who verify")
+
+
+def _passphrase(key: Path) -> bytes:
+    if not sys.stdin.isatty():
+        raise KeyFileError(
+            f"{key} is encrypted, and there is no terminal to ask for its passphrase: "
+            "sign in a terminal, or give a key that is not encrypted"
+        )
+    told: str = click.prompt(f"passphrase of {key}", hide_input=True, err=True)
+    return told.encode()
+
+
+def _check_target(target: Path, force: bool) -> None:
+    """Raise PlanError if the signature may not be written there: only a signature is ever replaced."""
+    check_output(target, force=force)
+    if target.is_file():
+        try:
+            read(target)
+        except SignatureError as error:
+            raise PlanError(
+                f"--output {target}: it exists and is not a signature ({error}): "
+                "name another file, or move it away"
+            ) from None
+
+
+def _check_content(recording: Recording) -> None:
+    """Raise NotSignedError for content that no signature may vouch for, whoever asks."""
+    if recording.damage:
+        raise NotSignedError(
+            f"{recording.path} is not signed, it is damaged: {recording.damage[0]}: "
+            "record the run again, or restore the file"
+        )
+    if uncovered := recording.undigested():
+        raise NotSignedError(
+            f"{recording.path} is not signed, it has no digests of {', '.join(uncovered)}: "
+            "give a recording as the recorder or trunk simulate wrote it"
+        )
+    if altered := recording.alterations():
+        raise NotSignedError(
+            f"{recording.path} is not signed, it is not as its recorder wrote it, "
+            f"by the digests of {', '.join(altered)}: restore the file"
+        )
+
+
+def _check_verdict(run: Path, verdict: Verdict, unverified: bool) -> None:
+    if verdict.exit_code == VERIFIED:
+        return
+    why = f"{run}: {verdict.word}: {'; '.join(verdict.reasons) or 'nothing was recomputed'}"
+    if not unverified:
+        raise NotSignedError(f"{why}: it is not signed; --unverified signs it all the same")
+    click.echo(f"trunk: warning: {why}: signed all the same", err=True)
+
+
+def _write(target: Path, recording: Recording, key: Ed25519PrivateKey, force: bool) -> None:
+    signature = sign(recording.digested, key)
+    with whole_file(target, overwrite=force) as part:
+        part.write_text(to_text(signature), encoding="ascii")
+    click.echo(f"{target}: signed by {signature.fingerprint}")

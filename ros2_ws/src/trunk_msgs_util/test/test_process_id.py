@@ -1,0 +1,43 @@
+"""A process is known by more than its number, which another one may have later or on another machine."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+from trunk_msgs_util.process_id import local_pid, process_id
+
+
+def test_each_process_has_its_own_which_leads_back_to_it():
+    mine = process_id()
+    assert mine == process_id(os.getpid())
+    assert local_pid(mine) == os.getpid()
+    assert mine != process_id(os.getppid())
+
+
+def test_a_process_that_becomes_another_program_keeps_it():
+    code = "from trunk_msgs_util.process_id import process_id; print(process_id())"
+    child = subprocess.Popen(
+        ["/bin/sh", "-c", 'read go; exec "$@"', "sh", sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    before = process_id(child.pid)
+    assert child.communicate("go\n")[0].strip() == before != ""
+    assert local_pid(before) is None
+
+
+def test_none_is_found_by_what_is_not_here():
+    boot, pid, start = process_id().split(".")
+    for other in (
+        "",
+        "x",
+        f"{boot}.{pid}",
+        f"{boot}.{pid}.{int(start) + 1}",
+        f"other.{pid}.{start}",
+    ):
+        assert local_pid(other) is None
+    assert process_id(2**22 + 1) == ""

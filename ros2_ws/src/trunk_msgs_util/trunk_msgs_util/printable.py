@@ -1,0 +1,36 @@
+"""Text from files, messages and nodes' names, made safe to print: it cannot drive the terminal."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, TextIO
+
+# Control characters, but tab and newline; separators and marks that reverse the order of what follows; halves
+# of characters, as in names that are not text.
+_UNPRINTABLE = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+
+
+def printable(text: str) -> str:
+    r"""Return the text with each character that acts on a terminal written as JSON would: ``\u001b``."""
+    return _UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+class PrintableStream:
+    """A stream that prints nothing else; what an ASCII terminal lacks becomes a question mark."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream = stream
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+
+    # What is printed is text for `stream`; a library must not encode it for an ASCII terminal by itself.
+    encoding = "utf-8"
+
+    def write(self, text: str) -> int:
+        """Print the text."""
+        return self.stream.write(printable(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)

@@ -1,0 +1,30 @@
+"""By what a process is known on any host and for ever: its boot's id, its number and when it started."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+_BOOT = Path("/proc/sys/kernel/random/boot_id")
+
+
+def process_id(pid: int | None = None) -> str:
+    """Return ``BOOT.PID.START``, of this process by default; empty where there is none.
+
+    START counts the kernel's ticks since the boot; it stays the same when a process becomes another program.
+    """
+    pid = os.getpid() if pid is None else pid
+    with suppress(OSError, IndexError):
+        started = Path(f"/proc/{pid}/stat").read_text("utf-8", "replace").rpartition(") ")[2]
+        return f"{_BOOT.read_text('ascii').strip()}.{pid}.{started.split()[19]}"
+    return ""
+
+
+def local_pid(identity: str) -> int | None:
+    """Return the number of a process that runs on this machine, and can be seen from here; else None."""
+    _, _, rest = identity.partition(".")
+    number = rest.partition(".")[0]
+    if number.isdecimal() and len(number) < 12 and process_id(int(number)) == identity:
+        return int(number)
+    return None

@@ -1,0 +1,25 @@
+#!/usr/bin/env bash
+# Install one requirement file exactly as it is locked: scripts/install.sh PYTHON FILE LOG [pip's options]
+# Nothing without a hash in FILE, no dependency beside it, no code of a package run to build it, but for those below.
+# One line says what is wrong; pip's words are in LOG.
+set -euo pipefail
+python=$1 file=$2 log=$3
+shift 3
+
+# PyPI has no wheel of these: setup.py is run by the setuptools of PYTHON (requirements/setuptools.txt). pip would
+# otherwise download whatever setuptools is the newest, without a hash.
+no_wheel=empy,yattag
+
+"$python" -m pip install --quiet --no-input --disable-pip-version-check --require-hashes --no-deps \
+    --only-binary :all: --no-binary "$no_wheel" --no-build-isolation "$@" -r "$file" >"$log" 2>&1 && exit
+
+fail() { printf '%s: %s\n' "$file" "$*" >&2; exit 1; }
+named() { grep -m 1 -A 9 "$1" "$log" | grep -m 1 -oE '[A-Za-z0-9._-]+==[^ ]+' || echo 'a package'; }
+
+grep -q 'DO NOT MATCH THE HASHES' "$log" &&
+    fail "$(named 'DO NOT MATCH THE HASHES'): what was downloaded has none of the hashes written here, and was not" \
+        "installed: this file or the download was altered. After an edit by hand, run scripts/lock.sh"
+grep -q 'Hashes are required' "$log" &&
+    fail "$(named 'Hashes are required'): no hash is written here, so it was not installed: run scripts/lock.sh"
+fail "could not be installed: $(grep -m 1 '^ERROR' "$log" || tail -n 1 "$log"); is the network there?" \
+    "Simply run this again (pip's words are in $log)"

@@ -1,0 +1,15 @@
+#!/usr/bin/env bash
+# Print the folder of the environment with requirements/release.txt (pip-audit, cyclonedx-py); make it where it is
+# missing or old. It is apart from .venv: nothing in it takes part in a run or in a test.
+set -euo pipefail
+cd -P "$(dirname "${BASH_SOURCE[0]}")/.."
+bash scripts/bootstrap.sh >/dev/null
+folder=$PWD/.venv/.release
+if ! cmp -s requirements/release.txt "$folder/.installed"; then
+    echo 'release_tools: installing requirements/release.txt' >&2
+    rm -rf "$folder"
+    .venv/bin/python -m venv "$folder"
+    bash scripts/install.sh "$folder/bin/python" requirements/release.txt .venv/.release-log
+    cp requirements/release.txt "$folder/.installed"
+fi
+printf '%s\n' "$folder"

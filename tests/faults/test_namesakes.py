@@ -1,0 +1,50 @@
+"""A run shares its domain with no second node of the same name; what discovery lists does not count."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from trunk_experiments.runs.monitor_node import Monitor
+
+from ..graph.peer import Peer
+from ..graph.processes import Children
+
+pytestmark = pytest.mark.graph
+
+
+@pytest.mark.parametrize("options", [(), ("--composed",)], ids=["processes", "composed"])
+def test_second_node_of_a_name_is_refused(
+    children: Children, peer: Peer, options: tuple[str, ...]
+) -> None:
+    other = children.node("disturbance")
+    peer.until_event("disturbance", "configured")
+    run = children.trunk("run", "demo", "--duration", 60, "--output", "run", *options)
+    assert run.wait() == 1
+    assert run.stderr.splitlines()[-1].startswith(
+        "trunk: error: another disturbance is running in this ROS domain: stop it"
+    )
+    assert other.stop() == 0
+
+
+def test_doubled_is_who_says_so_and_not_who_is_listed_twice(domain: int) -> None:
+    with Monitor() as monitor:
+        node = monitor._node
+        monitor._node = SimpleNamespace(get_fully_qualified_node_names=lambda: ["/simulator"] * 2)
+        own = {"simulator": "boot.1.1", "recorder": "boot.2.2"}
+
+        def says(name: str, process: str) -> None:
+            values = [KeyValue(key="process", value=process)]
+            status = DiagnosticStatus(name=name, message="configured", values=values)
+            monitor._on_event(DiagnosticArray(status=[status]))
+
+        for name, process in own.items():
+            says(f"/{name}", process)
+            says(f"/{name}", process)  # cleaned up and configured again
+            says(f"/robot/{name}", "boot.3.3")  # in a namespace: another run's
+        assert monitor.doubled(own) == []
+        says("/recorder", "boot.4.4")
+        assert monitor.doubled(own) == ["recorder"]
+        monitor._node = node

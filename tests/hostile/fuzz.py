@@ -1,0 +1,68 @@
+"""Coverage-guided fuzzing of the reader with atheris: python -m tests.hostile.fuzz [libFuzzer's arguments]
+
+Any file is read to its end or refused by a TrunkError; anything else is a finding.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from trunk_msgs_util.errors import TrunkError
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def readers() -> Callable[[bytes, Path], None]:
+    """Return the function that reads some bytes as every verb does, at a path to write them to."""
+    from trunk_experiments.analysis.run_table import RunTable
+    from trunk_experiments.recorded.run import RecordedRun
+    from trunk_experiments.replay.doctor import examine
+    from trunk_experiments.replay.explain import explain
+    from trunk_experiments.replay.verify import verify
+    from trunk_msgs_util import provenance
+    from trunk_msgs_util.recording.reader import Recording
+    from trunk_msgs_util.recording.recover import recover
+
+    here = provenance.gather()
+    provenance.gather = lambda **_: here  # else git is asked each time
+
+    def read(data: bytes, path: Path) -> None:
+        path.write_bytes(data)
+        with suppress(TrunkError):
+            recording = Recording.open(path)
+            for use in (
+                verify,
+                RunTable.from_recording,
+                lambda recording: explain(recording, 0.001),
+                lambda recording: RecordedRun(recording).plan(),
+            ):
+                with suppress(TrunkError):
+                    use(recording)
+        with suppress(TrunkError):
+            examine(path)
+        with suppress(TrunkError):
+            recover(path, path.with_suffix(".recovered"), overwrite=True)
+
+    return read
+
+
+def main() -> None:
+    """Fuzz until libFuzzer's arguments say that it is enough."""
+    atheris: Any = import_module("atheris")
+    with atheris.instrument_imports(include=["trunk_msgs_util", "trunk_experiments"]):
+        read = readers()
+    folder = Path(
+        tempfile.mkdtemp(prefix="fuzz", dir="/dev/shm" if Path("/dev/shm").is_dir() else None)
+    )
+    atheris.Setup(sys.argv, lambda data: read(data, folder / "a.mcap"))
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()

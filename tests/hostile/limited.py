@@ -1,0 +1,115 @@
+"""A verb in a child of this process, under limits of memory and time; its parent has loaded the modules."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+MEMORY = 2 << 30  # bytes of address space
+SECONDS = 30  # of the processor's time: a busy machine must not make a verb fail
+_HANGS = 20 * SECONDS  # by the clock
+TIME_OUT, TRACEBACK, NOISE, FINE = "time-out", "traceback", "noise", "fine"
+_CODES = (0, 1, 2)
+# What verbs import when they are called; a child then starts with it.
+_LOADED = (
+    *(
+        f"trunk_experiments.commands.{name}"
+        for name in (
+            *("common", "compare", "diff", "doctor", "explain", "export", "info", "metrics"),
+            *("plan", "plot", "recover", "report", "simulate", "sweep", "verify"),
+        )
+    ),
+    "trunk_experiments.recorded.run",
+    "trunk_experiments.runs.offline_recording",
+    "trunk_experiments.views.plots",
+    "trunk_experiments.views.report",
+    "trunk_experiments.views.report_page",
+    "matplotlib.backends.backend_agg",
+    "pyarrow.parquet",
+)
+
+
+class Outcome(NamedTuple):
+    """What a verb did: the process's code, what it printed, how long it took, its peak of memory."""
+
+    code: int
+    out: str
+    err: str
+    seconds: float  # of the processor's time
+    peak: int  # bytes
+
+    @property
+    def verdict(self) -> str:
+        """One of `TIME_OUT`, `TRACEBACK`, `NOISE` (lines that are not ours on stderr) and `FINE`."""
+        if self.code in (-signal.SIGALRM, -signal.SIGPROF):
+            return TIME_OUT
+        if self.code not in _CODES or "Traceback" in self.err:
+            return TRACEBACK
+        strange = [line for line in self.err.splitlines() if not _is_ours(line)]
+        return NOISE if strange else FINE
+
+
+def _is_ours(line: str) -> bool:
+    return line.startswith(
+        ("trunk: warning: ", "trunk: error: ", "Usage: ", "Try ", "Error: ")
+    ) or (not line.strip())
+
+
+def load() -> None:
+    """Import once what every child needs."""
+    for name in _LOADED:
+        import_module(name)
+
+
+def run(arguments: Sequence[object], folder: Path, seconds: float = SECONDS) -> Outcome:
+    """Run ``trunk`` with these arguments in a child of this process, within the limits."""
+
+    def verb() -> None:
+        sys.argv = ["trunk", *map(str, arguments)]
+        import_module("trunk_experiments.cli").main()
+
+    return call(verb, folder, seconds)
+
+
+def call(function: Callable[[], None], folder: Path, seconds: float = SECONDS) -> Outcome:
+    """Call a function in a child of this process, within the limits."""
+    out, err = folder / "out", folder / "err"
+    child = os.fork()
+    if child == 0:
+        _child(function, out, err, seconds)
+    _, status, used = os.wait4(child, 0)
+    code = os.waitstatus_to_exitcode(status)
+    texts = (path.read_text("utf-8", errors="replace") for path in (out, err))
+    return Outcome(code, *texts, used.ru_utime + used.ru_stime, used.ru_maxrss * 1024)
+
+
+def _child(function: Callable[[], None], out: Path, err: Path, seconds: float) -> None:
+    code = 70
+    try:
+        for number, path in ((1, out), (2, err)):
+            os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+        for one in (signal.SIGALRM, signal.SIGPROF):
+            signal.signal(one, signal.SIG_DFL)
+        signal.setitimer(signal.ITIMER_PROF, seconds)
+        signal.setitimer(signal.ITIMER_REAL, _HANGS)
+        try:
+            function()
+            code = 0
+        except SystemExit as stop:
+            if isinstance(stop.code, str):
+                print(stop.code, file=sys.stderr)
+            code = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+        except BaseException:  # what no user should see, a MemoryError included
+            traceback.print_exc()
+        sys.stdout.flush()
+        sys.stderr.flush()
+    finally:
+        os._exit(code)

@@ -1,0 +1,45 @@
+"""Small recordings to begin fuzzing with: python -m tests.hostile.seeds FOLDER"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.recording.reader import Recording
+
+from . import mcap_bytes as m
+from . import tampered
+
+_STEPS = 3
+
+
+def seeds(folder: Path) -> None:
+    """Write a short run as it is, without compression and chunks, and with each kind of change."""
+    base = folder / "whole.mcap"
+    plan = make_plan("fig8", "pid")
+    period = plan.simulator.period_ns / 1e9
+    plan = replace(plan, simulator=replace(plan.simulator, duration=_STEPS * period))
+    record_offline(plan, base, overwrite=True)
+    rows, metadata = tampered.read(base)
+    numbers = {topic: i for i, topic in enumerate(Recording.open(base).topics, 1)}
+    kinds = {topic: kind for topic, _, kind, _ in rows}
+    described = b"".join(
+        m.schema(numbers[topic], kind) + m.channel(numbers[topic], topic, numbers[topic])
+        for topic, kind in kinds.items()
+    )
+    messages = b"".join(m.message(numbers[topic], log, data) for topic, log, _, data in rows)
+    more = b"".join(m.metadata(name, values) for name, values in metadata)
+    for name, records in (
+        ("unchunked", [described + messages + more]),
+        ("plain", [m.chunk(described + messages, compression=""), more]),
+        ("zstd", [described, m.chunk(messages), more]),
+    ):
+        m.write(folder / f"{name}.mcap", records, library="trunk_msgs_util")
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).mkdir(parents=True, exist_ok=True)
+    seeds(Path(sys.argv[1]))

@@ -1,0 +1,320 @@
+"""Recordings of a run that were changed: something left out, put in, or renamed, as in other robots' bags."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from functools import partial
+from math import inf, nan
+from pathlib import Path
+from typing import Any
+
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from trunk_msgs_util.recording import schemas
+
+from .mcap_bytes import EVENTS, JOINT_STATE, PARAMETERS, joint_state
+
+TRUTH, SEEN = "/ground_truth/joint_states", "/joint_states"
+COMMAND, DISTURBANCE, STATE = "/effort_command", "/disturbance", "/pid/state"
+GIVEN, SAID = "/run/parameters", "/run/events"
+FAR_NS = (2**31 - 1) * 10**9
+
+Rows = list[list[Any]]  # topic, log time in ns, type, message
+
+
+def read(path: Path) -> tuple[Rows, list[tuple[str, dict[str, str]]]]:
+    """Return a file's messages and metadata records, as the library ``mcap`` reads them."""
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        rows = [
+            [channel.topic, message.log_time, schema.name if schema else "", message.data]
+            for schema, channel, message in reader.iter_messages(log_time_order=False)
+        ]
+        return rows, [(m.name, m.metadata) for m in reader.iter_metadata()]
+
+
+def write(path: Path, rows: Rows, metadata: list[tuple[str, dict[str, str]]]) -> Path:
+    """Write messages and metadata records; digests are left out."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2", "trunk_msgs_util hostile")
+        numbers: dict[str, int] = {}
+        channels: dict[str, int] = {}
+        first, last = (
+            [m for m in metadata if (m[0] == "trunk_end") == end and m[0] != "trunk_digests"]
+            for end in (False, True)
+        )
+        for name, values in first:
+            writer.add_metadata(name, values)
+        for topic, log, kind, data in rows:
+            if kind not in numbers:
+                numbers[kind] = writer.register_schema(kind, "ros2msg", b"")
+            if topic not in channels:
+                channels[topic] = writer.register_channel(topic, "cdr", numbers[kind])
+            writer.add_message(channels[topic], max(log, 0), data, max(log, 0))
+        for name, values in last:
+            writer.add_metadata(name, values)
+        writer.finish()
+    return path
+
+
+def edited(change: Callable[[Rows], Rows | None], base: Path, path: Path) -> Path:
+    """Write ``base`` with its messages changed."""
+    rows, metadata = read(base)
+    return write(path, change(rows) or rows, metadata)
+
+
+def of(topic: str, rows: Rows) -> Rows:
+    """Return a topic's messages."""
+    return [row for row in rows if row[0] == topic]
+
+
+def sample(data: bytes) -> dict[str, Any]:
+    """Return a JointState as the arguments of `joint_state`."""
+    message = schemas.deserialize(JOINT_STATE, data)
+    return {
+        "ns": schemas.stamp_of(message.header.stamp),
+        "names": list(message.name),
+        "position": message.position.tolist(),
+        "velocity": message.velocity.tolist(),
+        "effort": message.effort.tolist(),
+    }
+
+
+def joints(
+    topics: tuple[str, ...], change: Callable[[dict[str, Any], int], Any], rows: Rows
+) -> None:
+    """Change every message of some JointState topics, given as arguments and a running number."""
+    for topic in topics:
+        for i, row in enumerate(of(topic, rows)):
+            arguments = sample(row[3])
+            change(arguments, i)
+            row[3] = joint_state(**arguments)
+
+
+def _without(quantity: str) -> Callable[[dict[str, Any], int], Any]:
+    return lambda a, i: a.update({quantity: []})
+
+
+def _renamed(*names: str) -> Callable[[dict[str, Any], int], Any]:
+    return lambda a, i: a.update({"names": list(names)[: len(a["names"])] or list(names)})
+
+
+def _set(quantity: str, value: float, at: int) -> Callable[[dict[str, Any], int], Any]:
+    def change(a: dict[str, Any], i: int) -> None:
+        if i == at:
+            a[quantity] = [value] * len(a[quantity])
+
+    return change
+
+
+def _stamped(ns: Callable[[int, int], int]) -> Callable[[dict[str, Any], int], Any]:
+    return lambda a, i: a.update({"ns": ns(a["ns"], i)})
+
+
+def dropped(topic: str, rows: Rows) -> Rows:
+    """Return all messages but a topic's."""
+    return [row for row in rows if row[0] != topic]
+
+
+def _garbage(topic: str, data: bytes, at: Callable[[int], bool], rows: Rows) -> None:
+    for i, row in enumerate(of(topic, rows)):
+        if at(i):
+            row[3] = data
+
+
+def _added(topic: str, kind: str, data: bytes, rows: Rows) -> Rows:
+    return [*rows, [topic, rows[-1][1], kind, data]]
+
+
+def parameters(change: Callable[[str, dict[str, Any]], Any], rows: Rows) -> None:
+    """Change the nodes' first parameters."""
+    for row in of(GIVEN, rows):
+        found = schemas.parse_parameter_event(row[3])
+        values = dict(found.new)
+        if not values:
+            continue
+        change(found.node, values)
+        kinds = {name: "double array" for name, value in values.items() if value == ()}
+        row[3] = schemas.parameter_event(found.stamp_ns, found.node, values, {}, kinds)
+
+
+def _parameter(node: str, name: str, value: Any) -> Callable[[Rows], None]:
+    def change(at: str, values: dict[str, Any]) -> None:
+        if at == node:
+            values[name] = value
+
+    return partial(parameters, change)
+
+
+def _no_status() -> bytes:
+    message = schemas.build(
+        EVENTS,
+        header=schemas.build("std_msgs/msg/Header", stamp=schemas._time(0), frame_id=""),
+        status=[],
+    )
+    return schemas.serialize(EVENTS, message)
+
+
+def _typed(topic: str, kind: str, rows: Rows) -> None:
+    for row in of(topic, rows):
+        row[2] = kind
+
+
+def _alternating(a: dict[str, Any], i: int) -> None:
+    keep = slice(i % 2, i % 2 + 1)
+    for key in ("names", "position", "velocity", "effort"):
+        a[key] = a[key][keep]
+
+
+def _big_endian(rows: Rows) -> None:
+    for row in of(TRUTH, rows):
+        a = sample(row[3])
+        data = b"\0\0\0\0" + struct.pack(">iI", *divmod(a["ns"], 10**9)) + struct.pack(">I", 1)
+        data += b"\0\0\0\0" + struct.pack(">I", len(a["names"]))
+        for name in a["names"]:
+            data += bytes(-(len(data) - 4) % 4) + struct.pack(">I", len(name) + 1)
+            data += name.encode() + b"\0"
+        for quantity in ("position", "velocity", "effort"):
+            values = a[quantity]
+            data += bytes(-(len(data) - 4) % 4) + struct.pack(">I", len(values))
+            data += bytes(-(len(data) - 4) % 8) if values else b""
+            data += struct.pack(f">{len(values)}d", *values)
+        row[3] = data
+
+
+def _arm(rows: Rows) -> Rows:
+    names = [f"joint_{i}" for i in range(7)]
+    return [
+        [SEEN, k * 10**7, JOINT_STATE, joint_state(k * 10**7, names, [0.1 * k] * 7)]
+        for k in range(300)
+    ]
+
+
+def _renamed_topics(rows: Rows) -> None:
+    for row in rows:
+        if row[0] == STATE:
+            row[0] = "/strange/state"
+
+
+_EVERY = (TRUTH, SEEN, COMMAND, DISTURBANCE)
+_CHANGES: dict[str, Callable[[Rows], Rows | None]] = {
+    **{
+        f"{topic.strip('/').replace('/', '.')} without {quantity}": partial(
+            joints, (topic,), _without(quantity)
+        )
+        for topic in (SEEN, TRUTH)
+        for quantity in ("position", "velocity", "effort")
+    },
+    "commands without effort": partial(joints, (COMMAND,), _without("effort")),
+    "terms without position": partial(joints, (STATE,), _without("position")),
+    "disturbance without effort": partial(joints, (DISTURBANCE,), _without("effort")),
+    "measured joints renamed": partial(joints, (SEEN,), _renamed("a", "b")),
+    "true joints renamed": partial(joints, (TRUTH,), _renamed("a", "b")),
+    "command's joint renamed": partial(joints, (COMMAND,), _renamed("elbow")),
+    "all joints renamed": partial(joints, _EVERY, _renamed("a", "b")),
+    "true joints swapped": partial(joints, (TRUTH,), _renamed("trunk", "hip")),
+    "both joints of one name": partial(joints, (TRUTH, SEEN), _renamed("trunk", "trunk")),
+    "joints without a name": partial(joints, (TRUTH,), _renamed("", "")),
+    "names that are not UTF-8": partial(
+        joints, (TRUTH,), lambda a, i: a.update({"names": [b"\xff\xfe", b"\xc3("]})
+    ),
+    "more names than values": partial(
+        joints, (TRUTH,), lambda a, i: a.update({"names": ["hip", "trunk", "knee"]})
+    ),
+    "no names at all": partial(joints, (TRUTH,), lambda a, i: a.update({"names": []})),
+    "three joints": partial(
+        joints,
+        (TRUTH, SEEN),
+        lambda a, i: a.update(
+            {key: [*a[key], a[key][0]] for key in ("position", "velocity", "effort")}
+            | {"names": ["hip", "trunk", "knee"]}
+        ),
+    ),
+    "one joint a message": partial(joints, (TRUTH, SEEN), _alternating),
+    **{
+        f"no {topic.strip('/')}": partial(dropped, topic) for topic in (*_EVERY, STATE, GIVEN, SAID)
+    },
+    "nothing but true states": lambda rows: of(TRUTH, rows),
+    "only the first state": lambda rows: [
+        row for row in rows if row[0] not in (*_EVERY, STATE) or sample(row[3])["ns"] == 0
+    ],
+    "another joint parameter": _parameter("/pid", "joint", "elbow"),
+    "another hip parameter": _parameter("/pid", "hip_joint", "knee"),
+    "other joints in the parameters": _parameter("/simulator", "joints", ("a", "b")),
+    "a rate that is a text": _parameter("/simulator", "update_rate", "fast"),
+    "a rate of 0 Hz": _parameter("/simulator", "update_rate", 0.0),
+    "a rate of 1e300 Hz": _parameter("/simulator", "update_rate", 1e300),
+    "a rate of 1e-300 Hz": _parameter("/simulator", "update_rate", 1e-300),
+    "a rate that is NaN": _parameter("/simulator", "update_rate", nan),
+    "a limit that is NaN": _parameter("/simulator", "max_effort", nan),
+    "a seed of 2^63 - 1": _parameter("/simulator", "seed", 2**63 - 1),
+    "a million pulses": _parameter(
+        "/disturbance", "pulse.times", tuple(float(i) for i in range(1_000_000))
+    ),
+    "a simulator without parameters": partial(
+        parameters, lambda node, values: values.clear() if node == "/simulator" else None
+    ),
+    "a parameter nobody knows": _parameter("/pid", "spin", 1.0),
+    "an event without a status": lambda rows: _added(SAID, EVENTS, _no_status(), rows),
+    "an event of garbage": lambda rows: _added(SAID, EVENTS, b"\0\1\0\0\xff\xff", rows),
+    "an event that is empty": lambda rows: _added(SAID, EVENTS, b"", rows),
+    "an event that claims 4 GB": lambda rows: _added(
+        SAID, EVENTS, b"\0\1\0\0" + bytes(8) + b"\xff\xff\xff\x7f" * 9, rows
+    ),
+    "an end of `many` states": lambda rows: _added(
+        SAID, EVENTS, schemas.event(0, "/simulator", "finished", {"states": "many"}), rows
+    ),
+    "a fall of `up`": lambda rows: _added(
+        SAID, EVENTS, schemas.event(0, "/simulator", "fell", {"angle": "up", "limit": ""}), rows
+    ),
+    "a change of garbage": lambda rows: _added(
+        GIVEN, PARAMETERS, b"\0\1\0\0\1\2\3\4\5\6\7\xff\xff\xff", rows
+    ),
+    "a change to a text": lambda rows: _added(
+        GIVEN, PARAMETERS, schemas.parameter_event(10**8, "/pid", {}, {"kp": "high"}), rows
+    ),
+    "a change far from now": lambda rows: _added(
+        GIVEN, PARAMETERS, schemas.parameter_event(FAR_NS, "/pid", {}, {"kp": 1.0}), rows
+    ),
+    "a reset far from now": lambda rows: _added(
+        SAID, EVENTS, schemas.event(FAR_NS, "/simulator", "reset"), rows
+    ),
+    "one true state of garbage": partial(_garbage, TRUTH, b"\0\1\0\0garbage", lambda i: i == 7),
+    "every other true state of garbage": partial(_garbage, TRUTH, b"\xff" * 40, lambda i: i % 2),
+    "all true states of garbage": partial(_garbage, TRUTH, b"\xff" * 40, lambda i: True),
+    "one command of garbage": partial(_garbage, COMMAND, b"\0\1", lambda i: i == 7),
+    "terms of garbage": partial(_garbage, STATE, b"", lambda i: True),
+    "true states of another type": partial(_typed, TRUTH, "std_msgs/msg/String"),
+    "true states of no type": partial(_typed, TRUTH, ""),
+    "parameters of another type": partial(_typed, GIVEN, "std_msgs/msg/String"),
+    "big-endian true states": _big_endian,
+    "a true state that is NaN": partial(joints, (TRUTH,), _set("position", nan, 5)),
+    "a true state that is infinite": partial(joints, (TRUTH,), _set("position", inf, 5)),
+    "a true state of 1e300": partial(joints, (TRUTH,), _set("position", 1e300, 5)),
+    "a command that is NaN": partial(joints, (COMMAND,), _set("effort", nan, 5)),
+    "a measured rate of 1e308": partial(joints, (SEEN,), _set("velocity", 1e308, 5)),
+    "all true states NaN": partial(
+        joints, (TRUTH,), lambda a, i: a.update({"position": [nan, nan]})
+    ),
+    **{
+        f"a stamp of 2^31 - 1 s in {topic.strip('/')}": partial(
+            joints, (topic,), _stamped(lambda ns, i: FAR_NS if i == 20 else ns)
+        )
+        for topic in (*_EVERY, STATE)
+    },
+    "stamps before zero": partial(joints, _EVERY, _stamped(lambda ns, i: ns - 2 * 10**9)),
+    "equal stamps": partial(joints, _EVERY, _stamped(lambda ns, i: 0)),
+    "stamps backwards": partial(joints, _EVERY, _stamped(lambda ns, i: 2 * 10**9 - ns)),
+    "stamps off the period": partial(joints, _EVERY, _stamped(lambda ns, i: ns + i * 7)),
+    "log times of 2^63 - 1": lambda rows: [[t, 2**63 - 1, k, d] for t, _, k, d in rows],
+    "an arm with seven joints": _arm,
+    "a controller nobody knows": _renamed_topics,
+    "the reverse order": lambda rows: rows[::-1],
+}
+
+FILES: dict[str, Callable[[Path, Path], Path]] = {
+    name: partial(edited, change) for name, change in _CHANGES.items()
+}

@@ -1,0 +1,48 @@
+"""Every verb that reads, with its arguments for one file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+Arguments = tuple[object, ...]
+
+
+def of_recording(path: Path, base: Path, folder: Path) -> Mapping[str, Arguments]:
+    """Return the verbs that read a recording; ``base`` is a sound one to compare it with."""
+    return {
+        "info": ("info", path),
+        "info --json": ("info", "--json", path),
+        "metrics": ("metrics", path),
+        "metrics --json": ("metrics", "--json", path),
+        "verify": ("verify", path),
+        "verify --json": ("verify", "--json", path),
+        "explain": ("explain", path, "--at", "0.5"),
+        "plot": ("plot", path, "-o", folder / "a.png"),
+        "report": ("report", path, "-o", folder / "a.html"),
+        "doctor": ("doctor", path),
+        "doctor --json": ("doctor", "--json", path),
+        "export": (
+            *("export", path, "--csv", folder / "a.csv", "--npz", folder / "a.npz"),
+            *("--parquet", folder / "a.parquet"),
+        ),
+        "export --mcap": ("export", path, "--mcap", folder / "a.mcap"),
+        "diff, first": ("diff", path, base),
+        "diff, second": ("diff", base, path),
+        "compare, first": ("compare", path, base),
+        "compare, second": ("compare", "--json", base, path),
+        "recover": ("recover", path, "-o", folder / "b.mcap", "--force"),
+        "simulate --like": ("simulate", "--like", path, "-o", folder / "c.mcap", "--force"),
+    }
+
+
+def of_text(path: Path, text: str, folder: Path) -> Mapping[str, Arguments]:
+    """Return the verbs that read a YAML file."""
+    plan = ("-o", folder / "a.yaml")
+    return {
+        "plan --params": ("plan", "fig6", "--params", path, *plan),
+        "plan": ("plan", path, *plan),
+        "plan --set": ("plan", "fig6", "--set", f"pid.kp={text[:100_000]}", *plan),
+        "simulate": ("simulate", path, "-o", folder / "a.mcap", "--force", "--duration", "0.1"),
+        "sweep": ("sweep", path, "-o", folder / "a.parquet"),
+    }
