@@ -21,6 +21,7 @@ from trunk_msgs_util.recording.schemas import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN,
 from trunk_msgs_util.units import seconds, step_count
 
 from ..plans.nodes import CONTROLLERS, NODES
+from ..plans.timeline import begins_active
 
 if TYPE_CHECKING:
     from trunk_sim.config import SimulatorConfig
@@ -210,10 +211,10 @@ def _acting(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
     config = run.config(node)
     if run.mode == "offline":
         turns.sort(key=lambda event: event.stamp_ns)  # those from outside come first in the file
-        if not turns and not config.active_times:
-            return  # active throughout, and nothing says so
     acting = np.zeros(len(stamps), bool)
     since: int | None = None
+    if run.mode == "offline" and begins_active(config, run.changes(node)):
+        since = -1  # and nothing says so
     for event in turns:
         active = event.message == Event.ACTIVATED
         if run.mode == "offline" and active == (since is not None):
@@ -399,6 +400,10 @@ def _origin(run: RecordedRun) -> Iterator[str]:
     for key, value in expected.items():
         if origin.get(key) != value:
             yield f"origin: {key} is {origin.get(key)!r}, by the parameters {value!r}"
+    for event in run.events:
+        if event.node == run.recording.topic("recorder") and "process" in event.values:
+            if event.values["process"] != origin.get("process"):
+                yield f"origin: process {origin.get('process')!r}, the recorder is {event.values['process']!r}"
     library = run.recording.library.rsplit("/", 1)[-1]
     if origin.get("mcap") != library:
         yield f"origin: mcap {origin.get('mcap')!r}, the file's header has {library!r}"
