@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from itertools import chain
+from multiprocessing import get_context
 from pathlib import Path
 
 from trunk_experiments.replay.verify import VERIFIED
@@ -58,7 +59,7 @@ def check_edits(folder: Path) -> int:
     rows: dict[str, Row] = {}
     wrong, passed = [], set()
     jobs = [(base, str(folder / f"{base}.mcap"), n) for base in BASES for n in range(_PARTS)]
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
         parts = pool.map(_part, *zip(*jobs, strict=True))
         for digests, kind, name, code, reason, fault in chain.from_iterable(parts):
             if code is None:

@@ -133,7 +133,7 @@ def _added(found: Content) -> Iterator[Edit]:
     """Yield events that no node sent, in the middle of the run and at its end."""
     stamps = [sample_of(message).stamp_ns for message in found.of(TRUTH)]
     values = {"rate": "500.0", "angle": "0.1", "limit": "0.5", "reason": "finished",
-              "states": str(len(stamps)), "answers": "effort_command", "process": ""}  # fmt: skip
+              "states": str(len(stamps)), "answers": "effort_command", "process": "boot.1.1"}  # fmt: skip
 
     def add(node: str, word: Event, row: int, found: Content) -> None:
         stamp_ns = stamps[row]

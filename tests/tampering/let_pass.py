@@ -51,6 +51,10 @@ LET_PASS: tuple[tuple[str, str], ...] = (
         "order between the events of different nodes",
     ),
     (
+        rf"{_GRAPH}: event's values: /(fuzzy_pid|pid|disturbance|simulator) configured, another process",
+        "which process a node was; digests alone cover it",
+    ),
+    (
         rf"{_GRAPH}: event moved: /\w+ published, to the end",
         "order between the events of different nodes, at their ends",
     ),

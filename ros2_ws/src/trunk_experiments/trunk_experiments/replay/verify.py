@@ -15,6 +15,7 @@ from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
 from ..recorded.run import RecordedRun
+from .as_planned import not_as_planned
 from .as_written import not_as_written
 from .consistency import contradictions, failures, shared_from_ns, uncounted
 from .real_time import replay_torques
@@ -98,6 +99,7 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         verdict.contradictions += contradictions(run)
         verdict.contradictions += not_as_written(run)
         verdict.contradictions += untellable(run)
+        verdict.contradictions += not_as_planned(run)
         verdict.obstacles += uncounted(run)
     verdict.parts += _recomputed(run, until_ns)
     verdict.judged = _span(run, until_ns)

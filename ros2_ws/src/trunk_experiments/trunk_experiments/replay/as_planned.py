@@ -1,0 +1,127 @@
+"""Whether a run's end, rates, sets of parameters and origin follow from what its nodes were told."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
+from trunk_msgs_util.parameters.declarations import declarations
+from trunk_msgs_util.units import seconds, step_count
+
+from ..plans.nodes import CONTROLLERS, NODES
+
+if TYPE_CHECKING:
+    from trunk_sim.config import SimulatorConfig
+
+    from ..recorded.run import RecordedRun
+
+
+def not_as_planned(run: RecordedRun) -> list[str]:
+    """Return what does not follow, a line each. Raises ParameterError for parameters."""
+    return [*_end(run), *_rates(run), *_parameters(run), *_origin(run)]
+
+
+def _end(run: RecordedRun) -> Iterator[str]:
+    """Yield where the run's end does not follow from its parameters and its last state."""
+    truth = run.table(topics.GROUND_TRUTH)
+    config: SimulatorConfig = run.config("simulator")
+    name = run.recording.topic("simulator")
+    ends = [e for e in run.events if e.node == name and e.message == Event.FINISHED]
+    if not ends or not len(truth):
+        return
+    last = int(truth.stamp_ns.max())
+    if ends[0].stamp_ns != last:
+        at = seconds(ends[0].stamp_ns)
+        yield f"run/events: finished at t = {at:g} s, the last state is at t = {seconds(last):g} s"
+    reason = ends[0].values.get("reason")
+    wanted = step_count(config.duration, config.update_rate) if config.duration else None
+    fell = [e.stamp_ns for e in run.events if e.node == name and e.message == Event.FELL]
+    if any(after <= before for before, after in pairwise(fell)):
+        yield "run/events: two falls in one state, or out of order"
+    by_fall = config.fall_stop and bool(fell) and fell[-1] == last
+    expected = (
+        "the trunk has fallen"
+        if by_fall
+        else "finished"
+        if wanted is not None
+        else "stopped on request"
+    )
+    if reason != expected:
+        yield f"run/events: ended as {reason!r}; by parameters and states it is {expected!r}"
+    if not by_fall and wanted is not None and len(truth) != wanted + 1:
+        yield (
+            f"{len(truth)} states; duration {config.duration:g} s at {config.update_rate:g} Hz "
+            f"has {wanted + 1}"
+        )
+    if config.fall_stop and any(stamp < last for stamp in fell):
+        yield "run/events: fall.stop is set, but the run goes on after a fall"
+
+
+def _rates(run: RecordedRun) -> Iterator[str]:
+    """Yield controllers that a plant in lock-step would have refused."""
+    period_ns = run.config("simulator").period_ns
+    for name in run.controllers if run.mode == "lockstep" else ():
+        ratio = run.config(name).period_ns / period_ns
+        if ratio <= 0.999 or abs(ratio - round(ratio)) >= 1e-3:
+            yield f"{name}: update_rate is not an integer divisor of the simulator's, in lock-step"
+
+
+def _parameters(run: RecordedRun) -> Iterator[str]:
+    """Yield sets of parameters that are not whole, doubled, late, or changed where they are fixed."""
+    prefix = run.recording.topic("")
+    sets: Counter[str] = Counter()
+    for change in run.recording.parameter_messages():
+        node = change.node.removeprefix(prefix)
+        if node not in NODES:
+            yield f"run/parameters: parameters of {change.node}, which is none of our nodes"
+            continue
+        declared = declarations(NODES[node].config)
+        if change.new:
+            sets[node] += 1
+            if tuple(change.new) != tuple(declared):
+                odd = ", ".join(sorted(set(declared) ^ set(change.new))) or "their order"
+                yield f"run/parameters: the set of {node} is not this version's: {odd}"
+            if change.stamp_ns:
+                yield f"run/parameters: the set of {node} is stamped {change.stamp_ns} ns, not 0"
+        if bool(change.new) == bool(change.changed):
+            yield f"run/parameters: a message of {node} that neither begins nor changes"
+        fixed = [name for name in change.changed if name in declared and declared[name].fixed]
+        if fixed:
+            yield f"run/parameters: {node} changes {', '.join(fixed)}, fixed at start"
+    for node, count in sets.items():
+        if count > 1:
+            yield f"run/parameters: {count} sets of {node}: it was started again"
+
+
+def _origin(run: RecordedRun) -> Iterator[str]:
+    """Yield where the run's origin is not what the recorder was told, or what ran."""
+    origin = run.recording.provenance
+    if run.mode == "offline":
+        ran = " ".join(name for name in run.parameters if name in CONTROLLERS)
+        expected = {"controller": ran, "rmw": "none"}
+    elif "recorder" in run.parameters:
+        recorder = run.config("recorder")
+        expected = {
+            "scenario": recorder.scenario,
+            "controller": " ".join(recorder.controllers),
+            "mode": recorder.mode,
+        }
+    else:
+        yield "no parameters of the recorder: a graph's recorder writes its own"
+        return
+    for key, value in expected.items():
+        if origin.get(key) != value:
+            yield f"origin: {key} is {origin.get(key)!r}, by the parameters {value!r}"
+    name = run.recording.topic("recorder")
+    for process in (
+        e.values["process"] for e in run.events if e.node == name and "process" in e.values
+    ):
+        if process != origin.get("process"):
+            yield f"origin: process {origin.get('process')!r}, the recorder is {process!r}"
+    library = run.recording.library.rsplit("/", 1)[-1]
+    if origin.get("mcap") != library:
+        yield f"origin: mcap {origin.get('mcap')!r}, the file's header has {library!r}"

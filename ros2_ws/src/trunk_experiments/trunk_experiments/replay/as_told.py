@@ -1,0 +1,143 @@
+"""Whether the nodes did what they told: who acted when, pauses, standing still, counts of messages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trunk_control.schedule import active_at
+from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
+from trunk_msgs_util.recording.schemas import RunEvent
+from trunk_msgs_util.units import seconds
+
+from ..plans.nodes import CONTROLLERS
+from ..plans.timeline import begins_active
+
+if TYPE_CHECKING:
+    from ..recorded.run import RecordedRun
+
+PUBLISHES = {
+    "simulator": (topics.GROUND_TRUTH, topics.JOINT_STATES),
+    "disturbance": (topics.DISTURBANCE,),
+    **{name: (topics.controller_state(name), topics.EFFORT_COMMAND) for name in CONTROLLERS},
+}
+
+
+def not_as_told(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
+    """Yield where a node's messages are not what its events say."""
+    if node in CONTROLLERS:
+        yield from _acting(run, node, told)
+    if node == "simulator":
+        yield from _pauses(run, told)
+        yield from _still(run, node, told, topics.GROUND_TRUTH)
+    if node == "disturbance":
+        yield from _still(run, node, told, topics.DISTURBANCE)
+    yield from _counted(run, node, told)
+
+
+def _acting(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
+    """Yield where a controller gave commands while it was inactive by its own events."""
+    stamps = np.sort(run.table(topics.controller_state(node)).stamp_ns)
+    turns = [e for e in told if e.message in (Event.ACTIVATED, Event.DEACTIVATED)]
+    config = run.config(node)
+    if run.mode == "offline":
+        turns.sort(key=lambda event: event.stamp_ns)  # those from outside come first in the file
+    acting = np.zeros(len(stamps), bool)
+    since: int | None = None
+    if run.mode == "offline" and begins_active(config, run.changes(node)):
+        since = -1  # and nothing says so
+    for event in turns:
+        active = event.message == Event.ACTIVATED
+        if run.mode == "offline" and active == (since is not None):
+            yield (
+                f"run/events: {event.message!r} of {node} at t = {seconds(event.stamp_ns):g} s, "
+                "which it was already"
+            )
+        if active:
+            since = event.stamp_ns
+        elif since is not None:
+            acting |= (stamps > since) & (stamps <= event.stamp_ns)
+            since = None
+    if since is not None:
+        acting |= stamps > since
+    if not acting.all():
+        at = seconds(int(stamps[np.flatnonzero(~acting)[0]]))
+        yield f"{node}: an update at t = {at:g} s, although it was inactive by run/events"
+    yield from _schedule(run, node, turns)
+
+
+def _schedule(run: RecordedRun, node: str, turns: list[RunEvent]) -> Iterator[str]:
+    """Yield scheduled turns that the events do not have, where every state was answered."""
+    truth = run.table(topics.GROUND_TRUTH).stamp_ns
+    times = run.config(node).active_times_ns
+    if not run.exact or not len(truth):
+        return
+    for time_ns in times:
+        later = truth[truth >= time_ns]
+        if not len(later):
+            continue
+        first = int(later[0])
+        past = [event for event in turns if event.stamp_ns < first]
+        active = bool(past) and past[-1].message == Event.ACTIVATED
+        if active != active_at(times, first):  # two turns may fall between two states
+            word = "inactive" if active else "active"
+            yield f"run/events: {node} was to become {word} at t = {seconds(time_ns):g} s and did not"
+
+
+def _pauses(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
+    """Yield a pause in a pause, an end of none, and one in which simulated time goes on."""
+    since: int | None = None
+    for event in told:
+        if event.message not in (Event.PAUSED, Event.RESUMED):
+            continue
+        what = f"run/events: {event.message!r} at t = {seconds(event.stamp_ns):g} s"
+        if (since is None) != (event.message == Event.PAUSED):
+            yield f"{what} twice"
+        elif since not in (None, event.stamp_ns):
+            yield f"{what}, after a pause at t = {seconds(since or 0):g} s"
+        since = event.stamp_ns if event.message == Event.PAUSED else None
+    last = run.table(topics.GROUND_TRUTH).stamp_ns.max(initial=-1)
+    if since is not None and last > since:
+        yield f"run/events: paused at t = {seconds(since):g} s and not resumed, but states go on"
+
+
+def _still(run: RecordedRun, node: str, told: list[RunEvent], relative: str) -> Iterator[str]:
+    """Yield where a node went on although it was inactive."""
+    since: int | None = None
+    for event in told:
+        if event.message == Event.DEACTIVATED:
+            since = event.stamp_ns
+        elif event.message in (Event.ACTIVATED, Event.CONFIGURED):
+            if event.message == Event.ACTIVATED and since not in (None, event.stamp_ns):
+                yield (
+                    f"run/events: {node} inactive at t = {seconds(since or 0):g} s, active again at "
+                    f"t = {seconds(event.stamp_ns):g} s: it stands still in between"
+                )
+            since = None
+    last = run.table(relative).stamp_ns.max(initial=-1)
+    if since is not None and last > since:
+        yield f"run/events: {node} inactive from t = {seconds(since):g} s, but it goes on"
+
+
+def _counted(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
+    """Yield counts of published messages that are not a node's last word, not whole, or too early."""
+    counts = [event for event in told if event.message == Event.PUBLISHED]
+    if not counts:
+        return
+    if told[-1].message != Event.PUBLISHED:
+        yield f"run/events: {node} goes on after it has counted what it published"
+    own = [relative for relative in PUBLISHES[node] if run.count(relative)]
+    if node in CONTROLLERS and not run.count(PUBLISHES[node][0]):
+        own = []
+    missing = {run.recording.topic(relative) for relative in own} - set(counts[-1].values)
+    if missing and not any(event.message == Event.CLEANED_UP for event in told):
+        yield f"run/events: {node} does not count what it published on {', '.join(sorted(missing))}"
+    truth = run.table(topics.GROUND_TRUTH).stamp_ns
+    last = int(truth.max(initial=-1))
+    if node == "disturbance":
+        last += run.config(node).period_ns
+    if run.exact and counts[-1].stamp_ns != last:
+        yield f"run/events: {node} ends at t = {seconds(counts[-1].stamp_ns):g} s, not after the last state"
