@@ -11,7 +11,7 @@ folder=$(realpath -m "${2:-runs/fuzz}")
 libraries=$PWD/.venv/.fuzz
 if ! cmp -s requirements/fuzz.txt "$libraries/.installed"; then
     rm -rf "$libraries"
-    python -m pip install --quiet --disable-pip-version-check --no-deps --target "$libraries" -r requirements/fuzz.txt
+    bash scripts/install.sh python requirements/fuzz.txt .venv/.fuzz-log --target "$libraries"
     cp requirements/fuzz.txt "$libraries/.installed"
 fi
 mkdir -p "$folder/corpus" "$folder/findings"

@@ -3,7 +3,7 @@
 # (pip install uv) and the network. Pins stay as they are unless uv is told otherwise: scripts/lock.sh --upgrade-package numpy
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../requirements"
-sets=(setuptools runtime ros build cluster dev mutants release)
+sets=(setuptools runtime ros build cluster dev mutants release fuzz)
 
 # Hashes are PyPI's: no other index, from an environment or from a file, takes part.
 unset UV_INDEX UV_DEFAULT_INDEX UV_INDEX_URL UV_EXTRA_INDEX_URL UV_FIND_LINKS
@@ -26,5 +26,3 @@ done
 "${compile[@]}" --generate-hashes --no-deps --constraint "$folder/bench-pins.txt" bench.in -o "$folder/bench.txt"
 for set in "${sets[@]}" bench; do mv "$folder/$set.txt" "$set.txt"; done
 sed -i '1i # pip install --no-deps -r requirements/bench.txt' bench.txt
-"${compile[@]}" --no-deps "$@" fuzz.in -o fuzz.txt
-sed -i '1i # pip install --no-deps -r requirements/fuzz.txt' fuzz.txt
