@@ -101,9 +101,18 @@ def outcomes(
 
 
 def sample(share: float, seed: int = 1) -> Callable[[Edit], bool]:
-    """Return a choice of edits, the same each time."""
+    """Return a choice of edits, the same each time: each sort once, and a share of the others."""
     rng = random.Random(seed)
-    return lambda _: rng.random() < share
+    seen: set[tuple[str, str]] = set()
+
+    def chosen(edit: Edit) -> bool:
+        _, comma, what = edit.name.rpartition(", ")
+        sort = edit.kind, what if comma else ""
+        first = share and sort not in seen
+        seen.add(sort)
+        return bool(first) or rng.random() < share
+
+    return chosen
 
 
 __all__ = ["ANEW", "DIGESTS", "KEPT", "NONE", "Outcome", "copy", "edits_of", "outcomes", "sample"]

@@ -33,7 +33,7 @@ LET_PASS: tuple[tuple[str, str], ...] = (
     (
         (
             rf"{_ANY}: order: \S+ after all others|{_ANY}: order across topics: .*"
-            rf"|{_GRAPH}: parameters' message: \w+, set, to the end"
+            rf"|{_GRAPH}: parameters' message: \w+, (set|changed), to the end"
         ),
         "order across topics: in simulated time stamps give it, in real time log times",
     ),
@@ -78,6 +78,10 @@ LET_PASS: tuple[tuple[str, str], ...] = (
         r"real_time: log times: \S+ all log and publish times .*",
         "log times in real time: when messages arrived; the verdict names it as not judged",
     ),
+    (
+        "lockstep: mode: 'real_time', parameters too, by a wall clock",
+        "mode, every node's parameters and all log times together: a run in real time with no answer late",
+    ),
     (rf"{_ANY}: topics: all in a namespace, nodes too", "a namespace is a name"),
     (
         (
@@ -116,6 +120,8 @@ LET_PASS: tuple[tuple[str, str], ...] = (
         )
         + rf"|{_ANY}: "
         + _PARAMETER.format(r"simulator\.lockstep\.speed", "0")
+        + "|lockstep: "
+        + _PARAMETER.format(r"simulator\.lockstep\.speed", "1")
         + rf"|{_ANY}: "
         + _PARAMETER.format(r"simulator\.controllers", r"\d"),
         "waiting, pace and clock of the simulator: no bit of a state or command depends on them",

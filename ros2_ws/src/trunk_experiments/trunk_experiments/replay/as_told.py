@@ -125,7 +125,7 @@ def _still(run: RecordedRun, node: str, told: list[RunEvent], relative: str) -> 
 def _counted(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
     """Yield counts of published messages that are not a node's last word, not whole, or too early."""
     counts = [event for event in told if event.message == Event.PUBLISHED]
-    if not counts:
+    if not counts or node not in PUBLISHES:
         return
     if told[-1].message != Event.PUBLISHED:
         yield f"run/events: {node} goes on after it has counted what it published"

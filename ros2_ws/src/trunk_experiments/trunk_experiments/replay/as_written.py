@@ -7,8 +7,8 @@ numbers, schemas) decides what other tools show, so it has to be what recorder a
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from trunk_msgs_util.recording.messages import Messages
 
     from ..recorded.run import RecordedRun
+
+Parsed = TypeVar("Parsed")
 
 _RECORDS = (PROVENANCE, END, DIGESTS)  # of metadata, in their order
 
@@ -187,13 +189,15 @@ def _told(run: RecordedRun) -> Iterator[str]:
     """Yield events and sets of parameters that hold more than ours do, or in other words."""
     names = {run.recording.topic(name): name for name in NODES}
     for data in _all(run, topics.RUN_EVENTS):
-        told = parse_event(data)
+        told = _readable(parse_event, data)
+        if told is None:
+            continue
         plain = event(told.stamp_ns, told.node, told.message, told.values, told.level)
         if _plain(topics.DIAGNOSTIC_ARRAY_TYPE, data) != plain:
             yield f"run/events: {told.node} {told.message!r}: the message holds more than an event"
     for data in _all(run, topics.RUN_PARAMETERS):
-        change = parse_parameter_event(data)
-        if change.node not in names:
+        change = _readable(parse_parameter_event, data)
+        if change is None or change.node not in names:
             continue
         declared = declarations(NODES[names[change.node]].config)
         what = f"run/parameters: {change.node} at t = {seconds(change.stamp_ns):g} s"
@@ -213,6 +217,14 @@ def _told(run: RecordedRun) -> Iterator[str]:
 def _all(run: RecordedRun, relative: str) -> Iterator[bytes]:
     for _, messages in run.recording.messages(run.recording.topic(relative)):
         yield from messages
+
+
+def _readable(parse: Callable[[bytes], Parsed], data: bytes) -> Parsed | None:
+    """Return a message; None if it is malformed, which the reader has reported."""
+    try:
+        return parse(data)
+    except ValueError:
+        return None
 
 
 def _plain(type_name: str, data: bytes) -> bytes:
