@@ -25,12 +25,8 @@ def readers() -> Callable[[bytes, Path], None]:
     from trunk_experiments.replay.doctor import examine
     from trunk_experiments.replay.explain import explain
     from trunk_experiments.replay.verify import verify
-    from trunk_msgs_util import provenance
     from trunk_msgs_util.recording.reader import Recording
     from trunk_msgs_util.recording.recover import recover
-
-    here = provenance.gather()
-    provenance.gather = lambda **_: here  # else git is asked each time
 
     def read(data: bytes, path: Path) -> None:
         path.write_bytes(data)
