@@ -192,8 +192,7 @@ def cut(run: Run, file: Path) -> None:
 def none_or_incomplete(run: Run, file: Path) -> None:
     if file.exists():
         recording = Recording.open(file)
-        assert not recording.complete
-        assert "started" not in [event.message for event in recording.events()]
+        assert not recording.complete  # it may have begun by the time that the signal is heard
 
 
 CHECKS = {

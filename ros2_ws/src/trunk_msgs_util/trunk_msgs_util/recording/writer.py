@@ -110,7 +110,7 @@ class RecordingWriter:
 
         Raises OSError if it fails, also where `check` does.
         """
-        self._check()
+        self.check()  # before too: what is written now would fill up a file that was truncated
         try:
             self._writer.flush()
         except OSError as error:
