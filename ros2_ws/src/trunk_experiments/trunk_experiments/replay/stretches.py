@@ -25,7 +25,7 @@ from trunk_sim.step import Plant, SensorParameters, Trunk, act, sense
 from ..compiled import compiled
 from .bits import alike
 
-LONGEST = 100_000  # rows at a time: compiled code cannot be interrupted
+LONGEST = 50_000  # rows at a time: compiled code cannot be interrupted
 
 
 class PlantRecord(NamedTuple):
