@@ -21,7 +21,7 @@ from trunk_experiments.errors import (
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.parameters.files import ParameterFileError
-from trunk_msgs_util.recording.file import RecordingError
+from trunk_msgs_util.recording.topic import RecordingError
 from trunk_sim.simulation import DivergedError
 
 PACKAGES = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")

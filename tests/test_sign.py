@@ -97,6 +97,19 @@ def test_a_new_key_signs(run, trunk):
     assert trunk("verify", "run.mcap", "--key", "mine.pub")[0] == 0
 
 
+def test_who_vouches_for_the_origin(signed, trunk):
+    """Nothing recomputes where a run was made: its digests cover it, and whoever signed vouches for it."""
+    alone = "time): covered by digests alone\n"
+    vouched = "time): covered by digests and the signature; the signer vouches for it\n"
+    for words, said, unsaid in (
+        ((), alone, vouched),
+        (("--key", "alice.pub"), vouched, alone),
+        (("--key", "mallory.pub"), alone, vouched),
+    ):
+        out = trunk("verify", "run.mcap", *words)[1]
+        assert (said in out, unsaid in out) == (True, False), words
+
+
 def test_a_signature_may_be_elsewhere(run, trunk):
     assert trunk("sign", "run.mcap", "--key", "alice", "-o", "else.sig")[0] == 0
     assert not (run.parent / "run.mcap.sig").exists()

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.recording.file import RecordingError
+from trunk_msgs_util.recording.topic import RecordingError
 
 from ..errors import PlanError
 from .common import plan_of, plan_options

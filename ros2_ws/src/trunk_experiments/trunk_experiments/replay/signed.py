@@ -8,7 +8,7 @@ from trunk_msgs_util.recording.keys import Ed25519PublicKey, fingerprint
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.signature import Signature, SignatureError, fits, read
 
-from .verdict import SignatureCheck, Verdict
+from .verdict import ORIGIN, ORIGIN_SIGNED, SignatureCheck, Verdict
 
 
 def check_signature(
@@ -46,6 +46,8 @@ def take_signature(verdict: Verdict, check: SignatureCheck) -> None:
     A signature that cannot be read is an obstacle; with a trusted key it refutes.
     """
     verdict.signature = check
+    if check.trusted and not check.fault:
+        verdict.unjudged = [ORIGIN_SIGNED if what == ORIGIN else what for what in verdict.unjudged]
     if not check.trusted and not check.fault:
         verdict.notes.append(check.describe())
     if check.fault and not check.refuted:

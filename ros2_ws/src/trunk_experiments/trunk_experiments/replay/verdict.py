@@ -11,6 +11,9 @@ from .replay import ACTIVE_CONTROLLERS, MISSING, UNEXPECTED, Checked, Difference
 
 VERIFIED, DIVERGES, UNJUDGED = 0, 1, 2
 NOT_SIGNED = "not signed"  # the word if that is all there is to say against it
+_ORIGIN = "the origin (scenario, commit, host, time): covered by"
+ORIGIN = f"{_ORIGIN} digests alone"
+ORIGIN_SIGNED = f"{_ORIGIN} digests and the signature; the signer vouches for it"
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from .real_time import replay_torques
 from .replay import Checked, replay_controllers, replay_disturbance
 from .replay_plant import PlantReplay
 from .told import untellable
-from .verdict import DIVERGES, UNJUDGED, VERIFIED, Part, Verdict, describe
+from .verdict import DIVERGES, ORIGIN, UNJUDGED, VERIFIED, Part, Verdict, describe
 
 __all__ = [
     "DIVERGES",
@@ -126,7 +126,7 @@ def _unjudged(run: RecordedRun) -> list[str]:
     ]
     if not run.exact:
         found.append("when commands and disturbances arrived: the wall clock decides it")
-    found.append("the origin (scenario, commit, host, time): covered by digests alone")
+    found.append(ORIGIN)
     return found
 
 

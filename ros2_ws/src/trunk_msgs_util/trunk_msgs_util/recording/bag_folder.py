@@ -6,8 +6,8 @@ import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..yaml_text import YamlTextError, load
-from .file import RecordingError
 from .limits import MAX_BAG_METADATA, MAX_NAME
+from .topic import RecordingError
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import struct
-from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Metadata, Schema
 
-from .. import topics as names
-from ..errors import TrunkError
-from ..units import NANOSECONDS
 from .blocks import (
     BLOCKS,
     MAGIC,
@@ -28,9 +22,10 @@ from .blocks import (
     read_block,
     records,
 )
+from .described import check_described, numbered, of_others
 from .digests import DIGESTS
-from .faults import Faults, JointCheck
-from .limits import MAX_CHANNELS, MAX_METADATA, MAX_NAME, Budget, LimitError
+from .limits import MAX_METADATA, Budget, LimitError
+from .topic import RecordingError, Topic
 from .writer import END, PROVENANCE
 
 if TYPE_CHECKING:
@@ -43,86 +38,7 @@ if TYPE_CHECKING:
     from .messages import Messages
     from .split import Content
 
-# These types begin with a stamp, right after the encapsulation header.
-STAMPED = (
-    names.JOINT_STATE_TYPE,
-    names.PARAMETER_EVENT_TYPE,
-    names.DIAGNOSTIC_ARRAY_TYPE,
-    names.CLOCK_TYPE,
-)
-
-
 _OURS = PROVENANCE[:6].encode()  # what the names of our metadata begin with
-_SHORT = 4096  # bytes of others' metadata that are read
-_NUMBER = struct.Struct("<H")
-
-
-class RecordingError(TrunkError):
-    """The file cannot be used as a recording: one line that names it and says what to do."""
-
-
-@dataclass
-class Topic:
-    """What is recorded on a topic; stamps are the headers', or else the log times."""
-
-    type: str
-    count: int = 0
-    first_stamp_ns: int | None = None
-    last_stamp_ns: int | None = None
-    size: int = 0  # encoded bytes
-    last_log_ns: int | None = None
-    longest_gap_ns: int = 0  # between the log times of consecutive messages
-    faults: Faults = field(default_factory=Faults)
-    _check: JointCheck = field(default_factory=JointCheck, repr=False, compare=False)
-
-    @property
-    def readable(self) -> int:
-        """How many of the messages can be read, as far as they were looked at."""
-        return 0 if self.faults.limit is not None else self.count - self.faults.count
-
-    def take(self, messages: Messages) -> list[int]:
-        """Count some messages that follow the earlier ones; return the rows that cannot be read."""
-        bad = self._bad(messages)
-        for row, why in bad:
-            self.faults.add(self.count + row, int(messages.log_time_ns[row]), why)
-        rows = [row for row, _ in bad]
-        good = messages.without(rows) if rows else messages
-        self.count += len(messages)
-        self.size += int((messages.end - messages.start).sum())
-        if len(good):
-            self.take_stamps(good, good)
-        self.take_log(messages.log_time_ns)
-        return rows
-
-    def _bad(self, messages: Messages) -> list[tuple[int, str]]:
-        if self.type != names.JOINT_STATE_TYPE or self.faults.limit is not None:
-            return []
-        try:
-            return self._check.bad(messages)
-        except LimitError as error:
-            self.faults.limit = str(error)
-            return []
-
-    def take_stamps(self, first: Messages, last: Messages) -> None:
-        """Take account of the first stamp of some messages, and of the last stamp of others."""
-        begin, end = (
-            stamp_at(messages.data, int(messages.start[i]))
-            if self.type in STAMPED
-            else int(messages.log_time_ns[i])
-            for messages, i in ((first, 0), (last, -1))
-        )
-        if self.first_stamp_ns is None:
-            self.first_stamp_ns = begin
-        self.last_stamp_ns = end
-
-    def take_log(self, log_time_ns: Integers) -> None:
-        """Take account of the log times of one or more messages that follow the earlier ones."""
-        first, last = int(log_time_ns[0]), int(log_time_ns[-1])
-        if self.last_log_ns is not None:
-            self.longest_gap_ns = max(self.longest_gap_ns, first - self.last_log_ns)
-        if len(log_time_ns) > 1:
-            self.longest_gap_ns = max(self.longest_gap_ns, int(np.diff(log_time_ns).max()))
-        self.last_log_ns = last
 
 
 @dataclass(frozen=True)
@@ -203,7 +119,7 @@ class RecordingFile:
             if self._is_new(record, self.channels, Channel.read):
                 self.take_described(Channel.read(record.stream))
         elif record.opcode == Opcode.METADATA and record.body[4:10] != _OURS:
-            self.metadata_records.append(_of_others(record))
+            self.metadata_records.append(of_others(record))
         elif record.opcode == Opcode.METADATA:
             self._described_by += len(record.body)
             if self._described_by > MAX_METADATA:
@@ -301,39 +217,9 @@ def size_of(path: Path) -> int:
     return path.stat().st_size
 
 
-def numbered(record: Record) -> int | None:
-    """Return the number with which a schema's or a channel's record begins; None without one."""
-    return _NUMBER.unpack_from(record.body)[0] if len(record.body) >= _NUMBER.size else None
-
-
-def _of_others(record: Record) -> tuple[str, dict[str, str]]:
-    """Return a metadata record that is not ours; its digest alone where it is large or makes no sense."""
-    if len(record.body) <= _SHORT:
-        with suppress(Exception):  # whatever mcap may raise: nothing in it is needed
-            metadata = Metadata.read(record.stream)
-            return metadata.name, metadata.metadata
-    return "", {"blake2b": hashlib.blake2b(record.body, digest_size=32).hexdigest()}
-
-
-def check_described(count: int, item: Schema | Channel) -> None:
-    """Raise LimitError for a schema or channel after so many others, or with too long a name."""
-    what, name = ("schema", item.name) if isinstance(item, Schema) else ("topic", item.topic)
-    if count >= MAX_CHANNELS:
-        raise LimitError(f"more than {MAX_CHANNELS} {what}s")
-    if len(name) > MAX_NAME:
-        raise LimitError(f"the name of a {what} has {len(name)} letters, {MAX_NAME} are read")
-
-
 def check_magic(path: Path, file: BinaryIO, size: int) -> None:
     """Read past the magic. Raises RecordingError if it is missing."""
     if size == 0:
         raise RecordingError(f"{path} is empty: nothing was recorded; record the run again")
     if file.read(len(MAGIC)) != MAGIC:
         raise RecordingError(f"{path} is not an MCAP file: give a recording of a run")
-
-
-def stamp_at(data: bytes, start: int) -> int:
-    """Return the stamp in ns of a CDR message whose first field is one."""
-    order: Literal["little", "big"] = "little" if data[start + 1 : start + 2] == b"\x01" else "big"
-    sec = int.from_bytes(data[start + 4 : start + 8], order, signed=True)
-    return sec * NANOSECONDS + int.from_bytes(data[start + 8 : start + 12], order)

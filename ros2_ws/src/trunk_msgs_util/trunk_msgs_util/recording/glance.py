@@ -9,11 +9,12 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Schema
 
 from .blocks import Record, content_of, read_block, records
-from .file import Block, RecordingFile, Topic
+from .file import Block, RecordingFile
 from .limits import Budget
 from .messages import HEAD, Messages
 from .split import Content
 from .summary import Summary, message_indexes, read_summary
+from .topic import Topic
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -24,8 +24,9 @@ from .blocks import (
     reached,
     records,
 )
+from .described import check_described, numbered
 from .digests import DIGESTS
-from .file import check_described, check_magic, numbered, size_of
+from .file import check_magic, size_of
 from .limits import Budget, LimitError
 from .reader import RecordingError
 from .split import Content

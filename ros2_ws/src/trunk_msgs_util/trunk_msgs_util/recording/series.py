@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..topics import JOINT_STATE_TYPE
-from .file import RecordingError
 from .joint_arrays import QUANTITIES, Floats, Integers, JointArrays, decode, stamps, structured
+from .topic import RecordingError
 
 if TYPE_CHECKING:
     from .messages import Messages

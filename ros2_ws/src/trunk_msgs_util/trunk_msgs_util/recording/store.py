@@ -1,0 +1,240 @@
+"""`RecordedFiles`: the MCAP files of one recording, scanned once; their messages, read on demand."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Set
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .bag_folder import METADATA, bag_folder
+from .digests import DIGESTS, RunningDigests, differing, uncoverable, uncovered
+from .file import RecordingFile, size_of
+from .glance import glance
+from .topic import RecordingError, Topic
+from .writer import END, PROVENANCE
+
+if TYPE_CHECKING:
+    from .file import Block
+    from .messages import Messages
+    from .split import Content
+
+# Decompressed chunks kept for the next topic: a one-minute run is decompressed once.
+_KEPT = 64 << 20
+# A larger file need not be read whole at a glance; smaller ones are scanned in no time.
+_GLANCE = 32 << 20
+_OURS = "trunk_msgs_util"  # prefix of the library's name in files that must have an end record
+
+
+class RecordedFiles:
+    """The file, or a bag's files, of a recording: topics, metadata, and blocks of messages as bytes.
+
+    ``warnings`` lists what is missing or damaged, and from which byte on. Nothing after the first
+    damaged byte counts.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.topics: dict[str, Topic] = {}
+        self.provenance: dict[str, str] = {}
+        self.digests: dict[str, str] = {}
+        self.end: dict[str, str] | None = None
+        self.warnings: list[str] = []
+        self.checked = True  # every record was read and is sound
+        self._sound = True
+        self._files: list[RecordingFile] = []
+        self._kept: OrderedDict[tuple[int, int], Content] = OrderedDict()
+        self._kept_bytes = 0
+
+    def _scan(self, progress: Callable[[int, int], None]) -> None:
+        files, counted = [self.path], None
+        is_bag = self.path.is_dir()
+        if is_bag:
+            files, counted = bag_folder(self.path)
+        sizes = [size_of(path) for path in files]
+        glances = not self.checked and sum(sizes) >= _GLANCE
+        self.checked = True
+        for i, path in enumerate(files):
+            glanced = glance(path, self.topics) if glances else None
+            if glanced is not None:
+                self.checked = False
+            file = glanced or RecordingFile(path, self.topics)
+            if glanced is None:
+                file.scan(partial(_tell, progress, sum(sizes[:i]), sum(sizes)))
+            self._files.append(file)
+            self._sound &= file.sound
+            self.provenance.update(file.metadata[PROVENANCE])
+            self.digests.update(file.metadata.get(DIGESTS, {}))
+            self.end = file.metadata.get(END, self.end)
+            if file.warning:
+                self.warnings.append(f"{path.name}: {file.warning}" if is_bag else file.warning)
+                if path != files[-1]:
+                    left = len(files) - i - 1
+                    noun = "file is" if left == 1 else "files are"
+                    self.warnings.append(f"{left} later {noun} not read")
+                break
+        self._judge(is_bag, counted)
+
+    def _judge(self, is_bag: bool, counted: int | None) -> None:
+        """Warn if nothing says that the run is whole."""
+        found = sum(topic.count for topic in self.topics.values())
+        if counted is not None and counted != found:
+            self._sound = False
+            self.warnings.append(f"{METADATA} counts {counted} messages, its files hold {found}")
+        library = self._files[0].library
+        if self.end is not None:
+            if self.end.get("complete") != "true":
+                self.warnings.append(f"incomplete: {self.end.get('reason', 'no reason given')}")
+        elif library.startswith(_OURS) or not library:
+            self.warnings.append(f"no {END} record: the recorder was not ended in order")
+        elif is_bag and counted is None:
+            self.warnings.append(f"no {METADATA}: the recorder was not ended in order")
+        else:
+            self.warnings.append(
+                f"recorded by {library}: no {END} record says whether the run is whole"
+            )
+
+    @property
+    def files(self) -> list[Path]:
+        """The MCAP files that were read; more than one for a split bag."""
+        return [file.path for file in self._files]
+
+    @property
+    def opened(self) -> list[RecordingFile]:
+        """The files as they were scanned, with their header, channels and records."""
+        return list(self._files)
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return sum(path.stat().st_size for path in self.files)
+
+    @property
+    def library(self) -> str:
+        """What wrote the first file, according to the file."""
+        return self._files[0].library
+
+    def alterations(self) -> list[str]:
+        """Return the topics and parts that differ from what the recorder wrote, by its digests."""
+        return differing(self.digests, self.digested)
+
+    def undigested(self) -> list[str]:
+        """Return the topics and parts that no digest of the recorder covers."""
+        return uncovered(self.digests, self.topics) + self.undigestible()
+
+    def undigestible(self) -> list[str]:
+        """Return what no digest could cover."""
+        return uncoverable(self.topics, sum(file.attachments for file in self._files))
+
+    @property
+    def complete(self) -> bool:
+        """True if the recorder marked the run as complete, and nothing was altered."""
+        return self._sound and self.end is not None and self.end.get("complete") == "true"
+
+    @property
+    def damage(self) -> list[str]:
+        """What keeps the files from being read to their end, or as many messages as counted."""
+        found = [f"{file.path.name}: {file.warning}" for file in self._files if file.warning]
+        return found or ([] if self._sound else [f"other messages than {METADATA} counts"])
+
+    @cached_property
+    def digested(self) -> dict[str, str]:
+        """The digests of what the file holds now."""
+        digests = RunningDigests()
+        for file in self._files:
+            digests.header(file.profile, file.library)
+            for channel in file.channels.values():
+                digests.channel(channel, file.schemas.get(channel.schema_id))
+            for name, values in file.metadata_records:
+                digests.metadata(name, values)
+            for _ in range(file.attachments):
+                digests.attachment()
+        for file, _, _, content in self._contents(self.topics):
+            whole = content.messages(content.channels)
+            if whole is not None:
+                digests.heads(whole.heads())
+            for number, messages in content.channels.items():
+                digests.messages(file.channels[number].topic, b"".join(messages.bytes()))
+        return digests.values()
+
+    def blocks(self, topics: Iterable[str]) -> Iterator[dict[str, Messages]]:
+        """Yield the messages of some topics that can be read, block by block in file order.
+
+        One pass: each block is decompressed once for all topics. A topic without messages in a block
+        is not in its dictionary. Raises RecordingError for a topic beyond a limit.
+        """
+        asked = list(topics)
+        for topic in asked:
+            if topic in self.topics and self.topics[topic].faults.limit is not None:
+                raise RecordingError(f"{self.path}: {self.topics[topic].faults.describe(topic, 0)}")
+        return self._blocks(asked, only_readable=True)
+
+    def _blocks(
+        self, topics: Iterable[str], only_readable: bool = False
+    ) -> Iterator[dict[str, Messages]]:
+        for file, block, channels, content in self._contents(topics):
+            found: dict[str, Messages] = {}
+            for topic, numbers in file.by_topic(sorted(channels & content.channels.keys())).items():
+                messages = content.messages(numbers)
+                if messages is not None and only_readable:
+                    messages = file.readable(block.offset, messages)
+                if messages is not None and len(messages):
+                    found[topic] = messages
+            if found:
+                yield found
+
+    def copies(self, topics: Iterable[str]) -> Iterator[tuple[RecordingFile, Messages]]:
+        """Yield the messages of some topics together, in file order, with their file."""
+        for file, _, channels, content in self._contents(topics):
+            messages = content.messages(channels & content.channels.keys())
+            if messages is not None:
+                yield file, messages
+
+    def _contents(
+        self, topics: Iterable[str]
+    ) -> Iterator[tuple[RecordingFile, Block, Set[int], Content]]:
+        """Yield the blocks that have messages of some topics, each read once, and the topics' channels."""
+        asked = list(topics)
+        for number, file in enumerate(self._files):
+            every = {channel for topic in asked for channel in file.numbers(topic)}
+            with file.path.open("rb") as stream:
+                for block in file.blocks:
+                    if every.isdisjoint(block.channels):
+                        continue
+                    key = (number, block.offset)
+                    content = self._kept.get(key) or file.content(stream, block)
+                    self._keep(key, content)
+                    yield file, block, every, content
+
+    def _keep(self, key: tuple[int, int], content: Content) -> None:
+        if key not in self._kept:
+            self._kept_bytes += _cost(content)
+        self._kept[key] = content
+        self._kept.move_to_end(key)
+        while self._kept_bytes > _KEPT:
+            self._kept_bytes -= _cost(self._kept.popitem(last=False)[1])
+
+    def messages(self, topic: str) -> Iterator[tuple[list[int], list[bytes]]]:
+        """Yield ``(log times in ns, messages)`` of a topic, block by block, in the file's order."""
+        for block in self.blocks([topic]):
+            yield block[topic].log_time_ns.tolist(), block[topic].bytes()
+
+    def check_type(self, topic: str, type_name: str) -> None:
+        """Raise RecordingError if messages of a topic are of another type."""
+        if topic in self.topics and self.topics[topic].count:
+            found = self.topics[topic].type
+            if found != type_name:
+                raise RecordingError(
+                    f"{self.path}: {topic} cannot be read as {type_name}: "
+                    f"its type is {found or 'not given'}"
+                )
+
+
+def _cost(content: Content) -> int:
+    """Return about how many bytes a block takes; offsets take as much as short messages."""
+    return 2 * len(content.data) + 1000
+
+
+def _tell(progress: Callable[[int, int], None], before: int, of: int, done: int) -> None:
+    progress(before + done, of)
