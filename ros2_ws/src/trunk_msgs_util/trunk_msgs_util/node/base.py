@@ -95,7 +95,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
         self,
         msg_type: Any,
         topic: str,
-        callback: Callable[[Any], None],
+        callback: Callable[..., None],
         qos_profile: Any,
         **more: Any,
     ) -> Subscription:

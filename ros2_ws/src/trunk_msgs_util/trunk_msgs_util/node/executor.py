@@ -7,7 +7,9 @@ once, and leaves everything else (services, guard conditions) to rclpy, so that 
 
 from __future__ import annotations
 
+import inspect
 import time
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.exceptions import InvalidHandle
@@ -30,6 +32,7 @@ class LoopExecutor(SingleThreadedExecutor):
         super().__init__(**arguments)
         self._linger_s = linger_s
         self._subscriptions: list[Subscription] = []
+        self._with_info: list[bool] = []
         self._timers: list[Timer] = []
         self._wait_set: Any = None
         self._known = -1
@@ -66,6 +69,7 @@ class LoopExecutor(SingleThreadedExecutor):
             return
         self._known = known
         self._subscriptions = subscriptions
+        self._with_info = [wants_info(s.callback) for s in subscriptions]
         self._timers, self._services, self._guards = timers, services, guards
         self._wait_set = _rclpy.WaitSet(
             len(subscriptions),
@@ -79,14 +83,17 @@ class LoopExecutor(SingleThreadedExecutor):
 
     def _take_messages(self) -> bool:
         taken = False
-        for subscription in self._subscriptions:
+        for subscription, with_info in zip(self._subscriptions, self._with_info, strict=True):
             handle, callback = subscription.handle, subscription.callback
             for _ in range(_BURST):
                 message = handle.take_message(subscription.msg_type, subscription.raw)
                 if message is None:
                     break
                 taken = True
-                callback(message[0])
+                if with_info:
+                    callback(*message)
+                else:
+                    callback(message[0])
         return taken
 
     def _call_timers(self) -> None:
@@ -123,3 +130,12 @@ class LoopExecutor(SingleThreadedExecutor):
         if self._linger_s and wait_set.get_ready_entities("subscription"):
             time.sleep(self._linger_s)
         return any(wait_set.get_ready_entities(kind) for kind in ("service", "guard_condition"))
+
+
+def wants_info(callback: Callable[..., Any]) -> bool:
+    """Return True for a callback that takes the message's information too, as rclpy tells them apart."""
+    try:
+        inspect.signature(callback).bind(object())
+    except TypeError:
+        return True
+    return False

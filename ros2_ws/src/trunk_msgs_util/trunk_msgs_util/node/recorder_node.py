@@ -11,7 +11,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
-from rclpy.subscription import Subscription
 from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import JointState
 
@@ -28,6 +27,7 @@ from ..units import LAST_STAMP_NS, NANOSECONDS
 from . import evidence, qos
 from .base import TrunkNode
 from .conversions import sample_to_wire
+from .heard import HeardTopic
 from .run import main_for
 
 _MESSAGES: dict[str, type[Any]] = {
@@ -71,7 +71,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._told_ns = -1
         self._runs = 1
         self.run_stamp_ns = -1
-        self._matched: dict[str, Subscription] = {}
+        self._heard: dict[str, HeardTopic] = {}
 
     def set_up(self) -> None:
         """Open the file. Raises ParameterError where it cannot be written, or is there already."""
@@ -116,15 +116,16 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def activate(self) -> None:
         """Subscribe, the first time; earlier messages come too, from the publishers' history."""
-        if not self._matched:
+        if not self._heard:
             for topic, type_name in topics.evidence_types(self.config.controllers).items():
                 self._subscribe(topic, type_name)
-            if not self.config.controllers:
-                self._follow_timer = self.every(_FOLLOW_S, self._follow)
+            self._follow_timer = self.every(_FOLLOW_S, self._follow)
             self._ready_timer = self.every(0.02, self._announce)
 
     def _follow(self) -> None:
-        """Record the ``~/state`` of each node in this namespace that publishes one, from its beginning."""
+        """Hear who is new: every publisher, and each node in this namespace that has a ``~/state``."""
+        for heard in list(self._heard.values()):
+            heard.look()
         prefix = f"{self.get_namespace().rstrip('/')}/"
         for name, types in self.get_topic_names_and_types():
             relative = name.removeprefix(prefix)
@@ -132,7 +133,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
                 name.startswith(prefix)
                 and topics.is_controller_state(relative)
                 and topics.JOINT_STATE_TYPE in types
-                and relative not in self._matched
+                and relative not in self._heard
                 and self._writer is not None
             ):
                 self._channels[relative] = self._writer.channel(name, topics.JOINT_STATE_TYPE)
@@ -141,7 +142,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def _announce(self) -> None:
         """Say ready once somebody publishes on each topic of the loop that the plant waits for."""
         wanted = self.config.lockstep_topics if self.config.lockstep else ()
-        if all(self._matched[topic].get_publisher_count() for topic in wanted):
+        if all(self._heard[topic].publisher_count for topic in wanted):
             self._ready_timer.cancel()
             self.event(Event.READY, answers="recorder")
 
@@ -151,8 +152,14 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def _subscribe(self, topic: str, type_name: str) -> None:
         profile = qos.run_information() if topic in _ALWAYS else qos.evidence()
-        self._matched[topic] = self.create_subscription(
-            _MESSAGES[type_name], topic, self._callback(topic), profile, raw=True
+        self._heard[topic] = HeardTopic(
+            self,
+            topic,
+            type_name,
+            _MESSAGES[type_name],
+            profile,
+            self._callback(topic),
+            lambda: self.run_stamp_ns >= 0,
         )
 
     def _callback(self, topic: str) -> Callable[[bytes], None]:
@@ -284,11 +291,14 @@ class RecorderNode(TrunkNode[RecorderConfig]):
                     f"{topic}: {self._counts[topic]} messages of {states} states: "
                     "another node publishes there too"
                 )
+        unheard = [line for heard in self._heard.values() for line in heard.unheard()]
+        if unheard:
+            return False, "; ".join(unheard)
         return self._taken() or (True, reason)
 
     def _taken(self) -> tuple[bool, str] | None:
         """Return what is missing of the evidence that nodes, when they ended, said they had published."""
-        for topic in self._matched:
+        for topic in self._heard:
             count = self._claimed[self.resolve_topic_name(topic)]
             if self._counts[topic] < count:
                 return False, f"{topic}: {self._counts[topic]} of {count} messages were recorded"

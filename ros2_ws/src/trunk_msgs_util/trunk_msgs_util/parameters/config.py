@@ -34,7 +34,7 @@ class RecorderConfig(ManagedConfig):
     controllers: tuple[str, ...] = parameter(
         "controllers",
         (),
-        "Controllers whose ~/state is recorded; empty: that of every node that publishes one",
+        "Controllers of the plan, for the record; the ~/state of every node that publishes one is recorded",
         element=str,
         fixed=True,
     )
