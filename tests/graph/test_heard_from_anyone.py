@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import qos
-from trunk_msgs_util.node.conversions import sample_to_ros
+from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.samples import JointSample
 
@@ -96,3 +96,16 @@ def test_what_is_of_another_type_is_named(children: Children, peer: Peer, tmp_pa
     assert recorded(recorder, tmp_path).warnings == [
         "incomplete: reference: /peer publishes std_msgs/msg/Float64 there, not sensor_msgs/msg/JointState"
     ]
+
+
+def test_who_looks_at_a_live_topic_sees_the_present(children: Children, peer: Peer) -> None:
+    """Tools ask for what is offered: the past only where it is kept, which is nowhere they look."""
+    simulator = children.node("simulator", "duration:=0.0", "wait_for:=[]")
+    kept = peer.hear(topics.GROUND_TRUTH)
+    peer.until(lambda: len(kept) > 100, "half a second is past")
+    offered = peer.node.get_publishers_info_by_topic(topics.GROUND_TRUTH)
+    assert [found.qos_profile.durability for found in offered] == [DurabilityPolicy.VOLATILE]
+    seen = peer.hear_live(topics.GROUND_TRUTH)
+    peer.until(lambda: seen, "a state comes")
+    assert stamp_from_ros(seen[0].header.stamp) >= stamp_from_ros(kept[100].header.stamp)
+    assert simulator.stop() == 0, simulator.stderr

@@ -37,13 +37,13 @@ def test_a_node_is_ready_when_the_plant_receives_its_answers(
     children: Children, peer: Peer, witness: Peer, node: str, hears: str, answers: str
 ) -> None:
     child = children.node(node)
-    witness.hear(answers)
+    witness.hear_live(answers)
     peer.speaker(hears)  # a plant that has not discovered the node's answers yet
     witness.until(lambda: witness.node.count_publishers(answers), "the witness has found the node")
     peer.fresh_diagnostics(node)
     peer.fresh_diagnostics(node)
     assert "ready" not in [event.message for event in peer.events]
-    peer.hear(answers)
+    peer.hear_live(answers)
     peer.until_event(node, "ready")
     assert child.stop() == 0, child.stderr
 
@@ -58,7 +58,7 @@ def test_a_node_is_ready_when_the_plant_receives_its_answers(
 def test_the_plant_begins_when_it_has_discovered_the_ready_node(
     children: Children, peer: Peer, witness: Peer, states: str, answers: str
 ) -> None:
-    seen = witness.hear(states)
+    seen = witness.hear_live(states)
     simulator = children.node("simulator", f"wait_for:=[{answers}]")
     peer.node.create_publisher(JointState, answers, qos.evidence())
     say = peer.node.create_publisher(DiagnosticArray, topics.RUN_EVENTS, qos.run_information())
@@ -66,7 +66,7 @@ def test_the_plant_begins_when_it_has_discovered_the_ready_node(
     peer.fresh_diagnostics("simulator")
     witness.fresh_diagnostics("simulator")
     assert not seen
-    heard = peer.hear(states)
+    heard = peer.hear_live(states)
     witness.until(lambda: seen, "the run begins")
     peer.until(lambda: heard, "the peer hears it too")
     assert simulator.stop() == 0, simulator.stderr

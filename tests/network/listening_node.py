@@ -34,7 +34,7 @@ def main() -> None:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = Node("listener", start_parameter_services=False)
     node.create_subscription(
-        JointState, topics.GROUND_TRUTH, lambda state: say(torque=state.effort[1]), qos.evidence()
+        JointState, topics.GROUND_TRUTH, lambda state: say(torque=state.effort[1]), qos.live()
     )
     node.create_subscription(DiagnosticArray, "/diagnostics", diagnose, 100)
     executor = SingleThreadedExecutor()

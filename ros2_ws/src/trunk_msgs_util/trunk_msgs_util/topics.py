@@ -113,6 +113,15 @@ STATE_NAMES = (
 )
 
 
+def evidence(topic: str) -> str:
+    """Return where the recorder hears what our nodes publish on a topic, the past too.
+
+    ROS 2's tools hide names with a part that begins with an underscore.
+    """
+    folder, _, name = topic.rpartition("/")
+    return f"{folder}/_{name}" if "/" in topic else f"_{name}"
+
+
 def controller_state(controller: str) -> str:
     """Return the topic of a controller node's ``~/state``."""
     return f"{controller}/state"

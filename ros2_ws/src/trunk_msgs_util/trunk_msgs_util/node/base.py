@@ -13,7 +13,6 @@ from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEve
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
-from sensor_msgs.msg import JointState
 
 from .. import topics
 from ..events import Event
@@ -117,8 +116,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
 
     def create_evidence(self, topic: str) -> evidence.Evidence:
         """Create a publisher of serialized JointState messages that the recorder must not miss."""
-        publisher = self.create_publisher(JointState, topic, qos.evidence())
-        self._evidence.append(evidence.Evidence(publisher))
+        self._evidence.append(evidence.Evidence(self, topic))
         return self._evidence[-1]
 
     def event(self, message: Event, level: bytes = DiagnosticStatus.OK, **values: object) -> None:

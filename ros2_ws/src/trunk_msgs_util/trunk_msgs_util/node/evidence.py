@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.publisher import Publisher
+from sensor_msgs.msg import JointState
 
 from .. import topics
-from . import meeting, settings
+from . import meeting, qos, settings
 
 # A node that ends waits at most this long for the recorder and every other reliable reader to receive
 # what it published; this and the next limit are multiplied by TRUNK_PATIENCE.
@@ -22,15 +22,21 @@ _LOOK_S = 0.01
 
 
 class Evidence:
-    """A publisher of serialized messages that counts them."""
+    """Publishes serialized messages twice, and counts them: live for the loop, and kept for the recorder.
 
-    def __init__(self, publisher: Publisher) -> None:
-        self.publisher = publisher
+    Who looks at the live topic sees the present. Which topic has the past: `topics.evidence`.
+    """
+
+    def __init__(self, node: Node, topic: str) -> None:
+        self.topic = node.resolve_topic_name(topic)
+        self._live = node.create_publisher(JointState, topic, qos.live())
+        self._kept = node.create_publisher(JointState, topics.evidence(self.topic), qos.evidence())
         self.count = 0
 
     def publish(self, data: bytes) -> None:
-        """Publish a serialized message."""
-        self.publisher.publish(data)
+        """Publish a serialized message: first to the loop, which waits for it."""
+        self._live.publish(data)
+        self._kept.publish(data)
         self.count += 1
 
 
@@ -38,7 +44,7 @@ def counted(evidence: Sequence[Evidence]) -> dict[str, int]:
     """Return how many messages were published, by topic; topics without any are left out."""
     counts: Counter[str] = Counter()
     for one in evidence:
-        counts[one.publisher.topic_name] += one.count
+        counts[one.topic] += one.count
     return dict(+counts)
 
 

@@ -1,15 +1,16 @@
 """`HeardTopic`: a topic heard from every publisher, whatever quality of service it offers, each message once.
 
 DDS matches a subscription with those publishers alone that offer at least what it requests. Our nodes keep
-their evidence (reliable, transient local) for a recorder that comes late; rclpy's and `ros2 topic pub`'s
-default is volatile, a sensor's often best effort. No single subscription serves all: one that asks for the
-past is deaf to the volatile, one that does not misses the past. So there is one for each kind that some
-publisher offers, as rosbag2 adapts to what is offered, and a message that two of them receive is taken once.
+what they publish for a recorder that comes late, on a topic of its own (`topics.evidence`). Others publish on
+the live topic alone: rclpy's and `ros2 topic pub`'s default is volatile, a sensor's often best effort. No
+single subscription serves all of them: one that asks for the past is deaf to the volatile, one that does not
+misses the past. So there is one more for each kind that some other publisher offers, as rosbag2 adapts to
+what is offered, and a message that several subscriptions receive is taken once.
 """
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -20,13 +21,18 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from .. import topics
 from . import meeting, qos
 
 Info: TypeAlias = Mapping[str, Any]  # what the middleware tells of a message
-Key: TypeAlias = tuple[int, int]  # when its publisher sent a message, ns, and its number
+# A message's number and bytes: the same for the copy that is kept and the one that is not.
+Key: TypeAlias = tuple[int, bytes]
+Kind: TypeAlias = tuple[ReliabilityPolicy, DurabilityPolicy]
 
 # Twice what a publisher of evidence keeps: one that is matched late delivers all that at once.
 _REMEMBERED = 2 * qos.EVIDENCE_DEPTH
+# So many looks a publisher may have no known node before it counts as somebody else's.
+_UNNAMED_LOOKS = 20
 
 
 @dataclass(eq=False)
@@ -36,7 +42,7 @@ class Source:
     last: int
     missed: int = 0  # sent before it was heard, while the run went on
     lost: int = 0
-    keeps_past: bool = False  # it delivers the past too: nothing was missed
+    elsewhere: bool = False  # another subscription hears it too, and misses nothing
 
     def take(self, number: int) -> None:
         """Take the next message."""
@@ -62,6 +68,15 @@ class Sources:
         return source
 
 
+@dataclass(eq=False)
+class Taken:
+    """A message that was taken: how often each subscription received it; of equal ones, none is left out."""
+
+    received: Counter[Subscription]
+    count: int = 0
+    source: Source | None = None
+
+
 class HeardTopic:
     """The subscriptions to one topic; ``other_types`` has the nodes that publish something else there."""
 
@@ -71,11 +86,10 @@ class HeardTopic:
         topic: str,
         type_name: str,
         message_type: Any,
-        profile: QoSProfile,
         take: Callable[[bytes], None],
         under_way: Callable[[], bool],
     ) -> None:
-        """Subscribe with ``profile``; ``take`` gets each message, ``under_way`` tells if a run goes on."""
+        """Subscribe; ``take`` gets each message, ``under_way`` tells if a run goes on."""
         self._node = node
         self._topic = topic
         self._type_name = type_name
@@ -83,16 +97,19 @@ class HeardTopic:
         self._take = take
         self._under_way = under_way
         self.other_types: dict[str, str] = {}
-        self._sources: dict[ReliabilityPolicy, Sources] = {}
-        self._seen: OrderedDict[Key, Source | None] = OrderedDict()
+        self._taken: OrderedDict[Key, Taken] = OrderedDict()
+        self._passing: dict[Kind, tuple[Subscription, Sources]] = {}
         self._looked_at = (0, 0)
-        self._base = self._subscribe(profile, self._on_kept)
-        self._passing: dict[ReliabilityPolicy, Subscription] = {}
+        self._unnamed_looks = 0
+        self._kept_topic = topics.evidence(node.resolve_topic_name(topic))
+        self._kept = self._subscribe(self._kept_topic, qos.evidence(), self._on_kept)
 
-    def _subscribe(self, profile: QoSProfile, on_message: Callable[..., None]) -> Subscription:
+    def _subscribe(
+        self, topic: str, profile: QoSProfile, on_message: Callable[..., None]
+    ) -> Subscription:
         return self._node.create_subscription(
             self._message_type,
-            self._topic,
+            topic,
             on_message,
             profile,
             raw=True,
@@ -101,62 +118,78 @@ class HeardTopic:
 
     @property
     def publisher_count(self) -> int:
-        """How many publishers are matched."""
-        return max(s.get_publisher_count() for s in (self._base, *self._passing.values()))
+        """How many publishers are matched, at most those of one subscription."""
+        subscriptions = (self._kept, *(subscription for subscription, _ in self._passing.values()))
+        return max(subscription.get_publisher_count() for subscription in subscriptions)
 
     def look(self) -> None:
-        """Subscribe once more if a publisher offers less than what is requested; cheap if none is new."""
-        found = (self._node.count_publishers(self._topic), self._base.get_publisher_count())
+        """Subscribe once more for a publisher that no subscription receives; cheap if none is new."""
+        found = (self._node.count_publishers(self._topic), self._kept.get_publisher_count())
         if found == self._looked_at:
             return
         self._looked_at = found
+        if found[0] <= found[1]:
+            return  # each has its evidence
+        keep = meeting.publishers(self._node, self._kept_topic)
         for endpoint in self._node.get_publishers_info_by_topic(self._topic):
-            if endpoint.topic_type != self._type_name:
-                self.other_types[meeting.names([endpoint])[0]] = endpoint.topic_type
-            elif not _keeps_past(endpoint):
-                self._hear_passing(endpoint.qos_profile.reliability)
+            name = meeting.names([endpoint])[0]
+            if name in keep:
+                continue
+            if name.endswith(topics.UNKNOWN_NODE) and self._unnamed_looks < _UNNAMED_LOOKS:
+                self._unnamed_looks += 1
+                self._looked_at = (-1, -1)  # look again
+            elif endpoint.topic_type != self._type_name:
+                self.other_types[name] = endpoint.topic_type
+            else:
+                self._hear_passing(_kind(endpoint))
 
-    def _hear_passing(self, offered: ReliabilityPolicy) -> None:
-        if offered in self._passing:
+    def _hear_passing(self, kind: Kind) -> None:
+        if kind in self._passing:
             return
-        sources = self._sources[offered] = Sources()
+        sources = Sources()
 
         def on_message(data: bytes, info: Info) -> None:
-            self._on_passing(data, info, sources, self._passing[offered])
+            self._on_passing(data, info, *self._passing[kind])
 
-        profile = QoSProfile(
-            depth=qos.EVIDENCE_DEPTH, reliability=offered, durability=DurabilityPolicy.VOLATILE
-        )
-        self._passing[offered] = self._subscribe(profile, on_message)
+        profile = QoSProfile(depth=qos.EVIDENCE_DEPTH, reliability=kind[0], durability=kind[1])
+        self._passing[kind] = self._subscribe(self._topic, profile, on_message), sources
 
     def _on_kept(self, data: bytes, info: Info) -> None:
-        """Take a message of a publisher that keeps its past."""
+        """Take a message of a node of ours."""
         if self._passing:
-            key = _key(info)
-            if key in self._seen:
-                source = self._seen[key]
-                if source is not None:
-                    source.keeps_past = True
+            taken = self._receive(data, info, self._kept)
+            if taken is None:
                 return
-            self._remember(key, None)
         self._take(data)
 
     def _on_passing(
-        self, data: bytes, info: Info, sources: Sources, subscription: Subscription
+        self, data: bytes, info: Info, subscription: Subscription, sources: Sources
     ) -> None:
         """Take a message of any publisher that offers as much as this subscription requests."""
-        key = _key(info)
-        source = sources.of(key[1], subscription.get_publisher_count(), self._under_way())
-        if key in self._seen:
-            source.keeps_past = True  # or another subscription counts what it loses
+        number = info["publication_sequence_number"]
+        source = sources.of(number, subscription.get_publisher_count(), self._under_way())
+        taken = self._receive(data, info, subscription)
+        if taken is None:
+            source.elsewhere = True
             return
-        self._remember(key, source)
+        taken.source = source
         self._take(data)
 
-    def _remember(self, key: Key, source: Source | None) -> None:
-        self._seen[key] = source
-        if len(self._seen) > _REMEMBERED:
-            self._seen.popitem(last=False)
+    def _receive(self, data: bytes, info: Info, subscription: Subscription) -> Taken | None:
+        """Return the message's entry if it is to be taken, None if another subscription's was."""
+        key = info["publication_sequence_number"], data
+        taken = self._taken.get(key)
+        if taken is None:
+            taken = self._taken[key] = Taken(Counter())
+            if len(self._taken) > _REMEMBERED:
+                self._taken.popitem(last=False)
+        taken.received[subscription] += 1
+        if taken.received[subscription] <= taken.count:
+            if taken.source is not None:
+                taken.source.elsewhere = True
+            return None
+        taken.count += 1
+        return taken
 
     def unheard(self) -> list[str]:
         """Return what was published but not received, a line each."""
@@ -166,25 +199,21 @@ class HeardTopic:
         ]
         strangers = [
             source
-            for sources in self._sources.values()
+            for _, sources in self._passing.values()
             for source in sources.all
-            if not source.keeps_past
+            if not source.elsewhere
         ]
         missed, lost = (sum(getattr(s, what) for s in strangers) for what in ("missed", "lost"))
         if missed:
-            found.append(
-                f"{self._topic}: {missed} messages were sent before the recorder heard them"
-            )
+            found.append(f"{self._topic}: {missed} messages were sent before they were heard")
         if lost:
             found.append(f"{self._topic}: {lost} messages were lost on the way")
         return found
 
 
-def _keeps_past(endpoint: TopicEndpointInfo) -> bool:
+def _kind(endpoint: TopicEndpointInfo) -> Kind:
+    """Return what a publisher offers; what is kept without being reliable is taken as not kept."""
     offered = endpoint.qos_profile
-    reliable = offered.reliability == ReliabilityPolicy.RELIABLE
-    return bool(reliable and offered.durability == DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-def _key(info: Info) -> Key:
-    return info["source_timestamp"], info["publication_sequence_number"]
+    if offered.reliability == ReliabilityPolicy.RELIABLE:
+        return offered.reliability, offered.durability
+    return offered.reliability, DurabilityPolicy.VOLATILE

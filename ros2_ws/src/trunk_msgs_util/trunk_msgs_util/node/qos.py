@@ -4,12 +4,24 @@ from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-# A publisher of evidence keeps its last messages, so that a recorder that joins late misses nothing.
+# Evidence is kept by its publisher, so that a recorder that joins late misses nothing.
 EVIDENCE_DEPTH = 5000
 
 
+def live() -> QoSProfile:
+    """Return the profile of publishers in the loop: reliable, and who comes late gets no past messages.
+
+    Deep, so that a bad link makes messages late before it loses any.
+    """
+    return QoSProfile(
+        depth=EVIDENCE_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.VOLATILE,
+    )
+
+
 def evidence() -> QoSProfile:
-    """Return the profile of publishers of evidence, and of the recorder's subscriptions."""
+    """Return the profile of the evidence's own publishers, and of the recorder's subscriptions to them."""
     return QoSProfile(
         depth=EVIDENCE_DEPTH,
         reliability=ReliabilityPolicy.RELIABLE,

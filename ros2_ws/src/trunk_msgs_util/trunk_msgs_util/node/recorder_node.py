@@ -139,6 +139,9 @@ class RecorderNode(TrunkNode[RecorderConfig]):
                 self._channels[relative] = self._writer.channel(name, topics.JOINT_STATE_TYPE)
                 self._subscribe(relative, topics.JOINT_STATE_TYPE)
 
+    def _under_way(self) -> bool:
+        return self.run_stamp_ns >= 0
+
     def _announce(self) -> None:
         """Say ready once somebody publishes on each topic of the loop that the plant waits for."""
         wanted = self.config.lockstep_topics if self.config.lockstep else ()
@@ -151,16 +154,15 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._finish()
 
     def _subscribe(self, topic: str, type_name: str) -> None:
-        profile = qos.run_information() if topic in _ALWAYS else qos.evidence()
-        self._heard[topic] = HeardTopic(
-            self,
-            topic,
-            type_name,
-            _MESSAGES[type_name],
-            profile,
-            self._callback(topic),
-            lambda: self.run_stamp_ns >= 0,
-        )
+        take = self._callback(topic)
+        if topic in _ALWAYS:
+            self.create_subscription(
+                _MESSAGES[type_name], topic, take, qos.run_information(), raw=True
+            )
+        else:
+            self._heard[topic] = HeardTopic(
+                self, topic, type_name, _MESSAGES[type_name], take, self._under_way
+            )
 
     def _callback(self, topic: str) -> Callable[[bytes], None]:
         writer, channel = self._writer, self._channels[topic]
