@@ -67,6 +67,13 @@ class RecordedRun:
         return tuple(self.recording.controllers)
 
     @cached_property
+    def joined(self) -> Sequence[str]:
+        """Controllers of the graph that may not have been planned: they gave parameters and came up."""
+        prefix = self.recording.topic("")
+        up = {e.node.removeprefix(prefix) for e in self.events if e.message == Event.CONFIGURED}
+        return tuple(name for name in CONTROLLERS if name in up and name in self.parameters)
+
+    @cached_property
     def parameters(self) -> Mapping[str, Mapping[str, Value]]:
         """Every node's parameters at the start, by its name without the run's namespace."""
         prefix = self.recording.topic("")

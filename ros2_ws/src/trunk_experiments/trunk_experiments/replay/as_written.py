@@ -89,13 +89,17 @@ def _around(run: RecordedRun, file: RecordingFile) -> Iterator[str]:
 
 
 def _controllers(run: RecordedRun) -> tuple[str, ...]:
-    """Return the controllers whose terms the recorder has a channel for."""
+    """Return the controllers whose terms the recorder has a channel for: the plan's, and who joined."""
     told = run.parameters.get("recorder", {}).get("controllers")
     planned = tuple(map(str, told)) if isinstance(told, tuple) else ()
-    return (
-        planned
-        or tuple(run.recording.provenance.get("controller", "").split())
-        or tuple(run.controllers)
+    planned = planned or tuple(run.recording.provenance.get("controller", "").split())
+    open_for = {
+        name
+        for name in run.joined
+        if run.recording.topic(topics.controller_state(name)) in run.recording.topics
+    }
+    return tuple(
+        dict.fromkeys((*planned, *sorted(open_for), *(() if planned else run.controllers)))
     )
 
 

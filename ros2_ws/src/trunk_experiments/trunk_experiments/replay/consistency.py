@@ -161,7 +161,8 @@ def _mode(run: RecordedRun) -> Iterator[str]:
     else:
         yield f"mode {run.mode!r}: there are real_time, lockstep and offline"
     planned = run.recording.provenance.get("controller", "").split()
-    if planned and not set(run.controllers) <= set(planned):
+    known = {*planned, *(run.joined if planned else run.controllers)}
+    if not set(run.controllers) <= known:
         yield (
             f"recorded of {', '.join(run.controllers)}, but the run's origin names "
             f"{', '.join(planned)}"
