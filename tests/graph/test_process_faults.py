@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from pathlib import Path
 
@@ -75,6 +76,32 @@ def test_recorder_is_killed(children: Children, peer: Peer, file: Path) -> None:
     assert not recording.complete
     assert any("without a footer" in warning for warning in recording.warnings)
     assert len(joints(recording, topics.GROUND_TRUTH)) >= before
+
+
+def test_a_second_set_of_nodes_is_refused(children: Children, peer: Peer, tmp_path: Path) -> None:
+    """Launched once more in the same namespace, both runs would be one in each recording."""
+
+    def launch(number: int) -> tuple[Child, Child, Child]:
+        lockstep, waits = "lockstep.enabled:=true", "wait_for:=[effort_command, recorder]"
+        pid = children.node("pid", lockstep, name=f"p{number}")
+        return (
+            children.node(
+                "recorder", f"output:={number}.mcap", "mode:=lockstep", name=f"r{number}"
+            ),
+            children.node("simulator", lockstep, waits, "duration:=3600.0", name=f"s{number}"),
+            pid,
+        )
+
+    first = launch(1)
+    peer.until_event("simulator", "started")
+    second = launch(2)
+    for name, child in zip(("recorder", "simulator"), second, strict=False):
+        assert child.wait() == 1
+        assert re.search(rf"another /{name} is running, in process \S+: ", child.stderr)
+    for child in (first[2], second[2]):
+        child.stop()
+    for child in first[:2]:
+        assert child.wait() == 1, child.stderr
 
 
 @pytest.mark.parametrize("when", ["before", "during"])

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import meeting, qos
+from trunk_msgs_util.node.base import TrunkNode
 
 from .config import SimulatorConfig
 from .participants import Participants
@@ -24,7 +25,7 @@ class GraphParticipants(Participants):
     """Asks the graph on behalf of a node, and listens to ``run/events``."""
 
     def __init__(
-        self, node: Node, config: SimulatorConfig, answers: Mapping[str, Subscription]
+        self, node: TrunkNode[Any], config: SimulatorConfig, answers: Mapping[str, Subscription]
     ) -> None:
         """Take the node's subscriptions to the answers, by relative topic."""
         super().__init__(config, self._publishers_of, self._command_givers)
@@ -62,3 +63,4 @@ class GraphParticipants(Participants):
         for status in message.status:
             values = {v.key: v.value for v in status.values}
             self.hear(status.name, status.message, values)
+            self._node.look_for_namesake(status.name, status.message, values)

@@ -19,6 +19,7 @@ from ..events import Event
 from ..parameters.config import ManagedConfig
 from ..parameters.declarations import values_of
 from ..printable import printable
+from ..process_id import process_id
 from . import evidence, qos
 from .conversions import status_to_ros
 from .managed import EXIT_FAILED, ManagedNode
@@ -132,6 +133,20 @@ class TrunkNode(ManagedNode, Generic[Config]):
         self.get_logger().error(printable(reason))
         self.event(Event.FAILED, DiagnosticStatus.ERROR, reason=reason, **values)
         self.exit_code = EXIT_FAILED
+
+    def look_for_namesake(self, node: str, message: str, values: Mapping[str, str]) -> None:
+        """Fail if an event tells that another process has this node's name: a recording would mix the two."""
+        process = values.get("process", "")
+        if (
+            message == Event.CONFIGURED
+            and node == self.get_fully_qualified_name()
+            and process not in ("", process_id())
+            and self.exit_code is None
+        ):
+            self.fail(
+                f"another {node} is running, in process {process}: stop it, or give each its own "
+                "namespace or ROS_DOMAIN_ID"
+            )
 
     def draining(self) -> bool:
         """Return True while the node still has messages to take before it closes."""

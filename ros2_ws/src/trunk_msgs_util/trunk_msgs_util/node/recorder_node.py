@@ -216,6 +216,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         except ValueError:
             self.counters["events malformed"] += 1
             return
+        self.look_for_namesake(event.node, event.message, event.values)
         if event.message == Event.PUBLISHED:
             self._on_published(event)
         if event.node.endswith("/simulator") and event.message in ENDS:
