@@ -176,9 +176,13 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         timeout_ns = None if config.lockstep else nanoseconds(config.command_timeout)
         if self._disturbances.advance(now, timeout_ns):
             self.count("steps without a fresh disturbance")
+        self._publish_clock()
         self._measured.publish(sample_to_wire(simulation.measure(self._disturbances.acting)))
+
+    def _publish_clock(self) -> None:
+        """Tell the time before any message of it: no node sees a state of the future."""
         if self._clock_topic is not None:
-            self._clock_topic.publish(Clock(clock=stamp_to_ros(now)))
+            self._clock_topic.publish(Clock(clock=stamp_to_ros(self._simulation.stamp_ns)))
 
     def _publish_truth(self) -> None:
         self._truth.publish(sample_to_wire(self._simulation.truth()))

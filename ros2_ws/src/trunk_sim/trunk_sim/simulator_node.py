@@ -56,6 +56,7 @@ class SimulatorNode(PlantNode):
     def _try_start(self) -> None:
         missing = self._participants.missing(time.monotonic())
         if not missing and not self._truth_published:
+            self._publish_clock()
             self._publish_truth()
             self._truth_published = True
         if topics.DISTURBANCE in self.config.wait_for and not self._disturbances:
