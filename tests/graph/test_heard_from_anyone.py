@@ -61,7 +61,7 @@ def test_a_controller_of_ten_lines_is_recorded_in_lockstep(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
     """With rclpy's default quality of service; the plant waits for it and for the recorder."""
-    recorder = children.node("recorder", "output:=run.mcap", "mode:=lockstep")
+    recorder = children.node("recorder", "output:=run.mcap", "lockstep.enabled:=true")
     command = peer.node.create_publisher(JointState, topics.EFFORT_COMMAND, 10)
 
     def on_state(state: JointState) -> None:

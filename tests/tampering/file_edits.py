@@ -132,8 +132,6 @@ def set_mode(found: Content, mode: str, deep: bool) -> None:
         for parameter in value.new_parameters:
             if parameter.name == "lockstep.enabled":
                 parameter.value.bool_value = mode == "lockstep"
-            if parameter.name == "mode" and mode != "offline":
-                parameter.value.string_value = mode
         store(message, value)
 
 

@@ -121,7 +121,7 @@ def for_graph(plan: RunPlan, lockstep: bool, speed: float = 0.0) -> RunPlan:
             plan.recorder,
             controllers=tuple(plan.controllers),
             scenario=plan.scenario,
-            mode="lockstep" if lockstep else "real_time",
+            lockstep=lockstep,
             lockstep_topics=("ground_truth/joint_states", "joint_states", *topics),
         ),
     )

@@ -155,7 +155,7 @@ def make_plan(
                 _build("recorder", layers, namespace),
                 controllers=tuple(turns),
                 scenario=name,
-                mode="lockstep" if lockstep else "real_time",
+                lockstep=lockstep,
                 lockstep_topics=("ground_truth/joint_states", "joint_states", *participants),
             ),
             namespace=namespace,

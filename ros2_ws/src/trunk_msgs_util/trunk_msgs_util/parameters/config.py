@@ -55,11 +55,10 @@ class RecorderConfig(ManagedConfig):
         fixed=True,
     )
     scenario: str = parameter("scenario", "", "Name of the scenario, for the record", fixed=True)
-    mode: str = parameter(
-        "mode",
-        "real_time",
-        "How the run keeps time, for the record; lock-step stamps the log with simulated time",
-        choices=("real_time", "lockstep"),
+    lockstep: bool = parameter(
+        "lockstep.enabled",
+        False,
+        "The plant waits until its states are written; messages are logged in simulated time",
         fixed=True,
     )
     lockstep_topics: tuple[str, ...] = parameter(
@@ -71,6 +70,6 @@ class RecorderConfig(ManagedConfig):
     )
 
     @property
-    def lockstep(self) -> bool:
-        """True in lock-step, where the recorder reports its progress to the plant."""
-        return self.mode == "lockstep"
+    def mode(self) -> str:
+        """How the run keeps time, for the record."""
+        return "lockstep" if self.lockstep else "real_time"
