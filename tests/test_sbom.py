@@ -13,10 +13,13 @@ from packaging.requirements import Requirement
 from .scripts_folder import ROOT, script
 
 sbom = script("sbom")
-pytestmark = pytest.mark.skipif(
-    not (Path(sys.prefix) / "share" / "rclpy").is_dir(),
-    reason="ROS from wheels: a shell without ROS",
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        not (Path(sys.prefix) / "share" / "rclpy").is_dir(),
+        reason="ROS from wheels: a shell without ROS",
+    ),
+]
 
 
 @pytest.fixture

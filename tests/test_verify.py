@@ -150,6 +150,7 @@ def test_a_change_without_effect_on_any_bit_is_caught_by_the_digests(whole, tmp_
     assert verdict.altered == [PARAMETERS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("topic", [COMMAND, STATE, TRUTH, "/disturbance"])
 @pytest.mark.parametrize(
     ("edit", "word"),
@@ -170,6 +171,7 @@ def test_a_message_dropped_swapped_or_doubled_is_never_verified(whole, tmp_path,
     ).altered == sorted([topic, PARTS[HEADS]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("topic", [TRUTH, STATE, COMMAND, "/disturbance"])
 def test_one_stamp_in_the_far_future_costs_no_more_than_any_other(whole, tmp_path, topic):
     def edit(messages):

@@ -16,6 +16,8 @@ from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_e
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.samples import JointSample
 
+pytestmark = pytest.mark.slow  # every verb, every recording
+
 STATE = topics.controller_state("fuzzy_pid")
 
 
