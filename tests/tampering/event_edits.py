@@ -137,7 +137,7 @@ def _added(found: Content) -> Iterator[Edit]:
 
     def add(node: str, word: Event, row: int, found: Content) -> None:
         stamp_ns = stamps[row]
-        carried = {key: values[key] for key in word.carries}
+        carried = {key: {**values, "kind": node}[key] for key in word.carries}
         data = event(stamp_ns, f"/{node}", word, carried)
         truth = found.of(TRUTH)[row]
         where = next(i for i, m in enumerate(found.messages) if m is truth)

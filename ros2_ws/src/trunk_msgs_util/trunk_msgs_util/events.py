@@ -19,8 +19,9 @@ class Event(str, Enum):
     CONFIGURED = (
         "configured",
         "every node",
-        "Its topics, services and files are open; `process` identifies the node's process",
+        "Its topics, services and files are open; `process` identifies its process, `kind` the sort of node",
         "process",
+        "kind",
     )
     ACTIVATED = "activated", "every node", "It acts from the next state on"
     DEACTIVATED = "deactivated", "every node", "It holds from the next state on"

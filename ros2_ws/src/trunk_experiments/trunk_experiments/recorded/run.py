@@ -69,16 +69,14 @@ class RecordedRun:
     @cached_property
     def joined(self) -> Sequence[str]:
         """Controllers of the graph that may not have been planned: they gave parameters and came up."""
-        prefix = self.recording.topic("")
-        up = {e.node.removeprefix(prefix) for e in self.events if e.message == Event.CONFIGURED}
+        up = {self.recording.relative(e.node) for e in self.events if e.message == Event.CONFIGURED}
         return tuple(name for name in CONTROLLERS if name in up and name in self.parameters)
 
     @cached_property
     def parameters(self) -> Mapping[str, Mapping[str, Value]]:
-        """Every node's parameters at the start, by its name without the run's namespace."""
-        prefix = self.recording.topic("")
+        """Every node's parameters at the start, by its kind, or else by its name in the run's namespace."""
         return {
-            name.removeprefix(prefix): values
+            self.recording.relative(name): values
             for name, values in self.recording.parameters().items()
         }
 
@@ -104,7 +102,7 @@ class RecordedRun:
         They are those of its table if that was read, and else not kept: all topics of an hour at
         1 kHz take more than 1 GiB.
         """
-        kept = self._tables.get(topic.removeprefix(self.recording.topic("")))
+        kept = self._tables.get(self.recording.relative(topic))
         if kept is not None:
             return kept.arrays
         return self.recording.joints(self.recording.topic(topic))

@@ -72,10 +72,9 @@ def _rates(run: RecordedRun) -> Iterator[str]:
 
 def _parameters(run: RecordedRun) -> Iterator[str]:
     """Yield sets of parameters that are not whole, doubled, late, or changed where they are fixed."""
-    prefix = run.recording.topic("")
     sets: Counter[str] = Counter()
     for change in run.recording.parameter_messages():
-        node = change.node.removeprefix(prefix)
+        node = run.recording.relative(change.node)
         if node not in NODES:
             yield f"run/parameters: parameters of {change.node}, which is none of our nodes"
             continue

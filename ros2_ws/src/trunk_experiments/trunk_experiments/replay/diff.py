@@ -123,7 +123,7 @@ def _events_by_node(run: RecordedRun) -> dict[str, list[str]]:
         told = {key: value for key, value in event.values.items() if key != "process"}
         values = "".join(f", {key} {value}" for key, value in told.items())
         text = f"{event.message} at t = {seconds(event.stamp_ns):g} s{values}"
-        found.setdefault(event.node.removeprefix(run.recording.topic("")), []).append(text)
+        found.setdefault(run.recording.relative(event.node), []).append(text)
     return found
 
 

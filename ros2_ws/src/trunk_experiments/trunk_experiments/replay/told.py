@@ -53,7 +53,7 @@ def untellable(run: RecordedRun) -> list[str]:
     """Return what no such nodes tell, a line each. Raises ParameterError for parameters."""
     by_node: dict[str, list[RunEvent]] = {}
     for event in run.events:
-        by_node.setdefault(event.node.removeprefix(run.recording.topic("")), []).append(event)
+        by_node.setdefault(run.recording.relative(event.node), []).append(event)
     found: list[str] = []
     for node, told in by_node.items():
         if node not in NODES or node not in run.parameters:
@@ -98,6 +98,8 @@ def _content(run: RecordedRun, node: str, event: RunEvent) -> Iterator[str]:
     elif keys != word.carries:
         yield f"{what}: it gives {', '.join(keys) or 'nothing'}, not {', '.join(word.carries) or 'nothing'}"
         return
+    if word == Event.CONFIGURED and event.values["kind"] != node:
+        yield f"{what}: it says that it is {event.values['kind'] or 'nothing'}"
     if word == Event.READY and event.values["answers"] != _ANSWERS[node]:
         yield f"{what}: it answers on {event.values['answers']}"
     if word == Event.FELL:

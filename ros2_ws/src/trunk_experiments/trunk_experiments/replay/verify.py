@@ -74,6 +74,9 @@ def verdict_on(run: RecordedRun) -> Verdict:
         verdict.obstacles.append(f"recorded parameters cannot be used: {error}")
     except RecordingError as error:
         verdict.obstacles.append(str(error).removeprefix(f"{recording.path}: "))
+    verdict.notes += [
+        f"{kind} is the node {recording.topic(kind)}" for kind in sorted(recording.renamed)
+    ]
     verdict.notes += _platform(recording)
     return verdict
 

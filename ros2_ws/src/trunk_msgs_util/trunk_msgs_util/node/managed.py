@@ -27,6 +27,7 @@ class ManagedNode(LifecycleNode):
 
     def __init__(self, name: str, **arguments: Any) -> None:
         super().__init__(name, **arguments)
+        self.kind = name  # the node's own name may be remapped
         self.configured = False
         self.active = False
         self.counters: Counter[str] = Counter()
@@ -75,7 +76,7 @@ class ManagedNode(LifecycleNode):
         done = self._transition(self.set_up)
         if done == TransitionCallbackReturn.SUCCESS:
             self.configured = True
-            self.event(Event.CONFIGURED, process=process_id())
+            self.event(Event.CONFIGURED, process=process_id(), kind=self.kind)
         return done
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:

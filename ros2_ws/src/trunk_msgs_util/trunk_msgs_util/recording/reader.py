@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["Recording", "RecordingError", "Topic"]
 
 Parsed = TypeVar("Parsed")
+_RUN = names.RUN_EVENTS.rpartition("/")[0] + "/"
 
 
 class Recording(RecordedFiles):
@@ -83,8 +84,40 @@ class Recording(RecordedFiles):
         return next((t.removesuffix(suffix) for t in self.topics if t.endswith(suffix)), "")
 
     def topic(self, relative: str) -> str:
-        """Return the absolute name of a topic or node; an absolute one is returned as it is."""
-        return relative if relative.startswith("/") else f"{self.namespace}/{relative}"
+        """Return the absolute name of a topic or node; an absolute one is returned as it is.
+
+        A node goes by what it is: ``pid/state`` is that topic of the PID even if the node is named otherwise.
+        """
+        if relative.startswith("/"):
+            return relative
+        node, slash, rest = relative.partition("/")
+        if not relative.startswith(_RUN):
+            node = self.renamed.get(node, node)
+        return f"{self.namespace}/{node}{slash}{rest}"
+
+    def relative(self, name: str) -> str:
+        """Return the name for which `topic` returns this one; it stays absolute outside of the run."""
+        prefix = f"{self.namespace}/"
+        if not name.startswith(prefix):
+            return name
+        node, slash, rest = name.removeprefix(prefix).partition("/")
+        kind = next((kind for kind, own in self.renamed.items() if own == node), node)
+        return f"{kind}{slash}{rest}"
+
+    @cached_property
+    def renamed(self) -> dict[str, str]:
+        """The names of nodes that have another one than the kind of node they say they are, by that kind.
+
+        Of several nodes of a kind, none can stand for it.
+        """
+        prefix = f"{self.namespace}/"
+        kinds: dict[str, set[str]] = {}
+        with suppress(RecordingError):
+            for event in self._events:
+                kind = event.values.get("kind") if event.message == Event.CONFIGURED else None
+                if kind and event.node.startswith(prefix):
+                    kinds.setdefault(kind, set()).add(event.node.removeprefix(prefix))
+        return {kind: min(own) for kind, own in kinds.items() if len(own) == 1 and kind not in own}
 
     @property
     def controller(self) -> str | None:
@@ -103,9 +136,9 @@ class Recording(RecordedFiles):
 
     @cached_property
     def _controllers(self) -> dict[str, int]:
-        prefix, suffix = self.topic(""), "/state"
+        prefix, suffix = f"{self.namespace}/", "/state"
         return {
-            name.removeprefix(prefix).removesuffix(suffix): topic.readable
+            self.relative(name).removesuffix(suffix): topic.readable
             for name, topic in self.topics.items()
             if topic.readable and name.startswith(prefix) and name.endswith(suffix)
         }
