@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import replace
 
 import numpy as np
@@ -193,3 +194,61 @@ def test_a_fall_is_marked_and_verified(tmp_path):
     assert recording.end["reason"] == "the trunk has fallen"
     assert RunTable.from_run(RecordedRun(recording)).t[-1] == fell_ns / 1e9
     assert verify(recording).exit_code == VERIFIED
+
+
+def swapped_by_hand(path, timeout=0.1):
+    """Record a run whose first controller is made inactive 0.3 s before the second is made active."""
+    plan = make_plan(
+        "demo", "pid", everywhere={"duration": 1.0, "command_timeout": timeout}, swaps=[]
+    )
+    second = make_plan("demo", "lqr").controllers["lqr"]
+    plan = replace(
+        plan,
+        controllers={**plan.controllers, "lqr": replace(second, autostart=False)},
+        changes={
+            "pid": (Change(200_000_000, None, Event.DEACTIVATED),),
+            "lqr": (Change(500_000_000, None, Event.ACTIVATED),),
+        },
+    )
+    record_offline(plan, path)
+    return plan
+
+
+def test_in_a_gap_between_two_turns_the_last_command_holds_until_it_is_too_old(tmp_path):
+    path, again = tmp_path / "gap.mcap", tmp_path / "again.mcap"
+    plan = swapped_by_hand(path)
+    run = RecordedRun.open(path)
+    verdict = verify(run.recording)
+    assert verdict.exit_code == VERIFIED, verdict
+    stamps, effort = (
+        run.table("ground_truth/joint_states").stamp_ns,
+        run.table("ground_truth/joint_states").values("effort")[:, 1],
+    )
+    commanded = run.table("effort_command").stamp_ns
+    assert (
+        np.setdiff1d(stamps, commanded).tolist()
+        == stamps[(stamps > 200_000_000) & (stamps <= 500_000_000)].tolist()
+    )
+    # A true state's effort is the torque over the step before it.
+    period = plan.simulator.period_ns
+    last = effort[stamps == 200_000_000 + period]
+    assert last != 0.0
+    assert (effort[(stamps > 200_000_000) & (stamps <= 300_000_000 + period)] == last).all()
+    assert (effort[(stamps > 300_000_000 + period) & (stamps <= 500_000_000 + period)] == 0.0).all()
+    assert (effort[stamps > 500_000_000 + period] != 0.0).any()
+    record_offline(run.plan(), again)
+    assert diff(run, RecordedRun.open(again)).identical
+
+
+def test_a_torque_that_nobody_commanded_diverges(tmp_path):
+    path = tmp_path / "gap.mcap"
+    swapped_by_hand(path, timeout=0.1375)
+    before, after = (struct.pack("<d", timeout) for timeout in (0.1375, 0.2375))
+
+    def other_timeout(messages):
+        for message in messages:
+            if message[0] == "/run/parameters":
+                message[2] = message[2].replace(before, after)
+
+    edited = copied(path, tmp_path / "edited.mcap", other_timeout, digests=ANEW)
+    assert verify(edited).exit_code == DIVERGES

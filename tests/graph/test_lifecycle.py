@@ -133,6 +133,15 @@ def test_a_swap_by_hand(children: Children, peer: Peer, tmp_path: Path) -> None:
     states, commands = recording.joints("/joint_states"), recording.joints("/effort_command")
     acting = states.column("effort", "trunk")[states.stamp_ns == first]
     assert commands.column("effort", "trunk")[commands.stamp_ns == first] == pytest.approx(acting)
+    # Repeated offline, nobody commands between the two either.
+    again = children.trunk("simulate", "--like", "run.mcap", "-o", "again.mcap", name="like")
+    assert again.wait() == 0, again.stderr
+    repeated = Recording.open(tmp_path / "again.mcap")
+    assert verify(repeated).exit_code == VERIFIED, verify(repeated)
+    truth_ns = repeated.joints("/ground_truth/joint_states").stamp_ns
+    idle_ns = np.setdiff1d(truth_ns, repeated.joints("/effort_command").stamp_ns)
+    a, b = turned["/pid", "deactivated"], turned["/fuzzy_pid", "activated"]
+    assert idle_ns.tolist() == truth_ns[(truth_ns > a) & (truth_ns <= b)].tolist()
 
 
 def test_one_that_joins_a_run_under_way(children: Children, peer: Peer, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from trunk_msgs_util.patience import READ_FROM
 from trunk_msgs_util.units import NANOSECONDS, nanoseconds, seconds
 
 from .config import SimulatorConfig
+from .step import in_force
 
 _LOCKSTEP_TICK_S = 0.05
 # More steps behind the wall clock than this are not made up: time is re-anchored.
@@ -163,10 +164,10 @@ class RealTimePacing(Pacing):
     def _fresh(self) -> float:
         if self._stamp_ns < 0:
             return 0.0
-        if self._loop.stamp_ns - self._stamp_ns > self._timeout_ns:
+        age_ns = self._loop.stamp_ns - self._stamp_ns
+        if age_ns > self._timeout_ns:
             self._loop.count("steps without a fresh command")
-            return 0.0
-        return self._effort
+        return in_force(self._effort, age_ns, self._timeout_ns)
 
 
 class LockstepPacing(Pacing):

@@ -55,6 +55,11 @@ class Measurement(NamedTuple):
     theta_dot: float
 
 
+def in_force(effort: float, age_ns: int, timeout_ns: int) -> float:
+    """Return the torque of the latest command, N m, at so many ns after its state: 0 once it is too old."""
+    return 0.0 if age_ns > timeout_ns else effort
+
+
 def at_rest(state: PlantState, plant: Plant) -> Trunk:
     """Return the trunk in a state before any torque: at the start, or after a reset."""
     return Trunk(state, 0.0, abs(state.theta) > plant.fall_angle, False)

@@ -51,10 +51,13 @@ def _table_difference(plan: RunPlan, outcome: Outcome, taken: list[Step]) -> str
     held = [float("nan")] * 5
     columns: list[list[float]] = []
     for step in taken:
-        terms = step.answer.terms
-        if step.answer.fresh:
-            held = [step.answer.reference, terms.kp, terms.ki, terms.kd, terms.alpha]
-        torque = min(max(step.answer.effort, -limit), limit)
+        answer = step.answer
+        if answer is None:
+            return f"{plan.scenario}: nobody answers at t = {step.stamp_ns / NANOSECONDS:g} s"
+        terms = answer.terms
+        if answer.fresh:
+            held = [answer.reference, terms.kp, terms.ki, terms.kd, terms.alpha]
+        torque = min(max(answer.effort, -limit), limit)
         columns.append(
             [
                 step.stamp_ns / NANOSECONDS,

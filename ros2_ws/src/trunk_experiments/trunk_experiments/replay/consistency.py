@@ -17,6 +17,7 @@ from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
+from ..recorded.idle import idle_ns
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Integers
@@ -114,7 +115,8 @@ def _counts(run: RecordedRun) -> Iterator[str]:
         relatives = [topics.GROUND_TRUTH, topics.JOINT_STATES]
         relatives += [topics.EFFORT_COMMAND] if run.exact else []
         for relative in relatives:
-            if str(run.count(relative)) != said:
+            idle = len(idle_ns(run)) if relative == topics.EFFORT_COMMAND else 0
+            if str(run.count(relative) + idle) != said:
                 yield f"{relative}: {run.count(relative)} messages, but the run had {said} states"
     anew = any(event.message == Event.CLEANED_UP for event in run.events)
     claimed: Counter[str] = Counter()

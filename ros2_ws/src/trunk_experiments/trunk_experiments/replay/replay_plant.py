@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,9 +15,10 @@ from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
 from trunk_sim.sensors import noise_samples
-from trunk_sim.step import Trunk, act, at_rest, sense
+from trunk_sim.step import Trunk, act, at_rest, in_force, sense
 
 from ..compiled import pruned
+from ..recorded.idle import idle_ns
 from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
 from . import replay, stretches
@@ -50,6 +52,7 @@ class PlantReplay:
         self._noise = noise_samples(config.seed, len(self._stamps))
         self._possible = None if run.exact else PossibleDisturbances(self._disturbances)
         self._acting: list[tuple[int, Disturbance]] = []
+        self._held = _held(run, self._commands)
         self._steps = self._stamps // config.period_ns
         self._row = -1  # before the first state
         self.retune(config)
@@ -169,7 +172,7 @@ class PlantReplay:
         """Return the torque over the step from this state, N m; None if the record does not tell it."""
         if self._possible is None:
             told = stamp_ns in self._commands
-            return self._commands.get(stamp_ns, "effort")[0] if told else None
+            return self._commands.get(stamp_ns, "effort")[0] if told else self._held.get(stamp_ns)
         row = self._row + 1
         return float(self._truth.values("effort")[row, 1]) if row < len(self._stamps) else None
 
@@ -205,9 +208,27 @@ class PlantReplay:
         """Return the torque over the step from each state [N], NaN where the record does not tell it."""
         if self._possible is None:
             efforts, rows = self._commands.values("effort"), self._commands.rows_of(stamps)
-            return np.ascontiguousarray(_filled(efforts, rows)[:, 0])
+            torques = np.ascontiguousarray(_filled(efforts, rows)[:, 0])
+            for stamp_ns, effort in self._held.items():
+                torques[np.searchsorted(stamps, stamp_ns)] = effort
+            return torques
         acted = _by_row(self._truth, stamps)[1:, -1]
         return np.append(acted, np.nan)
+
+
+def _held(run: RecordedRun, commands: JointTable) -> dict[int, float]:
+    """Return the torques over the steps from states that nobody was to answer, N m."""
+    idle = idle_ns(run).tolist()
+    told = sorted(commands.rows) if idle else []
+    timeline = run.timeline("simulator")
+    found: dict[int, float] = {}
+    for stamp_ns in idle:
+        timeline.advance(stamp_ns + 1)
+        row = bisect_right(told, stamp_ns) - 1
+        age_ns = stamp_ns - told[row] if row >= 0 else 0
+        effort = commands.get(told[row], "effort", 1)[0] if row >= 0 else 0.0
+        found[stamp_ns] = in_force(effort, age_ns, nanoseconds(timeline.config.command_timeout))
+    return found
 
 
 def _is_whole(table: JointTable) -> bool:

@@ -14,6 +14,7 @@ from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
+from ..recorded.idle import idle_ns
 from ..recorded.run import RecordedRun
 from .as_planned import not_as_planned
 from .as_written import not_as_written
@@ -140,8 +141,9 @@ def _too_few(run: RecordedRun, parts: list[Part], until_ns: int | None) -> list[
     wanted = run.count(topics.GROUND_TRUTH)
     commands = sum(part.steps for part in parts if part.name.startswith("commands"))
     found = [f"{part.name}: nothing was checked" for part in parts if not part.steps]
-    if commands < (wanted if run.exact else 1):
-        found.append(f"commands: {commands} steps checked of {wanted} states")
+    answered = wanted - len(idle_ns(run))
+    if commands < (answered if run.exact else 1):
+        found.append(f"commands: {commands} steps checked of {answered} states")
     found += [
         f"{part.name}: {part.steps} steps checked of {wanted} states"
         for part in parts
@@ -198,6 +200,8 @@ def _gaps(run: RecordedRun, period_ns: int) -> list[str]:
         found += _disorder(relative, stamps)
         if run.exact or relative == topics.JOINT_STATES:
             absent = np.setdiff1d(truth, stamps)
+            if relative == topics.EFFORT_COMMAND:
+                absent = np.setdiff1d(absent, idle_ns(run))
             found += _missing(relative, len(absent), int(absent[0]) if len(absent) else 0)
     if not len(truth):
         found.append(f"{topics.GROUND_TRUTH}: no messages")

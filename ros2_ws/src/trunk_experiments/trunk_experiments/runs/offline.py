@@ -10,9 +10,10 @@ from trunk_control.decide import Answer, Reading
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Value
 from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.units import seconds, step_count
+from trunk_msgs_util.units import nanoseconds, seconds, step_count
 from trunk_sim.disturbances import Disturbance, disturbance_at
 from trunk_sim.simulation import Simulation
+from trunk_sim.step import in_force
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan, check_joints
@@ -26,8 +27,8 @@ class Step(NamedTuple):
     truth: JointSample
     measured: JointSample
     acting: Disturbance
-    controller: str  # who answers
-    answer: Answer
+    controller: str  # who answers; empty: nobody
+    answer: Answer | None
     turned: tuple[
         tuple[str, bool], ...
     ]  # made active or inactive by the schedule, before the answer
@@ -96,8 +97,9 @@ def check(plan: RunPlan) -> None:
 def steps(plan: RunPlan) -> Iterator[Step]:
     """Yield the N + 1 steps of a run.
 
-    Raises PlanError for a plan that cannot be run offline (`check`), DivergedError (after the last finite
-    step) if the loop is unstable.
+    Where a run is repeated in which nobody was active for a while, the plant holds the last command until
+    it is too old, as in real time. Raises PlanError for a plan that cannot be run offline (`check`),
+    DivergedError (after the last finite step) if the loop is unstable.
     """
     check(plan)
     simulator = plan.simulator
@@ -107,6 +109,9 @@ def steps(plan: RunPlan) -> Iterator[Step]:
     disturbances = disturbance_source(plan)
     last = step_count(simulator.duration, simulator.update_rate)
     of_simulator.advance(0, simulation)  # changes before the first state act on it
+    # Only a recorded run has a gap between two controllers: its last command counts until it is too old.
+    by_hand = any(plan.changes.get(name) for name in plan.controllers)
+    told_ns, effort = 0, 0.0
     while True:
         stamp_ns = simulation.stamp_ns
         acting = disturbances(stamp_ns)
@@ -114,18 +119,21 @@ def steps(plan: RunPlan) -> Iterator[Step]:
         decided = [(one.name, *one.decide(measured)) for one in participants]
         turned = tuple((name, answer.active) for name, answer, turns in decided if turns)
         answers = [(name, answer) for name, answer, _ in decided if answer.active]
-        if len(answers) != 1:
+        if len(answers) != 1 and (answers or not by_hand):
             raise PlanError(
                 f"{len(answers)} controllers are active at t = {seconds(stamp_ns):g} s: "
                 "exactly one must act at any time; see active.times"
             )
-        ((name, answer),) = answers
+        name, answer = answers[0] if answers else ("", None)
+        if answer is not None:
+            told_ns, effort = stamp_ns, answer.effort
         truth, falls = simulation.truth(), simulation.falls_now
         yield Step(stamp_ns, truth, measured, acting, name, answer, turned, falls)
         of_simulator.advance(stamp_ns + 1, simulation)
         if simulation.step_index == last or simulation.ended_by_fall:
             return
-        simulation.step(answer.effort, acting)
+        timeout_ns = nanoseconds(of_simulator.config.command_timeout)
+        simulation.step(in_force(effort, stamp_ns - told_ns, timeout_ns), acting)
 
 
 def disturbance_source(plan: RunPlan) -> Callable[[int], Disturbance]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from trunk_control.decide import state_record
+from trunk_control.decide import Answer, state_record
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
@@ -115,9 +115,7 @@ class _OfflineRecorder:
 
     def write(self, step: Step) -> None:
         """Write one step, in the graph's order."""
-        plan, stamp_ns, answer = self._plan, step.stamp_ns, step.answer
-        controller = plan.controllers[step.controller]
-        joints = plan.simulator.joints
+        plan, stamp_ns = self._plan, step.stamp_ns
         for name, active in step.turned:
             self._event(Event.ACTIVATED if active else Event.DEACTIVATED, {}, name)
         self._sample(topics.GROUND_TRUTH, step.truth)
@@ -125,17 +123,24 @@ class _OfflineRecorder:
             self._disturbance(stamp_ns)
         self._disturbance(stamp_ns + plan.simulator.period_ns)
         self._sample(topics.JOINT_STATES, step.measured)
-        command = JointSample(stamp_ns, (controller.joint,), effort=(answer.effort,))
-        self._sample(topics.EFFORT_COMMAND, command)
-        if answer.fresh:
-            values = state_record(answer, step.measured.position[joints.index(controller.joint)])
-            self._sample(
-                topics.controller_state(step.controller),
-                JointSample(stamp_ns, topics.STATE_NAMES, position=values),
-            )
+        if step.answer is not None:
+            self._answer(step, step.answer)
         self._last_ns = stamp_ns
         self._mark_fall(step)
         self.states += 1
+
+    def _answer(self, step: Step, answer: Answer) -> None:
+        """Write a controller's command, and its terms if they are fresh."""
+        joint = self._plan.controllers[step.controller].joint
+        command = JointSample(step.stamp_ns, (joint,), effort=(answer.effort,))
+        self._sample(topics.EFFORT_COMMAND, command)
+        if answer.fresh:
+            joints = self._plan.simulator.joints
+            values = state_record(answer, step.measured.position[joints.index(joint)])
+            self._sample(
+                topics.controller_state(step.controller),
+                JointSample(step.stamp_ns, topics.STATE_NAMES, position=values),
+            )
 
     def _disturbance(self, stamp_ns: int) -> None:
         """Write the disturbance at a stamp: like the node, one step ahead of the state."""
