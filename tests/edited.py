@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import struct
+from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from mcap.writer import Writer
 
 from trunk_msgs_util.recording.digests import DIGESTS, RunningDigests
 from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.rosbag2 import RECORD, Summary, TopicCount, summary_record
 from trunk_msgs_util.recording.writer import END, PROVENANCE
 
 KEPT, ANEW, NONE = "kept", "anew", "none"
@@ -32,6 +35,7 @@ class Content:
     channels: dict[str, Channel]
     schemas: dict[int, Schema]
     attachments: list[tuple[str, bytes]] = field(default_factory=list)
+    summed_up: dict[str, str] = field(default_factory=dict)  # the summary as it was
 
     def of(self, topic):
         """Return the messages of a topic."""
@@ -53,13 +57,31 @@ def content(source: Path) -> Content:
         ]
         metadata = [(m.name, dict(m.metadata)) for m in reader.iter_metadata()]
     channels = {channel.topic: channel for channel in summary.channels.values()}
-    return Content(
+    found = Content(
         header.profile, header.library, messages, metadata, channels, dict(summary.schemas)
     )
+    found.summed_up = dict(next((values for name, values in metadata if name == RECORD), {}))
+    return found
+
+
+def sum_up(found: Content) -> None:
+    """Let the summary fit the messages again, unless the edit was one of it, as a forger would."""
+    counts = Counter(message[0] for message in found.messages)
+    times = [message[1] for message in found.messages] or [0]
+    told = []
+    for topic, channel in found.channels.items():
+        schema = found.schemas.get(channel.schema_id)
+        told.append(TopicCount(channel.topic, schema.name if schema else "", counts[topic]))
+    for name, values in found.metadata:
+        if name == RECORD and values == found.summed_up:
+            with suppress(ValueError):  # a type that there is not
+                values |= summary_record(Summary(tuple(told), min(times), max(times)))
 
 
 def write(found: Content, path: Path, digests: str = KEPT) -> Recording:
     """Write it; ``digests`` are `KEPT` as they were, written `ANEW`, or there are `NONE`."""
+    if digests == ANEW:
+        sum_up(found)
     running = RunningDigests()
     running.header(found.profile, found.library)
     with path.open("wb") as file:

@@ -66,6 +66,7 @@ def copy_of(found: Content) -> Content:
         dict(found.channels),
         dict(found.schemas),
         list(found.attachments),
+        dict(found.summed_up),
     )
 
 

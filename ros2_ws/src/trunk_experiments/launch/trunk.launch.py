@@ -19,7 +19,8 @@ from trunk_experiments.runs.graph import RunFiles
 class OrderlyEnd:
     """Stops the set in order once one node has ended; a failed node makes the launch fail."""
 
-    def __init__(self, names: list[str]) -> None:
+    def __init__(self, names: list[str], files: RunFiles) -> None:
+        self.files = files
         self.actions: dict[str, Node] = {}
         self.running = list(names)
         self.failed: list[str] = []
@@ -29,6 +30,8 @@ class OrderlyEnd:
             self.running.remove(name)
             if event.returncode:
                 self.failed.append(f"{name} ended with exit code {event.returncode}")
+            if not self.running:
+                self.files.describe()
             if not self.running and self.failed:
                 raise RuntimeError("; ".join(self.failed))
             if context.is_shutdown:
@@ -55,7 +58,7 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     files = RunFiles.for_run(plan, Path(given["output"]) if given["output"] else None)
     nodes = launching.launch_nodes(files.record(plan), files.parameters)
 
-    end = OrderlyEnd([node.executable for node in nodes])
+    end = OrderlyEnd([node.executable for node in nodes], files)
     for node in nodes:
         end.actions[node.executable] = Node(
             package=node.package,

@@ -30,6 +30,9 @@ class Record:
     def topic(self, name):
         return name
 
+    def relative(self, name):
+        return name
+
     def joints(self, topic):
         if topic == "effort_command":
             stamps, log = self.stamps[self.kept], self.log[self.kept]

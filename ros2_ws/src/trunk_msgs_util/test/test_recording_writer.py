@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Chunk
@@ -29,7 +30,7 @@ def test_mcap_reads_it_with_all_checksums(run_file):
         assert reader.get_header().profile == "ros2"
         counts = reader.get_summary().statistics.channel_message_counts
         assert sum(counts.values()) == len(list(reader.iter_messages())) == 3 * 21 + 11 + 1
-        provenance, end, digests = ((m.name, m.metadata) for m in reader.iter_metadata())
+        provenance, _, end, digests = ((m.name, m.metadata) for m in reader.iter_metadata())
         assert provenance == (PROVENANCE, {"scenario": "fig6", "host": "größe"})
         assert end == (END, {"complete": "true", "reason": "finished"})
         truth = hashlib.blake2b(digest_size=32)
@@ -72,16 +73,29 @@ def test_rosbags_reads_it(run_file):
     assert read[0].name == ["hüfte", "rumpf"]
 
 
-def test_the_qos_is_written_as_in_rosbag2(tmp_path):
-    qos = "- history: 1\n  depth: 10\n"
-    with RecordingWriter(tmp_path / "a.mcap") as writer:
-        with_qos = writer.channel("/a", topics.JOINT_STATE_TYPE, qos)
-        without = writer.channel("/b", topics.JOINT_STATE_TYPE)
-    with (tmp_path / "a.mcap").open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary.channels[with_qos].metadata == {"offered_qos_profiles": qos}
-    assert summary.channels[without].metadata == {}
-    assert [s.name for s in summary.schemas.values()] == [topics.JOINT_STATE_TYPE]
+def test_channels_have_what_rosbag2_plays_them_by(tmp_path):
+    path = tmp_path / "a.mcap"
+    with RecordingWriter(path) as writer:
+        writer.write(writer.channel("/robot/a", topics.JOINT_STATE_TYPE), 5, 5, b"\0\1\0\0")
+        writer.write(
+            writer.channel("/robot/run/events", topics.DIAGNOSTIC_ARRAY_TYPE), 9, 9, b"\0\1\0\0"
+        )
+    with AnyReader([path]) as bag:
+        ((states,), (events,)) = (c.ext.offered_qos_profiles for c in bag.connections)
+    assert (states.depth, states.durability.name) == (5000, "VOLATILE")
+    assert (events.depth, events.durability.name) == (1000, "TRANSIENT_LOCAL")
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        records = {m.name: m.metadata for m in reader.iter_metadata()}
+        channels = reader.get_summary().channels.values()
+    hashes = [channel.metadata["topic_type_hash"][:14] for channel in channels]
+    assert hashes == ["RIHS01_a13ee3a", "RIHS01_5a8a36e"]
+    about = yaml.safe_load(records["rosbag2"]["serialized_metadata"])
+    assert (about["version"], about["message_count"]) == (9, 2)
+    assert about["starting_time"] == {"nanoseconds_since_epoch": 5}
+    assert about["duration"] == {"nanoseconds": 4}
+    told = [topic["topic_metadata"]["name"] for topic in about["topics_with_message_count"]]
+    assert told == ["/robot/a", "/robot/run/events"]
 
 
 def test_an_existing_file_is_not_replaced_unless_asked(tmp_path):

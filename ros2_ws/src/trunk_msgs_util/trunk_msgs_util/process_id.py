@@ -21,6 +21,13 @@ def process_id(pid: int | None = None) -> str:
     return ""
 
 
+def same_machine(identity: str) -> bool:
+    """Return True if a process ran, or runs, on this machine since it was booted."""
+    with suppress(OSError):
+        return identity.partition(".")[0] == _BOOT.read_text("ascii").strip()
+    return False
+
+
 def local_pid(identity: str) -> int | None:
     """Return the number of a process that runs on this machine, and can be seen from here; else None."""
     _, _, rest = identity.partition(".")

@@ -18,6 +18,11 @@ PARAMETER_EVENT_TYPE = "rcl_interfaces/msg/ParameterEvent"
 DIAGNOSTIC_ARRAY_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 
+# Late subscribers get what was said on these topics; on the others, what is said from then on.
+LATCHED = (RUN_PARAMETERS, RUN_EVENTS)
+LATCHED_DEPTH = 1000
+LIVE_DEPTH = 5000
+
 # What discovery calls a node of which it knows an endpoint alone.
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 

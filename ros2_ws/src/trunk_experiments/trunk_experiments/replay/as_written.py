@@ -14,6 +14,7 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import declarations
+from trunk_msgs_util.recording import rosbag2
 from trunk_msgs_util.recording.digests import DIGESTS
 from trunk_msgs_util.recording.joint_state_cdr import MAX_TRAILING, JointStateLayout
 from trunk_msgs_util.recording.messages import head_field, unaligned
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 
 Parsed = TypeVar("Parsed")
 
-_RECORDS = (PROVENANCE, END, DIGESTS)  # of metadata, in their order
+_RECORDS = (PROVENANCE, rosbag2.RECORD, END, DIGESTS)  # of metadata, in their order
 
 
 def not_as_written(run: RecordedRun) -> list[str]:
@@ -84,8 +85,10 @@ def _around(run: RecordedRun, file: RecordingFile) -> Iterator[str]:
             yield f"{channel.topic}: its schema is not {kind} in ros2msg"
         elif schema.data != definition(kind):
             yield f"{channel.topic}: the text of its schema is not that of {kind}"
-        if channel.message_encoding != "cdr" or channel.metadata:
-            yield f"{channel.topic}: its channel is not plain cdr"
+        if channel.message_encoding != "cdr":
+            yield f"{channel.topic}: its messages are not cdr"
+        if channel.metadata != rosbag2.channel_metadata(channel.topic, kind):
+            yield f"{channel.topic}: its channel's metadata is not what rosbag2 has for it"
 
 
 def _controllers(run: RecordedRun) -> tuple[str, ...]:
@@ -106,12 +109,15 @@ def _controllers(run: RecordedRun) -> tuple[str, ...]:
 def _heads(run: RecordedRun) -> Iterator[str]:
     """Yield topics whose sequence numbers, publish times or simulated log times are not ours."""
     counts: Counter[str] = Counter()
+    times_ns: set[int] = set()
     found: dict[tuple[str, str], str] = {}
     for block in run.recording.blocks(list(run.recording.topics)):
         for topic, messages in block.items():
             data, offsets = messages.data, messages.offsets()
             stamp_ns = np.clip(_stamps(messages), 0, LAST_STAMP_NS)
             log = messages.log_time_ns
+            times_ns |= {int(log.min()), int(log.max())}
+            times_ns = {min(times_ns), max(times_ns)}
             sequence = np.arange(counts[topic], counts[topic] + len(messages))
             counts[topic] += len(messages)
             odd = {
@@ -127,6 +133,24 @@ def _heads(run: RecordedRun) -> Iterator[str]:
                     at = seconds(int(stamp_ns[np.flatnonzero(wrong)[0]]))
                     found.setdefault((topic, what), f"{topic}: at t = {at:g} s {what}")
     yield from found.values()
+    yield from _summed_up(run, counts, times_ns)
+
+
+def _summed_up(run: RecordedRun, counts: Counter[str], times_ns: set[int]) -> Iterator[str]:
+    """Yield where the record for rosbag2's tools does not sum up these messages."""
+    for file in run.recording.opened[:1]:
+        told = tuple(
+            rosbag2.TopicCount(channel.topic, file.type_of(number), counts[channel.topic])
+            for number, channel in file.channels.items()
+        )
+        summary = rosbag2.Summary(told, min(times_ns, default=0), max(times_ns, default=0))
+        values = dict(file.metadata_records).get(rosbag2.RECORD)
+        try:
+            expected = rosbag2.summary_record(summary)
+        except ValueError:  # a type that ROS 2 does not have
+            expected = {}
+        if values != expected:
+            yield f"the metadata record {rosbag2.RECORD} is not the summary of the messages"
 
 
 def _stamps(messages: Messages) -> Integers:

@@ -17,8 +17,11 @@ from typing import TYPE_CHECKING
 from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.node import middleware
 from trunk_msgs_util.patience import Patience
+from trunk_msgs_util.recording.bag_folder import METADATA
 from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.rosbag2 import RECORD, metadata_yaml
 from trunk_msgs_util.recording.schemas import RunEvent
+from trunk_msgs_util.yaml_text import YamlTextError
 
 from ..errors import PlanError, RunError
 from ..plans.nodes import NODES
@@ -80,6 +83,13 @@ class RunFiles:
         plan.write_parameters(self.parameters)
         return plan
 
+    def describe(self) -> None:
+        """Make the folder a bag to ROS 2's tools: write ``metadata.yaml``, if the recording was finished."""
+        with suppress(RecordingError, YamlTextError, ValueError, OSError):  # the run says why
+            (file,) = Recording.glance(self.recording).opened
+            text = metadata_yaml(dict(file.metadata_records).get(RECORD, {}), self.recording.name)
+            (self.folder / METADATA).write_text(text, "utf-8")
+
     def log(self, node: str) -> Path:
         """Return where a node's console output goes."""
         return self.folder / "logs" / f"{node}.log"
@@ -139,6 +149,7 @@ def run_graph(
     finally:
         killed = _stop_all(running)
         guardian.close()
+        files.describe()
         interrupt.restore()
     recorder = running.get(COMPOSED) or running["recorder"]
     if not heard:

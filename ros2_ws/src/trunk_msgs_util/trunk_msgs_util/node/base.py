@@ -19,7 +19,7 @@ from ..events import Event
 from ..parameters.config import ManagedConfig
 from ..parameters.declarations import values_of
 from ..printable import printable
-from ..process_id import process_id
+from ..process_id import local_pid, process_id, same_machine
 from . import evidence, qos
 from .conversions import status_to_ros
 from .managed import EXIT_FAILED, ManagedNode
@@ -142,11 +142,22 @@ class TrunkNode(ManagedNode, Generic[Config]):
             and node == self.get_fully_qualified_name()
             and process not in ("", process_id())
             and self.exit_code is None
+            and self._is_alive(process)
         ):
             self.fail(
                 f"another {node} is running, in process {process}: stop it, or give each its own "
                 "namespace or ROS_DOMAIN_ID"
             )
+
+    def _is_alive(self, process: str) -> bool:
+        """Return True for a namesake's process, and False if an old recording is being played.
+
+        A process on another machine cannot be looked up: there the graph has to know of two nodes.
+        """
+        if same_machine(process):
+            return local_pid(process) is not None
+        own = (self.get_name(), self.get_namespace())
+        return self.get_node_names_and_namespaces().count(own) > 1
 
     def draining(self) -> bool:
         """Return True while the node still has messages to take before it closes."""

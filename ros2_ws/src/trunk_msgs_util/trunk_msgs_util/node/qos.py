@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from .. import topics
+
 # Evidence is kept by its publisher, so that a recorder that joins late misses nothing.
-EVIDENCE_DEPTH = 5000
+EVIDENCE_DEPTH = topics.LIVE_DEPTH
 
 
 def live() -> QoSProfile:
@@ -44,7 +46,7 @@ def control(depth: int = 100) -> QoSProfile:
 def run_information() -> QoSProfile:
     """Return the profile of events and parameters: late joiners get them all."""
     return QoSProfile(
-        depth=1000,
+        depth=topics.LATCHED_DEPTH,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
     )

@@ -64,7 +64,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def _forget(self) -> None:
         self._last_message = time.monotonic()
         self._end: RunEvent | None = None
-        self._simulators: set[str] = set()
+        self._kinds: dict[str, str] = {}  # of nodes, by what they say
         self._claimed: Counter[str] = Counter()  # by the nodes that have ended
         self._leaving_s: float | None = None
         self._counts: Counter[str] = Counter()
@@ -220,9 +220,10 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self.look_for_namesake(event.node, event.message, event.values)
         if event.message == Event.PUBLISHED:
             self._on_published(event)
-        if event.message == Event.CONFIGURED and event.values.get("kind") == "simulator":
-            self._simulators.add(event.node)
-        if event.node in self._simulators and event.message in ENDS:
+        if event.message == Event.CONFIGURED:
+            self._kinds[event.node] = event.values.get("kind", "")
+        kind = self._kinds.get(event.node) or event.node.rpartition("/")[2]
+        if kind == "simulator" and event.message in ENDS:
             if event.message == Event.FINISHED and not event.values.get("states", "").isdecimal():
                 self.counters["events malformed"] += 1
                 return

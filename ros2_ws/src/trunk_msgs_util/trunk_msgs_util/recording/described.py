@@ -14,7 +14,7 @@ from .limits import MAX_CHANNELS, MAX_NAME, LimitError
 if TYPE_CHECKING:
     from .blocks import Record
 
-_SHORT = 4096  # bytes of others' metadata that are read
+_SHORT = 1 << 16  # bytes of others' metadata that are read
 _NUMBER = struct.Struct("<H")
 
 

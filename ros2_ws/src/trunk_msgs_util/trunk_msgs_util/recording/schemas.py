@@ -73,6 +73,14 @@ def definition(type_name: str) -> bytes:
     return text.encode()
 
 
+@cache
+def type_hash(type_name: str) -> str:
+    """Return the hash of a type's description (REP 2016). Raises ValueError if it is unknown."""
+    if type_name not in _store().fielddefs:
+        raise ValueError(f"ROS 2 Jazzy has no message type {type_name!r}")
+    return _store().hash_rihs01(type_name)
+
+
 def build(type_name: str, **fields: Any) -> Any:
     """Return a message; sequences of numbers are NumPy arrays, all fields are given."""
     return _store().types[type_name](**fields)

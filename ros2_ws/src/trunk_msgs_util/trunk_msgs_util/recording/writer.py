@@ -11,6 +11,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
+from . import rosbag2
 from .digests import DIGESTS, RunningDigests
 from .own_file import check_own, open_own
 from .schemas import definition
@@ -60,21 +61,25 @@ class RecordingWriter:
         self._schemas: dict[str, int] = {}
         self._counts: dict[int, int] = {}
         self._topics: dict[int, str] = {}
+        self._types: dict[int, str] = {}
+        self._first_ns: int | None = None
+        self._last_ns = 0
         self._digests = RunningDigests()
         self._failure: OSError | None = None
         self._writer.start(PROFILE, _LIBRARY)
         self._digests.header(PROFILE, _LIBRARY)
 
-    def channel(self, topic: str, type_name: str, qos: str = "") -> int:
-        """Add a topic and return its channel; ``qos`` as rosbag2's ``offered_qos_profiles``."""
+    def channel(self, topic: str, type_name: str) -> int:
+        """Add a topic and return its channel. Raises ValueError for an unknown type."""
         text = definition(type_name)
         if type_name not in self._schemas:
             self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", text)
         schema = self._schemas[type_name]
-        metadata = {"offered_qos_profiles": qos} if qos else {}
+        metadata = rosbag2.channel_metadata(topic, type_name)
         channel = self._writer.register_channel(topic, "cdr", schema, metadata)
         self._counts[channel] = 0
         self._topics[channel] = topic
+        self._types[channel] = type_name
         self._digests.channel(
             Channel(channel, topic, "cdr", metadata, schema),
             Schema(schema, text, "ros2msg", type_name),
@@ -90,6 +95,8 @@ class RecordingWriter:
         except OSError as error:
             raise self._failed(error) from None
         self._counts[channel] = sequence + 1
+        self._first_ns = log_time_ns if self._first_ns is None else min(self._first_ns, log_time_ns)
+        self._last_ns = max(self._last_ns, log_time_ns)
         length = _HEAD.size - _HEAD_OF_RECORD + len(cdr)
         self._digests.heads(
             _HEAD.pack(Opcode.MESSAGE, length, channel, sequence, log_time_ns, publish_time_ns)
@@ -136,6 +143,7 @@ class RecordingWriter:
         if self._file.closed:
             return
         try:
+            self.add_metadata(rosbag2.RECORD, rosbag2.summary_record(self.summary()))
             self.add_metadata(END, {"complete": str(complete).lower(), "reason": reason})
             self.add_metadata(DIGESTS, self._digests.values())
             self._writer.finish()
@@ -146,6 +154,14 @@ class RecordingWriter:
             with suppress(OSError):
                 self._file.close()
             raise self._failed(error) from None
+
+    def summary(self) -> rosbag2.Summary:
+        """Return what has been written so far, in rosbag2's words."""
+        told = tuple(
+            rosbag2.TopicCount(topic, self._types[channel], self._counts[channel])
+            for channel, topic in self._topics.items()
+        )
+        return rosbag2.Summary(told, self._first_ns or 0, self._last_ns)
 
     def _failed(self, error: OSError) -> OSError:
         """Return the first failure, naming the file; nothing is written after it."""
