@@ -87,8 +87,18 @@ class DrivenController:
         """Return the measured angle and rate at a stamp; None if that state was not recorded."""
         if stamp_ns not in self.states:
             return None
-        position, velocity = (self.states.get(stamp_ns, q) for q in ("position", "velocity"))
+        position, velocity = (self._measured(stamp_ns, q) for q in ("position", "velocity"))
         return position[self.joint], velocity[self.joint]
+
+    def _measured(self, stamp_ns: int, quantity: str) -> Sequence[float]:
+        """Return a quantity of a state, zeros where the node went on without it."""
+        needed = quantity == "position" or (
+            quantity == "velocity"
+            and (self.hip is not None or self.timeline.config.derivative_mode == "rate")
+        )
+        if not needed and not self.states.values(quantity).shape[1]:
+            return [0.0] * len(self.states.names)
+        return self.states.get(stamp_ns, quantity)
 
     @cached_property
     def _states_matrix(self) -> Floats:
@@ -134,7 +144,7 @@ class DrivenController:
     def answer(self, stamp_ns: int) -> Answer:
         """Return the active controller's answer to a recorded state."""
         positions, velocities, efforts = (
-            self.states.get(stamp_ns, q) for q in ("position", "velocity", "effort")
+            self._measured(stamp_ns, q) for q in ("position", "velocity", "effort")
         )
         told = stamp_ns in self.terms
         return self.controller.decide(

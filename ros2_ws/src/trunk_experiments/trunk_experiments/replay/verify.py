@@ -66,11 +66,12 @@ def verdict_on(run: RecordedRun) -> Verdict:
         {"disturbance"} if run.count(topics.DISTURBANCE) else set()
     )
     missing = nodes - set(run.parameters)
-    if missing:
+    no_plant = missing == {"simulator"} and not run.count(topics.GROUND_TRUTH)
+    if missing and not no_plant:
         verdict.obstacles.append(f"no parameters recorded of {', '.join(sorted(missing))}")
         return verdict
     try:
-        _judge(run, verdict)
+        (_judge_commands if no_plant else _judge)(run, verdict)
     except ParameterError as error:
         verdict.obstacles.append(f"recorded parameters cannot be used: {error}")
     except RecordingError as error:
@@ -109,6 +110,23 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
     verdict.judged = _span(run, until_ns)
     verdict.obstacles += _too_few(run, verdict.parts, until_ns)
     verdict.unjudged += _unjudged(run)
+
+
+def _judge_commands(run: RecordedRun, verdict: Verdict) -> None:
+    """Judge the commands to a plant that is not ours, from the states that it published."""
+    stamps = run.table(topics.EFFORT_COMMAND).stamp_ns
+    unknown = np.setdiff1d(stamps, run.table(topics.JOINT_STATES).stamp_ns)
+    if len(unknown):
+        verdict.obstacles.append(
+            f"{len(unknown)} commands answer states that are not recorded: what followed from them is "
+            "not known; start the recorder before the controller"
+        )
+    elif len(stamps):
+        verdict.parts += _commands(run, None)
+        took = seconds(int(stamps.max() - stamps.min()))
+        verdict.judged = f"{len(stamps)} commands in {took:g} s to a plant that is not ours"
+    verdict.obstacles.append("no simulator of ours: its states come from elsewhere")
+    verdict.unjudged += ["the states, and whether all of them are recorded", *_unjudged(run)]
 
 
 def _span(run: RecordedRun, until_ns: int | None) -> str:
@@ -162,12 +180,16 @@ def _recorded_until_ns(run: RecordedRun) -> int | None:
     return None
 
 
-def _recomputed(run: RecordedRun, until_ns: int | None) -> list[Part]:
+def _commands(run: RecordedRun, until_ns: int | None) -> list[Part]:
     parts = {name: Part(f"commands of {name}") for name in run.controllers}
     nobodys = Part("commands without one active controller")
     for checked in replay_controllers(run, run.controllers, until_ns):
         parts.get(checked.controller, nobodys).take(checked)
-    found = [*parts.values(), *([nobodys] if nobodys.steps else [])]
+    return [*parts.values(), *([nobodys] if nobodys.steps else [])]
+
+
+def _recomputed(run: RecordedRun, until_ns: int | None) -> list[Part]:
+    found = _commands(run, until_ns)
     replays: dict[str, Iterable[Checked]] = {}
     if run.count(topics.DISTURBANCE):
         replays["disturbances"] = replay_disturbance(run, until_ns)

@@ -1,0 +1,85 @@
+"""A robot that is none of ours: balanced by our controller, recorded, its commands judged."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+
+import pytest
+from sensor_msgs.msg import JointState
+
+from trunk_experiments.replay.verify import UNJUDGED, verify
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording.reader import Recording
+
+from ..edited import ANEW, copied
+from .peer import Peer
+from .processes import Children
+
+pytestmark = pytest.mark.graph
+
+PERIOD = 0.005  # s
+
+
+class Robot:
+    """An arm on a hinge: other joints' names, the wall clock's stamps, no velocities, default QoS."""
+
+    def __init__(self, peer: Peer) -> None:
+        self.angle, self.rate, self.torque = 0.2, 0.0, 0.0
+        self.states = peer.node.create_publisher(JointState, topics.JOINT_STATES, 10)
+        self.commands = 0
+        self.now_ns = time.time_ns()
+        peer.node.create_subscription(JointState, topics.EFFORT_COMMAND, self._on_command, 10)
+
+    def _on_command(self, command: JointState) -> None:
+        self.torque = command.effort[list(command.name).index("arm")]
+        self.commands += 1
+
+    def step(self) -> None:
+        self.rate += PERIOD * (20.0 * math.sin(self.angle) + self.torque) / 4.0
+        self.angle += PERIOD * self.rate
+        state = JointState(name=["gripper", "arm"], position=[0.02, self.angle])
+        self.now_ns += round(PERIOD * 1e9)
+        state.header.stamp.sec, state.header.stamp.nanosec = divmod(self.now_ns, 10**9)
+        self.states.publish(state)
+
+
+def test_commands_to_another_robot_are_judged(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
+    robot = Robot(peer)
+    recorder = children.node("recorder", "output:=run.mcap")
+    peer.until(robot.states.get_subscription_count, "the recorder listens")
+    gains = (
+        "gains.p:=120.0",
+        "gains.i:=0.0",
+        "gains.d:=30.0",
+        "derivative_mode:=error",
+        "update_rate:=1000.0",
+    )
+    pid = children.node("pid", "joint:=arm", *gains)
+    peer.until(lambda: robot.states.get_subscription_count() == 2, "the controller listens too")
+    for _ in range(400):
+        before = robot.commands
+        robot.step()
+        peer.until(lambda: robot.commands > before, "the controller answers")  # noqa: B023
+    assert abs(robot.angle) < 0.05, robot.angle
+    assert [pid.stop(), recorder.stop()] == [0, 0]
+
+    path = tmp_path / "run.mcap"
+    verdict = verify(Recording.open(path))
+    assert verdict.exit_code == UNJUDGED
+    (commands,) = verdict.parts
+    assert (commands.name, commands.wrong_steps) == ("commands of pid", 0)
+    assert commands.steps == 400
+    assert "no simulator of ours: its states come from elsewhere" in verdict.obstacles
+
+    def other_state(messages: list[list]) -> None:
+        states = [message for message in messages if message[0] == "/joint_states"]
+        data = bytearray(states[200][2])
+        data[-12] ^= 1  # within the arm's angle: two empty sequences follow
+        states[200][2] = bytes(data)
+
+    altered = verify(copied(path, tmp_path / "edited.mcap", other_state, digests=ANEW))
+    assert any(part.wrong_steps for part in altered.parts)
