@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ament_index_python.packages import get_package_share_directory
+from ament_index_python.packages import get_package_prefix, get_package_share_directory
 from launch.actions import DeclareLaunchArgument, EmitEvent, LogInfo, OpaqueFunction, Shutdown
 from launch.events.matchers import matches_action
 from launch.events.process import ProcessExited, ShutdownProcess
@@ -55,6 +55,10 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     plan = launching.launch_plan(given)
     share = Path(get_package_share_directory("trunk_experiments"))
     viewers = launching.launch_viewers(plan, given, share)
+    for viewer in viewers:
+        get_package_prefix(
+            viewer.package
+        )  # not installed: the launch ends before it has made a folder
     files = RunFiles.for_run(plan, Path(given["output"]) if given["output"] else None)
     nodes = launching.launch_nodes(files.record(plan), files.parameters)
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 
+from trunk_msgs_util.units import seconds
+
+from .answers import RefusedError
 from .disturbances import Disturbance
 
 _QUIET = Disturbance()
@@ -26,13 +29,14 @@ class DisturbanceFeed:
         """Return True while a disturbance is waiting for its time."""
         return bool(self._told)
 
-    def take(self, stamp_ns: int, disturbance: Disturbance, now_ns: int) -> bool:
-        """Queue what acts from a stamp on; return False if its stamp goes backwards or is too far ahead."""
-        if stamp_ns <= self._told_until_ns or stamp_ns - now_ns > self._ahead_ns:
-            return False
+    def take(self, stamp_ns: int, disturbance: Disturbance, now_ns: int) -> None:
+        """Queue what acts from a stamp on. Raises RefusedError for one that goes back or is too far ahead."""
+        if stamp_ns <= self._told_until_ns:
+            raise RefusedError("disturbances out of order")
+        if stamp_ns - now_ns > self._ahead_ns:
+            raise RefusedError(f"disturbances more than {seconds(self._ahead_ns):g} s ahead")
         self._told_until_ns = stamp_ns
         self._told.append((stamp_ns, disturbance))
-        return True
 
     def advance(self, now_ns: int, timeout_ns: int | None) -> bool:
         """Set ``acting`` to what acts at a stamp; return True if the latest disturbance is too old.

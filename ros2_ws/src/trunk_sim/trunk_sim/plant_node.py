@@ -227,13 +227,11 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         sample = self._read_disturbance(data)
         try:
             disturbance = disturbance_of(sample, self.config.joints)
+            self._disturbances.take(sample.stamp_ns, disturbance, self.stamp_ns)
         except RefusedError as refused:
             self.count(str(refused))
-            return
-        if self._disturbances.take(sample.stamp_ns, disturbance, self.stamp_ns):
-            self._answered(topics.DISTURBANCE, sample.stamp_ns)
         else:
-            self.count("disturbances out of order")
+            self._answered(topics.DISTURBANCE, sample.stamp_ns)
 
     def _on_progress(self, data: bytes) -> None:
         self._answered("recorder", self._read_progress(data).stamp_ns)
