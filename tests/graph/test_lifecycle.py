@@ -164,6 +164,31 @@ def test_one_that_joins_a_run_under_way(children: Children, peer: Peer, tmp_path
     assert [turn.stamp_ns for turn in turns] == [-1, first - 1]
 
 
+def test_one_that_outlives_the_recorder_is_no_fault_of_the_run(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
+    """It has not said how many commands it gave: that is not known, but nothing speaks against the run."""
+    recorder = children.node("recorder", "output:=run.mcap")
+    pid, fuzzy_pid = children.node("pid"), children.node("fuzzy_pid", "autostart:=false")
+    peer.until_up("fuzzy_pid")
+    life = Life(peer, "fuzzy_pid")
+    assert life.change("configure")
+    updates = peer.hear(topics.controller_state("fuzzy_pid"))
+    simulator = children.node("simulator", "duration:=0.0")
+    peer.until_recorded(300)
+    assert Life(peer, "pid").change("deactivate")
+    assert life.change("activate")
+    peer.until(lambda: len(updates) > 100, "it answers")
+    for child in (simulator, pid, recorder, fuzzy_pid):
+        assert child.stop() == 0, child.stderr
+    verdict = verify(Recording.open(tmp_path / "run.mcap"))
+    assert verdict.exit_code == UNJUDGED
+    assert not verdict.contradictions
+    assert not any(part.wrong_steps for part in verdict.parts)
+    (obstacle,) = verdict.obstacles
+    assert obstacle.startswith("fuzzy_pid did not say how many messages it published")
+
+
 def run_swapped(children: Children, *arguments: object) -> Child:
     return children.trunk(
         "run", "demo", "--controller", "pid", "--swap-at", "0.5:fuzzy_pid", "--swap-at", "1:pid",

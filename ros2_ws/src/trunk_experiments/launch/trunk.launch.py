@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
-from launch.actions import DeclareLaunchArgument, EmitEvent, LogInfo, OpaqueFunction, Shutdown
+from launch.actions import DeclareLaunchArgument, EmitEvent, LogInfo, OpaqueFunction
+from launch.events import Shutdown
 from launch.events.matchers import matches_action
 from launch.events.process import ProcessExited, ShutdownProcess
 from launch.substitutions import LaunchConfiguration
@@ -38,7 +39,8 @@ class OrderlyEnd:
                 return []
             others = launching.next_to_stop(self.running)
             if not others:
-                return [Shutdown(reason=f"{name} has ended")]
+                reason = f"the run is over: {self.files.recording}"
+                return [LogInfo(msg=reason), EmitEvent(event=Shutdown(reason=reason))]
             return [
                 EmitEvent(
                     event=ShutdownProcess(process_matcher=matches_action(self.actions[other]))
