@@ -305,3 +305,27 @@ def test_fifty_thousand_messages_are_read_in_a_second(tmp_path):
     joints = Recording.open(path).joints(TRUTH)
     assert time.process_time() - start < 1.0
     assert joints.column("effort", "trunk").tolist() == list(range(count))
+
+
+@pytest.mark.parametrize(
+    ("named", "renamed"),
+    [
+        (["/plant"], {"simulator": "plant"}),
+        (["/simulator"], {}),
+        (["/plant", "/other"], {}),  # which of them?
+        (["/plant", "/simulator"], {}),
+    ],
+)
+@pytest.mark.parametrize("told", ["configured", "activated"])
+def test_a_node_goes_by_its_kind_where_no_other_has_that_name(tmp_path, named, renamed, told):
+    with RecordingWriter(tmp_path / "a.mcap") as writer:
+        channel = writer.channel("/run/events", topics.DIAGNOSTIC_ARRAY_TYPE)
+        writer.channel(TRUTH, topics.JOINT_STATE_TYPE)
+        for name in named:
+            kind = {"process": "1", "kind": "simulator"}
+            # A node that has its name need not even say so.
+            word, values = (told, {}) if name == "/simulator" else ("configured", kind)
+            writer.write(channel, 0, 0, schemas.event(-1, name, word, values))
+    recording = Recording.open(tmp_path / "a.mcap")
+    assert recording.renamed == renamed
+    assert recording.relative("/plant/state") == ("simulator/state" if renamed else "plant/state")

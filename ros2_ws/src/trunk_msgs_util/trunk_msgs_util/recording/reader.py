@@ -108,16 +108,23 @@ class Recording(RecordedFiles):
     def renamed(self) -> dict[str, str]:
         """The names of nodes that have another one than the kind of node they say they are, by that kind.
 
-        Of several nodes of a kind, none can stand for it.
+        Of several nodes of a kind none can stand for it, nor can another one where a node has its name.
         """
         prefix = f"{self.namespace}/"
         kinds: dict[str, set[str]] = {}
+        known: set[str] = set()
         with suppress(RecordingError):
+            known |= {change.node for change in self._parameter_events}
             for event in self._events:
+                known.add(event.node)
                 kind = event.values.get("kind") if event.message == Event.CONFIGURED else None
                 if kind and event.node.startswith(prefix):
                     kinds.setdefault(kind, set()).add(event.node.removeprefix(prefix))
-        return {kind: min(own) for kind, own in kinds.items() if len(own) == 1 and kind not in own}
+        return {
+            kind: min(own)
+            for kind, own in kinds.items()
+            if len(own) == 1 and prefix + kind not in known
+        }
 
     @property
     def controller(self) -> str | None:
