@@ -1,0 +1,35 @@
+"""What a signal does to a verb, by where it finds it."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from trunk_experiments import executables
+
+
+class EndedError(Exception):
+    """Stands for the end of the process."""
+
+
+@pytest.mark.parametrize(
+    ("inside", "verb", "expected"),
+    [
+        ("trunk_experiments.replay", "verify", executables._Interrupted),
+        ("numba.core.codegen", "verify", EndedError),
+        ("llvmlite.binding.ffi", "simulate", EndedError),
+        ("numba.core.codegen", "sweep", executables._Interrupted),  # it has others to end
+    ],
+)
+def test_no_exception_comes_out_of_nowhere_into_the_compiler(monkeypatch, inside, verb, expected):
+    def end(number):
+        raise EndedError
+
+    monkeypatch.setattr(executables, "_end", end)
+    monkeypatch.setattr(executables.early_signals, "end_by", lambda action: None)
+    monkeypatch.setattr(sys, "argv", ["trunk", verb])
+    code = {"__name__": inside, "unwind": executables._unwind}
+    exec("def compile_it(): unwind(2)", code)
+    with pytest.raises(expected):
+        code["compile_it"]()
