@@ -171,12 +171,16 @@ def _too_few(run: RecordedRun, parts: list[Part], until_ns: int | None) -> list[
 
 
 def _recorded_until_ns(run: RecordedRun) -> int | None:
-    """Return the last stamp before the recorder became inactive; None if the run had ended by then."""
+    """Return until when everything is recorded; None if the recorder never missed a part of the run.
+
+    When it became inactive, the answer to the last recorded state may have been recorded in part.
+    """
     node = run.recording.topic("recorder")
     turns = [e for e in run.events if e.node == node and e.message == Event.DEACTIVATED]
     stamps = run.table(topics.EFFORT_COMMAND).stamp_ns
     if turns and len(stamps) and turns[0].stamp_ns < stamps.max():
-        return turns[0].stamp_ns
+        before = stamps[stamps <= turns[0].stamp_ns]
+        return int(before.max()) - 1 if len(before) else -1
     return None
 
 
