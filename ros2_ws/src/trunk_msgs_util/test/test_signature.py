@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.recording.keys import Ed25519PrivateKey, Ed25519PublicKey
-from trunk_msgs_util.recording.signature import (
+from trunk_msgs_util.recording.signing.keys import Ed25519PrivateKey, Ed25519PublicKey
+from trunk_msgs_util.recording.signing.signature import (
     LIMIT,
     Signature,
     SignatureError,

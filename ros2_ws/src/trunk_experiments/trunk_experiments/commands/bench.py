@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from .common import FiniteRange, json_option, print_table
+from ..console.common import FiniteRange, json_option, print_table
 
 
 @click.group("bench")

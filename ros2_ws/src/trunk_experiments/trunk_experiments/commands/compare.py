@@ -10,9 +10,9 @@ from pathlib import Path
 import click
 
 from ..analysis.metrics import QUANTITIES, Quantity
+from ..console.common import print_table
+from ..console.reading import open_views
 from ..views.compare import Comparison, compare
-from .common import print_table
-from .reading import open_views
 
 _LONGEST = 20  # values of an array that are listed
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import click
 
+from ..console.common import print_table
 from ..study.compare import PairedDifference, compare_study
 from ..study.results import Results
-from .common import print_table
 
 HEADER = ("metric", "first - second", "pairs", "mean", "95 % interval", "smaller", "")
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import click
 
+from ..console.common import json_option
+from ..console.reading import open_run, show_warnings
 from ..replay.diff import diff
-from .common import json_option
-from .reading import open_run, show_warnings
 
 
 @click.command("diff")

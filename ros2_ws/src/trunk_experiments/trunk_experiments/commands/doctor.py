@@ -8,9 +8,9 @@ from pathlib import Path
 
 import click
 
+from ..console.common import json_option
+from ..console.reading import progress_bar
 from ..replay.doctor import ERROR, INFO, WARNING, Finding, examine
-from .common import json_option
-from .reading import progress_bar
 
 FINE, FINDINGS = 0, 1
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
+from ..console.common import json_option, print_table
+from ..console.reading import open_run, show_warnings
 from ..replay.explain import Explanation, explain
-from .common import json_option, print_table
-from .reading import open_run, show_warnings
 
 
 @click.command("explain")

@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 
 from ..analysis.run_table import RunTable
+from ..console.reading import open_run, show_warnings
 from ..views.extract import window, write_mcap, write_npz, write_parquet
-from .reading import open_run, show_warnings
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 

@@ -14,8 +14,8 @@ from trunk_msgs_util import topics as names
 from trunk_msgs_util.recording.reader import Recording, Topic
 from trunk_msgs_util.units import seconds
 
-from .common import json_option
-from .reading import progress_bar, show_warnings
+from ..console.common import json_option
+from ..console.reading import progress_bar, show_warnings
 
 _WIDTH = 80
 _UNITS = ("B", "kB", "MB", "GB", "TB")

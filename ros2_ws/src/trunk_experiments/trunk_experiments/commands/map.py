@@ -7,9 +7,9 @@ from pathlib import Path
 
 import click
 
+from ..console.common import check_output
+from ..console.reading import progress_bar
 from ..errors import PlanError
-from .common import check_output
-from .reading import progress_bar
 from .sweep import run_sweep
 
 

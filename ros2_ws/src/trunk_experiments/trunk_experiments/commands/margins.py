@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 from trunk_control.pid import Gains
 from trunk_msgs_util.units import seconds
 
+from ..console.common import print_table
 from ..plans.plan import RunPlan
-from .common import print_table
 
 if TYPE_CHECKING:
     from ..tuning.linear import Linear

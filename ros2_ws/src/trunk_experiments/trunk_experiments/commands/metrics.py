@@ -12,9 +12,9 @@ from trunk_msgs_util.units import seconds
 
 from ..analysis.metrics import QUANTITIES, metrics
 from ..analysis.run_table import RunTable
+from ..console.common import json_option, print_table
+from ..console.reading import open_run, show_warnings
 from ..recorded.run import RecordedRun
-from .common import json_option, print_table
-from .reading import open_run, show_warnings
 
 
 def show_metrics(run: RecordedRun, title: str) -> None:

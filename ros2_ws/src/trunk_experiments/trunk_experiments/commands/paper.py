@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from .common import print_table
-from .terminal import console
+from ..console.common import print_table
+from ..console.terminal import console
 
 
 @click.command("paper")

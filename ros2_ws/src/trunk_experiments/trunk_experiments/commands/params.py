@@ -10,8 +10,8 @@ import click
 
 from trunk_msgs_util.parameters.declarations import Declaration, declarations
 
+from ..console.common import json_option, print_table
 from ..plans.nodes import NODES
-from .common import json_option, print_table
 
 
 def default_text(declaration: Declaration) -> str:

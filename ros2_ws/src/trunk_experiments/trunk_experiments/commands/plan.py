@@ -8,9 +8,9 @@ from typing import Any
 
 import click
 
+from ..console.common import plan_of, plan_options
 from ..plans.plan import checked_namespace
 from ..runs.launching import launch_nodes
-from .common import plan_of, plan_options
 
 
 @click.command("plan")

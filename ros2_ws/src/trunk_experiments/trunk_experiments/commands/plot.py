@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from .reading import open_views, show_warnings
+from ..console.reading import open_views, show_warnings
 
 
 @click.command("plot")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from .reading import open_views
+from ..console.reading import open_views
 
 
 @click.command("report")

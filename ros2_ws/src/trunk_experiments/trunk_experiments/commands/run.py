@@ -10,12 +10,12 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from trunk_msgs_util import topics
 
+from ..console.common import plan_of, plan_options
+from ..console.terminal import console
 from ..errors import PlanError
 from ..recorded.run import RecordedRun
 from ..runs.graph import RunFiles, run_graph
-from .common import plan_of, plan_options
 from .metrics import show_metrics
-from .terminal import console
 
 
 @click.command("run")

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.recording.keys import (
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.signing.keys import (
     Ed25519PrivateKey,
     KeyFileError,
     fingerprint,
@@ -16,8 +17,7 @@ from trunk_msgs_util.recording.keys import (
     read_key,
     write_new_key,
 )
-from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.signature import (
+from trunk_msgs_util.recording.signing.signature import (
     SignatureError,
     read,
     sign,
@@ -26,32 +26,26 @@ from trunk_msgs_util.recording.signature import (
 )
 from trunk_msgs_util.whole_file import whole_file
 
+from ..console.common import check_output, file_option
 from ..errors import NotSignedError, PlanError
 from ..replay.verify import VERIFIED, Verdict, verify
-from .common import check_output
 
 
 @click.command("sign")
 @click.argument("run", required=False, type=click.Path(path_type=Path))
-@click.option(
+@file_option(
     "--key",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
     help="Your private Ed25519 key: PEM, or OpenSSH's as ssh-keygen -t ed25519 makes it.",
 )
-@click.option(
+@file_option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
     help="The signature to write; otherwise RUN.sig, beside the recording.",
 )
 @click.option("--force", is_flag=True, help="Replace a signature that exists.")
 @click.option("--unverified", is_flag=True, help="Sign although trunk verify does not verify it.")
-@click.option(
+@file_option(
     "--new-key",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
     help="Make a key pair, FILE and FILE.pub, instead of signing.",
 )
 def command(

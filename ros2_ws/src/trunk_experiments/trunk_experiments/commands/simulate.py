@@ -11,8 +11,8 @@ import click
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.topic import RecordingError
 
+from ..console.common import plan_of, plan_options
 from ..errors import PlanError
-from .common import plan_of, plan_options
 
 
 @click.command("simulate")

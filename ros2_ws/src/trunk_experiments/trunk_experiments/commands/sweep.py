@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import check_output
-from .reading import progress_bar
+from ..console.common import check_output
+from ..console.reading import progress_bar
 
 if TYPE_CHECKING:
     from ..study.sweep import Sweep

@@ -16,11 +16,11 @@ from trunk_msgs_util.parameters.declarations import Value, build, values_of
 from trunk_msgs_util.parameters.files import write
 
 from ..analysis.metrics import Metrics
+from ..console.common import FiniteRange, Function, check_output, print_table
+from ..console.terminal import console
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan, make_plan
-from .common import FiniteRange, Function, check_output, print_table
 from .margins import print_margins
-from .terminal import console
 
 if TYPE_CHECKING:
     from ..tuning.linear import Linear

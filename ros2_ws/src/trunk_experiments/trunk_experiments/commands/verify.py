@@ -8,16 +8,16 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.recording.keys import public_key, read_key
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.signature import signature_path
+from trunk_msgs_util.recording.signing.keys import public_key, read_key
+from trunk_msgs_util.recording.signing.signature import signature_path
 from trunk_msgs_util.units import seconds
 
+from ..console.common import file_option, json_option
 from ..errors import PlanError
 from ..replay.signed import check_signature, take_signature
 from ..replay.verdict import SignatureCheck
 from ..replay.verify import Verdict, describe, verify
-from .common import json_option
 
 
 def as_values(verdict: Verdict) -> dict[str, object]:
@@ -75,16 +75,13 @@ def judged(run: Path, key: Path | None, signature: Path | None) -> Verdict:
 
 @click.command("verify")
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option(
+@file_option(
     "--key",
-    type=click.Path(path_type=Path),
     metavar="PUBLIC",
     help="The public Ed25519 key that must have signed it: PEM or OpenSSH.",
 )
-@click.option(
+@file_option(
     "--signature",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
     help="The signature; otherwise RUN.sig, beside the recording.",
 )
 @json_option()

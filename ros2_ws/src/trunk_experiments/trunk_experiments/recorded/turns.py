@@ -1,15 +1,22 @@
-"""Which controller acted when, according to the recorded commands."""
+"""Which controller acted when, by its recorded updates or by its events."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
+from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.units import seconds
 
+from ..plans.timeline import begins_active
 from .run import RecordedRun
+
+Bools: TypeAlias = NDArray[np.bool_]
 
 
 class Turn(NamedTuple):
@@ -17,6 +24,46 @@ class Turn(NamedTuple):
 
     start: float
     controller: str
+
+
+def acting(stamps: Integers, turns: Iterable[tuple[int, bool]], begins: bool) -> Bools:
+    """Return for each stamp, ns, whether a controller acts there, by its turns in their order.
+
+    A turn is a stamp, ns, and whether it makes active; it takes effect after its stamp. ``begins``: the
+    controller acts from the start, although no turn says so.
+    """
+    found = np.zeros(len(stamps), bool)
+    since: int | None = -1 if begins else None
+    for stamp_ns, active in turns:
+        if active:
+            since = stamp_ns
+        elif since is not None:
+            found |= (stamps > since) & (stamps <= stamp_ns)
+            since = None
+    return found if since is None else found | (stamps > since)
+
+
+def idle_ns(run: RecordedRun) -> Integers:
+    """Return the stamps, ns, of the states of an offline run that no controller was to answer.
+
+    That is between two controllers that somebody switched by hand. In a graph nobody can tell: in
+    lock-step the plant waits for an answer, and in real time an answer may be late. Raises RecordingError
+    and ParameterError as `RecordedRun.changes` and `config` do.
+    """
+    stamps = run.table(topics.GROUND_TRUTH).stamp_ns
+    if run.mode != "offline":
+        return stamps[:0]
+    anybody = np.zeros(len(stamps), bool)
+    for name in run.controllers:
+        changes = run.changes(name)
+        turns = sorted(
+            (change.stamp_ns, change.event == Event.ACTIVATED)
+            for change in changes
+            if change.values is None and change.event != Event.RESET
+        )
+        anybody |= acting(stamps, turns, begins_active(run.config(name), changes))
+    found: Integers = stamps[~anybody]
+    return found
 
 
 def recorded_turns(run: RecordedRun) -> tuple[Turn, ...]:

@@ -15,6 +15,7 @@ from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
 from ..plans.timeline import begins_active
+from ..recorded.turns import acting
 
 if TYPE_CHECKING:
     from ..recorded.run import RecordedRun
@@ -45,26 +46,18 @@ def _acting(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
     config = run.config(node)
     if run.mode == "offline":
         turns.sort(key=lambda event: event.stamp_ns)  # those from outside come first in the file
-    acting = np.zeros(len(stamps), bool)
-    since: int | None = None
-    if run.mode == "offline" and begins_active(config, run.changes(node)):
-        since = -1  # and nothing says so
-    for event in turns:
-        active = event.message == Event.ACTIVATED
-        if run.mode == "offline" and active == (since is not None):
+    begins = run.mode == "offline" and begins_active(config, run.changes(node))
+    active = begins
+    for event in turns if run.mode == "offline" else ():
+        if active == (event.message == Event.ACTIVATED):
             yield (
                 f"run/events: {event.message!r} of {node} at t = {seconds(event.stamp_ns):g} s, "
                 "which it was already"
             )
-        if active:
-            since = event.stamp_ns
-        elif since is not None:
-            acting |= (stamps > since) & (stamps <= event.stamp_ns)
-            since = None
-    if since is not None:
-        acting |= stamps > since
-    if not acting.all():
-        at = seconds(int(stamps[np.flatnonzero(~acting)[0]]))
+        active = event.message == Event.ACTIVATED
+    there = acting(stamps, ((e.stamp_ns, e.message == Event.ACTIVATED) for e in turns), begins)
+    if not there.all():
+        at = seconds(int(stamps[np.flatnonzero(~there)[0]]))
         yield f"{node}: an update at t = {at:g} s, although it was inactive by run/events"
     yield from _schedule(run, node, turns)
 

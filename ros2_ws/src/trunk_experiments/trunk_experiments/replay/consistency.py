@@ -17,7 +17,7 @@ from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
-from ..recorded.idle import idle_ns
+from ..recorded.turns import idle_ns
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Integers

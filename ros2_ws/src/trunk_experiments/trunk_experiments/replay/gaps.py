@@ -8,8 +8,8 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.units import seconds
 
-from ..recorded.idle import idle_ns
 from ..recorded.run import RecordedRun
+from ..recorded.turns import idle_ns
 
 
 def gaps(run: RecordedRun, period_ns: int) -> list[str]:

@@ -18,9 +18,9 @@ from trunk_sim.sensors import noise_samples
 from trunk_sim.step import Trunk, act, at_rest, in_force, sense
 
 from ..compiled import pruned
-from ..recorded.idle import idle_ns
 from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
+from ..recorded.turns import idle_ns
 from . import replay, stretches
 from .bits import same
 from .real_time import PossibleDisturbances

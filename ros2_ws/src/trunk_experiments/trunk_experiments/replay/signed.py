@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from trunk_msgs_util.recording.keys import Ed25519PublicKey, fingerprint
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.signature import Signature, SignatureError, fits, read
+from trunk_msgs_util.recording.signing.keys import Ed25519PublicKey, fingerprint
+from trunk_msgs_util.recording.signing.signature import Signature, SignatureError, fits, read
 
 from .verdict import ORIGIN, ORIGIN_SIGNED, SignatureCheck, Verdict
 

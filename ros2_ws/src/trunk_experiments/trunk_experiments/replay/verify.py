@@ -13,8 +13,8 @@ from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
-from ..recorded.idle import idle_ns
 from ..recorded.run import RecordedRun
+from ..recorded.turns import idle_ns
 from .as_planned import not_as_planned
 from .as_written import not_as_written
 from .consistency import contradictions, failures, shared_from_ns, uncounted

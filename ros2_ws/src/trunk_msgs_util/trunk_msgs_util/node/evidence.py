@@ -29,8 +29,9 @@ class Evidence:
 
     def __init__(self, node: Node, topic: str) -> None:
         self.topic = node.resolve_topic_name(topic)
-        self._live = node.create_publisher(JointState, topic, qos.live())
+        # DDS announces them in this order: a recorder finds the live one last, and not a stranger in it.
         self._kept = node.create_publisher(JointState, topics.evidence(self.topic), qos.evidence())
+        self._live = node.create_publisher(JointState, topic, qos.live())
         self.count = 0
 
     def publish(self, data: bytes) -> None:

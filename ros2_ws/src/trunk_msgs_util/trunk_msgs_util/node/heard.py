@@ -128,8 +128,6 @@ class HeardTopic:
         if found == self._looked_at:
             return
         self._looked_at = found
-        if found[0] <= found[1]:
-            return  # each has its evidence
         keep = meeting.publishers(self._node, self._kept_topic)
         for endpoint in self._node.get_publishers_info_by_topic(self._topic):
             name = meeting.names([endpoint])[0]

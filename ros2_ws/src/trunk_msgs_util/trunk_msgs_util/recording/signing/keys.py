@@ -15,7 +15,7 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.hazmat.primitives.hashes import SHA256
 
-from ..errors import TrunkError
+from ...errors import TrunkError
 
 __all__ = [
     "Ed25519PrivateKey",
@@ -102,12 +102,17 @@ def public_key(data: bytes, name: str) -> Ed25519PublicKey:
     if b"-----BEGIN" not in data:
         return _openssh_public(data, name)
     _only_one(data, name)
+    return _public(serialization.load_pem_public_key, data, name, "unknown")
+
+
+def _public(load: Callable[[bytes], object], data: bytes, name: str, kind: str) -> Ed25519PublicKey:
+    """Return what ``load`` makes of the data; ``kind``: what it is where that is not supported."""
     try:
-        found: object = serialization.load_pem_public_key(data)
+        found = load(data)
     except ValueError:
         raise KeyFileError(f"{name} is not a public key: {_WANTED}") from None
-    except UnsupportedAlgorithm as error:
-        raise KeyFileError(f"{name} cannot be read: {error}: {_WANTED}") from None
+    except UnsupportedAlgorithm:
+        raise KeyFileError(f"{name} is a key of the kind {kind}: {_WANTED}") from None
     if not isinstance(found, Ed25519PublicKey):
         raise _other_kind(name, found)
     return found
@@ -117,16 +122,9 @@ def _openssh_public(data: bytes, name: str) -> Ed25519PublicKey:
     lines = [line for line in data.splitlines() if line.strip() and not line.startswith(b"#")]
     if len(lines) > 1:
         raise KeyFileError(f"{name} has {len(lines)} lines: give a file with one public key")
-    try:
-        found: object = serialization.load_ssh_public_key(lines[0].strip() if lines else b"")
-    except ValueError:
-        raise KeyFileError(f"{name} is not a public key: {_WANTED}") from None
-    except UnsupportedAlgorithm:
-        kind = lines[0].split()[0].decode(_TEXT, "replace")
-        raise KeyFileError(f"{name} is a key of the kind {kind}: {_WANTED}") from None
-    if not isinstance(found, Ed25519PublicKey):
-        raise _other_kind(name, found)
-    return found
+    line = lines[0].strip() if lines else b""
+    kind = line.partition(b" ")[0].decode(_TEXT, "replace")
+    return _public(serialization.load_ssh_public_key, line, name, kind)
 
 
 def _only_one(data: bytes, name: str) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from cryptography.exceptions import InvalidSignature
 
-from ..errors import TrunkError
+from ...errors import TrunkError
 from .keys import (
     Ed25519PrivateKey,
     Ed25519PublicKey,

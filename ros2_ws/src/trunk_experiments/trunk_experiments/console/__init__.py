@@ -1,0 +1,1 @@
+"""What all verbs share at a terminal: options, tables, progress, opening a recording."""
