@@ -22,10 +22,11 @@ _LOADED = (
     *(
         f"trunk_experiments.commands.{name}"
         for name in (
-            *("common", "compare", "diff", "doctor", "explain", "export", "info", "metrics"),
+            *("compare", "diff", "doctor", "explain", "export", "info", "metrics"),
             *("plan", "plot", "recover", "report", "simulate", "sweep", "verify"),
         )
     ),
+    "trunk_experiments.console.common",
     "trunk_experiments.recorded.run",
     "trunk_experiments.runs.offline_recording",
     "trunk_experiments.views.plots",

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from rich.console import Console
 
 from trunk_experiments.cli import trunk
-from trunk_experiments.commands import reading
+from trunk_experiments.console import reading
 
 STUDY = """
 scenario: fig6
