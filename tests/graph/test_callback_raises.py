@@ -45,7 +45,7 @@ sys.exit(run_nodes(classes, "composed"))
 @pytest.mark.parametrize(
     ("node", "method", "after"),
     [
-        ("pid", "_on_state", 300),
+        ("pid", "_on_reading", 300),
         ("simulator", "_on_command", 300),
         ("recorder", "_on_truth", 300),
         ("simulator", "set_up", 0),

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from trunk_experiments.replay.verify import verify
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.node.conversions import stamp_from_ros
+from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.samples import JointSample
 
 from .peer import Peer
@@ -69,3 +74,38 @@ def test_it_ends_with_its_profile(command: Callable[[], float], peer: Peer) -> N
     take_profile("topic")
     assert command() == before_any
     told(0.25)
+
+
+def test_one_for_this_controller_alone(command: Callable[[], float], peer: Peer) -> None:
+    to_all, to_pid = peer.speaker(topics.REFERENCE), peer.speaker("pid/reference")
+    to_another = peer.node.create_publisher(JointState, "lqr/reference", 1)
+    for tell, angle in ((to_pid, 0.5), (to_all, 0.25), (to_pid, 0.125)):
+        to_another.publish(JointState(name=["trunk"], position=[1.0]))
+        tell(JointSample(0, ("trunk",), position=(angle,)))
+        peer.until(lambda: command() == 60.0 * angle, f"{angle} rad acts")  # noqa: B023
+
+
+def test_it_is_recorded_and_judged(children: Children, peer: Peer, tmp_path: Path) -> None:
+    recorder = children.node("recorder", "output:=run.mcap", "lockstep.enabled:=true")
+    peer.until_event("recorder", Event.ACTIVATED)
+    names = ("-r", "__node:=balance", "lockstep.enabled:=true", "reference.profile:=topic")
+    controller = children.node("pid", *names)
+    peer.until_event("balance", Event.ACTIVATED)
+    records = peer.hear_live("balance/controller_state")
+    wait_for = "wait_for:=[effort_command, recorder]"
+    simulator = children.node("simulator", "lockstep.enabled:=true", "duration:=0.0", wait_for)
+    tell = peer.node.create_publisher(JointState, "balance/reference", 10)
+    peer.until(lambda: tell.get_subscription_count() == 2, "controller and recorder listen")
+    tell.publish(JointState(name=["trunk"], position=[0.2]))
+
+    def last() -> dict[str, float]:
+        return dict(zip(records[-1].name, records[-1].position, strict=True)) if records else {}
+
+    peer.until(lambda: last().get("reference") == 0.2, "it acts")
+    assert [one.stop() for one in (simulator, controller, recorder)] == [0, 0, 0]
+    recording = Recording.open(tmp_path / "run.mcap")
+    told = recording.joints("/balance/reference").column("position", "trunk")
+    assert told.tolist() == [0.2]
+    verdict = verify(recording)
+    assert not any(part.wrong_steps for part in verdict.parts), verdict
+    assert {"commands of pid"} <= {part.name for part in verdict.parts}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 from functools import partial
-from math import isfinite
 
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -14,15 +13,15 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import meeting, qos
 from trunk_msgs_util.node.base import TrunkNode
-from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
+from trunk_msgs_util.node.conversions import sample_to_wire
 from trunk_msgs_util.node.run import run_nodes
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import seconds
 
-from .controller import Controller, hip_seen
+from .controller import Controller
 from .controller_config import ControllerConfig
 from .decide import Answer, Reading, state_record
-from .joint_places import JointPlaces
+from .inputs_node import Inputs
 from .law import Law
 from .laws import law_named
 
@@ -33,17 +32,14 @@ class ControllerNode(TrunkNode[ControllerConfig]):
     def __init__(self, law: Law) -> None:
         super().__init__(law.name, law.config)
         self._controller = Controller(self.config)
-        self._places = JointPlaces(self.config.joint, self.config.hip)
         self._scheduled = bool(self.config.active_times)
-        self._read_state = WireReader()
-        self._read_reference = WireReader()
         self._forget()
 
     def _forget(self) -> None:
         self.run_stamp_ns = -1
         self._controller.forget()
         self._controller.deactivate()
-        self._reference: float | None = None  # the latest from the topic
+        self._inputs = Inputs(self.config, self.counters)
         self._commensurate_known = False
         self._updates = 0
         self._diagnosed = (time.monotonic(), 0)
@@ -53,12 +49,10 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         self._forget()
         self._command = self.create_evidence(topics.EFFORT_COMMAND)
         self._terms = self.create_evidence("~/state")
-        self.create_subscription(
-            JointState, topics.JOINT_STATES, self._on_state, qos.control(), raw=True
+        self._controller_state = self.create_publisher(
+            JointState, topics.CONTROLLER_STATE, qos.live()
         )
-        self.create_subscription(
-            JointState, topics.REFERENCE, self._on_reference, qos.control(1), raw=True
-        )
+        self._inputs.follow(self, self._on_reading)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self._ready_timer = self.every(0.02, self._announce)
 
@@ -77,8 +71,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
     def retune(self, config: ControllerConfig) -> None:
         """Apply changed parameters between two samples, without a jump in the command."""
         self._controller.retune(config)
-        if config.reference_profile != "topic":
-            self._reference = None  # back on "topic", wait for a new message
+        self._inputs.retune(config)
 
     def _announce(self) -> None:
         """Report ready once a turn is due and the simulator is matched in both directions."""
@@ -88,43 +81,15 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             self._ready_timer.cancel()
             self.event(Event.READY, answers=topics.EFFORT_COMMAND)
 
-    def _on_state(self, data: bytes) -> None:
-        message = self._read_state(data)
-        places = self._places(message.name)
-        if places is None or places.last >= len(message.position):
-            self.counters["states without the joint"] += 1
-            return
-        if places.last < len(message.velocity):
-            velocity = message.velocity[places.joint]
-        elif self.config.derivative_mode != "rate" and places.hip is None:
-            velocity = 0.0  # not used
-        else:
-            self.counters["states without the velocity that the law needs"] += 1
-            return
-        position = message.position[places.joint]
-        hip = hip_seen(places.hip, message.position, message.velocity)
-        if not (isfinite(position) and isfinite(velocity) and all(map(isfinite, hip))):
-            self.counters["states not finite"] += 1
-            return
-        stamp_ns = message.stamp_ns
+    def _on_reading(self, reading: Reading) -> None:
+        stamp_ns = reading.stamp_ns
         if stamp_ns < self.run_stamp_ns:
             self.counters["states out of order"] += 1
         if self.config.lockstep and not self._commensurate(stamp_ns - self.run_stamp_ns):
             return
         if self.run_stamp_ns < 0 < stamp_ns:
             self._join(stamp_ns)
-        effort = message.effort[places.joint] if places.joint < len(message.effort) else 0.0
-        answer = self._controller.decide(
-            Reading(
-                stamp_ns,
-                position,
-                velocity,
-                hip,
-                effort if isfinite(effort) else 0.0,
-                self._reference is not None,
-                self._reference or 0.0,
-            )
-        )
+        answer = self._controller.decide(reading)
         if answer.active != self.active:
             self._take_turn(answer.active)
         self.run_stamp_ns = stamp_ns
@@ -133,7 +98,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         if answer.held:
             self.counters["updates held: the law gave no finite number"] += 1
         if answer.fresh or self.config.lockstep:
-            self._publish(stamp_ns, position, answer)
+            self._publish(stamp_ns, reading.position, answer)
 
     def _join(self, stamp_ns: int) -> None:
         """Record that the controller joins a run that is already under way.
@@ -174,24 +139,10 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             if answer.terms.effort != answer.terms.unsaturated:
                 self.counters["commands limited"] += 1
             values = state_record(answer, measurement)
-            self._terms.publish(
-                sample_to_wire(JointSample(stamp_ns, topics.STATE_NAMES, position=values))
-            )
-
-    def _on_reference(self, data: bytes) -> None:
-        if self.config.reference_profile != "topic":
-            self.counters["references ignored (reference.profile is not 'topic')"] += 1
-            return
-        message = self._read_reference(data)
-        try:
-            value = message.position[message.name.index(self.config.joint)]
-        except (ValueError, IndexError):
-            self.counters["references without the joint"] += 1
-            return
-        if isfinite(value):
-            self._reference = value
-        else:
-            self.counters["references not finite"] += 1
+            record = sample_to_wire(JointSample(stamp_ns, topics.STATE_NAMES, position=values))
+            self._terms.publish(record)
+            if self._controller_state.get_subscription_count():
+                self._controller_state.publish(record)
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._controller.reset()

@@ -18,6 +18,9 @@ PARAMETER_EVENT_TYPE = "rcl_interfaces/msg/ParameterEvent"
 DIAGNOSTIC_ARRAY_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 
+# The name by which ros2_control's users look for what CONTROLLER/state has.
+CONTROLLER_STATE = "~/controller_state"
+
 # Late subscribers get what was said on these topics; on the others, what is said from then on.
 LATCHED = (RUN_PARAMETERS, RUN_EVENTS)
 LATCHED_DEPTH = 1000
@@ -65,6 +68,12 @@ DESCRIPTIONS = (
         "trunk: position [rad]; used if `reference.profile` is `topic`",
     ),
     (
+        "CONTROLLER/reference",
+        JOINT_STATE_TYPE,
+        "anyone",
+        "the same, for this controller alone; the latest message of both topics counts",
+    ),
+    (
         "CONTROLLER/state",
         JOINT_STATE_TYPE,
         "controller",
@@ -72,6 +81,12 @@ DESCRIPTIONS = (
             "a stamped record, names and values: reference, measurement, error, error_rate, p, i, d terms, "
             "kp, ki, kd, alpha, unsaturated, effort"
         ),
+    ),
+    (
+        "CONTROLLER/controller_state",
+        JOINT_STATE_TYPE,
+        "controller",
+        "the same by ros2_control's name, as long as somebody listens; not recorded",
     ),
     (
         RUN_PARAMETERS,
@@ -130,6 +145,11 @@ def evidence(topic: str) -> str:
 def controller_state(controller: str) -> str:
     """Return the topic of a controller node's ``~/state``."""
     return f"{controller}/state"
+
+
+def own_reference(controller: str) -> str:
+    """Return the topic of the references for one controller node alone, ``~/reference``."""
+    return f"{controller}/{REFERENCE}"
 
 
 def is_controller_state(relative: str) -> bool:

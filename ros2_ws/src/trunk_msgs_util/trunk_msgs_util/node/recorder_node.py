@@ -124,7 +124,10 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             self._ready_timer = self.every(0.02, self._announce)
 
     def _follow(self) -> None:
-        """Hear who is new: every publisher, and each node in this namespace that has a ``~/state``."""
+        """Hear who is new: every publisher, and each node in this namespace that has a ``~/state``.
+
+        From then on, the references for such a node alone are heard too.
+        """
         for heard in list(self._heard.values()):
             heard.look()
         prefix = f"{self.get_namespace().rstrip('/')}/"
@@ -137,7 +140,6 @@ class RecorderNode(TrunkNode[RecorderConfig]):
                 and relative not in self._heard
                 and self._writer is not None
             ):
-                self._channels[relative] = self._writer.channel(name, topics.JOINT_STATE_TYPE)
                 self._subscribe(relative, topics.JOINT_STATE_TYPE)
 
     def _under_way(self) -> bool:
@@ -164,9 +166,12 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             self._heard[topic] = HeardTopic(
                 self, topic, type_name, _MESSAGES[type_name], take, self._under_way
             )
+        if topics.is_controller_state(topic):
+            own = topics.own_reference(topic.partition("/")[0])
+            self._subscribe(own, topics.JOINT_STATE_TYPE)
 
     def _callback(self, topic: str) -> Callable[[bytes], None]:
-        writer, channel = self._writer, self._channels[topic]
+        writer, channels = self._writer, self._channels
         assert writer is not None  # for the type: `set_up` made it
         on_message = {
             topics.RUN_EVENTS: self._on_event,
@@ -186,7 +191,10 @@ class RecorderNode(TrunkNode[RecorderConfig]):
                 self.counters["messages not recorded while inactive"] += 1
                 return
             try:
-                writer.write(channel, log_time, log_time, data)
+                if topic not in channels:  # one that was found in the graph
+                    name = self.resolve_topic_name(topic)
+                    channels[topic] = writer.channel(name, topics.JOINT_STATE_TYPE)
+                writer.write(channels[topic], log_time, log_time, data)
             except OSError as error:
                 self._disk_failed(error)
                 return

@@ -1,0 +1,101 @@
+"""What a controller hears: the states of its joint and its reference, each message checked."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from math import isfinite
+
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.node import qos
+from trunk_msgs_util.node.conversions import WireReader
+
+from .controller import hip_seen
+from .controller_config import ControllerConfig
+from .decide import Reading
+from .joint_places import JointPlaces
+
+OWN_REFERENCE = topics.own_reference("~")
+
+
+class Inputs:
+    """Turns states into readings, with the latest reference from ``reference`` or ``~/reference``.
+
+    What cannot be used is counted and has no effect.
+    """
+
+    def __init__(self, config: ControllerConfig, counters: Counter[str]) -> None:
+        self._config = config
+        self._counters = counters
+        self._places = JointPlaces(config.joint, config.hip)
+        self._read_state = WireReader()
+        self._read_reference = WireReader()
+        self._reference: float | None = None  # the latest from a topic
+
+    def follow(self, node: Node, on_reading: Callable[[Reading], None]) -> None:
+        """Subscribe to states and references on behalf of a node."""
+
+        def on_state(data: bytes) -> None:
+            reading = self.reading(data)
+            if reading is not None:
+                on_reading(reading)
+
+        node.create_subscription(JointState, topics.JOINT_STATES, on_state, qos.control(), raw=True)
+        for topic in (topics.REFERENCE, OWN_REFERENCE):
+            node.create_subscription(
+                JointState, topic, self._on_reference, qos.control(1), raw=True
+            )
+
+    def retune(self, config: ControllerConfig) -> None:
+        """Take a changed configuration. A profile other than ``topic`` forgets the reference received."""
+        self._config = config
+        if config.reference_profile != "topic":
+            self._reference = None
+
+    def reading(self, data: bytes) -> Reading | None:
+        """Return a state as the law reads it, None if something that the law needs is missing."""
+        message = self._read_state(data)
+        places = self._places(message.name)
+        if places is None or places.last >= len(message.position):
+            self._counters["states without the joint"] += 1
+            return None
+        if places.last < len(message.velocity):
+            velocity = message.velocity[places.joint]
+        elif self._config.derivative_mode != "rate" and places.hip is None:
+            velocity = 0.0  # not used
+        else:
+            self._counters["states without the velocity that the law needs"] += 1
+            return None
+        position = message.position[places.joint]
+        hip = hip_seen(places.hip, message.position, message.velocity)
+        if not (isfinite(position) and isfinite(velocity) and all(map(isfinite, hip))):
+            self._counters["states not finite"] += 1
+            return None
+        effort = message.effort[places.joint] if places.joint < len(message.effort) else 0.0
+        return Reading(
+            message.stamp_ns,
+            position,
+            velocity,
+            hip,
+            effort if isfinite(effort) else 0.0,
+            self._reference is not None,
+            self._reference or 0.0,
+        )
+
+    def _on_reference(self, data: bytes) -> None:
+        if self._config.reference_profile != "topic":
+            self._counters["references ignored (reference.profile is not 'topic')"] += 1
+            return
+        message = self._read_reference(data)
+        try:
+            value = message.position[message.name.index(self._config.joint)]
+        except (ValueError, IndexError):
+            self._counters["references without the joint"] += 1
+            return
+        if isfinite(value):
+            self._reference = value
+        else:
+            self._counters["references not finite"] += 1
