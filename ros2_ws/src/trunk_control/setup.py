@@ -24,6 +24,8 @@ setup(
     zip_safe=False,
     extras_require={"test": ["pytest"]},  # `colcon test` looks here for what runs the tests
     entry_points={
-        "console_scripts": [f"{law} = trunk_control.executables:{law}" for law in laws],
+        "console_scripts": [
+            f"{name} = trunk_control.executables:{name}" for name in (*laws, "fuzzy_gains")
+        ],
     },
 )

@@ -10,24 +10,21 @@ import sys
 import time
 from collections.abc import Iterable
 
-import rclpy
 from geometry_msgs.msg import Point
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from trunk_control.laws import CONTROLLERS
 from trunk_msgs_util import topics
-from trunk_msgs_util.errors import EXIT_USAGE, TrunkError
-from trunk_msgs_util.node import middleware, qos
+from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import WireReader
 from trunk_msgs_util.node.executor import LoopExecutor
 from trunk_msgs_util.node.ros_parameters import NodeParameters
-from trunk_msgs_util.node.run import Shutdown
+from trunk_msgs_util.node.run import run_beside
 from trunk_msgs_util.samples import JointSample
 
 from . import markers
@@ -142,24 +139,13 @@ def _draw(shape: Shape, marker: Marker) -> None:
         scale.y, scale.z = 2.5 * shape.size, 3.0 * shape.size  # the head's diameter and length
 
 
+def _turn(node: MarkersNode, executor: LoopExecutor) -> None:
+    # Messages that arrive in between do not wake it: each queue keeps only the latest.
+    time.sleep(1.0 / node.config.rate)
+    executor.spin_once(timeout_sec=0.0)
+    node.show()
+
+
 def main() -> None:
     """Show the latest state at the set rate until told to stop."""
-    shutdown = Shutdown()
-    middleware.prepare()
-    try:
-        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-        node = MarkersNode()
-    except (TrunkError, RuntimeError, ValueError) as error:
-        print(f"markers: error: {' '.join(str(error).split())}", file=sys.stderr)
-        rclpy.try_shutdown()
-        sys.exit(EXIT_USAGE)
-    executor = LoopExecutor()
-    executor.add_node(node)
-    while not shutdown.requested:
-        # Messages that arrive in between do not wake it: each queue keeps only the latest.
-        time.sleep(1.0 / node.config.rate)
-        executor.spin_once(timeout_sec=0.0)
-        node.show()
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.try_shutdown()
+    sys.exit(run_beside(MarkersNode, _turn, "markers"))

@@ -9,11 +9,12 @@ import traceback
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.logging import LoggingSeverity, set_logger_level
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ..errors import EXIT_USAGE, TrunkError
@@ -23,6 +24,7 @@ from .base import TrunkNode
 from .executor import LoopExecutor
 from .managed import EXIT_FAILED
 
+Beside = TypeVar("Beside", bound=Node)
 _DRAIN_S = 5.0  # at most, while messages still arrive; with none arriving, the nodes end at once
 
 
@@ -92,6 +94,32 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
     _end(nodes, executor)
     shutdown.ended()
     return max(node.exit_code or 0 for node in nodes)
+
+
+def run_beside(
+    create: Callable[[], Beside], turn: Callable[[Beside, LoopExecutor], None], program: str
+) -> int:
+    """Run a node that takes no part in a run, ``turn`` by turn, until it is told to stop.
+
+    Return the process's exit code, as `run_nodes` does.
+    """
+    shutdown = Shutdown()
+    try:
+        middleware.prepare()
+        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+        node = create()
+    except (TrunkError, RuntimeError, ValueError) as error:
+        rclpy.try_shutdown()
+        return _say(program, error, EXIT_USAGE)
+    executor = LoopExecutor()
+    executor.add_node(node)
+    while not shutdown.requested:
+        turn(node, executor)
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.try_shutdown()
+    shutdown.ended()
+    return 0
 
 
 def _fail(nodes: list[TrunkNode[Any]], error: Exception) -> None:

@@ -1,0 +1,74 @@
+"""The ``fuzzy_gains`` node: Fuzzy-PID's gains alone, for somebody else's PID.
+
+It takes no part in a run: it commands nothing, nothing waits for it, and it leaves no trace in the record.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
+
+from trunk_msgs_util.node import qos
+from trunk_msgs_util.node.executor import LoopExecutor
+from trunk_msgs_util.node.ros_parameters import NodeParameters
+from trunk_msgs_util.node.run import run_beside
+
+from .controller import Controller
+from .decide import Reading
+from .fuzzy_pid_law import FuzzyPidConfig
+from .inputs_node import Inputs
+
+NAME = "fuzzy_gains"
+GAINS = "~/gains"
+_LAYOUT = MultiArrayLayout(dim=[MultiArrayDimension(label="p i d", size=3, stride=3)])
+
+
+class GainsNode(Node):
+    """Publishes the gains (Kp, Ki, Kd) that ``fuzzy_pid`` infers from the same states and reference.
+
+    ::
+
+        u = Kp e + Ki (integral of e) + Kd (de/dt)     N m/rad, N m/(rad s), N m s/rad
+
+    Its parameters are those of ``fuzzy_pid``; the limits of the torque change nothing here.
+    """
+
+    def __init__(self) -> None:
+        """Declare and check the parameters. Raises ParameterError."""
+        super().__init__(NAME, start_parameter_services=False)  # made with the parameters
+        self._parameters_set = NodeParameters(self, FuzzyPidConfig, self._retune)
+        config = self._parameters_set.config
+        self._controller = Controller(config)
+        self._counters: Counter[str] = Counter()
+        self._warned = 0
+        self._gains = self.create_publisher(Float64MultiArray, GAINS, qos.live())
+        self._inputs = Inputs(config, self._counters)
+        self._inputs.follow(self, self._on_reading)
+
+    def _retune(self, old: FuzzyPidConfig, new: FuzzyPidConfig) -> None:
+        self._controller.retune(new)
+        self._inputs.retune(new)
+
+    def _on_reading(self, reading: Reading) -> None:
+        answer = self._controller.decide(reading)
+        if answer.fresh:
+            terms = answer.terms
+            self._gains.publish(
+                Float64MultiArray(layout=_LAYOUT, data=[terms.kp, terms.ki, terms.kd])
+            )
+
+    def turn(self, executor: LoopExecutor) -> None:
+        """Take what has come; say what could not be used."""
+        executor.spin_once(timeout_sec=0.1)
+        if self._counters.total() > self._warned:
+            self._warned = self._counters.total()
+            found = ", ".join(f"{what} ({count})" for what, count in self._counters.items())
+            self.get_logger().warning(found, throttle_duration_sec=5.0)
+
+
+def main() -> None:
+    """Publish gains until told to stop."""
+    sys.exit(run_beside(GainsNode, GainsNode.turn, NAME))

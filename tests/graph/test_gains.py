@@ -1,0 +1,97 @@
+"""Fuzzy-PID's gains alone: the bits of ``fuzzy_pid``; somebody else's PID holds the plant by them."""
+
+from __future__ import annotations
+
+import re
+import signal
+from pathlib import Path
+
+import pytest
+from std_msgs.msg import Float64MultiArray
+
+from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_experiments.runs.processes import find_executable
+from trunk_msgs_util import topics
+from trunk_msgs_util.node import qos
+from trunk_msgs_util.recording.reader import Recording
+
+from .peer import Peer
+from .processes import Child, Children
+
+pytestmark = pytest.mark.graph
+
+PAGE = Path(__file__).parents[2] / "docs" / "ros2_control.md"
+LOCKSTEP = "lockstep.enabled:=true"
+
+
+@pytest.fixture
+def gains_node(children: Children, peer: Peer) -> Child:
+    """The node, once it is there for the simulator to find."""
+    node = children.start("gains", find_executable("trunk_control", "fuzzy_gains"))
+    peer.until(lambda: peer.node.count_publishers("fuzzy_gains/gains"), "the node is up")
+    return node
+
+
+def gains_heard(peer: Peer) -> list[Float64MultiArray]:
+    heard: list[Float64MultiArray] = []
+    topic = "fuzzy_gains/gains"
+    subscription = peer.node.create_subscription(Float64MultiArray, topic, heard.append, qos.live())
+    peer.until(subscription.get_publisher_count, "the gains can be heard")
+    return heard
+
+
+def test_same_bits_as_the_controller(
+    children: Children, peer: Peer, tmp_path: Path, gains_node: Child
+) -> None:
+    heard = gains_heard(peer)
+    recorder = children.node("recorder", "output:=run.mcap", LOCKSTEP)
+    controller = children.node("fuzzy_pid", LOCKSTEP)
+    for node in ("recorder", "fuzzy_pid"):
+        peer.until_up(node)
+    pushed = ("initial.position:=[0.0, 0.3]", "duration:=1.0")
+    simulator = children.node(
+        "simulator", LOCKSTEP, *pushed, "wait_for:=[effort_command, recorder]"
+    )
+    assert simulator.wait() == 0, simulator.stderr
+    assert [one.stop() for one in (controller, recorder)] == [0, 0]
+    recording = Recording.open(tmp_path / "run.mcap")
+    assert verify(recording).exit_code == VERIFIED, verify(recording)
+    terms = recording.joints("/fuzzy_pid/state")
+    columns = (terms.column("position", name).tolist() for name in ("kp", "ki", "kd"))
+    wanted = list(zip(*columns, strict=True))
+    peer.until(lambda: heard and tuple(heard[-1].data) == wanted[-1], "the last gains come")
+    assert len(set(wanted)) > 100
+    # Nothing waits for this node: it may begin late, and on a busy machine it may miss states.
+    left = iter(wanted)
+    assert all(tuple(one.data) in left for one in heard)
+    assert gains_node.stop() == 0, gains_node.stderr
+
+
+def test_the_pid_of_the_page_holds_the_trunk(
+    children: Children, peer: Peer, gains_node: Child
+) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    heard = gains_heard(peer)
+    states, commands = map(peer.hear_live, (topics.JOINT_STATES, topics.EFFORT_COMMAND))
+    stranger = children.python(code, name="stranger")
+    pushed = "initial.position:=[0.0, 0.3]"
+    simulator = children.node(
+        "simulator", LOCKSTEP, pushed, "duration:=0.0", "wait_for:=[effort_command]"
+    )
+    peer.until(lambda: len(states) > 1000, "five seconds have passed")
+    assert simulator.stop() == 0, simulator.stderr
+    assert all(abs(state.position[1]) < 0.2 for state in states[-400:])  # it walks on
+    assert gains_node.stop() == 0, gains_node.stderr
+
+    assert stranger.stop(signal.SIGKILL) == -signal.SIGKILL
+    told = {tuple(one.data) for one in heard}
+    by_stamp = {(m.header.stamp.sec, m.header.stamp.nanosec): m.effort[0] for m in commands}
+    by_gains, integral, before = 0, 0.0, 0.0
+    for state in states:
+        sec, nanosec = state.header.stamp.sec, state.header.stamp.nanosec
+        (_, angle), (_, rate) = state.position, state.velocity
+        now = sec + 1e-9 * nanosec
+        integral, before = integral - angle * (now - before), now
+        given = {-p * angle + i * integral - d * rate for p, i, d in told}
+        by_gains += by_stamp.get((sec, nanosec)) in given
+    assert by_gains
