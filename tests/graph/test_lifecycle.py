@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from trunk_experiments.replay.verdict import Verdict
 from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.node.conversions import stamp_from_ros
 from trunk_msgs_util.recording.reader import Recording
 
+from ..edited import ANEW, copied
 from .lifecycle import Life
 from .peer import Peer
 from .processes import Child, Children
@@ -210,6 +213,26 @@ def test_a_swap_in_lockstep_has_the_offline_bits(
     assert "commands of pid: 201 steps" in verdict.stdout
     assert "commands of fuzzy_pid: 100 steps" in verdict.stdout
 
+    def ended(node: str, at_ns: int) -> Verdict:
+        """Judge the run as if a node had counted its messages, its last word, at another state."""
+
+        def edit(messages: list[list]) -> None:
+            for message in messages:
+                words = (f"/{node}\0".encode(), b"published\0")
+                if message[0] == "/run/events" and all(word in message[2] for word in words):
+                    stamp = struct.pack("<iI", *divmod(at_ns, 1_000_000_000))
+                    message[2] = message[2][:4] + stamp + message[2][12:]
+                    message[1] = message[3] = at_ns
+
+        return verify(copied(tmp_path / "run" / "run.mcap", tmp_path / "edited.mcap", edit, ANEW))
+
+    last_ns, turn_over_ns = 1_500_000_000, 1_000_000_000
+    # The plant does not wait for a controller whose turn is over.
+    assert ended("fuzzy_pid", 1_420_000_000).exit_code == VERIFIED
+    assert ended("fuzzy_pid", turn_over_ns - 10_000_000).contradictions
+    assert ended("pid", last_ns).exit_code == VERIFIED
+    assert ended("pid", last_ns - 5_000_000).contradictions
+
 
 def test_a_swap_in_real_time(children: Children, tmp_path: Path) -> None:
     run = run_swapped(children)
@@ -271,3 +294,15 @@ def test_a_recorder_that_was_inactive_for_a_while(
     assert verdict.exit_code == UNJUDGED, verdict
     assert any("the recorder was inactive from" in text for text in verdict.obstacles)
     assert len(verdict.obstacles) == len(set(verdict.obstacles))
+
+    def without_queue(topic: str) -> Verdict:
+        """Judge the recording as if one topic's messages had still been queued, and so were dropped."""
+
+        def edit(messages: list[list]) -> None:
+            at = next(i for i, m in enumerate(messages) if b"deactivated\0" in m[2])
+            messages[:at] = [m for m in messages[:at] if m[0] != topic]
+
+        return verify(copied(tmp_path / "run.mcap", tmp_path / "edited.mcap", edit, ANEW))
+
+    for topic in ("/pid/state", "/effort_command", "/joint_states", "/ground_truth/joint_states"):
+        assert without_queue(topic).exit_code == UNJUDGED, topic

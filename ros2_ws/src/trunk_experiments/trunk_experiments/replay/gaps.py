@@ -15,7 +15,7 @@ from ..recorded.turns import idle_ns
 def gaps(run: RecordedRun, period_ns: int) -> list[str]:
     """Return what is wrong with the stamps of each topic, and between topics."""
     truth = run.table(topics.GROUND_TRUTH).stamp_ns
-    found = _missing(topics.GROUND_TRUTH, *_absent_steps(truth, period_ns))
+    found = _missing(topics.GROUND_TRUTH, *absent_steps(truth, period_ns))
     for relative in (
         topics.GROUND_TRUTH,
         topics.JOINT_STATES,
@@ -38,7 +38,7 @@ def gaps(run: RecordedRun, period_ns: int) -> list[str]:
     return found
 
 
-def _absent_steps(stamps: Integers, period_ns: int) -> tuple[int, int]:
+def absent_steps(stamps: Integers, period_ns: int) -> tuple[int, int]:
     """Return how many multiples of the period up to the last stamp are missing, and the first, in ns.
 
     The work is bounded by the number of stamps, whatever their values.

@@ -18,7 +18,7 @@ from ..recorded.turns import idle_ns
 from .as_planned import not_as_planned
 from .as_written import not_as_written
 from .consistency import contradictions, failures, shared_from_ns, uncounted
-from .gaps import gaps
+from .gaps import absent_steps, gaps
 from .real_time import replay_torques
 from .replay import Checked, replay_controllers, replay_disturbance
 from .replay_plant import PlantReplay
@@ -173,15 +173,23 @@ def _too_few(run: RecordedRun, parts: list[Part], until_ns: int | None) -> list[
 def _recorded_until_ns(run: RecordedRun) -> int | None:
     """Return until when everything is recorded; None if the recorder never missed a part of the run.
 
-    When it became inactive, the answer to the last recorded state may have been recorded in part.
+    When it became inactive, messages of any topic were still queued, and were dropped: the first step of
+    which a part is missing ends it, and the last one may have been answered in part.
     """
     node = run.recording.topic("recorder")
     turns = [e for e in run.events if e.node == node and e.message == Event.DEACTIVATED]
-    stamps = run.table(topics.EFFORT_COMMAND).stamp_ns
-    if turns and len(stamps) and turns[0].stamp_ns < stamps.max():
-        before = stamps[stamps <= turns[0].stamp_ns]
-        return int(before.max()) - 1 if len(before) else -1
-    return None
+    commands = run.table(topics.EFFORT_COMMAND).stamp_ns
+    if not turns or not len(commands) or turns[0].stamp_ns >= commands.max():
+        return None
+    terms = np.concatenate(
+        [run.table(topics.controller_state(n)).stamp_ns for n in run.controllers]
+    )
+    states = [run.table(t).stamp_ns for t in (topics.GROUND_TRUTH, topics.JOINT_STATES)]
+    period_ns = run.config("simulator").period_ns
+    firsts = [absent_steps(stamps, period_ns)[1] for stamps in states]
+    if not run.exact:  # every command is an update, and has its terms
+        firsts += np.setxor1d(commands, terms)[:1].tolist()
+    return min(*firsts, int(commands[commands <= turns[0].stamp_ns].max(initial=0))) - 1
 
 
 def _commands(run: RecordedRun, until_ns: int | None) -> list[Part]:
