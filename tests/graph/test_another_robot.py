@@ -23,7 +23,10 @@ PERIOD = 0.005  # s
 
 
 class Robot:
-    """An arm on a hinge: other joints' names, the wall clock's stamps, no velocities, default QoS."""
+    """An arm on a hinge: other joints' names, the wall clock's stamps, no velocities, default QoS.
+
+    Two broadcasters share the topic, and an instant's stamp.
+    """
 
     def __init__(self, peer: Peer) -> None:
         self.angle, self.rate, self.torque = 0.2, 0.0, 0.0
@@ -39,10 +42,13 @@ class Robot:
     def step(self) -> None:
         self.rate += PERIOD * (20.0 * math.sin(self.angle) + self.torque) / 4.0
         self.angle += PERIOD * self.rate
-        state = JointState(name=["gripper", "arm"], position=[0.02, self.angle])
         self.now_ns += round(PERIOD * 1e9)
-        state.header.stamp.sec, state.header.stamp.nanosec = divmod(self.now_ns, 10**9)
-        self.states.publish(state)
+        for state in (
+            JointState(name=["gripper"], position=[0.02]),
+            JointState(name=["wheel", "arm"], position=[1.0, self.angle]),
+        ):
+            state.header.stamp.sec, state.header.stamp.nanosec = divmod(self.now_ns, 10**9)
+            self.states.publish(state)
 
 
 def test_commands_to_another_robot_are_judged(
@@ -71,15 +77,33 @@ def test_commands_to_another_robot_are_judged(
     verdict = verify(Recording.open(path))
     assert verdict.exit_code == UNJUDGED
     (commands,) = verdict.parts
-    assert (commands.name, commands.wrong_steps) == ("commands of pid", 0)
+    assert (commands.name, commands.wrong_steps) == ("commands of pid", 0), commands
     assert commands.steps == 400
     assert "no simulator of ours: its states come from elsewhere" in verdict.obstacles
 
     def other_state(messages: list[list]) -> None:
-        states = [message for message in messages if message[0] == "/joint_states"]
+        states = [m for m in messages if m[0] == "/joint_states" and b"wheel\0" in m[2]]
         data = bytearray(states[200][2])
         data[-12] ^= 1  # within the arm's angle: two empty sequences follow
         states[200][2] = bytes(data)
 
     altered = verify(copied(path, tmp_path / "edited.mcap", other_state, digests=ANEW))
     assert any(part.wrong_steps for part in altered.parts)
+
+    told = children.trunk("explain", "run.mcap", "--at", "1.0", name="explain")
+    assert told.wait() == 0, told.stderr
+    assert "recomputed: equal to the recorded command, bit for bit" in told.stdout
+    assert "not known: another robot" in told.stdout
+    for verb in ("report", "plot"):
+        shown = children.trunk(verb, "run.mcap", name=verb)
+        assert shown.wait() == 0, shown.stderr
+    page = (tmp_path / "run.html").read_text()
+    assert "not judged" in page
+    assert "400 from 0 s to 1.995 s" in page
+    found = children.trunk("doctor", "run.mcap", name="doctor")
+    assert found.wait() == 1, found.stdout
+    assert [
+        line for line in found.stdout.splitlines() if line.startswith(("error", "warning"))
+    ] == ["error    incomplete: the recorder was stopped before the run was finished"]
+    refused = children.trunk("metrics", "run.mcap", name="metrics")
+    assert refused.wait() == 2

@@ -11,7 +11,7 @@ import numpy as np
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
-from trunk_msgs_util.recording.series import in_turn
+from trunk_msgs_util.recording.series import in_turn, series_of
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_msgs_util.whole_file import whole_file
 
@@ -111,6 +111,38 @@ class RunTable:
             theta_dot=truth.column("velocity", trunk),
             torque=torque,
             **columns,
+        )
+
+    @classmethod
+    def of_another_robot(cls, run: RecordedRun) -> RunTable:
+        """Return a run of a robot that is not ours, at the stamps of its states.
+
+        Its angle and rate are as measured, its torque is what was commanded last, 0 before; nothing is
+        known of a hip.
+        Raises RecordingError and ParameterError for what cannot be read.
+        """
+        states, commands = run.table(topics.JOINT_STATES), run.table(topics.EFFORT_COMMAND)
+        joint = run.config(run.judgeable[0]).joint
+        rows, given = states.arrays.by_stamp(), commands.arrays.by_stamp()
+        at, angle = rows.stamp_ns, rows.column("position", joint)
+        terms = in_turn(
+            [
+                series_of(
+                    run.joints(topics.controller_state(name)), [("position", n) for n in _HELD]
+                )
+                for name in run.controllers
+            ]
+        )
+        nothing = np.full(at.shape, np.nan)
+        return cls(
+            t=(at - run.begin_ns) / NANOSECONDS,
+            x=nothing,
+            theta=angle,
+            x_dot=nothing,
+            theta_dot=rows.column("velocity", joint),
+            theta_measured=angle,
+            torque=np.nan_to_num(_held(at, given.stamp_ns, given.column("effort", joint)), nan=0.0),
+            **{n: _held(at, terms.stamp_ns, terms.column("position", n)) for n in _HELD},
         )
 
     def write_csv(self, path: str | Path) -> None:

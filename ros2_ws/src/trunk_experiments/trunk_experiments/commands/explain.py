@@ -16,7 +16,13 @@ from ..replay.explain import Explanation, explain
 
 @click.command("explain")
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--at", type=float, required=True, metavar="S", help="The instant, s.")
+@click.option(
+    "--at",
+    type=float,
+    required=True,
+    metavar="S",
+    help="The instant, s; of another robot, since its first state.",
+)
 @json_option("Print JSON; null for an infinite limit.")
 @click.pass_context
 def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
@@ -68,7 +74,11 @@ def _show(found: Explanation) -> None:
     rows = [
         ("reference", f"{degrees(found.reference):.6g}", "deg"),
         ("measured angle", f"{degrees(found.measurement):.6g}", "deg"),
-        ("true angle", f"{degrees(found.true_angle):.6g}", "deg"),
+        (
+            ("true angle", "not known: another robot", "")
+            if found.true_angle is None
+            else ("true angle", f"{degrees(found.true_angle):.6g}", "deg")
+        ),
         ("error e", f"{degrees(terms.error):.6g}", "deg"),
         (f"its derivative (mode {found.derivative_mode})", f"{terms.error_rate:.6g}", "rad/s"),
     ]
@@ -110,7 +120,11 @@ def _show(found: Explanation) -> None:
             ("their sum", f"{terms.unsaturated:.6g}", "N m"),
             ("limits", "none" if free else f"{low:g} … {high:g}", "" if free else "N m"),
             ("command" + (", limited" if found.limited else ""), f"{terms.effort:.6g}", "N m"),
-            ("torque applied to the plant", f"{found.applied:.6g}", "N m"),
+            (
+                ("torque applied to the robot", "not known", "")
+                if found.applied is None
+                else ("torque applied to the plant", f"{found.applied:.6g}", "N m")
+            ),
             ("Kp", f"{terms.kp:.6g}", "N m/rad"),
             ("Ki", f"{terms.ki:.6g}", "N m/(rad s)"),
             ("Kd", f"{terms.kd:.6g}", "N m s/rad"),

@@ -63,11 +63,15 @@ def _topic(topic: Topic, checked: bool) -> dict[str, Any]:
 
 
 def _duration(recording: Recording) -> float | None:
-    """Return the span of the true states, or else of the longest topic, in s; None without any."""
-    truth = recording.topics.get(recording.topic(names.GROUND_TRUTH))
+    """Return the span of the true or measured states, or else of the longest topic, in s."""
+    states = (
+        recording.topics.get(recording.topic(name))
+        for name in (names.GROUND_TRUTH, names.JOINT_STATES)
+    )
+    best = next((topic for topic in states if topic is not None and topic.count), None)
     spans = [
         topic.last_stamp_ns - topic.first_stamp_ns
-        for topic in ([truth] if truth and truth.count else recording.topics.values())
+        for topic in ([best] if best else recording.topics.values())
         if topic.first_stamp_ns is not None and topic.last_stamp_ns is not None
     ]
     return seconds(max(spans)) if spans else None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import cached_property
 
 import numpy as np
@@ -13,12 +13,18 @@ from trunk_msgs_util.units import seconds
 
 
 class JointTable:
-    """A JointState topic whose rows are found by stamp; of equal stamps the first row counts."""
+    """A JointState topic whose rows are found by stamp; of equal stamps the first row counts.
 
-    def __init__(self, recording: Recording, relative: str) -> None:
+    ``needed``: messages without a position of these joints are left out, as a controller skips them.
+    """
+
+    def __init__(self, recording: Recording, relative: str, needed: Collection[str] = ()) -> None:
         self.topic = relative
         self._where = f"{recording.path}: {recording.topic(relative)}"
         self.arrays = recording.joints(recording.topic(relative))
+        if needed:
+            positions = np.column_stack([self.arrays.column("position", name) for name in needed])
+            self.arrays = self.arrays.rows(np.flatnonzero(np.isfinite(positions).all(axis=1)))
         self.names = self.arrays.names
         self.stamp_ns: Integers = self.arrays.stamp_ns
         self._values: dict[str, Floats] = {

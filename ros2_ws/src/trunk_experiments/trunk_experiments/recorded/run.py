@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
@@ -12,7 +13,7 @@ from typing import Any
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.config import RecorderConfig
-from trunk_msgs_util.parameters.declarations import Value, build
+from trunk_msgs_util.parameters.declarations import ParameterError, Value, build
 from trunk_msgs_util.recording.joint_arrays import JointArrays
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
@@ -81,6 +82,26 @@ class RecordedRun:
         }
 
     @cached_property
+    def another_robot(self) -> bool:
+        """True if a controller of ours moves a robot: no simulator of ours has left a trace."""
+        ours = self.count(topics.GROUND_TRUTH) or "simulator" in self.parameters
+        return not ours and bool(self.judgeable) and self.count(topics.JOINT_STATES) > 0
+
+    @cached_property
+    def judgeable(self) -> Sequence[str]:
+        """The controllers whose laws and parameters are known."""
+        return [n for n in self.controllers if n in CONTROLLERS and n in self.parameters]
+
+    @cached_property
+    def begin_ns(self) -> int:
+        """The stamp in ns at which t = 0: another robot's may be of the wall clock, so that its first counts.
+
+        Raises RecordingError for states that cannot be read, ParameterError for parameters.
+        """
+        stamps = self.table(topics.JOINT_STATES).stamp_ns if self.another_robot else ()
+        return int(min(stamps, default=0))
+
+    @cached_property
     def events(self) -> Sequence[RunEvent]:
         """The run's events in file order."""
         return tuple(self.recording.events())
@@ -93,8 +114,19 @@ class RecordedRun:
     def table(self, relative: str) -> JointTable:
         """Return a JointState topic's table."""
         if relative not in self._tables:
-            self._tables[relative] = JointTable(self.recording, relative)
+            needed = self._needed if relative == topics.JOINT_STATES else ()
+            self._tables[relative] = JointTable(self.recording, relative, needed)
         return self._tables[relative]
+
+    @property
+    def _needed(self) -> Sequence[str]:
+        """The joints of another robot that our controllers look at: others may share the topic."""
+        joints: set[str] = set()
+        for name in self.judgeable if self.another_robot else ():
+            with suppress(ParameterError):
+                config = self.config(name)
+                joints |= {joint for joint in (config.joint, config.hip) if joint is not None}
+        return sorted(joints)
 
     def joints(self, topic: str) -> JointArrays:
         """Return a JointState topic's messages, its name relative or absolute.

@@ -78,6 +78,6 @@ def recorded_turns(run: RecordedRun) -> tuple[Turn, ...]:
     who, when = who[order], when[order]
     first = np.flatnonzero(np.diff(who, prepend=-1))
     return tuple(
-        Turn(seconds(stamp_ns), names[one])
+        Turn(seconds(stamp_ns - run.begin_ns), names[one])
         for stamp_ns, one in zip(when[first].tolist(), who[first].tolist(), strict=True)
     )

@@ -35,6 +35,10 @@ _NEEDED = {
     names.EFFORT_COMMAND: ("effort",),
     names.DISTURBANCE: ("position", "effort"),  # if there are any
 }
+_NEEDED_OF_A_ROBOT: dict[str, tuple[str, ...]] = {
+    names.JOINT_STATES: ("position",),
+    names.EFFORT_COMMAND: ("effort",),
+}
 _OF_BOTH = (names.GROUND_TRUTH, names.JOINT_STATES, names.DISTURBANCE)  # joints
 
 
@@ -76,7 +80,11 @@ def findings(run: RecordedRun) -> list[Finding]:
         roles = _Roles.of(run)
         for topics in _together(recording):
             for name, joints in recording.joints_of(topics).items():
-                found += _joints(run, roles, name, joints)
+                if run.another_robot and name == recording.topic(names.JOINT_STATES):
+                    # Others' joints share the topic: only what our controllers look at counts.
+                    found += _order(run.table(names.JOINT_STATES).stamp_ns, name, WARNING)
+                else:
+                    found += _joints(run, roles, name, joints)
     except RecordingError as error:
         found.append(Finding(ERROR, str(error).removeprefix(f"{path}: ")))
     return found
@@ -109,7 +117,8 @@ def _evidence(run: RecordedRun) -> Iterator[Finding]:
             run.config(node)
         except ParameterError as error:
             yield Finding(WARNING, f"{node}: recorded parameters cannot be used: {error}")
-    needed = {**_NEEDED, **{names.controller_state(c): ("position",) for c in run.controllers}}
+    needed = {**(_NEEDED if not run.another_robot else _NEEDED_OF_A_ROBOT)}
+    needed |= {names.controller_state(name): ("position",) for name in run.controllers}
     for relative, quantities in needed.items():
         topic = recording.topic(relative)
         if topic not in recording.topics or not recording.topics[topic].readable:
@@ -125,7 +134,7 @@ def _evidence(run: RecordedRun) -> Iterator[Finding]:
             if not table.values(quantity).shape[1]:
                 text = f"no {quantity} in any message: the run cannot be recomputed"
                 yield Finding(WARNING, text, topic)
-        if relative in _OF_BOTH and len(table.names) != 2:
+        if relative in _OF_BOTH and len(table.names) != 2 and not run.another_robot:
             text = f"{len(table.names)} joints, not hip and trunk: the run cannot be recomputed"
             yield Finding(WARNING, text, topic)
         for node, joint in _told_joints(run, relative):
@@ -180,10 +189,14 @@ def _provenance(run: RecordedRun) -> Iterator[Finding]:
     except RecordingError as error:
         yield Finding(ERROR, str(error).removeprefix(f"{recording.path}: "))
         return
-    for missing in sorted({*recording.controllers, "simulator"} - nodes):
+    wanted = {*recording.controllers, *(() if run.another_robot else ("simulator",))}
+    for missing in sorted(wanted - nodes):
         yield Finding(WARNING, f"no parameters of {missing}: the run cannot be rebuilt")
     truth = recording.topics.get(recording.topic(names.GROUND_TRUTH))
-    if truth is None or not truth.count:
+    if run.another_robot:
+        text = "another robot's states: the commands to it can be recomputed, its motion cannot"
+        yield Finding(INFO, text, recording.topic(names.JOINT_STATES))
+    elif truth is None or not truth.count:
         yield Finding(WARNING, "no true states", recording.topic(names.GROUND_TRUTH))
     if not recording.controllers:
         yield Finding(WARNING, "no controller's ~/state: reference and gains are not known")
@@ -205,6 +218,8 @@ def _joints(run: RecordedRun, roles: _Roles, topic: str, joints: JointArrays) ->
         rate = run.parameters.get(node, {}).get("update_rate")
         known = isinstance(rate, float) and 1.0 / _LONGEST_PERIOD < rate < inf
         period_ns = period_of(rate) if isinstance(rate, float) and known else None
+        if run.another_robot:  # at whose rate it answers, up to its own
+            period_ns = None
         severity = WARNING if known and not loose else INFO
         for turn in _turns(run, owner, np.unique(joints.stamp_ns)):
             yield from _gaps(turn, topic, period_ns, severity)

@@ -68,10 +68,10 @@ class Explanation:
     limits: tuple[float, float]  # N m, the controller's
     windup: Windup
     disturbance: Disturbance  # acting on plant and measurement at the update
-    true_angle: float  # rad
+    true_angle: float | None  # rad; None on a robot that is not ours
     took_over: bool  # True: a takeover while the plant moved, from the torque that acted
     recorded: float  # N m, the command in the recording
-    applied: float  # N m, applied to the plant over the step that begins then
+    applied: float | None  # N m, to the plant over the step that begins then; None likewise
 
     @property
     def by_model(self) -> float:
@@ -117,7 +117,8 @@ def explain(run: RecordedRun, at: float) -> Explanation:
     for name in names:
         if name not in run.parameters:
             raise RecordingError(f"{run.path}: no parameters of {name} recorded: record them too")
-    table = RunTable.from_run(run, only=())
+    ours = not run.another_robot
+    table = RunTable.from_run(run, only=()) if ours else RunTable.of_another_robot(run)
     if not table.t[0] <= at <= table.t[-1]:
         raise RecordingError(
             f"{run.path} lasts from t = {table.t[0]:g} s to t = {table.t[-1]:g} s: "
@@ -128,7 +129,7 @@ def explain(run: RecordedRun, at: float) -> Explanation:
     updates = {
         name: found
         for name in names
-        if (found := _last_update(run, name, nanoseconds(at), commands)) is not None
+        if (found := _last_update(run, name, run.begin_ns + nanoseconds(at), commands)) is not None
     }
     if not updates:
         raise RecordingError(
@@ -137,11 +138,12 @@ def explain(run: RecordedRun, at: float) -> Explanation:
         )
     name, update = max(updates.items(), key=lambda item: item[1].stamp_ns)
     row = max(0, int((table.t <= at).sum()) - 1)
-    at_update = max(0, int((table.t <= seconds(update.stamp_ns)).sum()) - 1)
+    updated = seconds(update.stamp_ns - run.begin_ns)
+    at_update = max(0, int((table.t <= updated).sum()) - 1)
     terms, config = update.terms, update.config
     return Explanation(
         asked=at,
-        update=seconds(update.stamp_ns),
+        update=updated,
         controller=name,
         reference=update.reference,
         measurement=update.measurement,
@@ -152,10 +154,10 @@ def explain(run: RecordedRun, at: float) -> Explanation:
         limits=(config.u_clamp_min, config.u_clamp_max),
         windup=_windup(update),
         disturbance=acting_at(run.table(topics.DISTURBANCE), update.stamp_ns),
-        true_angle=float(table.theta[at_update]),
+        true_angle=float(table.theta[at_update]) if ours else None,
         took_over=update.took_over,
         recorded=commands.get(update.stamp_ns, "effort", 1)[0],
-        applied=float(table.torque[row]),
+        applied=float(table.torque[row]) if ours else None,
     )
 
 

@@ -47,6 +47,10 @@ def best_of(values: Sequence[float | None]) -> tuple[int, ...]:
 
 def metrics_of(view: RunView) -> dict[str, float | None]:
     """Return a run's metrics. Raises RecordingError, naming the file, if its data allow none."""
+    if view.run.another_robot:
+        raise RecordingError(
+            f"{view.path}: a robot that is not ours: metrics are of the true angle, which is not known"
+        )
     try:
         return metrics(view.table).as_dict()
     except ValueError as error:

@@ -162,7 +162,7 @@ def _angle(axes: Axes, views: Sequence[RunView]) -> None:
             )
             axes.plot(t, reference, color=REFERENCE, linewidth=1.0, linestyle=(0, (2, 2)))
         axes.plot(t, np.degrees(view.table.theta), **line_style(i), zorder=3 + 0.01 * i)
-    axes.set_title("Trunk angle")
+    axes.set_title("Trunk angle" if _any_of_ours(views) else "Angle, as measured")
     axes.set_ylabel(r"angle $\theta$ (°)")
     _whole_time(axes, views)
 
@@ -186,7 +186,7 @@ def _torque(axes: Axes, views: Sequence[RunView]) -> None:
         axes.step(view.table.t, view.table.torque, where="post", **line_style(i), linewidth=1.2)
     for bound in sorted({b for view in views for b in view.limits if isfinite(b)}):
         axes.axhline(bound, color=LIMIT, linewidth=1.0)
-    axes.set_title("Torque on the trunk")
+    axes.set_title("Torque on the trunk" if _any_of_ours(views) else "Torque, as commanded")
     axes.set_ylabel(r"torque $\tau$ (N·m)")
     spans = [off_scale(view.table.torque) for view in views]
     wanted = [
@@ -232,13 +232,17 @@ def _gains(grid: Sequence[Axes], views: Sequence[RunView]) -> None:
 
 
 def _path(axes: Axes, views: Sequence[RunView]) -> None:
-    ranges = [_travelled(view) for view in views]
+    ours = [(i, view) for i, view in enumerate(views) if not view.run.another_robot]
+    if not ours:
+        _say(axes, "another robot:\nits hip is not known")
+        return
+    ranges = [_travelled(view) for _, view in ours]
     low, high = min(low for low, _ in ranges), max(high for _, high in ranges)
     margin = 0.25 * max(high - low, 1.0)
     x = np.linspace(low - margin, high + margin, 800)
-    for amplitude, wavenumber in sorted({view.hip_path for view in views}):
+    for amplitude, wavenumber in sorted({view.hip_path for _, view in ours}):
         axes.plot(x, _heights(x, amplitude, wavenumber), color="#888888", linewidth=0.9)
-    for i, (view, (least, most)) in enumerate(zip(views, ranges, strict=True)):
+    for (i, view), (least, most) in zip(ours, ranges, strict=True):
         amplitude, wavenumber = view.hip_path
         traveled = np.linspace(least, most, 800)
         y = _heights(traveled, amplitude, wavenumber)
@@ -249,7 +253,7 @@ def _path(axes: Axes, views: Sequence[RunView]) -> None:
         axes.plot(view.table.x[:1], [_height(view)], "o", color="#222222", markersize=5, zorder=5)
     axes.annotate(
         "start",
-        (float(views[0].table.x[0]), _height(views[0])),
+        (float(ours[0][1].table.x[0]), _height(ours[0][1])),
         xytext=(8, -9),
         textcoords="offset points",
         fontsize=8.0,
@@ -276,7 +280,20 @@ def _heights(x: NDArray[np.floating[Any]], amplitude: float, wavenumber: float) 
     return [path_height(at, amplitude, wavenumber) for at in x.tolist()]
 
 
+def _any_of_ours(views: Sequence[RunView]) -> bool:
+    return not all(view.run.another_robot for view in views)
+
+
+def _say(axes: Axes, text: str) -> None:
+    """Write what is in the place of a plot."""
+    axes.set_axis_off()
+    axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes)
+
+
 def _phase(axes: Axes, views: Sequence[RunView]) -> None:
+    if all(np.isnan(view.table.theta_dot).all() for view in views):
+        _say(axes, "nobody measured velocities")
+        return
     for i, view in enumerate(views):
         theta, rate = np.degrees(view.table.theta), view.table.theta_dot
         axes.plot(theta, rate, **line_style(i), linewidth=1.0)

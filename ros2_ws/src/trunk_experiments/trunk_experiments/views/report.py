@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util.recording.reader import RecordingError
@@ -16,6 +18,11 @@ from ..replay.doctor import INFO, findings
 from .compare import Row, differing_parameters, metric_rows
 from .report_data import report_data, rule_use
 from .run_view import RunView, labels
+
+_NOT_OURS = (
+    "not judged: the states are another robot's; the angle is shown as measured, the torque as commanded, "
+    "and hip and true angle are not known"
+)
 
 
 @dataclass(frozen=True)
@@ -42,6 +49,8 @@ class RunSection:
     provenance: Mapping[str, str]
     topics: tuple[tuple[str, str, int], ...]  # name, type, messages
     rules: tuple[tuple[str, tuple[RuleCell, ...]], ...]  # a row per label of e; none for a PID
+    hip: bool  # False: another robot, of whose hip nothing is known
+    rate: bool  # False: nobody measured velocities
 
 
 @dataclass(frozen=True)
@@ -93,8 +102,9 @@ def quantity_label(key: str) -> tuple[str, str]:
 
 
 def said_of(view: RunView) -> list[str]:
-    """Return what is wrong with a run: what `findings` finds, and why its parameters cannot be used."""
+    """Return what is wrong with a run: what `findings` finds, what is not ours, parameters not to be used."""
     found = [finding.describe() for finding in findings(view.run) if finding.severity != INFO]
+    found += [_NOT_OURS] if view.run.another_robot else []
     return found + [w for w in view.warnings if w not in view.recording.warnings]
 
 
@@ -104,7 +114,7 @@ def _section(view: RunView, label: str) -> RunSection:
     fell = recording.fell_at_ns
     facts = (
         ("controller", view.title),
-        ("scenario", recording.provenance.get("scenario", "not recorded")),
+        ("scenario", recording.provenance.get("scenario", "not recorded") or "none"),
         ("mode", recording.provenance.get("mode", "not recorded")),
         ("states", f"{len(table.t)} from {table.t[0]:g} s to {table.t[-1]:g} s"),
         ("file", f"{view.path.name}, {state}"),
@@ -123,6 +133,8 @@ def _section(view: RunView, label: str) -> RunSection:
         provenance=dict(sorted(recording.provenance.items())),
         topics=tuple((n, topic.type, topic.count) for n, topic in sorted(recording.topics.items())),
         rules=_rule_cells(view),
+        hip=not view.run.another_robot,
+        rate=not np.isnan(table.theta_dot).all(),
     )
 
 

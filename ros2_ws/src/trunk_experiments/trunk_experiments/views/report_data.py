@@ -11,6 +11,7 @@ import numpy as np
 
 from trunk_control.fuzzy import fired_rules, infer
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.config import SimulatorConfig
 
 from .run_view import Pulse, RunView, labels, off_scale
@@ -49,9 +50,12 @@ def _run(view: RunView, label: str) -> dict[str, Any]:
     table, controller = view.table, view.controller
     low, high = view.limits
     amplitude, wavenumber = view.hip_path
+    x = table.x
+    if view.run.another_robot:  # drawn as a pendulum on a fixed pivot
+        amplitude, x = 0.0, np.zeros_like(x)
     columns = {
         "t": table.t,
-        "x": table.x,
+        "x": x,
         "theta": np.degrees(table.theta),
         "measured": np.degrees(table.theta_measured),
         "reference": np.degrees(table.reference),
@@ -90,7 +94,7 @@ def _updates(view: RunView) -> tuple[Floats, Floats, Floats]:
     """Return the stamps [s], errors [rad] and rates [rad/s] that were the inputs of the inference."""
     terms = view.terms
     return (
-        terms.stamp_ns / 1_000_000_000,
+        (terms.stamp_ns - view.run.begin_ns) / NANOSECONDS,
         terms.column("position", "error"),
         terms.column("position", "error_rate"),
     )

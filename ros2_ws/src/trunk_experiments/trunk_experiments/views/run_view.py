@@ -67,7 +67,7 @@ class RunView:
     def read(cls, run: RecordedRun) -> RunView:
         """Return what can be shown of a run; ``warnings`` lists what cannot.
 
-        Raises RecordingError if there are no true states.
+        Raises RecordingError if there are no true states, nor those of another robot.
         """
         warnings = list(run.recording.warnings)
 
@@ -93,7 +93,7 @@ class RunView:
         acting = run.joints(topics.DISTURBANCE).by_stamp()
         return cls(
             run=run,
-            table=RunTable.from_run(run),
+            table=RunTable.of_another_robot(run) if run.another_robot else RunTable.from_run(run),
             terms=run.joints(state).by_stamp(),
             disturbances=acting,
             controller_name=name,

@@ -184,9 +184,11 @@ const makeTimeCharts = () => {
   }
 };
 
+// Another robot may have no velocities, and nothing is known of its hip: then the place is missing.
 const makePlaneCharts = () => {
-  dotChart(
-    document.getElementById("plot-phase"),
+  const phase = document.getElementById("plot-phase");
+  if (phase) dotChart(
+    phase,
     () => report.runs.map((run, index) => ({
       x: run.columns.theta, y: run.columns.rate, customdata: run.columns.t, type: "scatter", mode: "lines",
       line: line(index, 1.6), name: run.label,
@@ -198,9 +200,11 @@ const makePlaneCharts = () => {
       return [run.columns.theta[row], run.columns.rate[row], runColor(index)];
     }),
   );
+  const place = document.getElementById("plot-path");
+  if (!place) return;
   const height = (run, x) => pathHeight(run.path, x);
   dotChart(
-    document.getElementById("plot-path"),
+    place,
     () => report.runs.map((run, index) => ({
       x: run.columns.x, y: run.columns.x.map((x) => height(run, x)), customdata: run.columns.t, type: "scatter",
       mode: "lines", line: { ...line(index, 2 + 3 * (report.runs.length - 1 - index)), dash: "solid" }, name: run.label,

@@ -153,7 +153,8 @@ const makeStage = (run, index) => {
   };
 
   const say = (name, text) => {
-    readout.querySelector(`[data-value=${name}]`).textContent = text;
+    const value = readout.querySelector(`[data-value=${name}]`);
+    if (value) value.textContent = text;
   };
   const show = (time) => {
     row = rowAt(t, time);
