@@ -1,23 +1,10 @@
-#!/usr/bin/env python3
-"""Whether ROS 2's own tools find everything as they expect it: one line for each check.
-
-    scripts/check_ros2.sh
-
-It needs the real `ros2` command, from apt or from an environment that has ros2cli, launch and launch_ros.
-Nodes run in a ROS domain of their own, on this machine alone.
-"""
+"""Nodes alone: packages, topics, parameters, services, lifecycle, and what is as in ros2_control."""
 
 from __future__ import annotations
 
 import os
-import re
 import signal
 import subprocess
-import sys
-import tempfile
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import yaml
@@ -25,74 +12,13 @@ import yaml
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util.recording.reader import Recording
 
+from .tools import check, listed, node, ros2, running, says, until
+
 EXECUTABLES = {
     "trunk_sim": ("simulator", "disturbance"),
-    "trunk_control": ("pid", "fuzzy_pid", "lqr", "computed_torque"),
+    "trunk_control": ("pid", "fuzzy_pid", "lqr", "computed_torque", "fuzzy_gains"),
     "trunk_msgs_util": ("recorder",),
 }
-PATIENCE_S = 60.0  # for what a tool has to discover first
-LAUNCH = ("launch", "trunk_experiments", "trunk.launch.py")
-results: list[bool] = []
-
-
-def check(what: str, good: object, detail: str = "") -> None:
-    """Print a line and keep the result."""
-    results.append(bool(good))
-    line = "" if good else " ".join(detail.split())[-300:]
-    print(f"{'ok  ' if good else 'FAIL'}  {what}{': ' if line else ''}{line}", flush=True)
-
-
-def ros2(*words: object) -> subprocess.CompletedProcess[str]:
-    """Run `ros2` to its end."""
-    return subprocess.run(
-        ["ros2", *map(str, words)], text=True, capture_output=True, timeout=300, check=False
-    )
-
-
-def says(what: str, words: tuple[object, ...], *patterns: str, code: int = 0) -> str:
-    """Check that a command ends with a code and prints what these patterns match; return its output."""
-    done = ros2(*words)
-    text = done.stdout + done.stderr
-    missing = [pattern for pattern in patterns if not re.search(pattern, text)]
-    good = done.returncode == code and not missing and "Traceback" not in text
-    check(what, good, f"code {done.returncode}, without {missing}: {text}")
-    return text
-
-
-def until(condition: Callable[[], object]) -> bool:
-    """Wait until a condition holds, or patience is at its end."""
-    end = time.monotonic() + PATIENCE_S
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.1)
-    return bool(condition())
-
-
-@contextmanager
-def running(*words: object, **environment: str) -> Iterator[subprocess.Popen[str]]:
-    """Have `ros2` run something meanwhile; end it as Ctrl-C does."""
-    process = subprocess.Popen(
-        ["ros2", *map(str, words)],
-        text=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        env={**os.environ, **environment},
-        start_new_session=True,
-    )
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGINT)
-        process.communicate(timeout=120)
-
-
-def listed(*words: str) -> set[str]:
-    return set(ros2(*words).stdout.split())
-
-
-def node(package: str, executable: str, *arguments: str) -> tuple[object, ...]:
-    given = [word for argument in arguments for word in ("-p", argument)]
-    return ("run", package, executable, "--ros-args", *given)
 
 
 def check_packages() -> None:
@@ -200,72 +126,21 @@ def check_lifecycle() -> None:
         says("a transition that there is not", ("lifecycle", "set", "/pid", "activate"), code=1)
 
 
-def check_launch(folder: Path) -> None:
-    says("ros2 launch --show-args", (*LAUNCH, "--show-args"), "'scenario'", "'lockstep'")
-    run = folder / "launched"
-    given = ("scenario:=demo", "duration:=1.0", "lockstep:=true")
-    text = says("ros2 launch, lock-step", (*LAUNCH, *given, f"output:={run}"), "the run is over")
-    check("... gives our reason at its end", "was required" not in text, text)
-    verdict = verify(Recording.open(run))  # the folder, as a bag
-    check("... its folder is a bag, and verified", verdict.exit_code == VERIFIED, str(verdict))
-    bad = (*LAUNCH, "scenario:=nowhere", f"output:={folder / 'bad'}")
-    says("ros2 launch of an unknown scenario", bad, "nowhere", code=1)
-    if "rviz2" not in listed("pkg", "list"):
-        words = (*LAUNCH, "rviz:=true", f"output:={folder / 'rviz'}")
-        says("rviz:=true without RViz is refused", words, "rviz2", code=1)
-        check("... and leaves no folder", not (folder / "rviz").exists())
-    first = (*LAUNCH, "scenario:=demo", "duration:=3600.0", f"output:={folder / 'first'}")
-    with running(*first) as process:
-        until(lambda: "/simulator" in listed("node", "list"))
-        second = ros2(*LAUNCH, "scenario:=demo", "duration:=1.0", f"output:={folder / 'second'}")
-        check("a second launch in the same namespace is refused", second.returncode, second.stdout)
-        process.wait(120)
-
-
-def check_swap(folder: Path) -> None:
-    run = folder / "swapped"
-    words = (*LAUNCH, "scenario:=demo", "controller:=pid", "duration:=60.0", f"output:={run}")
-    with running(*words) as launched:
-        until(lambda: "/pid" in listed("lifecycle", "nodes"))
-        with running(*node("trunk_control", "fuzzy_pid", "autostart:=false")):
-            until(lambda: "/fuzzy_pid" in listed("lifecycle", "nodes"))
-            for name, label in (
-                ("fuzzy_pid", "configure"),
-                ("pid", "deactivate"),
-                ("fuzzy_pid", "activate"),
-                ("fuzzy_pid", "deactivate"),
-                ("pid", "activate"),
-            ):
-                set_to = ("lifecycle", "set", f"/{name}", label)
-                says(f"in a launched run: {name} {label}", set_to, "Transitioning successful")
-        launched.communicate(timeout=300)
-    verdict = verify(Recording.open(run / "run.mcap"))
-    parts = {part.name: part.steps for part in verdict.parts}
-    check("the swap by hand is verified", verdict.exit_code == VERIFIED, str(verdict.reasons))
-    check(
-        "... commands of both", min(parts.get(f"commands of {n}", 0) for n in ("pid", "fuzzy_pid"))
-    )
-    like = ["trunk", "simulate", "--like", str(run / "run.mcap"), "-o", str(folder / "like.mcap")]
-    done = subprocess.run(like, capture_output=True, text=True, check=False)
-    check("... and can be repeated (trunk simulate --like)", done.returncode == 0, done.stderr)
-
-
-def main() -> int:
-    if ros2("topic", "list", "--help").returncode:
-        print("skipped: no real ros2 command here; source /opt/ros/jazzy/setup.bash first")
-        return 0
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        check_packages()
-        check_runs()
-        check_topics(folder)
-        check_lifecycle()
-        check_launch(folder)
-        check_swap(folder)
-    failed = results.count(False)
-    print(f"{len(results)} checks, {failed} failed")
-    return 1 if failed else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def check_as_in_ros2_control() -> None:
+    kind, one = "sensor_msgs/msg/JointState", "{name: [trunk], position: [0.1]}"
+    with (
+        running(*node("trunk_control", "fuzzy_pid", "reference.profile:=topic")),
+        running(*node("trunk_control", "fuzzy_gains")),
+        running(*node("trunk_sim", "simulator", "duration:=0.0")),
+    ):
+        until(lambda: {"/fuzzy_pid/reference", "/fuzzy_gains/gains"} <= listed("topic", "list"))
+        words = ("topic", "pub", "--once", "-w", 1, "/fuzzy_pid/reference", kind, one)
+        says("ros2 topic pub to ~/reference", words, "publishing #1")
+        words = ("topic", "echo", "--once", "/fuzzy_pid/controller_state")
+        text = says("ros2 topic echo ~/controller_state", words, "- reference", "- effort")
+        record = yaml.safe_load(text.split("---")[0])
+        values = dict(zip(record["name"], record["position"], strict=True))
+        check("... where the reference has arrived", values["reference"] == 0.1, str(values))
+        words = ("topic", "echo", "--once", "/fuzzy_gains/gains")
+        gains = yaml.safe_load(says("ros2 topic echo ~/gains", words, "p i d").split("---")[0])
+        check("... three gains", len(gains["data"]) == 3, str(gains))

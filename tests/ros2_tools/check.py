@@ -1,0 +1,45 @@
+"""Whether ROS 2's own tools find everything as they expect it: one line for each check.
+
+    scripts/check_ros2.sh
+
+It needs the real `ros2` command, from apt or from an environment that has ros2cli, launch and launch_ros.
+Nodes run in a ROS domain of their own, on this machine alone.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+from .launches import check_launch, check_swap
+from .nodes import (
+    check_as_in_ros2_control,
+    check_lifecycle,
+    check_packages,
+    check_runs,
+    check_topics,
+)
+from .tools import results, ros2
+
+
+def main() -> int:
+    if ros2("topic", "list", "--help").returncode:
+        print("skipped: no real ros2 command here; source /opt/ros/jazzy/setup.bash first")
+        return 0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        check_packages()
+        check_runs()
+        check_topics(folder)
+        check_lifecycle()
+        check_as_in_ros2_control()
+        check_launch(folder)
+        check_swap(folder)
+    failed = results.count(False)
+    print(f"{len(results)} checks, {failed} failed")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,63 @@
+"""Launch files: ends, refusals, the folder as a bag, and a swap by hand in a launched run."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_msgs_util.recording.reader import Recording
+
+from .tools import check, listed, node, ros2, running, says, until
+
+LAUNCH = ("launch", "trunk_experiments", "trunk.launch.py")
+
+
+def check_launch(folder: Path) -> None:
+    says("ros2 launch --show-args", (*LAUNCH, "--show-args"), "'scenario'", "'lockstep'")
+    run = folder / "launched"
+    given = ("scenario:=demo", "duration:=1.0", "lockstep:=true")
+    text = says("ros2 launch, lock-step", (*LAUNCH, *given, f"output:={run}"), "the run is over")
+    check("... gives our reason at its end", "was required" not in text, text)
+    verdict = verify(Recording.open(run))  # the folder, as a bag
+    check("... its folder is a bag, and verified", verdict.exit_code == VERIFIED, str(verdict))
+    bad = (*LAUNCH, "scenario:=nowhere", f"output:={folder / 'bad'}")
+    says("ros2 launch of an unknown scenario", bad, "nowhere", code=1)
+    if "rviz2" not in listed("pkg", "list"):
+        words = (*LAUNCH, "rviz:=true", f"output:={folder / 'rviz'}")
+        says("rviz:=true without RViz is refused", words, "rviz2", code=1)
+        check("... and leaves no folder", not (folder / "rviz").exists())
+    first = (*LAUNCH, "scenario:=demo", "duration:=3600.0", f"output:={folder / 'first'}")
+    with running(*first) as process:
+        until(lambda: "/simulator" in listed("node", "list"))
+        second = ros2(*LAUNCH, "scenario:=demo", "duration:=1.0", f"output:={folder / 'second'}")
+        check("a second launch in the same namespace is refused", second.returncode, second.stdout)
+        process.wait(120)
+
+
+def check_swap(folder: Path) -> None:
+    run = folder / "swapped"
+    words = (*LAUNCH, "scenario:=demo", "controller:=pid", "duration:=60.0", f"output:={run}")
+    with running(*words) as launched:
+        until(lambda: "/pid" in listed("lifecycle", "nodes"))
+        with running(*node("trunk_control", "fuzzy_pid", "autostart:=false")):
+            until(lambda: "/fuzzy_pid" in listed("lifecycle", "nodes"))
+            for name, label in (
+                ("fuzzy_pid", "configure"),
+                ("pid", "deactivate"),
+                ("fuzzy_pid", "activate"),
+                ("fuzzy_pid", "deactivate"),
+                ("pid", "activate"),
+            ):
+                set_to = ("lifecycle", "set", f"/{name}", label)
+                says(f"in a launched run: {name} {label}", set_to, "Transitioning successful")
+        launched.communicate(timeout=300)
+    verdict = verify(Recording.open(run / "run.mcap"))
+    parts = {part.name: part.steps for part in verdict.parts}
+    check("the swap by hand is verified", verdict.exit_code == VERIFIED, str(verdict.reasons))
+    check(
+        "... commands of both", min(parts.get(f"commands of {n}", 0) for n in ("pid", "fuzzy_pid"))
+    )
+    like = ["trunk", "simulate", "--like", str(run / "run.mcap"), "-o", str(folder / "like.mcap")]
+    done = subprocess.run(like, capture_output=True, text=True, check=False)
+    check("... and can be repeated (trunk simulate --like)", done.returncode == 0, done.stderr)
