@@ -20,7 +20,8 @@ from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_experiments.runs.graph import RunFiles, run_graph
+from trunk_experiments.runs.files import RunFiles
+from trunk_experiments.runs.graph import run_graph
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.reader import Recording
 

@@ -21,7 +21,8 @@ pytestmark = pytest.mark.graph
 RUN_IN_ORDER = """
 import sys
 from pathlib import Path
-from trunk_experiments.runs.graph import RunFiles, run_graph
+from trunk_experiments.runs.files import RunFiles
+from trunk_experiments.runs.graph import run_graph
 from trunk_experiments.plans.plan import make_plan
 
 folder, controller, rate, duration, *order = sys.argv[1:]

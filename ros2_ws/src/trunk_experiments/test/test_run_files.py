@@ -6,7 +6,7 @@ import pytest
 
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.graph import RunFiles
+from trunk_experiments.runs.files import RunFiles
 
 
 def test_without_an_output_the_folder_is_made_below_runs(tmp_path, monkeypatch):
@@ -23,7 +23,9 @@ def test_where_that_is_not_possible_the_option_is_named(tmp_path, monkeypatch):
         RunFiles.for_run(make_plan("demo", "pid"))
 
 
-def test_a_folder_that_holds_a_recording_is_refused(tmp_path):
-    (tmp_path / "run.mcap").touch()
-    with pytest.raises(PlanError, match=r"there is a run\.mcap in it"):
+@pytest.mark.parametrize("name", ["run.mcap", "params.yaml", "metadata.yaml"])
+def test_nothing_that_is_there_is_overwritten(tmp_path, name):
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(PlanError, match=f"there is a {name} in it; give another folder"):
         RunFiles.for_run(make_plan("demo", "pid"), tmp_path)
+    assert (tmp_path / name).read_text() == "mine"

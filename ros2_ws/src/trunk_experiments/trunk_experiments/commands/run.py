@@ -14,7 +14,8 @@ from ..console.common import plan_of, plan_options
 from ..console.terminal import console
 from ..errors import PlanError
 from ..recorded.run import RecordedRun
-from ..runs.graph import RunFiles, run_graph
+from ..runs.files import RunFiles
+from ..runs.graph import run_graph
 from .metrics import show_metrics
 
 

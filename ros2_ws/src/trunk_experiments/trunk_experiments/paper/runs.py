@@ -17,7 +17,8 @@ from ..analysis.run_table import RunTable
 from ..plans.plan import RunPlan, make_plan
 from ..recorded.run import RecordedRun
 from ..replay.diff import diff
-from ..runs.graph import RunFiles, run_graph
+from ..runs.files import RunFiles
+from ..runs.graph import run_graph
 from ..runs.offline_recording import record_offline
 
 FIGURES = ("fig6", "fig7", "fig8", "fig9")

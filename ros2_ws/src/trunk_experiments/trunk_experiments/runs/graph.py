@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from dataclasses import replace as with_values
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -17,15 +14,13 @@ from typing import TYPE_CHECKING
 from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.node import middleware
 from trunk_msgs_util.patience import Patience
-from trunk_msgs_util.recording.bag_folder import METADATA
 from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.rosbag2 import RECORD, metadata_yaml
 from trunk_msgs_util.recording.schemas import RunEvent
-from trunk_msgs_util.yaml_text import YamlTextError
 
-from ..errors import PlanError, RunError
+from ..errors import RunError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
+from .files import RunFiles
 from .guardian import Guardian
 from .processes import NodeProcess
 from .stopping import ALL_S, stop
@@ -39,60 +34,6 @@ SILENCE_S = 5.0  # of a simulator that diagnoses itself every second
 COMPOSED = "composed"
 _LAST = (COMPOSED, "recorder")  # to be stopped: it has to hear what the others say as they end
 _WAITING = "{} not active: with autostart false, configure and activate it (ros2 lifecycle set …)"
-
-
-@dataclass(frozen=True)
-class RunFiles:
-    """Where a run leaves what it makes."""
-
-    folder: Path
-
-    @classmethod
-    def for_run(cls, plan: RunPlan, folder: Path | None = None) -> RunFiles:
-        """Make the run's folder, by default a new one below ``runs``. Raises PlanError."""
-        given = folder
-        if folder is None:
-            stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
-            place = plan.namespace.replace("/", "_")
-            folder = Path("runs") / f"{stamp}_{plan.scenario}_{plan.controller_name}{place}"
-        if (folder / "run.mcap").exists():
-            raise PlanError(f"output {folder}: there is a run.mcap in it; give another folder")
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            if given is not None:
-                raise  # the error names it
-            raise PlanError(f"{folder}: {error.strerror}: give a folder with --output") from None
-        return cls(folder)
-
-    @property
-    def recording(self) -> Path:
-        """The MCAP file."""
-        return self.folder / "run.mcap"
-
-    @property
-    def parameters(self) -> Path:
-        """Every node's full parameters, ready for ``--params-file``."""
-        return self.folder / "params.yaml"
-
-    def record(self, plan: RunPlan) -> RunPlan:
-        """Return the plan that records into this folder, and write it as the parameter file."""
-        plan = with_values(
-            plan, recorder=with_values(plan.recorder, output=str(self.recording.absolute()))
-        )
-        plan.write_parameters(self.parameters)
-        return plan
-
-    def describe(self) -> None:
-        """Make the folder a bag to ROS 2's tools: write ``metadata.yaml``, if the recording was finished."""
-        with suppress(RecordingError, YamlTextError, ValueError, OSError):  # the run says why
-            (file,) = Recording.glance(self.recording).opened
-            text = metadata_yaml(dict(file.metadata_records).get(RECORD, {}), self.recording.name)
-            (self.folder / METADATA).write_text(text, "utf-8")
-
-    def log(self, node: str) -> Path:
-        """Return where a node's console output goes."""
-        return self.folder / "logs" / f"{node}.log"
 
 
 class _Interrupt:
