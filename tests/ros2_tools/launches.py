@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 from pathlib import Path
 
@@ -23,6 +25,8 @@ def check_launch(folder: Path) -> None:
     check("... its folder is a bag, and verified", verdict.exit_code == VERIFIED, str(verdict))
     bad = (*LAUNCH, "scenario:=nowhere", f"output:={folder / 'bad'}")
     says("ros2 launch of an unknown scenario", bad, "nowhere", code=1)
+    for name in ("pid", "simulator", "recorder"):
+        check_one_is_ended(folder, name)
     if "rviz2" not in listed("pkg", "list"):
         words = (*LAUNCH, "rviz:=true", f"output:={folder / 'rviz'}")
         says("rviz:=true without RViz is refused", words, "rviz2", code=1)
@@ -33,6 +37,22 @@ def check_launch(folder: Path) -> None:
         second = ros2(*LAUNCH, "scenario:=demo", "duration:=1.0", f"output:={folder / 'second'}")
         check("a second launch in the same namespace is refused", second.returncode, second.stdout)
         process.wait(120)
+
+
+def check_one_is_ended(folder: Path, name: str) -> None:
+    """One node of a launched run is told to end: the others end too, and the run does not pass for whole."""
+    run = folder / f"without_{name}"
+    words = (*LAUNCH, "scenario:=demo", "controller:=pid", "duration:=3600.0", f"output:={run}")
+    with running(*words) as launched:
+        until(lambda: f"/{name}" in listed("node", "list") and (run / "run.mcap").exists())
+        # Of the nodes on this machine, the one that records here.
+        mine = ("pgrep", "-f", f"lib/trunk_[a-z]+(_[a-z]+)?/{name} --ros-args.*{run}")
+        (pid,) = subprocess.run(mine, capture_output=True, text=True, check=True).stdout.split()
+        os.kill(int(pid), signal.SIGTERM)
+        output, _ = launched.communicate(timeout=120)
+        said = "incomplete: " in output and f"{name} ended with exit code 0" in output
+        check(f"{name} ends on SIGTERM: the launch ends with code 1", launched.returncode == 1)
+        check("... and says what lacks", said, output)
 
 
 def check_swap(folder: Path) -> None:

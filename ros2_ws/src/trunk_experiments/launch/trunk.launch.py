@@ -18,23 +18,26 @@ from trunk_experiments.runs.files import RunFiles
 
 
 class OrderlyEnd:
-    """Stops the set in order once one node has ended; a failed node makes the launch fail."""
+    """Stops the set in order once one node has ended; a run that is not whole makes the launch fail."""
 
     def __init__(self, names: list[str], files: RunFiles) -> None:
         self.files = files
         self.actions: dict[str, Node] = {}
         self.running = list(names)
         self.failed: list[str] = []
+        self.first = ""  # to end
 
     def on_exit(self, name: str):
         def ended(event: ProcessExited, context: LaunchContext) -> list[LaunchDescriptionEntity]:
             self.running.remove(name)
+            self.first = self.first or f"{name} ended with exit code {event.returncode}"
             if event.returncode:
                 self.failed.append(f"{name} ended with exit code {event.returncode}")
             if not self.running:
                 self.files.describe()
-            if not self.running and self.failed:
-                raise RuntimeError("; ".join(self.failed))
+                lacks = launching.what_lacks(self.files.recording)
+                if self.failed or lacks:
+                    raise RuntimeError("; ".join([*(self.failed or [self.first]), lacks]))
             if context.is_shutdown:
                 return []
             others = launching.next_to_stop(self.running)

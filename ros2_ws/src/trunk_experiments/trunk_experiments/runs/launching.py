@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+
 from ..errors import PlanError
 from ..plans.nodes import CONTROLLERS, NODES
 from ..plans.plan import RunPlan, checked_namespace, make_plan
@@ -135,3 +137,14 @@ def next_to_stop(running: Sequence[str]) -> list[str]:
     if SIMULATOR in running:
         return [SIMULATOR]
     return [name for name in running if name != RECORDER]
+
+
+def what_lacks(file: Path) -> str:
+    """Return why a run's recording is not whole, naming it; empty for a complete one."""
+    try:
+        recording = Recording.glance(file)
+    except RecordingError as error:
+        return str(error)
+    if recording.complete:
+        return ""
+    return f"{file}: incomplete: {(recording.end or {}).get('reason', 'no end marker')}"
