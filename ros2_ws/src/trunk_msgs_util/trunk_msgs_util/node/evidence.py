@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -47,11 +47,6 @@ def counted(evidence: Sequence[Evidence]) -> dict[str, int]:
     for one in evidence:
         counts[one.topic] += one.count
     return dict(+counts)
-
-
-def claims(values: Mapping[str, str]) -> dict[str, int]:
-    """Return the counts in an event. Raises ValueError if one is not an integer."""
-    return {topic: int(count) for topic, count in values.items()}
 
 
 def hand_over(node: Node, born_s: float, anything: bool) -> None:

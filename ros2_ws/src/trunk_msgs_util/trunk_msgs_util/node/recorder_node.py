@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 import time
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,20 +14,21 @@ from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import JointState
 
 from .. import provenance, topics
-from ..events import ENDS, Event
+from ..events import Event
 from ..parameters.config import RecorderConfig
 from ..parameters.declarations import ParameterError
 from ..printable import printable
 from ..process_id import process_id
-from ..recording.schemas import RunEvent, parse_event
+from ..recording.schemas import parse_event
 from ..recording.writer import PROVENANCE, RecordingWriter
 from ..samples import JointSample
 from ..units import LAST_STAMP_NS, NANOSECONDS
-from . import evidence, qos
+from . import qos
 from .base import TrunkNode
 from .conversions import sample_to_wire
 from .heard import HeardTopic
 from .run import main_for
+from .tally import Tally
 
 _MESSAGES: dict[str, type[Any]] = {
     topics.JOINT_STATE_TYPE: JointState,
@@ -39,8 +39,6 @@ _MESSAGES: dict[str, type[Any]] = {
 _STAMP = struct.Struct("<iI")
 # What happened to the nodes, the recorder's own turns among it, is written while it is inactive too.
 _ALWAYS = (topics.RUN_PARAMETERS, topics.RUN_EVENTS)
-# One message for each state, by the simulator alone.
-_OF_STATES = (topics.GROUND_TRUTH, topics.JOINT_STATES)
 # Told to end, it goes on until nothing has come for this long.
 _QUIET_S = 0.3
 # ... but, where the run goes on without it, no longer than this.
@@ -63,14 +61,13 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def _forget(self) -> None:
         self._last_message = time.monotonic()
-        self._end: RunEvent | None = None
-        self._kinds: dict[str, str] = {}  # of nodes, by what they say
-        self._claimed: Counter[str] = Counter()  # by the nodes that have ended
         self._leaving_s: float | None = None
-        self._counts: Counter[str] = Counter()
+        lockstep = self.config.lockstep
+        self._tally = Tally(
+            self.resolve_topic_name, self.config.lockstep_topics if lockstep else ()
+        )
         self._written_ns = dict.fromkeys(self.config.lockstep_topics, -1)
         self._told_ns = -1
-        self._runs = 1
         self.run_stamp_ns = -1
         self._heard: dict[str, HeardTopic] = {}
 
@@ -198,7 +195,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             except OSError as error:
                 self._disk_failed(error)
                 return
-            self._counts[topic] += 1
+            self._tally.counts[topic] += 1
             self._written_ns[topic] = stamp_ns
             self._last_message = time.monotonic()
             if on_message is not None:
@@ -208,8 +205,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def _on_truth(self, data: bytes) -> None:
         before_ns, self.run_stamp_ns = self.run_stamp_ns, self._written_ns[topics.GROUND_TRUTH]
-        self._runs += self.run_stamp_ns < before_ns
-        if self._counts[topics.GROUND_TRUTH] % _TELL_EVERY == 0 and self.config.lockstep:
+        self._tally.runs += self.run_stamp_ns < before_ns
+        if self._tally.counts[topics.GROUND_TRUTH] % _TELL_EVERY == 0 and self.config.lockstep:
             self._tell_progress()
 
     def _tell_progress(self) -> None:
@@ -222,26 +219,11 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def _on_event(self, data: bytes) -> None:
         try:
             event = parse_event(data)
+            self._tally.hear(event)
         except ValueError:
             self.counters["events malformed"] += 1
             return
         self.look_for_namesake(event.node, event.message, event.values)
-        if event.message == Event.PUBLISHED:
-            self._on_published(event)
-        if event.message == Event.CONFIGURED:
-            self._kinds[event.node] = event.values.get("kind", "")
-        kind = self._kinds.get(event.node) or event.node.rpartition("/")[2]
-        if kind == "simulator" and event.message in ENDS:
-            if event.message == Event.FINISHED and not event.values.get("states", "").isdecimal():
-                self.counters["events malformed"] += 1
-                return
-            self._end = event
-
-    def _on_published(self, event: RunEvent) -> None:
-        try:
-            self._claimed.update(evidence.claims(event.values))
-        except ValueError:
-            self.counters["events malformed"] += 1
 
     def _flush(self) -> None:
         try:
@@ -266,7 +248,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         """Return what is written, and where."""
         if self._writer is None:
             return {"messages": 0}
-        return {"file": self._path, "messages": self._counts.total()}
+        return {"file": self._path, "messages": self._tally.counts.total()}
 
     def account(self) -> None:
         """Expect what the other nodes of this process have just reported."""
@@ -278,46 +260,14 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         now = time.monotonic()
         if self._leaving_s is None:
             self._leaving_s = now
-        if self._end is None and now - self._leaving_s > _LEAVE_S:
+        if self._tally.end is None and now - self._leaving_s > _LEAVE_S:
             return False
         return now - self._last_message < _QUIET_S
 
     def verdict(self) -> tuple[bool, str]:
         """Return whether the run is whole in the file, and why."""
-        if self._end is None:
-            return False, "the recorder was stopped before the run was finished"
-        reason = self._end.values.get("reason", self._end.message)
-        if self._end.message != Event.FINISHED:
-            return False, reason
-        if self._runs > 1:
-            return False, f"{self._runs} runs are in it: the simulator was started anew"
-        states = int(self._end.values["states"])
-        wanted = (
-            self.config.lockstep_topics
-            if self.config.lockstep
-            else (topics.GROUND_TRUTH, topics.JOINT_STATES)
-        )
-        for topic in wanted:
-            if self._counts[topic] < states:
-                return False, f"{topic}: {self._counts[topic]} of {states} messages were recorded"
-        for topic in _OF_STATES:
-            if self._counts[topic] > states:
-                return False, (
-                    f"{topic}: {self._counts[topic]} messages of {states} states: "
-                    "another node publishes there too"
-                )
         unheard = [line for heard in self._heard.values() for line in heard.unheard()]
-        if unheard:
-            return False, "; ".join(unheard)
-        return self._taken() or (True, reason)
-
-    def _taken(self) -> tuple[bool, str] | None:
-        """Return what is missing of the evidence that nodes, when they ended, said they had published."""
-        for topic in self._heard:
-            count = self._claimed[self.resolve_topic_name(topic)]
-            if self._counts[topic] < count:
-                return False, f"{topic}: {self._counts[topic]} of {count} messages were recorded"
-        return None
+        return self._tally.verdict(list(self._heard), unheard)
 
     def _finish(self) -> None:
         if self._writer is None:

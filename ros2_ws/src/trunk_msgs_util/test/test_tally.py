@@ -1,0 +1,68 @@
+"""Whether a recording is whole: its messages against what the run's nodes say there are."""
+
+from __future__ import annotations
+
+import pytest
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.node.tally import Tally
+from trunk_msgs_util.recording.schemas import LEVEL_OK, RunEvent
+
+HEARD = (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.EFFORT_COMMAND)
+
+
+def told(node, message, **values):
+    return RunEvent(0, node, message, values, LEVEL_OK)
+
+
+@pytest.fixture
+def whole():
+    """Return the tally of a run of three states, each answered, that was recorded in full."""
+    tally = Tally("/{}".format)
+    tally.counts.update(dict.fromkeys(HEARD, 3))
+    tally.hear(told("/plant", "configured", kind="simulator"))
+    tally.hear(told("/plant", "finished", states="3", reason="duration reached"))
+    tally.hear(told("/pid", "published", **{f"/{topics.EFFORT_COMMAND}": "3"}))
+    return tally
+
+
+def test_a_whole_run(whole):
+    assert whole.verdict(HEARD, ()) == (True, "duration reached")
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda t: setattr(t, "end", None), "the recorder was stopped before the run was finished"),
+        (lambda t: t.hear(told("/plant", "failed", reason="diverged")), "diverged"),
+        (lambda t: setattr(t, "runs", 2), "2 runs are in it"),
+        (lambda t: t.counts.subtract([topics.JOINT_STATES]), "joint_states: 2 of 3 messages"),
+        (lambda t: t.counts.update([topics.GROUND_TRUTH]), "4 messages of 3 states: another node"),
+        (lambda t: t.counts.subtract([topics.EFFORT_COMMAND]), "effort_command: 2 of 3 messages"),
+    ],
+)
+def test_what_makes_it_incomplete(whole, change, reason):
+    change(whole)
+    complete, why = whole.verdict(HEARD, ())
+    assert (complete, reason in why) == (False, True), why
+
+
+def test_what_could_not_be_heard(whole):
+    assert whole.verdict(HEARD, ("a stranger", "another")) == (False, "a stranger; another")
+
+
+def test_in_lockstep_every_state_has_an_answer():
+    tally = Tally("/{}".format, HEARD)
+    tally.counts.update({topics.GROUND_TRUTH: 3, topics.JOINT_STATES: 3, topics.EFFORT_COMMAND: 2})
+    tally.hear(told("/simulator", "finished", states="3"))
+    assert tally.verdict(HEARD, ()) == (False, "effort_command: 2 of 3 messages were recorded")
+
+
+def test_events_that_no_node_sends(whole):
+    for event in (
+        told("/simulator", "finished", states="many"),
+        told("/pid", "published", **{"/effort_command": "some"}),
+    ):
+        with pytest.raises(ValueError, match=r"many|some|how many"):
+            whole.hear(event)
+    assert whole.verdict(HEARD, ()) == (True, "duration reached")

@@ -1,0 +1,70 @@
+"""`Tally`: what has been recorded of a run, against what its nodes say there is."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+from .. import topics
+from ..events import ENDS, Event
+from ..recording.schemas import RunEvent
+
+# One message for each state, by the simulator alone.
+_OF_STATES = (topics.GROUND_TRUTH, topics.JOINT_STATES)
+
+
+class Tally:
+    """Counts a run's messages, hears its events, and tells whether the recording is whole."""
+
+    def __init__(self, name_of: Callable[[str], str], of_each_state: Sequence[str] = ()) -> None:
+        """``name_of`` gives a topic's absolute name; ``of_each_state``: topics that answer every state."""
+        self._name_of = name_of
+        self._of_each_state = of_each_state or _OF_STATES
+        self.counts: Counter[str] = Counter()  # by relative topic
+        self.runs = 1
+        self.end: RunEvent | None = None
+        self._kinds: dict[str, str] = {}  # of nodes, by what they say
+        self._claimed: Counter[str] = Counter()  # by the nodes that have ended
+
+    def hear(self, event: RunEvent) -> None:
+        """Take an event. Raises ValueError for one that no node of ours sends."""
+        if event.message == Event.PUBLISHED:
+            self._claimed.update({topic: int(count) for topic, count in event.values.items()})
+        if event.message == Event.CONFIGURED:
+            self._kinds[event.node] = event.values.get("kind", "")
+        kind = self._kinds.get(event.node) or event.node.rpartition("/")[2]
+        if kind == "simulator" and event.message in ENDS:
+            if event.message == Event.FINISHED and not event.values.get("states", "").isdecimal():
+                raise ValueError("a run that is finished, but not after how many states")
+            self.end = event
+
+    def verdict(self, heard: Sequence[str], unheard: Sequence[str]) -> tuple[bool, str]:
+        """Return whether the run is whole in the file, and why.
+
+        ``heard``: the topics whose evidence is to be complete; ``unheard``: what could not be heard, a line
+        each.
+        """
+        if self.end is None:
+            return False, "the recorder was stopped before the run was finished"
+        reason = self.end.values.get("reason", self.end.message)
+        if self.end.message != Event.FINISHED:
+            return False, reason
+        if self.runs > 1:
+            return False, f"{self.runs} runs are in it: the simulator was started anew"
+        states = int(self.end.values["states"])
+        for topic in self._of_each_state:
+            if self.counts[topic] < states:
+                return False, f"{topic}: {self.counts[topic]} of {states} messages were recorded"
+        for topic in _OF_STATES:
+            if self.counts[topic] > states:
+                return False, (
+                    f"{topic}: {self.counts[topic]} messages of {states} states: "
+                    "another node publishes there too"
+                )
+        if unheard:
+            return False, "; ".join(unheard)
+        for topic in heard:  # what nodes, when they ended, said they had published
+            count = self._claimed[self._name_of(topic)]
+            if self.counts[topic] < count:
+                return False, f"{topic}: {self.counts[topic]} of {count} messages were recorded"
+        return True, reason

@@ -1,0 +1,154 @@
+"""A signature tells every change of a recording's content, and none of how it is stored."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.recording.digests import ATTACHMENTS, DIGESTS
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.signing.signature import sign, to_text
+from trunk_msgs_util.recording.writer import END, PROVENANCE
+
+from ..edited import ANEW, content, write
+from .keys import ALICE, MALLORY, WHO, refused
+
+
+def test_another_signature_under_the_right_keys_name_is_refused(signed, trunk):
+    sidecar = signed.parent / "run.mcap.sig"
+    forged = json.loads(to_text(sign(Recording.open(signed).digested, MALLORY)))
+    genuine = json.loads(sidecar.read_text())
+    sidecar.write_text(json.dumps({**genuine, "signature": forged["signature"]}))
+    refused(trunk, "the content is not what it signed", "diverges")
+
+
+def edit_message(found):
+    message = found.of("/effort_command")[10]
+    message[2] = message[2][:-8] + bytes(8)
+
+
+def edit_time(found):
+    found.messages[30][3] += 1  # publish time
+
+
+def edit_order(found):
+    a, b = found.messages[20:22]
+    found.messages[20:22] = [b, a]
+
+
+EDITS = {
+    "a message": edit_message,
+    "a publish time": edit_time,
+    "the order of topics": edit_order,
+    "a message less": lambda found: found.messages.pop(),
+    "the origin": lambda found: found.values(PROVENANCE).update(host="elsewhere"),
+    "the end": lambda found: found.values(END).update(reason="another"),
+    "a record more": lambda found: found.metadata.insert(1, ("note", {"by": "mallory"})),
+    "a channel": lambda found: found.channels["/joint_states"].metadata.update(a="b"),
+    "a schema": lambda found: setattr(next(iter(found.schemas.values())), "data", b"# other"),
+    "the header": lambda found: setattr(found, "library", "other"),
+}
+
+
+@pytest.mark.parametrize("edit", EDITS.values(), ids=EDITS)
+def test_every_edit_with_new_digests_is_told_by_the_signature(signed, original, trunk, edit):
+    found = content(original)
+    edit(found)
+    write(found, signed, ANEW)
+    assert not Recording.open(signed).alterations()
+    code, out, _ = trunk("verify", "run.mcap")
+    assert (code, out.splitlines()[0]) == (1, "run.mcap: diverges")
+    assert f"signature: the content is not what key {WHO} signed in run.mcap.sig" in out
+    refused(trunk, "the content is not what it signed in run.mcap.sig", "diverges")
+
+
+def test_another_run_with_a_copied_signature_is_told(signed, trunk):
+    record_offline(make_plan("fig8", "lqr", everywhere={"duration": 0.05}), signed, overwrite=True)
+    refused(trunk, "the content is not what it signed", "diverges")
+
+
+def test_a_truncated_run_is_told(signed, trunk):
+    signed.write_bytes(signed.read_bytes()[: signed.stat().st_size // 2])
+    refused(trunk, "the content is not what it signed", "diverges")
+
+
+def write_anew(source, path, then=lambda writer, channels: None, **options):
+    """Copy a recording with mcap's writer; ``then`` writes more after the channels."""
+    with source.open("rb") as file, path.open("wb") as copy:
+        reader, writer = make_reader(file), Writer(copy, **options)
+        header, summary = reader.get_header(), reader.get_summary()
+        writer.start(header.profile, header.library)
+        for schema in summary.schemas.values():
+            writer.register_schema(schema.name, schema.encoding, schema.data)
+        for c in summary.channels.values():
+            writer.register_channel(c.topic, c.message_encoding, c.schema_id, c.metadata)
+        then(writer, {c.topic: c for c in summary.channels.values()})
+        for _, _, m in reader.iter_messages(log_time_order=False):
+            writer.add_message(m.channel_id, m.log_time, m.data, m.publish_time, m.sequence)
+        for record in reader.iter_metadata():
+            writer.add_metadata(record.name, record.metadata)
+        writer.finish()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"compression": CompressionType.NONE, "chunk_size": 1000},
+        {"compression": CompressionType.LZ4, "chunk_size": 1 << 20, "use_statistics": False},
+        {"use_chunking": False},
+    ],
+    ids=["small chunks", "one chunk of LZ4", "no chunks"],
+)
+def test_written_anew_with_the_same_content_the_signature_holds(signed, original, trunk, options):
+    write_anew(original, signed, **options)
+    assert signed.read_bytes() != original.read_bytes()
+    code, out, err = trunk("verify", "run.mcap", "--key", "alice.pub")
+    assert code == 0, out + err
+
+
+def test_a_channel_described_anew_does_not_pass_under_the_signature(signed, original, trunk):
+    """Other readers would take true states for measured ones."""
+
+    def swap(writer, channels):
+        measured, true = (channels[t] for t in ("/joint_states", "/ground_truth/joint_states"))
+        builder = getattr(writer, "_Writer__record_builder")  # noqa: B009
+        replace(measured, topic=true.topic).write(builder)
+        replace(true, topic=measured.topic).write(builder)
+
+    write_anew(original, signed, swap, use_chunking=False)
+    refused(trunk, "the content is not what it signed", "diverges")
+
+
+def test_what_no_digest_covers_is_neither_verified_nor_signed(signed, original, trunk):
+    found = content(original)
+    found.attachments.append(("notes.txt", b"first"))
+    recording = write(found, signed, ANEW)
+    assert recording.digests[ATTACHMENTS] == "1"
+    (signed.parent / "run.mcap.sig").write_text(to_text(sign(recording.digested, ALICE)))
+    refused(trunk, "run.mcap.sig cannot cover the attachments' content", word="diverges")
+    assert trunk("verify", "run.mcap")[0] == 1
+    code, _, err = trunk("sign", "run.mcap", "--key", "alice", "--force", "--unverified")
+    assert (code, "no digests of the attachments' content" in err) == (1, True)
+
+
+def test_a_topic_named_as_a_part_is_not_covered(signed, original):
+    found = content(original)
+    found.channels["/joint_states"].topic = "heads"
+    recording = write(found, signed, ANEW)
+    assert "a topic with the name heads" in recording.undigested()
+
+
+def test_the_recorded_digests_are_not_what_is_signed(signed, original, trunk):
+    """A change to the recorded digests alone changes no content: verify tells, not the signature."""
+    found = content(original)
+    found.values(DIGESTS)["heads"] = "00" * 32
+    write(found, signed)
+    code, out, _ = trunk("verify", "run.mcap", "--key", "alice.pub")
+    assert (code, out.splitlines()[0]) == (1, "run.mcap: diverges")
+    assert f"  signed by {WHO}" in out
