@@ -109,3 +109,23 @@ def test_timers_and_services_have_their_turn_among_messages(loop: Loop) -> None:
     future = client.call_async(Trigger.Request())
     loop.spin_until(lambda: future.done() and len(beats) > 5)
     assert future.result().message == "here"
+
+
+def test_a_rare_message_is_taken_while_others_keep_coming(loop: Loop) -> None:
+    often = loop.node.create_publisher(JointState, "often", 10)
+    rarely = loop.node.create_publisher(JointState, "rarely", 10)
+    turns: list[JointState] = []
+    rare: list[int] = []
+
+    def again(message: JointState) -> None:
+        turns.append(message)
+        often.publish(message)  # there is never a turn without a message
+        if len(turns) == 300:
+            rarely.publish(message)
+
+    loop.node.create_subscription(JointState, "often", again, 10)
+    loop.node.create_subscription(JointState, "rarely", lambda _: rare.append(len(turns)), 10)
+    loop.spin_until(lambda: often.get_subscription_count() and rarely.get_subscription_count())
+    often.publish(JointState())
+    loop.spin_until(lambda: rare)
+    assert rare[0] >= 300

@@ -32,12 +32,15 @@ class Evidence:
         # DDS announces them in this order: a recorder finds the live one last, and not a stranger in it.
         self._kept = node.create_publisher(JointState, topics.evidence(self.topic), qos.evidence())
         self._live = node.create_publisher(JointState, topic, qos.live())
+        # Past rclpy's own check of the message's type: a third of what publishing costs.
+        self._publish_live = self._live.handle.publish_raw
+        self._publish_kept = self._kept.handle.publish_raw
         self.count = 0
 
     def publish(self, data: bytes) -> None:
         """Publish a serialized message: first to the loop, which waits for it."""
-        self._live.publish(data)
-        self._kept.publish(data)
+        self._publish_live(data)
+        self._publish_kept(data)
         self.count += 1
 
 

@@ -22,6 +22,9 @@ from rclpy.timer import Timer
 _OTHERS_EVERY_NS = 5_000_000
 # Messages taken from one subscription before the next one's turn.
 _BURST = 64
+# Where a subscription had no message so many times in a row, it is asked at one turn of that many,
+# as long as others keep coming: an event, a reference. A wait sees to all.
+_RARE = 16
 
 
 class LoopExecutor(SingleThreadedExecutor):
@@ -33,6 +36,8 @@ class LoopExecutor(SingleThreadedExecutor):
         self._linger_s = linger_s
         self._subscriptions: list[Subscription] = []
         self._with_info: list[bool] = []
+        self._in_vain: list[int] = []  # turns without a message
+        self._turn = 0
         self._timers: list[Timer] = []
         self._wait_set: Any = None
         self._known = -1
@@ -40,14 +45,15 @@ class LoopExecutor(SingleThreadedExecutor):
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Handle what is ready, or wait for it for at most ``timeout_sec`` s (None: for ever)."""
-        taken = self._take_messages()
+        self._turn += 1
+        taken = self._take_messages(rare_ones=self._turn % _RARE == 0)
         if time.monotonic_ns() >= self._others_due_ns:
             self._others()
         if taken:
             return
         others = self._wait(timeout_sec)
         self._others_due_ns = time.monotonic_ns() + _OTHERS_EVERY_NS  # the wait has seen them all
-        self._take_messages()
+        self._take_messages(rare_ones=True)
         self._call_timers()
         if others:
             self._others()
@@ -70,6 +76,7 @@ class LoopExecutor(SingleThreadedExecutor):
         self._known = known
         self._subscriptions = subscriptions
         self._with_info = [wants_info(s.callback) for s in subscriptions]
+        self._in_vain = [0] * len(subscriptions)
         self._timers, self._services, self._guards = timers, services, guards
         self._wait_set = _rclpy.WaitSet(
             len(subscriptions),
@@ -81,15 +88,20 @@ class LoopExecutor(SingleThreadedExecutor):
             self._context.handle,
         )
 
-    def _take_messages(self) -> bool:
+    def _take_messages(self, rare_ones: bool) -> bool:
         taken = False
-        for subscription, with_info in zip(self._subscriptions, self._with_info, strict=True):
+        in_vain = self._in_vain
+        for i, subscription in enumerate(self._subscriptions):
+            if in_vain[i] > _RARE and not rare_ones:
+                continue
             handle, callback = subscription.handle, subscription.callback
+            with_info = self._with_info[i]
+            in_vain[i] += 1
             for _ in range(_BURST):
                 message = handle.take_message(subscription.msg_type, subscription.raw)
                 if message is None:
                     break
-                taken = True
+                taken, in_vain[i] = True, 0
                 if with_info:
                     callback(*message)
                 else:

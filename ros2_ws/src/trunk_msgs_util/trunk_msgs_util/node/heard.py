@@ -25,8 +25,6 @@ from .. import topics
 from . import meeting, qos
 
 Info: TypeAlias = Mapping[str, Any]  # what the middleware tells of a message
-# A message's number and bytes: the same for the copy that is kept and the one that is not.
-Key: TypeAlias = tuple[int, bytes]
 Kind: TypeAlias = tuple[ReliabilityPolicy, DurabilityPolicy]
 
 # Twice what a publisher of evidence keeps: one that is matched late delivers all that at once.
@@ -97,7 +95,7 @@ class HeardTopic:
         self._take = take
         self._under_way = under_way
         self.other_types: dict[str, str] = {}
-        self._taken: OrderedDict[Key, Taken] = OrderedDict()
+        self._taken: OrderedDict[bytes, Taken] = OrderedDict()
         self._passing: dict[Kind, tuple[Subscription, Sources]] = {}
         self._looked_at = (0, 0)
         self._unnamed_looks = 0
@@ -152,13 +150,10 @@ class HeardTopic:
         profile = QoSProfile(depth=qos.EVIDENCE_DEPTH, reliability=kind[0], durability=kind[1])
         self._passing[kind] = self._subscribe(self._topic, profile, on_message), sources
 
-    def _on_kept(self, data: bytes, info: Info) -> None:
+    def _on_kept(self, data: bytes) -> None:
         """Take a message of a node of ours."""
-        if self._passing:
-            taken = self._receive(data, info, self._kept)
-            if taken is None:
-                return
-        self._take(data)
+        if not self._passing or self._receive(data, self._kept) is not None:
+            self._take(data)
 
     def _on_passing(
         self, data: bytes, info: Info, subscription: Subscription, sources: Sources
@@ -166,19 +161,21 @@ class HeardTopic:
         """Take a message of any publisher that offers as much as this subscription requests."""
         number = info["publication_sequence_number"]
         source = sources.of(number, subscription.get_publisher_count(), self._under_way())
-        taken = self._receive(data, info, subscription)
+        taken = self._receive(data, subscription)
         if taken is None:
             source.elsewhere = True
             return
         taken.source = source
         self._take(data)
 
-    def _receive(self, data: bytes, info: Info, subscription: Subscription) -> Taken | None:
-        """Return the message's entry if it is to be taken, None if another subscription's was."""
-        key = info["publication_sequence_number"], data
-        taken = self._taken.get(key)
+    def _receive(self, data: bytes, subscription: Subscription) -> Taken | None:
+        """Return the message's entry if it is to be taken, None if another subscription's was.
+
+        Of equal messages, as many are taken as some one subscription has received.
+        """
+        taken = self._taken.get(data)
         if taken is None:
-            taken = self._taken[key] = Taken(Counter())
+            taken = self._taken[data] = Taken(Counter())
             if len(self._taken) > _REMEMBERED:
                 self._taken.popitem(last=False)
         taken.received[subscription] += 1
