@@ -1,0 +1,181 @@
+"""Sine, cosine, exponential and logarithm that have the same bits on every machine.
+
+IEEE 754 fixes the result of + - * / and of floor to the last bit, but not that of sin, exp and log: each
+libm has its own, and glibc picks one by the processor. These functions are made of fixed operations in a
+stated order alone, so that CPython, compiled code, C without contraction (``-ffp-contract=off``) and
+JavaScript return the same bits. Python never contracts; numba does not unless told to.
+
+Methods and coefficients are those of fdlibm (Sun Microsystems, 1993: k_sin.c, k_cos.c, e_exp.c, e_log.c).
+The greatest errors were measured against mpmath; ``test_elementary.py`` repeats it.
+
+Pure: functions of floats, which CPython runs and numba compiles unchanged.
+"""
+
+from __future__ import annotations
+
+from math import floor
+
+_NAN = float("nan")
+
+# pi/2 = the sum of these. The first three have 33 bits each: a whole number below 2**20 times one of them
+# is exact.
+_2_OVER_PI = 6.36619772367581382433e-01
+_HALF_PI_1 = 1.57079632673412561417e00
+_HALF_PI_2 = 6.07710050630396597660e-11
+_HALF_PI_3 = 2.02226624871116645580e-21
+_HALF_PI_4 = 8.47842766036889956997e-32
+LARGEST_ANGLE = 1647099.0  # rad, below 2**20 pi/2
+
+_S1 = -1.66666666666666324348e-01
+_S2 = 8.33333333332248946124e-03
+_S3 = -1.98412698298579493134e-04
+_S4 = 2.75573137070700676789e-06
+_S5 = -2.50507602534068634195e-08
+_S6 = 1.58969099521155010221e-10
+_C1 = 4.16666666666666019037e-02
+_C2 = -1.38888888888741095749e-03
+_C3 = 2.48015872894767294178e-05
+_C4 = -2.75573143513906633035e-07
+_C5 = 2.08757232129817482790e-09
+_C6 = -1.13596475577881948265e-11
+
+_1_OVER_LN2 = 1.44269504088896338700e00
+_LN2_HIGH = 6.93147180369123816490e-01  # 33 bits
+_LN2_LOW = 1.90821492927058770002e-10
+_P1 = 1.66666666666666019037e-01
+_P2 = -2.77777777770155933842e-03
+_P3 = 6.61375632143793436117e-05
+_P4 = -1.65339022054652515390e-06
+_P5 = 4.13813679705723846039e-08
+LARGEST_EXPONENT = 709.0
+SMALLEST_EXPONENT = -708.0
+
+_L1 = 6.666666666666735130e-01
+_L2 = 3.999999999940941908e-01
+_L3 = 2.857142874366239149e-01
+_L4 = 2.222219843214978396e-01
+_L5 = 1.818357216161805012e-01
+_L6 = 1.531383769920937332e-01
+_L7 = 1.479819860511658591e-01
+_SQRT_HALF = 7.07106781186547524401e-01
+SMALLEST_NORMAL = 2.2250738585072014e-308  # 2**-1022
+# 2**p and 2**-p for p = 512, 256, ..., 1.
+_POWERS = (512, 256, 128, 64, 32, 16, 8, 4, 2, 1)
+_UP = tuple(float(2**p) for p in _POWERS)
+_DOWN = tuple(1.0 / 2**p for p in _POWERS)
+
+
+def sincos(x: float) -> tuple[float, float]:
+    """Return the sine and the cosine of an angle in rad, each within 1 ULP; sin(-0) is -0.
+
+    The angle is reduced to [-pi/4, pi/4] by whole multiples of pi/2 (Cody and Waite), the remainder kept
+    in two parts. NaN for both where abs(x) is beyond `LARGEST_ANGLE`, infinite, or NaN.
+    """
+    if not -LARGEST_ANGLE <= x <= LARGEST_ANGLE:
+        return _NAN, _NAN
+    n = float(floor(x * _2_OVER_PI + 0.5))
+    a = x - n * _HALF_PI_1  # exact, as each product is
+    b = n * _HALF_PI_2
+    c = a - b
+    d = c - a
+    low = (a - (c - d)) - (b + d)  # what the rounding of c has lost
+    b = n * _HALF_PI_3
+    a = c - b
+    d = a - c
+    low = low + ((c - (a - d)) - (b + d)) - n * _HALF_PI_4
+    y = a + low if low != 0.0 else a  # -0.0 stays what it is
+    z = low - (y - a)
+
+    q = y * y
+    v = q * y
+    r = _S2 + q * (_S3 + q * (_S4 + q * (_S5 + q * _S6)))
+    s = y - ((q * (0.5 * z - v * r) - z) - v * _S1)
+    r = q * (_C1 + q * (_C2 + q * (_C3 + q * (_C4 + q * (_C5 + q * _C6)))))
+    half = 0.5 * q
+    w = 1.0 - half
+    co = w + (((1.0 - w) - half) + (q * r - y * z))
+
+    quadrant = n - 4.0 * floor(0.25 * n)
+    if quadrant == 1.0:
+        return co, -s
+    if quadrant == 2.0:
+        return -s, -co
+    if quadrant == 3.0:
+        return -co, s
+    return s, co
+
+
+def sin(x: float) -> float:
+    """Return the sine of an angle in rad, as `sincos` does."""
+    return sincos(x)[0]
+
+
+def cos(x: float) -> float:
+    """Return the cosine of an angle in rad, as `sincos` does."""
+    return sincos(x)[1]
+
+
+def exp(x: float) -> float:
+    """Return e to the power of x, within 1 ULP.
+
+    ::
+
+        x = k ln 2 + r,  abs(r) <= ln(2)/2;   exp(x) = 2^k exp(r)
+
+    0 below `SMALLEST_EXPONENT`, where the result would be near the smallest numbers; infinity above
+    `LARGEST_EXPONENT`; NaN for infinities and NaN.
+    """
+    if x != x or x - x != 0.0:
+        return _NAN
+    if x > LARGEST_EXPONENT:
+        return float("inf")
+    if x < SMALLEST_EXPONENT:
+        return 0.0
+    k = floor(x * _1_OVER_LN2 + 0.5)
+    high = x - k * _LN2_HIGH
+    low = k * _LN2_LOW
+    r = high - low
+    t = r * r
+    c = r - t * (_P1 + t * (_P2 + t * (_P3 + t * (_P4 + t * _P5))))
+    y = 1.0 - ((low - (r * c) / (2.0 - c)) - high)
+    left = k if k >= 0 else -k
+    for i in range(len(_POWERS)):
+        if left >= _POWERS[i]:
+            left -= _POWERS[i]
+            y *= _UP[i] if k >= 0 else _DOWN[i]
+    return y
+
+
+def log(x: float) -> float:
+    """Return the natural logarithm of x, within 1 ULP; that of 1 is +0.
+
+    ::
+
+        x = 2^k (1 + f),  sqrt(1/2) <= 1 + f < sqrt(2);   ln x = k ln 2 + ln(1 + f)
+
+    NaN for 0, negative numbers, those below `SMALLEST_NORMAL`, infinity and NaN.
+    """
+    if not x >= SMALLEST_NORMAL or x - x != 0.0:
+        return _NAN
+    k = 0
+    for i in range(len(_POWERS)):  # by powers of two: each product is exact
+        if x >= _UP[i]:
+            x *= _DOWN[i]
+            k += _POWERS[i]
+        elif x < _DOWN[i]:
+            x *= _UP[i]
+            k -= _POWERS[i]
+    if x < _SQRT_HALF:
+        x += x
+        k -= 1
+    elif x >= 2.0 * _SQRT_HALF:
+        x *= 0.5
+        k += 1
+    f = x - 1.0
+    s = f / (2.0 + f)
+    z = s * s
+    w = z * z
+    t1 = w * (_L2 + w * (_L4 + w * _L6))
+    t2 = z * (_L1 + w * (_L3 + w * (_L5 + w * _L7)))
+    half = 0.5 * f * f
+    return k * _LN2_HIGH - ((half - (s * (half + (t1 + t2)) + k * _LN2_LOW)) - f)
