@@ -27,6 +27,7 @@ from rclpy.signals import SignalHandlerOptions
 from trunk_experiments.bench.soak import (
     IDLE,
     LATE,
+    MAX_GROWTH,
     OVERDUE,
     UNANSWERED,
     growth,
@@ -124,7 +125,7 @@ def _node_processes() -> dict[str, int]:
     return found
 
 
-def soak(plan: RunPlan, folder: Path) -> list[str]:
+def soak(plan: RunPlan, folder: Path, allowed: float) -> list[str]:
     """Run the plan, print what was seen, and return what is wrong. Raises RunError."""
     watch = Watch()
     files = RunFiles(folder)
@@ -156,7 +157,7 @@ def soak(plan: RunPlan, folder: Path) -> list[str]:
     absent = [f"{node}: its memory was not seen" for node in plan.configs.keys() - watch.memory]
     return [
         *absent,
-        *problems_of_memory(grown),
+        *problems_of_memory(grown, allowed),
         *problems_of_steps(steps, counted, seconds(plan.simulator.period_ns)),
         *problems_of_file(recording),
     ]
@@ -166,11 +167,18 @@ def soak(plan: RunPlan, folder: Path) -> list[str]:
 @click.option("--minutes", default=30.0, show_default=True, help="Length of the run.")
 @click.option("--rate", default=200.0, show_default=True, help="Rate of the loop, Hz.")
 @click.option(
+    "--growth",
+    "allowed",
+    default=MAX_GROWTH,
+    show_default=True,
+    help="By which fraction a node's memory may grow once it has settled.",
+)
+@click.option(
     "--output",
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder for the recording, memory.csv and logs.  [default: a temporary one]",
 )
-def main(minutes: float, rate: float, output: Path | None) -> None:
+def main(minutes: float, rate: float, allowed: float, output: Path | None) -> None:
     """Run for this long; exit code 1, with the reasons on one line, if something is wrong."""
     with tempfile.TemporaryDirectory(prefix="soak_") as folder:
         try:
@@ -181,7 +189,7 @@ def main(minutes: float, rate: float, output: Path | None) -> None:
                 everywhere={"duration": 60.0 * minutes, "update_rate": rate},
             )
             files = RunFiles.for_run(plan, output or Path(folder))
-            problems = soak(plan, files.folder)
+            problems = soak(plan, files.folder, allowed)
         except (TrunkError, ValueError) as error:
             problems = [str(error)]
     if problems:

@@ -44,20 +44,20 @@ class Callbacks(RuleBasedStateMachine):
         """Bring the node to the point where it answers."""
 
     def _spy(self) -> None:
-        for publisher in self.node.publishers:
-            if publisher.topic_name.lstrip("/") in self.spied:
-                self._listen(publisher)
+        for evidence in self.node._evidence:
+            if evidence.topic.lstrip("/") in self.spied:
+                self._listen(evidence)
 
-    def _listen(self, publisher: Any) -> None:
-        publish, read = publisher.publish, WireReader()
-        topic = publisher.topic_name.lstrip("/")
+    def _listen(self, evidence: Any) -> None:
+        publish, read = evidence.publish, WireReader()
+        topic = evidence.topic.lstrip("/")
 
         def publish_and_tell(data: bytes) -> None:
             self.said.append((topic, read(data)))
             self.judge(*self.said[-1])
             publish(data)
 
-        publisher.publish = publish_and_tell
+        evidence.publish = publish_and_tell
 
     def judge(self, topic: str, sample: JointSample) -> None:
         """Fail if the node must not publish this now."""

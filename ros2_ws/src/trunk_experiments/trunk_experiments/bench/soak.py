@@ -108,13 +108,13 @@ def steps_of(recording: Recording) -> Steps:
     )
 
 
-def problems_of_memory(found: Sequence[Growth]) -> list[str]:
-    """Return a line for each node that grew too much."""
+def problems_of_memory(found: Sequence[Growth], allowed: float = MAX_GROWTH) -> list[str]:
+    """Return a line for each node that grew by more than the allowed fraction."""
     return [
         f"{g.node}: memory grew by {g.ratio:.1%} from {g.settled / 2**20:.1f} MiB; "
-        f"less than {MAX_GROWTH:.0%} is allowed"
+        f"less than {allowed:.0%} is allowed"
         for g in found
-        if g.ratio >= MAX_GROWTH
+        if g.ratio >= allowed
     ]
 
 
