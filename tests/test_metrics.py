@@ -145,6 +145,11 @@ def test_non_finite_data_are_named(column, value):
         metrics(table(**columns))
 
 
+def test_without_a_reference_from_the_start_there_are_none():
+    with pytest.raises(ValueError, match="no controller of ours has told its reference"):
+        metrics(table(np.zeros(9), np.array([np.nan] + [0.0] * 8)))
+
+
 def test_one_state_is_enough_for_metrics():
     assert metrics(table([0.1])).iae == 0.0
     with pytest.raises(ValueError, match="at least one state"):

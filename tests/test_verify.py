@@ -13,6 +13,7 @@ from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import replay
 from trunk_experiments.replay.diff import diff
+from trunk_experiments.replay.doctor import examine
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.digests import HEADS, PARTS
@@ -296,3 +297,27 @@ def test_what_no_joint_state_shows_is_in_the_diff_too(whole, tmp_path):
     assert any("order" in line and "of B" in line for line in found.record)
     assert any(line.startswith("joint_states: logged at") for line in found.record)
     assert any(line.startswith("events of simulator: finished") for line in found.record)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "judged"),
+    [(0.0, 0.5, "no state"), (0.5, 0.7, "t = 0 to 0.499 s, 500 states, offline")],
+)
+def test_what_a_recorder_missed_is_judged_neither_right_nor_wrong(
+    whole, tmp_path, first, last, judged
+):
+    """A recorder that comes late, after more than publishers keep, or that cannot keep up for a while."""
+
+    def miss(messages):
+        for topic in (COMMAND, STATE, TRUTH, "/disturbance", "/fuzzy_pid/state"):
+            for message in of(messages, topic):
+                sec, nanosec = struct.unpack_from("<iI", message[2], 4)
+                if first <= sec + 1e-9 * nanosec < last:
+                    messages.remove(message)
+
+    verdict = verify(copied(whole, tmp_path / "late.mcap", miss, ANEW, end=False))
+    assert verdict.exit_code == UNJUDGED, verdict
+    assert not any(part.wrong_steps for part in verdict.parts)
+    assert verdict.judged == judged
+    told = [f.message for f in examine(tmp_path / "late.mcap") if "steps are missing" in f.message]
+    assert len(told) >= 4, told  # true and measured states, commands, disturbances, terms

@@ -142,7 +142,7 @@ def test_impossible_requests_are_refused_in_one_line(arguments, more, kind, says
 
 @pytest.mark.parametrize(
     ("rate", "says"),
-    [(1000.0, "near the bound 800"), (500.0, "beyond the bound 400"), (2000.0, None)],
+    [(1000.0, "is at least half the bound 800"), (500.0, "is at the bound 400"), (2000.0, None)],
 )
 def test_a_derivative_gain_near_the_sampled_bound_gives_a_warning(rate, says):
     plan = make_plan("fig6", "pid", ["pid_as_printed"], everywhere={"update_rate": rate})

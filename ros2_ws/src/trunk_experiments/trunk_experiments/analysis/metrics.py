@@ -122,6 +122,10 @@ def _check(table: RunTable) -> None:
         raise ValueError("metrics need at least one state; the run has none")
     for name in ("t", "theta", "reference", "torque"):
         bad = np.flatnonzero(~np.isfinite(getattr(table, name)))
+        if name == "reference" and np.isnan(table.reference[:1]).any():
+            raise ValueError(
+                "no controller of ours has told its reference by the first state: no metrics"
+            )
         if len(bad):
             raise ValueError(f"{name} is not finite at t = {table.t[bad[0]]:g} s: no metrics")
 

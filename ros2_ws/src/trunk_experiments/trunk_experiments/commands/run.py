@@ -9,6 +9,7 @@ import click
 from rich.progress import BarColumn, Progress, TextColumn
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.node import middleware
 
 from ..console.common import plan_of, plan_options
 from ..console.terminal import console
@@ -54,6 +55,7 @@ def command(
     plan = plan_of(**options, extra=everywhere)
     if not plan.simulator.duration:
         raise PlanError("simulator: duration is 0: a recorded run needs an end; give --duration S")
+    middleware.prepare(participants=1 + (1 if composed else len(plan.configs)))
     files = RunFiles.for_run(plan, output)
     screen = console(stderr=True)
     screen.print(

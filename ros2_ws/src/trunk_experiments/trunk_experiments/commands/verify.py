@@ -105,7 +105,8 @@ def command(
         click.echo(f"  judged: {verdict.judged}")
     for part in verdict.parts:
         outcome = f"{part.wrong_steps} diverge" if part.wrong_steps else "all equal to the last bit"
-        click.echo(f"  {part.name}: {part.steps} steps checked, {outcome}")
+        checked = f"{part.steps} steps checked, {outcome}" if part.steps else "nothing checked"
+        click.echo(f"  {part.name}: {checked}")
         for difference in part.first:
             click.echo(f"    first: {describe(difference)}")
     for what in verdict.altered:

@@ -259,8 +259,8 @@ def _advice(plan: RunPlan) -> Iterable[str]:
         kd = controller.damping_gain
         period = seconds(controller.period_ns)
         bound = 2.0 * inertia / period
-        if kd > 0.5 * bound * (1.0 - 1e-9):
-            state = "beyond" if kd >= bound else "near"
+        if kd >= 0.5 * bound * (1.0 - 1e-9):
+            state = "at least half" if kd < bound else "at" if kd == bound else "beyond"
             yield (
                 f"kd = {kd:g} N m s/rad is {state} the bound {bound:g} of the sampled loop at "
                 f"{1.0 / period:g} Hz: results depend on the rate"

@@ -221,6 +221,8 @@ def _joints(run: RecordedRun, roles: _Roles, topic: str, joints: JointArrays) ->
         if run.another_robot:  # at whose rate it answers, up to its own
             period_ns = None
         severity = WARNING if known and not loose else INFO
+        if topic in roles.by_simulator and period_ns and len(joints):
+            yield from _late(int(joints.stamp_ns.min()), topic, period_ns)
         for turn in _turns(run, owner, np.unique(joints.stamp_ns)):
             yield from _gaps(turn, topic, period_ns, severity)
 
@@ -242,6 +244,16 @@ def _order(stamp_ns: Integers, topic: str, severity: str) -> Iterator[Finding]:
         (np.flatnonzero(steps == 0), "the stamp appears twice"),
     ):
         yield from _places(severity, what, topic, stamp_ns[rows + 1])
+
+
+def _late(first_ns: int, topic: str, period_ns: int) -> Iterator[Finding]:
+    """Yield that a topic does not begin with the run, whose first state is at t = 0."""
+    missing = first_ns // period_ns
+    if missing > 0:
+        text = (
+            f"steps are missing before this stamp: {missing} at a period of {period_ns / 1e6:g} ms"
+        )
+        yield Finding(WARNING, text, topic, first_ns)
 
 
 def _gaps(stamps: Integers, topic: str, period_ns: int | None, severity: str) -> Iterator[Finding]:

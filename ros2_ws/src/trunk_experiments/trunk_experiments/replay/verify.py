@@ -91,6 +91,13 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         verdict.obstacles.append(
             f"the recorder was inactive from t = {seconds(until_ns):g} s: what follows is not judged"
         )
+    missed_ns = _missed_from_ns(run)
+    if missed_ns is not None:
+        until_ns = missed_ns - 1 if until_ns is None else min(until_ns, missed_ns - 1)
+        verdict.obstacles.append(
+            f"states are missing from t = {seconds(missed_ns):g} s: what follows is not judged"
+            + ("; start the recorder before the controller" if missed_ns == 0 else "")
+        )
     shared_ns = shared_from_ns(run)
     if shared_ns is not None:
         verdict.obstacles.append(
@@ -168,6 +175,22 @@ def _too_few(run: RecordedRun, parts: list[Part], until_ns: int | None) -> list[
         if part.name == _PLANT and part.steps < wanted
     ]
     return found
+
+
+def _missed_from_ns(run: RecordedRun) -> int | None:
+    """Return the first step missed by a recorder that came late or could not keep up; None without any.
+
+    What follows depends on it: the plant's state, a law's memory. In a file that says to be complete a gap is
+    a contradiction.
+    """
+    if (run.recording.end or {}).get("complete") == "true":
+        return None
+    period_ns = run.config("simulator").period_ns
+    gaps_of = (
+        absent_steps(run.table(relative).stamp_ns, period_ns)
+        for relative in (topics.GROUND_TRUTH, topics.JOINT_STATES)
+    )
+    return min((first for count, first in gaps_of if count), default=None)
 
 
 def _recorded_until_ns(run: RecordedRun) -> int | None:
