@@ -23,6 +23,7 @@ pytestmark = pytest.mark.graph
 
 COUNT = 300
 DEFAULT = QoSProfile(depth=10)
+LAST = "/disturbance"
 
 
 def recorded(recorder: Child, folder: Path) -> Recording:
@@ -38,9 +39,16 @@ def recorded(recorder: Child, folder: Path) -> Recording:
     [[DEFAULT], [qos_profile_sensor_data], [DEFAULT, qos.evidence(), qos_profile_sensor_data]],
     ids=["default", "best effort", "all three"],
 )
+@pytest.mark.parametrize("equal", [False, True], ids=["", "equal"])
 def test_every_message_is_recorded_once(
-    children: Children, peer: Peer, tmp_path: Path, topic: str, profiles: list[QoSProfile]
+    children: Children,
+    peer: Peer,
+    tmp_path: Path,
+    topic: str,
+    profiles: list[QoSProfile],
+    equal: bool,
 ) -> None:
+    """``equal``: all publishers give the same messages, and each one twice."""
     recorder = children.node("recorder", "output:=run.mcap")
     peer.until_event("recorder", Event.ACTIVATED)
     publishers = [peer.node.create_publisher(JointState, topic, profile) for profile in profiles]
@@ -49,12 +57,46 @@ def test_every_message_is_recorded_once(
     heard = 0
     for k in range(COUNT):
         for n, publisher in enumerate(publishers):
-            publisher.publish(sample_to_ros(JointSample(k, ("trunk",), (float(n),))))
+            stamp_ns, angle = (k // 2, 0.0) if equal else (k, float(n))
+            publisher.publish(sample_to_ros(JointSample(stamp_ns, ("trunk",), (angle,))))
             heard += 1
         peer.spin()
     peer.until_recorded(heard)
     stamps = recorded(recorder, tmp_path).joints(f"/{topic}").stamp_ns.tolist()
-    assert sorted(stamps) == sorted([*range(COUNT)] * len(publishers))
+    told = [k // 2 if equal else k for k in range(COUNT)]
+    assert sorted(stamps) == sorted(told * len(publishers))
+
+
+@pytest.mark.parametrize("profile", [DEFAULT, qos.evidence()], ids=["default", "latched"])
+def test_who_repeats_what_a_node_of_ours_says_is_recorded_too(
+    children: Children, peer: Peer, tmp_path: Path, profile: QoSProfile
+) -> None:
+    """Each copy has the bytes of the original and, from the first one on, its number."""
+    copies: list[JointState] = []
+    publisher = peer.node.create_publisher(JointState, topics.DISTURBANCE, profile)
+
+    def repeat(message: JointState) -> None:
+        publisher.publish(message)
+        copies.append(message)
+
+    recorder = children.node("recorder", "output:=run.mcap")
+    peer.until(publisher.get_subscription_count, "the recorder listens")
+    kept = topics.evidence(topics.DISTURBANCE)
+    peer.node.create_subscription(JointState, kept, repeat, qos.evidence())
+    simulator = children.node("simulator", "duration:=0.0", "wait_for:=[disturbance]")
+    disturbance = children.node("disturbance")
+    peer.until(lambda: len(copies) > 200, "it is repeated")
+    assert [simulator.stop(), disturbance.stop()] == [0, 0]
+    (told,) = peer.until(
+        lambda: [e.values for e in peer.events if (e.node, e.message) == (LAST, "published")],
+        "the disturbance says how much it has published",
+    )
+    own = int(told[f"/{topics.DISTURBANCE}"])
+    peer.until(lambda: len(copies) == own, "everything is repeated")
+    found = recorded(recorder, tmp_path)
+    assert found.topics[f"/{topics.DISTURBANCE}"].count == 2 * own
+    assert not found.complete
+    assert "another node publishes there too" in found.warnings[0]
 
 
 def test_a_controller_of_ten_lines_is_recorded_in_lockstep(

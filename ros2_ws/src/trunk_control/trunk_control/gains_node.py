@@ -6,6 +6,7 @@ It takes no part in a run: it commands nothing, nothing waits for it, and it lea
 from __future__ import annotations
 
 import sys
+import time
 from collections import Counter
 
 from rclpy.node import Node
@@ -23,6 +24,7 @@ from .inputs_node import Inputs
 
 NAME = "fuzzy_gains"
 GAINS = "~/gains"
+_WARN_EVERY_S = 5.0
 _LAYOUT = MultiArrayLayout(dim=[MultiArrayDimension(label="p i d", size=3, stride=3)])
 
 
@@ -44,6 +46,7 @@ class GainsNode(Node):
         self._controller = Controller(config)
         self._counters: Counter[str] = Counter()
         self._warned = 0
+        self._warn_after_s = 0.0  # by the monotonic clock
         self._gains = self.create_publisher(Float64MultiArray, GAINS, qos.live())
         self._inputs = Inputs(config, self._counters)
         self._inputs.follow(self, self._on_reading)
@@ -63,10 +66,11 @@ class GainsNode(Node):
     def turn(self, executor: LoopExecutor) -> None:
         """Take what has come; say what could not be used."""
         executor.spin_once(timeout_sec=0.1)
-        if self._counters.total() > self._warned:
-            self._warned = self._counters.total()
+        now = time.monotonic()
+        if self._counters.total() > self._warned and now > self._warn_after_s:
+            self._warned, self._warn_after_s = self._counters.total(), now + _WARN_EVERY_S
             found = ", ".join(f"{what} ({count})" for what, count in self._counters.items())
-            self.get_logger().warning(found, throttle_duration_sec=5.0)
+            self.get_logger().warning(found)
 
 
 def main() -> None:

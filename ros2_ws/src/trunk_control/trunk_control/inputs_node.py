@@ -62,11 +62,13 @@ class Inputs:
         if places is None or places.last >= len(message.position):
             self._counters["states without the joint"] += 1
             return None
+        needed = self._config.derivative_mode == "rate" or places.hip is not None
+        velocity = 0.0
         if places.last < len(message.velocity):
             velocity = message.velocity[places.joint]
-        elif self._config.derivative_mode != "rate" and places.hip is None:
-            velocity = 0.0  # not used
-        else:
+            if not (needed or isfinite(velocity)):
+                velocity = 0.0  # as a broadcaster fills what its hardware does not measure
+        elif needed:
             self._counters["states without the velocity that the law needs"] += 1
             return None
         position = message.position[places.joint]

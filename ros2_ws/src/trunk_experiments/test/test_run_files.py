@@ -23,7 +23,7 @@ def test_where_that_is_not_possible_the_option_is_named(tmp_path, monkeypatch):
         RunFiles.for_run(make_plan("demo", "pid"))
 
 
-@pytest.mark.parametrize("name", ["run.mcap", "params.yaml", "metadata.yaml"])
+@pytest.mark.parametrize("name", ["run.mcap", "params.yaml", "metadata.yaml", "logs"])
 def test_nothing_that_is_there_is_overwritten(tmp_path, name):
     (tmp_path / name).write_text("mine")
     with pytest.raises(PlanError, match=f"there is a {name} in it; give another folder"):

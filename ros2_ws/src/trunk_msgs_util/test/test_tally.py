@@ -47,6 +47,14 @@ def test_what_makes_it_incomplete(whole, change, reason):
     assert (complete, reason in why) == (False, True), why
 
 
+@pytest.mark.parametrize("topic", [topics.DISTURBANCE, topics.controller_state("pid")])
+def test_a_stranger_on_a_topic_of_one_node(whole, topic):
+    whole.hear(told("/node", "published", **{f"/{topic}": "3"}))
+    whole.counts.update({topic: 4})
+    complete, why = whole.verdict((*HEARD, topic), ())
+    assert (complete, "another node publishes there too" in why) == (False, True), why
+
+
 def test_what_could_not_be_heard(whole):
     assert whole.verdict(HEARD, ("a stranger", "another")) == (False, "a stranger; another")
 

@@ -70,7 +70,7 @@ def _duration(recording: Recording) -> float | None:
     )
     best = next((topic for topic in states if topic is not None and topic.count), None)
     spans = [
-        topic.last_stamp_ns - topic.first_stamp_ns
+        abs(topic.last_stamp_ns - topic.first_stamp_ns)
         for topic in ([best] if best else recording.topics.values())
         if topic.first_stamp_ns is not None and topic.last_stamp_ns is not None
     ]

@@ -73,6 +73,12 @@ def _around(run: RecordedRun, file: RecordingFile) -> Iterator[str]:
     types = topics.evidence_types(_controllers(run))
     wanted = {run.recording.topic(name): kind for name, kind in types.items()}
     counts = Counter(channel.topic for channel in file.channels.values())
+    for name in _controllers(
+        run
+    ):  # references for one alone: with the first of them, if there are any
+        own = run.recording.topic(topics.own_reference(name))
+        if run.count(topics.own_reference(name)):
+            wanted[own] = topics.JOINT_STATE_TYPE
     for topic in sorted({*wanted, *counts}):
         if counts[topic] != (topic in wanted):
             yield f"{topic}: {counts[topic]} channels; ours has {int(topic in wanted)}"

@@ -36,7 +36,7 @@ class RunFiles:
             place = plan.namespace.replace("/", "_")
             folder = Path("runs") / f"{stamp}_{plan.scenario}_{plan.controller_name}{place}"
         files = cls(folder)
-        for file in (files.recording, files.parameters, files.description):
+        for file in (files.recording, files.parameters, files.description, files.logs):
             if os.path.lexists(file):
                 raise PlanError(
                     f"output {folder}: there is a {file.name} in it; give another folder"
@@ -79,6 +79,11 @@ class RunFiles:
             text = metadata_yaml(dict(file.metadata_records).get(RECORD, {}), self.recording.name)
             self.description.write_text(text, "utf-8")
 
+    @property
+    def logs(self) -> Path:
+        """The folder of the nodes' console output."""
+        return self.folder / "logs"
+
     def log(self, node: str) -> Path:
         """Return where a node's console output goes."""
-        return self.folder / "logs" / f"{node}.log"
+        return self.logs / f"{node}.log"

@@ -67,7 +67,7 @@ def run_graph(
     recording finished.
     """
     middleware.prepare(participants=1 + (1 if composed else len(plan.configs)))
-    (files.folder / "logs").mkdir(parents=True, exist_ok=True)
+    files.logs.mkdir(parents=True, exist_ok=True)
     plan = files.record(plan)
     running: dict[str, NodeProcess] = {}
     names = list(plan.configs)

@@ -5,12 +5,14 @@ what they publish for a recorder that comes late, on a topic of its own (`topics
 the live topic alone: rclpy's and `ros2 topic pub`'s default is volatile, a sensor's often best effort. No
 single subscription serves all of them: one that asks for the past is deaf to the volatile, one that does not
 misses the past. So there is one more for each kind that some other publisher offers, as rosbag2 adapts to
-what is offered, and a message that several subscriptions receive is taken once.
+what is offered, and a message that several subscriptions receive is taken once: it has the same time and
+number in each. Our nodes' live copies, which such a subscription hears too, have the number and the bytes
+of the one that is kept.
 """
 
 from __future__ import annotations
 
-from collections import Counter, OrderedDict
+from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -25,6 +27,12 @@ from .. import topics
 from . import meeting, qos
 
 Info: TypeAlias = Mapping[str, Any]  # what the middleware tells of a message
+Key: TypeAlias = tuple[
+    int, bytes
+]  # number and bytes: the same for the copy that is kept and the live one
+Sample: TypeAlias = tuple[
+    int, int, bytes
+]  # when it was published, number and bytes: one message alone
 Kind: TypeAlias = tuple[ReliabilityPolicy, DurabilityPolicy]
 
 # Twice what a publisher of evidence keeps: one that is matched late delivers all that at once.
@@ -67,12 +75,19 @@ class Sources:
 
 
 @dataclass(eq=False)
-class Taken:
-    """A message that was taken: how often each subscription received it; of equal ones, none is left out."""
+class Passing:
+    """A message that was heard on the live topic, by one subscription or several."""
 
-    received: Counter[Subscription]
-    count: int = 0
-    source: Source | None = None
+    kind: Kind  # of the first of them
+    source: Source
+    also: list[Source]
+    ours: bool = False  # the live copy of one that is kept
+
+    def belongs_to_ours(self) -> None:
+        """Note that its publisher is a node of ours: what was missed of it is in what is kept."""
+        self.ours = True
+        for source in (self.source, *self.also):
+            source.elsewhere = True
 
 
 class HeardTopic:
@@ -95,7 +110,10 @@ class HeardTopic:
         self._take = take
         self._under_way = under_way
         self.other_types: dict[str, str] = {}
-        self._taken: OrderedDict[bytes, Taken] = OrderedDict()
+        self._passed: OrderedDict[Sample, Passing] = OrderedDict()
+        # Of our nodes' messages, each is published twice: what was taken and is to be heard once more.
+        self._kept_alone: OrderedDict[Key, int] = OrderedDict()
+        self._live_alone: OrderedDict[Key, list[Passing]] = OrderedDict()
         self._passing: dict[Kind, tuple[Subscription, Sources]] = {}
         self._looked_at = (0, 0)
         self._unnamed_looks = 0
@@ -145,46 +163,57 @@ class HeardTopic:
         sources = Sources()
 
         def on_message(data: bytes, info: Info) -> None:
-            self._on_passing(data, info, *self._passing[kind])
+            self._on_passing(data, info, kind, *self._passing[kind])
 
         profile = QoSProfile(depth=qos.EVIDENCE_DEPTH, reliability=kind[0], durability=kind[1])
         self._passing[kind] = self._subscribe(self._topic, profile, on_message), sources
 
-    def _on_kept(self, data: bytes) -> None:
-        """Take a message of a node of ours."""
-        if not self._passing or self._receive(data, self._kept) is not None:
-            self._take(data)
-
-    def _on_passing(
-        self, data: bytes, info: Info, subscription: Subscription, sources: Sources
-    ) -> None:
-        """Take a message of any publisher that offers as much as this subscription requests."""
-        number = info["publication_sequence_number"]
-        source = sources.of(number, subscription.get_publisher_count(), self._under_way())
-        taken = self._receive(data, subscription)
-        if taken is None:
-            source.elsewhere = True
-            return
-        taken.source = source
+    def _on_kept(self, data: bytes, info: Info) -> None:
+        """Take a message of a node of ours, unless its live copy was taken."""
+        if self._passing:
+            key = info["publication_sequence_number"], data
+            copies = self._live_alone.pop(key, [])
+            if copies:
+                copies.pop().belongs_to_ours()
+                if copies:
+                    self._live_alone[key] = copies
+                return
+            self._kept_alone[key] = self._kept_alone.get(key, 0) + 1
+            _forget_first(self._kept_alone)
         self._take(data)
 
-    def _receive(self, data: bytes, subscription: Subscription) -> Taken | None:
-        """Return the message's entry if it is to be taken, None if another subscription's was.
+    def _on_passing(
+        self, data: bytes, info: Info, kind: Kind, subscription: Subscription, sources: Sources
+    ) -> None:
+        """Take a message of any publisher that offers as much as this subscription requests.
 
-        Of equal messages, as many are taken as some one subscription has received.
+        A publisher that several subscriptions hear gives each message one time of its own.
         """
-        taken = self._taken.get(data)
-        if taken is None:
-            taken = self._taken[data] = Taken(Counter())
-            if len(self._taken) > _REMEMBERED:
-                self._taken.popitem(last=False)
-        taken.received[subscription] += 1
-        if taken.received[subscription] <= taken.count:
-            if taken.source is not None:
-                taken.source.elsewhere = True
-            return None
-        taken.count += 1
-        return taken
+        number = info["publication_sequence_number"]
+        source = sources.of(number, subscription.get_publisher_count(), self._under_way())
+        sample = info["source_timestamp"], number, data
+        known = self._passed.get(sample)
+        if known is not None:
+            # The one that asks for more hears more of it.
+            less = source if _asks(kind) < _asks(known.kind) else known.source
+            less.elsewhere = True
+            known.also.append(source)
+            if known.ours:
+                known.belongs_to_ours()
+            return
+        passing = self._passed[sample] = Passing(kind, source, [])
+        _forget_first(self._passed)
+        if kind[1] == DurabilityPolicy.VOLATILE:  # our nodes' live copies are heard by no other
+            key = number, data
+            kept = self._kept_alone.pop(key, 0)
+            if kept:
+                passing.belongs_to_ours()
+                if kept > 1:
+                    self._kept_alone[key] = kept - 1
+                return
+            self._live_alone.setdefault(key, []).append(passing)
+            _forget_first(self._live_alone)
+        self._take(data)
 
     def unheard(self) -> list[str]:
         """Return what was published but not received, a line each."""
@@ -204,6 +233,16 @@ class HeardTopic:
         if lost:
             found.append(f"{self._topic}: {lost} messages were lost on the way")
         return found
+
+
+def _asks(kind: Kind) -> tuple[bool, bool]:
+    """Return how much a subscription of this kind requests, to be compared."""
+    return kind[0] == ReliabilityPolicy.RELIABLE, kind[1] != DurabilityPolicy.VOLATILE
+
+
+def _forget_first(remembered: OrderedDict[Any, Any]) -> None:
+    if len(remembered) > _REMEMBERED:
+        remembered.popitem(last=False)
 
 
 def _kind(endpoint: TopicEndpointInfo) -> Kind:

@@ -104,13 +104,14 @@ def run_beside(
     Return the process's exit code, as `run_nodes` does.
     """
     shutdown = Shutdown()
+    set_logger_level("rcl", LoggingSeverity.FATAL)  # its own version of what our one line says
     try:
         middleware.prepare()
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
         node = create()
     except (TrunkError, RuntimeError, ValueError) as error:
         rclpy.try_shutdown()
-        return _say(program, error, EXIT_USAGE)
+        return _say(program, error, getattr(error, "exit_code", EXIT_USAGE))
     executor = LoopExecutor()
     executor.add_node(node)
     while not shutdown.requested:

@@ -61,6 +61,15 @@ class Tally:
                     f"{topic}: {self.counts[topic]} messages of {states} states: "
                     "another node publishes there too"
                 )
+        for topic in heard:
+            # One node's alone: the disturbance, a law's terms. Commands may also be those of a stranger.
+            count = self._claimed[self._name_of(topic)]
+            alone = topic == topics.DISTURBANCE or topics.is_controller_state(topic)
+            if alone and 0 < count < self.counts[topic]:
+                return False, (
+                    f"{topic}: {self.counts[topic]} messages, {count} are its node's: "
+                    "another node publishes there too"
+                )
         if unheard:
             return False, "; ".join(unheard)
         for topic in heard:  # what nodes, when they ended, said they had published
