@@ -321,3 +321,33 @@ def test_what_a_recorder_missed_is_judged_neither_right_nor_wrong(
     assert verdict.judged == judged
     told = [f.message for f in examine(tmp_path / "late.mcap") if "steps are missing" in f.message]
     assert len(told) >= 4, told  # true and measured states, commands, disturbances, terms
+
+
+WALL = struct.pack("<iI", 1_795_000_000, 0)
+
+
+def again(messages, topic, row, stamp):
+    """Put a copy of a message behind it, with another stamp: a stranger's."""
+    message = list(of(messages, topic)[row])
+    at = messages.index(of(messages, topic)[row])
+    message[2] = message[2][:4] + (stamp or message[2][4:12]) + message[2][12:]
+    messages.insert(at + 1, message)
+
+
+@pytest.mark.parametrize("topic", [STATE, TRUTH, COMMAND, "/disturbance"])
+@pytest.mark.parametrize("stamp", [WALL, None], ids=["wall clock", "doubled"])
+def test_a_stranger_is_not_taken_for_a_node_of_ours(whole, tmp_path, topic, stamp):
+    """The run is judged up to its first message; the recorder has marked it as incomplete."""
+    copy = copied(
+        whole,
+        tmp_path / "stranger.mcap",
+        lambda m: again(m, topic, 600, stamp),
+        ANEW,
+        end=False,
+        provenance={"mode": "real_time"},
+    )
+    verdict = verify(copy)
+    assert verdict.exit_code == UNJUDGED, verdict
+    assert not any(part.wrong_steps for part in verdict.parts)
+    assert "t = 0 to 0.59" in verdict.judged or "t = 0 to 0.6 s" in verdict.judged
+    assert any("what follows t = 0.6 s" in o or "t = 0.599 s" in o for o in verdict.obstacles)

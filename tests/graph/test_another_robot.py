@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 import time
 from pathlib import Path
 
@@ -28,7 +29,8 @@ class Robot:
     Two broadcasters share the topic, and an instant's stamp.
     """
 
-    def __init__(self, peer: Peer) -> None:
+    def __init__(self, peer: Peer, unmeasured: dict[str, list[float]]) -> None:
+        self.unmeasured = unmeasured
         self.angle, self.rate, self.torque = 0.2, 0.0, 0.0
         self.states = peer.node.create_publisher(JointState, topics.JOINT_STATES, 10)
         self.commands = 0
@@ -45,16 +47,23 @@ class Robot:
         self.now_ns += round(PERIOD * 1e9)
         for state in (
             JointState(name=["gripper"], position=[0.02]),
-            JointState(name=["wheel", "arm"], position=[1.0, self.angle]),
+            JointState(name=["wheel", "arm"], position=[1.0, self.angle], **self.unmeasured),
         ):
             state.header.stamp.sec, state.header.stamp.nanosec = divmod(self.now_ns, 10**9)
             self.states.publish(state)
 
 
+NAN = [math.nan, math.nan]
+
+
+@pytest.mark.parametrize(
+    "unmeasured", [{}, {"velocity": NAN, "effort": NAN}], ids=["left out", "not numbers"]
+)
 def test_commands_to_another_robot_are_judged(
-    children: Children, peer: Peer, tmp_path: Path
+    children: Children, peer: Peer, tmp_path: Path, unmeasured: dict[str, list[float]]
 ) -> None:
-    robot = Robot(peer)
+    """A broadcaster leaves out what its hardware does not measure, or fills it with NaN."""
+    robot = Robot(peer, unmeasured)
     recorder = children.node("recorder", "output:=run.mcap")
     peer.until(robot.states.get_subscription_count, "the recorder listens")
     gains = (
@@ -84,7 +93,7 @@ def test_commands_to_another_robot_are_judged(
     def other_state(messages: list[list]) -> None:
         states = [m for m in messages if m[0] == "/joint_states" and b"wheel\0" in m[2]]
         data = bytearray(states[200][2])
-        data[-12] ^= 1  # within the arm's angle: two empty sequences follow
+        data[data.index(struct.pack("<d", 1.0)) + 12] ^= 1  # within the arm's angle, after the wheel's
         states[200][2] = bytes(data)
 
     altered = verify(copied(path, tmp_path / "edited.mcap", other_state, digests=ANEW))

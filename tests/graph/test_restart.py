@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+from trunk_experiments.replay.verify import UNJUDGED, verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.node.conversions import stamp_from_ros
+from trunk_msgs_util.recording.reader import Recording
 
 from .peer import Peer
 from .processes import Children
@@ -30,3 +34,27 @@ def test_two_runs_with_the_same_others(children: Children, peer: Peer) -> None:
     assert stamps[:202] == stamps[202:] == [5_000_000 * k for k in range(202)]
     for node in others:
         assert node.stop() == 0, node.stderr
+
+
+@pytest.mark.parametrize("second", ["pid", "fuzzy_pid"])
+def test_a_controller_that_takes_the_place_of_one_that_ended(
+    children: Children, peer: Peer, tmp_path: Path, second: str
+) -> None:
+    """The run goes on; it is judged as far as the first one was there."""
+    recorder = children.node("recorder", "output:=run.mcap")
+    simulator = children.node("simulator", "duration:=0.0")
+    first = children.node("pid")
+    peer.until_recorded(500)
+    assert first.stop() == 0, first.stderr
+    updates = peer.hear(topics.controller_state(second))
+    before = len(updates)
+    other = children.node(second, name="second")
+    peer.until(lambda: len(updates) > before + 100, "the other one answers")
+    assert [one.stop() for one in (simulator, other, recorder)] == [0, 0, 0]
+    verdict = verify(Recording.open(tmp_path / "run.mcap"))
+    assert verdict.exit_code == UNJUDGED, verdict
+    assert not verdict.contradictions
+    assert not any(part.wrong_steps for part in verdict.parts)
+    assert verdict.parts[0].name == "commands of pid"
+    assert verdict.parts[0].steps > 0
+    assert any("one that was started anew" in line for line in verdict.obstacles)

@@ -9,22 +9,25 @@ import numpy as np
 
 from trunk_msgs_util.recording.joint_arrays import QUANTITIES, Floats, Integers
 from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.series import Column
 from trunk_msgs_util.units import seconds
 
 
 class JointTable:
     """A JointState topic whose rows are found by stamp; of equal stamps the first row counts.
 
-    ``needed``: messages without a position of these joints are left out, as a controller skips them.
+    ``needed``: messages in which one of these columns is not finite are left out, as a controller skips them.
     """
 
-    def __init__(self, recording: Recording, relative: str, needed: Collection[str] = ()) -> None:
+    def __init__(
+        self, recording: Recording, relative: str, needed: Collection[Column] = ()
+    ) -> None:
         self.topic = relative
         self._where = f"{recording.path}: {recording.topic(relative)}"
         self.arrays = recording.joints(recording.topic(relative))
         if needed:
-            positions = np.column_stack([self.arrays.column("position", name) for name in needed])
-            self.arrays = self.arrays.rows(np.flatnonzero(np.isfinite(positions).all(axis=1)))
+            columns = np.column_stack([self.arrays.column(*column) for column in needed])
+            self.arrays = self.arrays.rows(np.flatnonzero(np.isfinite(columns).all(axis=1)))
         self.names = self.arrays.names
         self.stamp_ns: Integers = self.arrays.stamp_ns
         self._values: dict[str, Floats] = {

@@ -119,14 +119,17 @@ class RecordedRun:
         return self._tables[relative]
 
     @property
-    def _needed(self) -> Sequence[str]:
-        """The joints of another robot that our controllers look at: others may share the topic."""
-        joints: set[str] = set()
+    def _needed(self) -> Sequence[Column]:
+        """What our controllers need in another robot's states: messages without it they skip."""
+        needed: set[Column] = set()
         for name in self.judgeable if self.another_robot else ():
             with suppress(ParameterError):
                 config = self.config(name)
-                joints |= {joint for joint in (config.joint, config.hip) if joint is not None}
-        return sorted(joints)
+                joints = [joint for joint in (config.joint, config.hip) if joint is not None]
+                needed |= {("position", joint) for joint in joints}
+                if config.derivative_mode == "rate" or config.hip is not None:
+                    needed |= {("velocity", joint) for joint in joints}
+        return sorted(needed)
 
     def joints(self, topic: str) -> JointArrays:
         """Return a JointState topic's messages, its name relative or absolute.

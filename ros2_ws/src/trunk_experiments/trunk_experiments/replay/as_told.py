@@ -141,5 +141,12 @@ def _counted(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]
         last += run.config(node).period_ns
     # The plant does not wait for a controller whose turn is over.
     waited_for = node not in CONTROLLERS or acting(np.array([last]), _turns(told), False).all()
+    said = run.table(PUBLISHES[node][0]).stamp_ns.max(initial=-1)
+    ahead = run.config(node).period_ns if node == "disturbance" else 0
+    if not run.exact and counts[-1].stamp_ns < said - ahead:
+        yield (
+            f"run/events: {node} ends at t = {seconds(counts[-1].stamp_ns):g} s, but publishes on "
+            f"{PUBLISHES[node][0]} up to t = {seconds(int(said)):g} s"
+        )
     if run.exact and waited_for and counts[-1].stamp_ns != last:
         yield f"run/events: {node} ends at t = {seconds(counts[-1].stamp_ns):g} s, not after the last state"

@@ -257,19 +257,60 @@ def _of(run: RecordedRun, node: str, message: Event) -> list[RunEvent]:
 def shared_from_ns(run: RecordedRun) -> int | None:
     """Return the first stamp at which the run may not have been alone; None if it always was.
 
-    One simulator's stamps increase, and each state has one answer. Where that ends, a second simulator or
-    controller publishes, or the run was started anew: from there on no message can be attributed.
+    One simulator's stamps increase, and each state has one answer, by a controller that stays. Where that
+    ends, a second simulator or controller publishes, or one was started anew: from there on no message can
+    be attributed.
     """
     found: list[int] = []
     for relative in (topics.GROUND_TRUTH, topics.JOINT_STATES):
         stamps = run.table(relative).stamp_ns
         places = np.flatnonzero(np.diff(stamps) <= 0)
         if len(places):
-            found.append(int(stamps[: int(places[0]) + 1].max()))
+            found.append(_before_fall(stamps, int(places[0])))
     # A file does not keep the order between publishers: of two controllers' commands too.
-    answers = np.sort(run.table(topics.EFFORT_COMMAND).stamp_ns)
+    commands = run.table(topics.EFFORT_COMMAND).stamp_ns
+    answers = np.sort(commands)
     found += answers[1:][np.diff(answers) == 0][:1].tolist()
-    return min(found, default=None)
+    if (run.recording.end or {}).get("complete") != "true":
+        truth = run.table(topics.GROUND_TRUTH).stamp_ns
+        found += _of_a_stranger(commands, run.table(topics.JOINT_STATES).stamp_ns)
+        if run.count(topics.DISTURBANCE) and "disturbance" in run.parameters:
+            disturbances = run.table(topics.DISTURBANCE).stamp_ns
+            doubled = np.sort(disturbances)
+            found += doubled[1:][np.diff(doubled) == 0][:1].tolist()
+            ahead = truth + run.config("disturbance").period_ns
+            found += _of_a_stranger(disturbances, np.concatenate([truth, ahead]))
+    return min([*found, *_replaced(run)], default=None)
+
+
+def _before_fall(stamps: Integers, place: int) -> int:
+    """Return the last stamp before time falls back after a place, without a single one far ahead of all.
+
+    What comes after the fall must not be mistaken for what came before it.
+    """
+    ahead = place > 0 and stamps[place + 1] > stamps[place - 1]
+    before = stamps[: place + (0 if ahead else 1)].max()
+    return int(min(before, stamps[place + 1 :].min()))
+
+
+def _of_a_stranger(stamps: Integers, known: Integers) -> Iterator[int]:
+    """Yield the last stamp before the first message that belongs to no state; the first one, if none is."""
+    rows = np.flatnonzero(~np.isin(stamps, known))
+    if len(rows):
+        yield int(stamps[: rows[0]].max(initial=known.min(initial=0)))
+
+
+def _replaced(run: RecordedRun) -> Iterator[int]:
+    """Yield when a controller had ended, by its last word, where one was started after that."""
+    ended: int | None = None
+    for event in run.events if run.mode != "offline" else ():
+        if run.recording.relative(event.node) not in CONTROLLERS:
+            continue
+        if event.message in (Event.PUBLISHED, Event.FAILED) and ended is None:
+            ended = event.stamp_ns
+        if event.message in (Event.CONFIGURED, Event.ACTIVATED) and ended is not None:
+            yield ended
+            return
 
 
 def failures(events: Sequence[RunEvent], simulator: str) -> list[str]:

@@ -166,7 +166,7 @@ def _last_update(run: RecordedRun, name: str, at_ns: int, commands: JointTable) 
     driven = DrivenController(run, name)
     found: _Update | None = None
     last_ns = 0
-    for stamp_ns in in_turn(commands.stamp_ns, run.controllers).tolist():
+    for stamp_ns in in_turn(commands.stamp_ns).tolist():
         if stamp_ns > at_ns:
             break
         state = driven.state(stamp_ns)

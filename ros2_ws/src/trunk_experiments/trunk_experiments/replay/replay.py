@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -90,12 +91,13 @@ class DrivenController:
         position, velocity = (self._measured(stamp_ns, q) for q in ("position", "velocity"))
         return position[self.joint], velocity[self.joint]
 
+    @property
+    def _needs_velocity(self) -> bool:
+        return self.hip is not None or self.timeline.config.derivative_mode == "rate"
+
     def _measured(self, stamp_ns: int, quantity: str) -> Sequence[float]:
         """Return a quantity of a state, zeros where the node went on without it."""
-        needed = quantity == "position" or (
-            quantity == "velocity"
-            and (self.hip is not None or self.timeline.config.derivative_mode == "rate")
-        )
+        needed = quantity == "position" or (quantity == "velocity" and self._needs_velocity)
         if not needed and not self.states.values(quantity).shape[1]:
             return [0.0] * len(self.states.names)
         return self.states.get(stamp_ns, quantity)
@@ -110,7 +112,8 @@ class DrivenController:
             hip = [
                 self.states.values(quantity)[:, self.hip] for quantity in ("position", "velocity")
             ]
-        return np.column_stack([*joint, *hip, self.states.values("effort")[:, self.joint]])
+        effort = self.states.values("effort")[:, self.joint]
+        return np.column_stack([*joint, *hip, np.where(np.isfinite(effort), effort, 0.0)])
 
     def record(self, commands: JointTable, stamps: Integers) -> stretches.CommandRecord:
         """Return the record for `pass_over`, a row for each of the commands with these stamps."""
@@ -151,18 +154,23 @@ class DrivenController:
             Reading(
                 stamp_ns,
                 positions[self.joint],
-                velocities[self.joint],
+                velocities[self.joint] if self._needs_velocity else _finite(velocities[self.joint]),
                 hip_seen(self.hip, positions, velocities),
-                efforts[self.joint],
+                _finite(efforts[self.joint]),
                 told,
                 self.terms.get(stamp_ns, "position")[0] if told else 0.0,
             )
         )
 
 
-def in_turn(stamps: Integers, controllers: Sequence[str]) -> Integers:
+def _finite(value: float) -> float:
+    """Return what a node takes for a value that nobody measured."""
+    return value if isfinite(value) else 0.0
+
+
+def in_turn(stamps: Integers) -> Integers:
     """Return the commands' stamps, sorted: a file does not keep the order between publishers."""
-    return np.sort(stamps) if len(controllers) > 1 else stamps
+    return np.sort(stamps)
 
 
 def judged(stamps: Integers, until_ns: int | None) -> Integers:
@@ -182,7 +190,7 @@ def replay_controllers(
     """
     driven = {node: DrivenController(run, node) for node in nodes}
     commands = run.table(topics.EFFORT_COMMAND)
-    stamps = judged(in_turn(commands.stamp_ns, nodes), until_ns)
+    stamps = judged(in_turn(commands.stamp_ns), until_ns)
     records = _records(driven, commands, stamps)
     row = 0
     while row < len(stamps):

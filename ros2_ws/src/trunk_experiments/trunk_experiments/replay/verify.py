@@ -83,6 +83,9 @@ def verdict_on(run: RecordedRun) -> Verdict:
     return verdict
 
 
+_SHARED = "two simulators or controllers, or one that was started anew: what follows t = {:g} s is not judged"
+
+
 def _judge(run: RecordedRun, verdict: Verdict) -> None:
     verdict.obstacles += gaps(run, run.config("simulator").period_ns)
     verdict.obstacles += failures(run.events, run.recording.topic("simulator"))
@@ -100,10 +103,7 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         )
     shared_ns = shared_from_ns(run)
     if shared_ns is not None:
-        verdict.obstacles.append(
-            "two simulators or controllers, or a run that was started anew: what follows "
-            f"t = {seconds(shared_ns):g} s is not judged"
-        )
+        verdict.obstacles.append(_SHARED.format(seconds(shared_ns)))
         # The state at that time may have been answered by either.
         before_ns = shared_ns - run.config("simulator").period_ns
         until_ns = before_ns if until_ns is None else min(until_ns, before_ns)
@@ -128,12 +128,35 @@ def _judge_commands(run: RecordedRun, verdict: Verdict) -> None:
             f"{len(unknown)} commands answer states that are not recorded: what followed from them is "
             "not known; start the recorder before the controller"
         )
-    elif len(stamps):
-        verdict.parts += _commands(run, None)
-        took = seconds(int(stamps.max() - stamps.min()))
+    elif len(stamps) and not (obstacles := _of_another_robot(run)):
+        shared_ns = shared_from_ns(run)
+        if shared_ns is not None:
+            verdict.obstacles.append(_SHARED.format(seconds(shared_ns - run.begin_ns)))
+            stamps = stamps[stamps < shared_ns]
+        verdict.parts += _commands(run, None if shared_ns is None else shared_ns - 1)
+        took = seconds(int(np.ptp(stamps))) if len(stamps) else 0.0
         verdict.judged = f"{len(stamps)} commands in {took:g} s to a plant that is not ours"
+    else:
+        verdict.obstacles += obstacles if len(stamps) else ()
     verdict.obstacles.append("no simulator of ours: its states come from elsewhere")
     verdict.unjudged += ["the states, and whether all of them are recorded", *_unjudged(run)]
+
+
+def _of_another_robot(run: RecordedRun) -> list[str]:
+    """Return why our commands to a robot cannot be recomputed."""
+    found = []
+    joints = sorted({run.config(name).joint for name in run.judgeable})
+    if len(joints) > 1:
+        found.append(f"our controllers command several joints: {', '.join(joints)}")
+    if run.table(topics.JOINT_STATES).stamp_ns.min(initial=0) < 0:
+        found.append("states before t = 0: their order is not known")
+    node, inactive = run.recording.topic("recorder"), False
+    for event in run.events:
+        inactive |= event.node == node and event.message == Event.DEACTIVATED
+        if inactive and event.node == node and event.message == Event.ACTIVATED:
+            found.append("the recorder was inactive for a while: what it missed is not known")
+            break
+    return found
 
 
 def _span(run: RecordedRun, until_ns: int | None) -> str:
