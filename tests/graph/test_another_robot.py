@@ -93,7 +93,9 @@ def test_commands_to_another_robot_are_judged(
     def other_state(messages: list[list]) -> None:
         states = [m for m in messages if m[0] == "/joint_states" and b"wheel\0" in m[2]]
         data = bytearray(states[200][2])
-        data[data.index(struct.pack("<d", 1.0)) + 12] ^= 1  # within the arm's angle, after the wheel's
+        data[data.index(struct.pack("<d", 1.0)) + 12] ^= (
+            1  # within the arm's angle, after the wheel's
+        )
         states[200][2] = bytes(data)
 
     altered = verify(copied(path, tmp_path / "edited.mcap", other_state, digests=ANEW))
