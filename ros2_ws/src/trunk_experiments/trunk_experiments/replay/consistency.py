@@ -301,16 +301,27 @@ def _of_a_stranger(stamps: Integers, known: Integers) -> Iterator[int]:
 
 
 def _replaced(run: RecordedRun) -> Iterator[int]:
-    """Yield when a controller had ended, by its last word, where one was started after that."""
-    ended: int | None = None
+    """Yield when a controller had ended, by its last word, whose place another one took after that.
+
+    Nor can one be told from another of the same name that was started later.
+    """
+    active: set[str] = set()
+    ended: dict[str, int] = {}
     for event in run.events if run.mode != "offline" else ():
-        if run.recording.relative(event.node) not in CONTROLLERS:
+        node = run.recording.relative(event.node)
+        if node not in CONTROLLERS:
             continue
-        if event.message in (Event.PUBLISHED, Event.FAILED) and ended is None:
-            ended = event.stamp_ns
-        if event.message in (Event.CONFIGURED, Event.ACTIVATED) and ended is not None:
-            yield ended
-            return
+        if event.message in (Event.PUBLISHED, Event.FAILED):
+            ended.setdefault(node, event.stamp_ns)
+        elif event.message in (Event.CONFIGURED, Event.ACTIVATED) and ended:
+            places = [stamp_ns for one, stamp_ns in ended.items() if one in active or one == node]
+            if places:
+                yield min(places)
+                return
+        if event.message == Event.ACTIVATED:
+            active.add(node)
+        elif event.message in (Event.DEACTIVATED, Event.CLEANED_UP):
+            active.discard(node)
 
 
 def failures(events: Sequence[RunEvent], simulator: str) -> list[str]:
