@@ -17,7 +17,8 @@ from ..recorded.run import RecordedRun
 from ..recorded.turns import idle_ns
 from .as_planned import not_as_planned
 from .as_written import not_as_written
-from .consistency import contradictions, failures, shared_from_ns, uncounted
+from .attributable import shared_from_ns
+from .consistency import contradictions, failures, uncounted
 from .gaps import absent_steps, gaps
 from .real_time import replay_torques
 from .replay import Checked, replay_controllers, replay_disturbance
@@ -122,22 +123,17 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
 def _judge_commands(run: RecordedRun, verdict: Verdict) -> None:
     """Judge the commands to a plant that is not ours, from the states that it published."""
     stamps = run.table(topics.EFFORT_COMMAND).stamp_ns
-    unknown = np.setdiff1d(stamps, run.table(topics.JOINT_STATES).stamp_ns)
-    if len(unknown):
-        verdict.obstacles.append(
-            f"{len(unknown)} commands answer states that are not recorded: what followed from them is "
-            "not known; start the recorder before the controller"
-        )
-    elif len(stamps) and not (obstacles := _of_another_robot(run)):
-        shared_ns = shared_from_ns(run)
-        if shared_ns is not None:
-            verdict.obstacles.append(_SHARED.format(seconds(shared_ns - run.begin_ns)))
-            stamps = stamps[stamps < shared_ns]
-        verdict.parts += _commands(run, None if shared_ns is None else shared_ns - 1)
-        took = seconds(int(np.ptp(stamps))) if len(stamps) else 0.0
-        verdict.judged = f"{len(stamps)} commands in {took:g} s to a plant that is not ours"
-    else:
-        verdict.obstacles += obstacles if len(stamps) else ()
+    if len(stamps):
+        obstacles = _of_another_robot(run)
+        verdict.obstacles += obstacles
+        if not obstacles:
+            shared_ns = shared_from_ns(run)
+            if shared_ns is not None:
+                verdict.obstacles.append(_SHARED.format(seconds(shared_ns - run.begin_ns)))
+                stamps = stamps[stamps < shared_ns]
+            verdict.parts += _commands(run, None if shared_ns is None else shared_ns - 1)
+            took = seconds(int(np.ptp(stamps))) if len(stamps) else 0.0
+            verdict.judged = f"{len(stamps)} commands in {took:g} s to a plant that is not ours"
     verdict.obstacles.append("no simulator of ours: its states come from elsewhere")
     verdict.unjudged += ["the states, and whether all of them are recorded", *_unjudged(run)]
 
@@ -145,10 +141,17 @@ def _judge_commands(run: RecordedRun, verdict: Verdict) -> None:
 def _of_another_robot(run: RecordedRun) -> list[str]:
     """Return why our commands to a robot cannot be recomputed."""
     found = []
+    states = run.table(topics.JOINT_STATES).stamp_ns
+    unknown = np.setdiff1d(run.table(topics.EFFORT_COMMAND).stamp_ns, states)
+    if len(unknown):
+        found.append(
+            f"{len(unknown)} commands answer states that are not recorded: what followed from them is "
+            "not known; start the recorder before the controller"
+        )
     joints = sorted({run.config(name).joint for name in run.judgeable})
     if len(joints) > 1:
         found.append(f"our controllers command several joints: {', '.join(joints)}")
-    if run.table(topics.JOINT_STATES).stamp_ns.min(initial=0) < 0:
+    if states.min(initial=0) < 0:
         found.append("states before t = 0: their order is not known")
     node, inactive = run.recording.topic("recorder"), False
     for event in run.events:
