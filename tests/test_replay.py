@@ -13,7 +13,7 @@ from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import replay, replay_plant, stretches
-from trunk_experiments.replay.replay import in_turn, judged, replay_controllers, replay_disturbance
+from trunk_experiments.replay.replay import judged, replay_controllers, replay_disturbance
 from trunk_experiments.replay.replay_plant import PlantReplay
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
@@ -244,10 +244,6 @@ def test_a_fall_that_is_marked_nowhere_or_elsewhere_is_found(whole, tmp_path):
     assert [(d.stamp_ns, d.field, d.recorded, d.computed) for d in found] == [
         (stamp_ns, "fell", 0.0, 1.0) for stamp_ns in marked
     ]
-
-
-def test_commands_are_put_in_order():
-    assert in_turn(np.array([0, 2, 1])).tolist() == [0, 1, 2]
 
 
 @pytest.mark.parametrize(

@@ -74,11 +74,15 @@ def test_the_pid_of_the_page_holds_the_trunk(
     heard = gains_heard(peer)
     states, commands = map(peer.hear_live, (topics.JOINT_STATES, topics.EFFORT_COMMAND))
     stranger = children.python(code, name="stranger")
+    gains = "fuzzy_gains/gains"
+    peer.until(lambda: peer.node.count_subscribers(gains) == 2, "the stranger asks for the gains")
     pushed = "initial.position:=[0.0, 0.3]"
     simulator = children.node(
         "simulator", LOCKSTEP, pushed, "duration:=0.0", "wait_for:=[effort_command]"
     )
-    peer.until(lambda: len(states) > 1000, "five seconds have passed")
+    peer.until(lambda: len(states) > 1000 and len(heard) > 200, "five seconds have passed")
+    after = len(states) + 200
+    peer.until(lambda: len(states) > after, "one more")
     assert simulator.stop() == 0, simulator.stderr
     assert all(abs(state.position[1]) < 0.2 for state in states[-400:])  # it walks on
     assert gains_node.stop() == 0, gains_node.stderr

@@ -120,12 +120,12 @@ def _computed(
 def _check(table: RunTable) -> None:
     if not len(table.t):
         raise ValueError("metrics need at least one state; the run has none")
+    if np.isnan(table.reference[0]):
+        raise ValueError(
+            "no controller of ours has told its reference by the first state: no metrics"
+        )
     for name in ("t", "theta", "reference", "torque"):
         bad = np.flatnonzero(~np.isfinite(getattr(table, name)))
-        if name == "reference" and np.isnan(table.reference[:1]).any():
-            raise ValueError(
-                "no controller of ours has told its reference by the first state: no metrics"
-            )
         if len(bad):
             raise ValueError(f"{name} is not finite at t = {table.t[bad[0]]:g} s: no metrics")
 

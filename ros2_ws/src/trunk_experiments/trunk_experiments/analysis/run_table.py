@@ -179,6 +179,8 @@ def _joints(run: RecordedRun) -> tuple[str, str]:
     """Return the names of the hip's and the trunk's joint."""
     names = run.joint_names(topics.GROUND_TRUTH)
     topic = run.recording.topic(topics.GROUND_TRUTH)
+    if run.another_robot:
+        raise RecordingError(f"{run.path}: a robot that is not ours: its true states are not known")
     if not run.count(topics.GROUND_TRUTH):
         raise RecordingError(
             f"{run.path} has no messages on {topic}: record a run with the simulator in it"

@@ -56,11 +56,11 @@ def idle_ns(run: RecordedRun) -> Integers:
     anybody = np.zeros(len(stamps), bool)
     for name in run.controllers:
         changes = run.changes(name)
-        turns = sorted(
+        turns = [
             (change.stamp_ns, change.event == Event.ACTIVATED)
-            for change in changes
+            for change in sorted(changes, key=lambda change: change.stamp_ns)
             if change.values is None and change.event != Event.RESET
-        )
+        ]
         anybody |= acting(stamps, turns, begins_active(run.config(name), changes))
     found: Integers = stamps[~anybody]
     return found

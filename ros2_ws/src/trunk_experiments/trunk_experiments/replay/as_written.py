@@ -70,15 +70,13 @@ def _around(run: RecordedRun, file: RecordingFile) -> Iterator[str]:
         yield f"{END} holds {', '.join(run.recording.end or {})}; ours holds complete, reason"
     if file.attachments:
         yield f"{file.attachments} attachments; ours have none"
-    types = topics.evidence_types(_controllers(run))
+    controllers = _controllers(run)
+    types = topics.evidence_types(controllers)
+    # References for one controller alone have a channel from the first of them on.
+    own = map(topics.own_reference, controllers)
+    types |= {name: topics.JOINT_STATE_TYPE for name in own if run.count(name)}
     wanted = {run.recording.topic(name): kind for name, kind in types.items()}
     counts = Counter(channel.topic for channel in file.channels.values())
-    for name in _controllers(
-        run
-    ):  # references for one alone: with the first of them, if there are any
-        own = run.recording.topic(topics.own_reference(name))
-        if run.count(topics.own_reference(name)):
-            wanted[own] = topics.JOINT_STATE_TYPE
     for topic in sorted({*wanted, *counts}):
         if counts[topic] != (topic in wanted):
             yield f"{topic}: {counts[topic]} channels; ours has {int(topic in wanted)}"

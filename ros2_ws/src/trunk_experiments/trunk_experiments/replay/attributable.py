@@ -1,4 +1,4 @@
-"""Until when a run's messages can be attributed: one simulator, one controller at a time, no stranger."""
+"""Until when a run's messages can be attributed: one simulator, one controller at a time, none missing."""
 
 from __future__ import annotations
 
@@ -9,13 +9,18 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
+from trunk_msgs_util.recording.reader import RecordingError
 
 from ..plans.nodes import CONTROLLERS
+from .gaps import absent_steps
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Integers
 
     from ..recorded.run import RecordedRun
+
+
+SHARED = "two simulators or controllers, or one that was started anew: what follows t = {:g} s is not judged"
 
 
 def shared_from_ns(run: RecordedRun) -> int | None:
@@ -86,3 +91,80 @@ def _replaced(run: RecordedRun) -> Iterator[int]:
             active.add(node)
         elif event.message in (Event.DEACTIVATED, Event.CLEANED_UP):
             active.discard(node)
+
+
+def missed_from_ns(run: RecordedRun) -> int | None:
+    """Return the first step missed by a recorder that came late or could not keep up; None without any.
+
+    What follows depends on it: the plant's state, a law's memory. In a file that says to be complete a gap is
+    a contradiction.
+    """
+    if (run.recording.end or {}).get("complete") == "true":
+        return None
+    period_ns = run.config("simulator").period_ns
+    gaps_of = (
+        absent_steps(run.table(relative).stamp_ns, period_ns)
+        for relative in (topics.GROUND_TRUTH, topics.JOINT_STATES)
+    )
+    return min((first for count, first in gaps_of if count), default=None)
+
+
+def recorded_until_ns(run: RecordedRun) -> int | None:
+    """Return until when everything is recorded; None if the recorder never missed a part of the run.
+
+    When it became inactive, messages of any topic were still queued, and were dropped: the first step of
+    which a part is missing ends it, and the last one may have been answered in part.
+    """
+    node = run.recording.topic("recorder")
+    turns = [e for e in run.events if e.node == node and e.message == Event.DEACTIVATED]
+    commands = run.table(topics.EFFORT_COMMAND).stamp_ns
+    if not turns or not len(commands) or turns[0].stamp_ns >= commands.max():
+        return None
+    terms = np.concatenate(
+        [run.table(topics.controller_state(n)).stamp_ns for n in run.controllers]
+    )
+    states = [run.table(t).stamp_ns for t in (topics.GROUND_TRUTH, topics.JOINT_STATES)]
+    period_ns = run.config("simulator").period_ns
+    firsts = [absent_steps(stamps, period_ns)[1] for stamps in states]
+    if not run.exact:  # every command is an update, and has its terms
+        firsts += np.setxor1d(commands, terms)[:1].tolist()
+    return min(*firsts, int(commands[commands <= turns[0].stamp_ns].max(initial=0))) - 1
+
+
+def robot_obstacles(run: RecordedRun) -> list[str]:
+    """Return why our commands to a robot cannot be recomputed."""
+    found = []
+    states = run.table(topics.JOINT_STATES).stamp_ns
+    unknown = np.setdiff1d(run.table(topics.EFFORT_COMMAND).stamp_ns, states)
+    if len(unknown):
+        found.append(
+            f"{len(unknown)} commands answer states that are not recorded: what followed from them is "
+            "not known; start the recorder before the controller"
+        )
+    joints = sorted({run.config(name).joint for name in run.judgeable})
+    if len(joints) > 1:
+        found.append(f"our controllers command several joints: {', '.join(joints)}")
+    if states.min(initial=0) < 0:
+        found.append("states before t = 0: their order is not known")
+    node, inactive = run.recording.topic("recorder"), False
+    for event in run.events:
+        inactive |= event.node == node and event.message == Event.DEACTIVATED
+        if inactive and event.node == node and event.message == Event.ACTIVATED:
+            found.append("the recorder was inactive for a while: what it missed is not known")
+            break
+    return found
+
+
+def explicable_until_ns(run: RecordedRun) -> int | None:
+    """Return the first stamp from which a command cannot be traced to its controller; None if all can be.
+
+    Raises RecordingError where none can be.
+    """
+    found = [shared_from_ns(run)]
+    if run.another_robot:
+        for obstacle in robot_obstacles(run):
+            raise RecordingError(f"{run.path}: {obstacle}")
+    else:
+        recorded_ns = recorded_until_ns(run)
+        found += [missed_from_ns(run), None if recorded_ns is None else recorded_ns + 1]
+    return min((one for one in found if one is not None), default=None)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.fuzzy import fired_rules
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
@@ -19,8 +21,9 @@ from ..analysis.run_table import RunTable
 from ..plans.nodes import CONTROLLERS
 from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
+from .attributable import explicable_until_ns
 from .bits import same
-from .replay import DrivenController, acting_at, in_turn
+from .replay import DrivenController, acting_at
 
 
 class Rule(NamedTuple):
@@ -124,6 +127,12 @@ def explain(run: RecordedRun, at: float) -> Explanation:
             f"{run.path} lasts from t = {table.t[0]:g} s to t = {table.t[-1]:g} s: "
             f"give --at a time in it, not {at:g}"
         )
+    until_ns = explicable_until_ns(run)
+    if until_ns is not None and run.begin_ns + nanoseconds(at) >= until_ns:
+        raise RecordingError(
+            f"{run.path}: from t = {seconds(until_ns - run.begin_ns):g} s on no command can be traced to its "
+            "controller (trunk verify says why): give --at a time before that"
+        )
     commands = run.table(topics.EFFORT_COMMAND)
     # If several took turns: the one that updated last.
     updates = {
@@ -166,7 +175,7 @@ def _last_update(run: RecordedRun, name: str, at_ns: int, commands: JointTable) 
     driven = DrivenController(run, name)
     found: _Update | None = None
     last_ns = 0
-    for stamp_ns in in_turn(commands.stamp_ns).tolist():
+    for stamp_ns in np.sort(commands.stamp_ns).tolist():
         if stamp_ns > at_ns:
             break
         state = driven.state(stamp_ns)

@@ -104,16 +104,19 @@ class DrivenController:
 
     @cached_property
     def _states_matrix(self) -> Floats:
-        joint = [
-            self.states.values(quantity)[:, self.joint] for quantity in ("position", "velocity")
-        ]
+        position, velocity, effort = (
+            self.states.values(quantity)[:, self.joint]
+            for quantity in ("position", "velocity", "effort")
+        )
         hip: list[Floats] = [np.zeros(len(self.states))] * 2
         if self.hip is not None:
             hip = [
                 self.states.values(quantity)[:, self.hip] for quantity in ("position", "velocity")
             ]
-        effort = self.states.values("effort")[:, self.joint]
-        return np.column_stack([*joint, *hip, np.where(np.isfinite(effort), effort, 0.0)])
+        if not self._needs_velocity:
+            velocity = np.where(np.isfinite(velocity), velocity, 0.0)
+        effort = np.where(np.isfinite(effort), effort, 0.0)
+        return np.column_stack([position, velocity, *hip, effort])
 
     def record(self, commands: JointTable, stamps: Integers) -> stretches.CommandRecord:
         """Return the record for `pass_over`, a row for each of the commands with these stamps."""
@@ -168,11 +171,6 @@ def _finite(value: float) -> float:
     return value if isfinite(value) else 0.0
 
 
-def in_turn(stamps: Integers) -> Integers:
-    """Return the commands' stamps, sorted: a file does not keep the order between publishers."""
-    return np.sort(stamps)
-
-
 def judged(stamps: Integers, until_ns: int | None) -> Integers:
     """Return the stamps up to the last one to be judged."""
     if until_ns is None:
@@ -190,7 +188,8 @@ def replay_controllers(
     """
     driven = {node: DrivenController(run, node) for node in nodes}
     commands = run.table(topics.EFFORT_COMMAND)
-    stamps = judged(in_turn(commands.stamp_ns), until_ns)
+    # A file does not keep the order between publishers.
+    stamps = judged(np.sort(commands.stamp_ns), until_ns)
     records = _records(driven, commands, stamps)
     row = 0
     while row < len(stamps):

@@ -7,7 +7,6 @@ from collections.abc import Iterable
 import numpy as np
 
 from trunk_msgs_util import provenance, topics
-from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import seconds
@@ -17,9 +16,9 @@ from ..recorded.run import RecordedRun
 from ..recorded.turns import idle_ns
 from .as_planned import not_as_planned
 from .as_written import not_as_written
-from .attributable import shared_from_ns
+from .attributable import SHARED, missed_from_ns, recorded_until_ns, robot_obstacles, shared_from_ns
 from .consistency import contradictions, failures, uncounted
-from .gaps import absent_steps, gaps
+from .gaps import gaps
 from .real_time import replay_torques
 from .replay import Checked, replay_controllers, replay_disturbance
 from .replay_plant import PlantReplay
@@ -84,18 +83,15 @@ def verdict_on(run: RecordedRun) -> Verdict:
     return verdict
 
 
-_SHARED = "two simulators or controllers, or one that was started anew: what follows t = {:g} s is not judged"
-
-
 def _judge(run: RecordedRun, verdict: Verdict) -> None:
     verdict.obstacles += gaps(run, run.config("simulator").period_ns)
     verdict.obstacles += failures(run.events, run.recording.topic("simulator"))
-    until_ns = _recorded_until_ns(run)
+    until_ns = recorded_until_ns(run)
     if until_ns is not None:
         verdict.obstacles.append(
             f"the recorder was inactive from t = {seconds(until_ns):g} s: what follows is not judged"
         )
-    missed_ns = _missed_from_ns(run)
+    missed_ns = missed_from_ns(run)
     if missed_ns is not None:
         until_ns = missed_ns - 1 if until_ns is None else min(until_ns, missed_ns - 1)
         verdict.obstacles.append(
@@ -104,7 +100,7 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         )
     shared_ns = shared_from_ns(run)
     if shared_ns is not None:
-        verdict.obstacles.append(_SHARED.format(seconds(shared_ns)))
+        verdict.obstacles.append(SHARED.format(seconds(shared_ns)))
         # The state at that time may have been answered by either.
         before_ns = shared_ns - run.config("simulator").period_ns
         until_ns = before_ns if until_ns is None else min(until_ns, before_ns)
@@ -124,42 +120,18 @@ def _judge_commands(run: RecordedRun, verdict: Verdict) -> None:
     """Judge the commands to a plant that is not ours, from the states that it published."""
     stamps = run.table(topics.EFFORT_COMMAND).stamp_ns
     if len(stamps):
-        obstacles = _of_another_robot(run)
+        obstacles = robot_obstacles(run)
         verdict.obstacles += obstacles
         if not obstacles:
             shared_ns = shared_from_ns(run)
             if shared_ns is not None:
-                verdict.obstacles.append(_SHARED.format(seconds(shared_ns - run.begin_ns)))
+                verdict.obstacles.append(SHARED.format(seconds(shared_ns - run.begin_ns)))
                 stamps = stamps[stamps < shared_ns]
             verdict.parts += _commands(run, None if shared_ns is None else shared_ns - 1)
             took = seconds(int(np.ptp(stamps))) if len(stamps) else 0.0
             verdict.judged = f"{len(stamps)} commands in {took:g} s to a plant that is not ours"
     verdict.obstacles.append("no simulator of ours: its states come from elsewhere")
     verdict.unjudged += ["the states, and whether all of them are recorded", *_unjudged(run)]
-
-
-def _of_another_robot(run: RecordedRun) -> list[str]:
-    """Return why our commands to a robot cannot be recomputed."""
-    found = []
-    states = run.table(topics.JOINT_STATES).stamp_ns
-    unknown = np.setdiff1d(run.table(topics.EFFORT_COMMAND).stamp_ns, states)
-    if len(unknown):
-        found.append(
-            f"{len(unknown)} commands answer states that are not recorded: what followed from them is "
-            "not known; start the recorder before the controller"
-        )
-    joints = sorted({run.config(name).joint for name in run.judgeable})
-    if len(joints) > 1:
-        found.append(f"our controllers command several joints: {', '.join(joints)}")
-    if states.min(initial=0) < 0:
-        found.append("states before t = 0: their order is not known")
-    node, inactive = run.recording.topic("recorder"), False
-    for event in run.events:
-        inactive |= event.node == node and event.message == Event.DEACTIVATED
-        if inactive and event.node == node and event.message == Event.ACTIVATED:
-            found.append("the recorder was inactive for a while: what it missed is not known")
-            break
-    return found
 
 
 def _span(run: RecordedRun, until_ns: int | None) -> str:
@@ -201,44 +173,6 @@ def _too_few(run: RecordedRun, parts: list[Part], until_ns: int | None) -> list[
         if part.name == _PLANT and part.steps < wanted
     ]
     return found
-
-
-def _missed_from_ns(run: RecordedRun) -> int | None:
-    """Return the first step missed by a recorder that came late or could not keep up; None without any.
-
-    What follows depends on it: the plant's state, a law's memory. In a file that says to be complete a gap is
-    a contradiction.
-    """
-    if (run.recording.end or {}).get("complete") == "true":
-        return None
-    period_ns = run.config("simulator").period_ns
-    gaps_of = (
-        absent_steps(run.table(relative).stamp_ns, period_ns)
-        for relative in (topics.GROUND_TRUTH, topics.JOINT_STATES)
-    )
-    return min((first for count, first in gaps_of if count), default=None)
-
-
-def _recorded_until_ns(run: RecordedRun) -> int | None:
-    """Return until when everything is recorded; None if the recorder never missed a part of the run.
-
-    When it became inactive, messages of any topic were still queued, and were dropped: the first step of
-    which a part is missing ends it, and the last one may have been answered in part.
-    """
-    node = run.recording.topic("recorder")
-    turns = [e for e in run.events if e.node == node and e.message == Event.DEACTIVATED]
-    commands = run.table(topics.EFFORT_COMMAND).stamp_ns
-    if not turns or not len(commands) or turns[0].stamp_ns >= commands.max():
-        return None
-    terms = np.concatenate(
-        [run.table(topics.controller_state(n)).stamp_ns for n in run.controllers]
-    )
-    states = [run.table(t).stamp_ns for t in (topics.GROUND_TRUTH, topics.JOINT_STATES)]
-    period_ns = run.config("simulator").period_ns
-    firsts = [absent_steps(stamps, period_ns)[1] for stamps in states]
-    if not run.exact:  # every command is an update, and has its terms
-        firsts += np.setxor1d(commands, terms)[:1].tolist()
-    return min(*firsts, int(commands[commands <= turns[0].stamp_ns].max(initial=0))) - 1
 
 
 def _commands(run: RecordedRun, until_ns: int | None) -> list[Part]:

@@ -11,39 +11,17 @@ import pytest
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay import replay
 from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.doctor import examine
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.digests import HEADS, PARTS
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
 
-from .edited import ANEW, NONE, copied
+from ..edited import ANEW, NONE, copied
+from .messages import COMMAND, DISTURBANCE, STATE, TRUTH, of
 
-COMMAND, STATE, TRUTH = "/effort_command", "/joint_states", "/ground_truth/joint_states"
 PARAMETERS = "/run/parameters"
-
-
-@pytest.fixture(autouse=True, params=["step by step", "by stretches"])
-def way(request, monkeypatch):
-    """Judge every file in both ways: all in detail, and with compiled code for equal stretches."""
-    if request.param == "by stretches":
-        monkeypatch.setattr(replay, "WORTH_COMPILING", 0)
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    path = tmp_path_factory.mktemp("verify") / "whole.mcap"
-    plan = make_plan("fig8", "fuzzy_pid")
-    plan = replace(plan, simulator=replace(plan.simulator, duration=1.2, position_noise=1e-3))
-    record_offline(plan, path)
-    return path
-
-
-def of(messages, topic):
-    return [message for message in messages if message[0] == topic]
 
 
 def flip_last_bit(message):
@@ -103,7 +81,7 @@ PLANTED = {
     "one bit of one command": lambda m: flip_last_bit(of(m, COMMAND)[700]),
     "one bit of one measured state": lambda m: flip_last_bit(of(m, STATE)[300]),
     "one bit of one true state": lambda m: flip_last_bit(of(m, TRUTH)[300]),
-    "one bit of one disturbance": lambda m: flip_last_bit(of(m, "/disturbance")[300]),
+    "one bit of one disturbance": lambda m: flip_last_bit(of(m, DISTURBANCE)[300]),
     "the plant's length": lambda m: change_parameter(
         m, "/simulator", lambda v: v.update({"plant.length": 1.0000000000000002})
     ),
@@ -114,7 +92,7 @@ PLANTED = {
         m, "/simulator", lambda v: v.update({"sensor.seed": 2})
     ),
     "a pulse's magnitude": lambda m: change_parameter(
-        m, "/disturbance", lambda v: v.update({"pulse.magnitude": 1.7})
+        m, DISTURBANCE, lambda v: v.update({"pulse.magnitude": 1.7})
     ),
     "a rule that was used": lambda m: change_parameter(m, "/fuzzy_pid", other_label(3, 3)),
 }
@@ -152,7 +130,7 @@ def test_a_change_without_effect_on_any_bit_is_caught_by_the_digests(whole, tmp_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("topic", [COMMAND, STATE, TRUTH, "/disturbance"])
+@pytest.mark.parametrize("topic", [COMMAND, STATE, TRUTH, DISTURBANCE])
 @pytest.mark.parametrize(
     ("edit", "word"),
     [
@@ -173,7 +151,7 @@ def test_a_message_dropped_swapped_or_doubled_is_never_verified(whole, tmp_path,
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("topic", [TRUTH, STATE, COMMAND, "/disturbance"])
+@pytest.mark.parametrize("topic", [TRUTH, STATE, COMMAND, DISTURBANCE])
 def test_one_stamp_in_the_far_future_costs_no_more_than_any_other(whole, tmp_path, topic):
     def edit(messages):
         message = of(messages, topic)[700]
@@ -297,57 +275,3 @@ def test_what_no_joint_state_shows_is_in_the_diff_too(whole, tmp_path):
     assert any("order" in line and "of B" in line for line in found.record)
     assert any(line.startswith("joint_states: logged at") for line in found.record)
     assert any(line.startswith("events of simulator: finished") for line in found.record)
-
-
-@pytest.mark.parametrize(
-    ("first", "last", "judged"),
-    [(0.0, 0.5, "no state"), (0.5, 0.7, "t = 0 to 0.499 s, 500 states, offline")],
-)
-def test_what_a_recorder_missed_is_judged_neither_right_nor_wrong(
-    whole, tmp_path, first, last, judged
-):
-    """A recorder that comes late, after more than publishers keep, or that cannot keep up for a while."""
-
-    def miss(messages):
-        for topic in (COMMAND, STATE, TRUTH, "/disturbance", "/fuzzy_pid/state"):
-            for message in of(messages, topic):
-                sec, nanosec = struct.unpack_from("<iI", message[2], 4)
-                if first <= sec + 1e-9 * nanosec < last:
-                    messages.remove(message)
-
-    verdict = verify(copied(whole, tmp_path / "late.mcap", miss, ANEW, end=False))
-    assert verdict.exit_code == UNJUDGED, verdict
-    assert not any(part.wrong_steps for part in verdict.parts)
-    assert verdict.judged == judged
-    told = [f.message for f in examine(tmp_path / "late.mcap") if "steps are missing" in f.message]
-    assert len(told) >= 4, told  # true and measured states, commands, disturbances, terms
-
-
-WALL = struct.pack("<iI", 1_795_000_000, 0)
-
-
-def again(messages, topic, row, stamp):
-    """Put a copy of a message behind it, with another stamp: a stranger's."""
-    message = list(of(messages, topic)[row])
-    at = messages.index(of(messages, topic)[row])
-    message[2] = message[2][:4] + (stamp or message[2][4:12]) + message[2][12:]
-    messages.insert(at + 1, message)
-
-
-@pytest.mark.parametrize("topic", [STATE, TRUTH, COMMAND, "/disturbance"])
-@pytest.mark.parametrize("stamp", [WALL, None], ids=["wall clock", "doubled"])
-def test_a_stranger_is_not_taken_for_a_node_of_ours(whole, tmp_path, topic, stamp):
-    """The run is judged up to its first message; the recorder has marked it as incomplete."""
-    copy = copied(
-        whole,
-        tmp_path / "stranger.mcap",
-        lambda m: again(m, topic, 600, stamp),
-        ANEW,
-        end=False,
-        provenance={"mode": "real_time"},
-    )
-    verdict = verify(copy)
-    assert verdict.exit_code == UNJUDGED, verdict
-    assert not any(part.wrong_steps for part in verdict.parts)
-    assert "t = 0 to 0.59" in verdict.judged or "t = 0 to 0.6 s" in verdict.judged
-    assert any("what follows t = 0.6 s" in o or "t = 0.599 s" in o for o in verdict.obstacles)

@@ -1,0 +1,10 @@
+"""The messages of an edited copy, by topic."""
+
+from __future__ import annotations
+
+COMMAND, STATE, TRUTH = "/effort_command", "/joint_states", "/ground_truth/joint_states"
+DISTURBANCE = "/disturbance"
+
+
+def of(messages, topic):
+    return [message for message in messages if message[0] == topic]

@@ -1,0 +1,77 @@
+"""What a recorder missed, and what a stranger sent: judged neither right nor wrong."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.doctor import examine
+from trunk_experiments.replay.explain import explain
+from trunk_experiments.replay.verify import UNJUDGED, verify
+from trunk_msgs_util.recording.reader import RecordingError
+
+from ..edited import ANEW, copied
+from .messages import COMMAND, DISTURBANCE, STATE, TRUTH, of
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "judged"),
+    [(0.0, 0.5, "no state"), (0.5, 0.7, "t = 0 to 0.499 s, 500 states, offline")],
+)
+def test_what_a_recorder_missed_is_judged_neither_right_nor_wrong(
+    whole, tmp_path, first, last, judged
+):
+    """A recorder that comes late, after more than publishers keep, or that cannot keep up for a while."""
+
+    def miss(messages):
+        for topic in (COMMAND, STATE, TRUTH, DISTURBANCE, "/fuzzy_pid/state"):
+            for message in of(messages, topic):
+                sec, nanosec = struct.unpack_from("<iI", message[2], 4)
+                if first <= sec + 1e-9 * nanosec < last:
+                    messages.remove(message)
+
+    verdict = verify(copied(whole, tmp_path / "late.mcap", miss, ANEW, end=False))
+    assert verdict.exit_code == UNJUDGED, verdict
+    assert not any(part.wrong_steps for part in verdict.parts)
+    assert verdict.judged == judged
+    run = RecordedRun.open(tmp_path / "late.mcap")
+    with pytest.raises(RecordingError, match=f"from t = {first:g} s on no command can be traced"):
+        explain(run, last + 0.1)
+    told = [f.message for f in examine(tmp_path / "late.mcap") if "steps are missing" in f.message]
+    assert len(told) >= 4, told  # true and measured states, commands, disturbances, terms
+
+
+WALL = struct.pack("<iI", 1_795_000_000, 0)
+
+
+def again(messages, topic, row, stamp):
+    """Put a copy of a message behind it, with another stamp: a stranger's."""
+    message = list(of(messages, topic)[row])
+    at = messages.index(of(messages, topic)[row])
+    message[2] = message[2][:4] + (stamp or message[2][4:12]) + message[2][12:]
+    messages.insert(at + 1, message)
+
+
+@pytest.mark.parametrize("topic", [STATE, TRUTH, COMMAND, DISTURBANCE])
+@pytest.mark.parametrize("stamp", [WALL, None], ids=["wall clock", "doubled"])
+def test_a_stranger_is_not_taken_for_a_node_of_ours(whole, tmp_path, topic, stamp):
+    """The run is judged up to its first message; the recorder has marked it as incomplete."""
+    copy = copied(
+        whole,
+        tmp_path / "stranger.mcap",
+        lambda m: again(m, topic, 600, stamp),
+        ANEW,
+        end=False,
+        provenance={"mode": "real_time"},
+    )
+    verdict = verify(copy)
+    assert verdict.exit_code == UNJUDGED, verdict
+    assert not any(part.wrong_steps for part in verdict.parts)
+    assert "t = 0 to 0.59" in verdict.judged or "t = 0 to 0.6 s" in verdict.judged
+    assert any("what follows t = 0.6 s" in o or "t = 0.599 s" in o for o in verdict.obstacles)
+    run = RecordedRun.open(tmp_path / "stranger.mcap")
+    assert explain(run, 0.5).controller == "fuzzy_pid"
+    with pytest.raises(RecordingError, match="on no command can be traced"):
+        explain(run, 0.61)
