@@ -55,7 +55,8 @@ def command(
     plan = plan_of(**options, extra=everywhere)
     if not plan.simulator.duration:
         raise PlanError("simulator: duration is 0: a recorded run needs an end; give --duration S")
-    middleware.prepare()  # what ROS 2 cannot use is refused before a folder is made
+    # What ROS 2 cannot use is refused before a folder is made.
+    middleware.prepare(participants=1 + (1 if composed else len(plan.configs)))
     files = RunFiles.for_run(plan, output)
     screen = console(stderr=True)
     screen.print(

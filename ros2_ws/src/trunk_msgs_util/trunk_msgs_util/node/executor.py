@@ -2,7 +2,8 @@
 
 rclpy's own executor collects all entities and builds a new wait set for each callback, which costs more
 than the callback itself. This one takes messages and calls timers directly, waits on a set that it builds
-once, and leaves everything else (services, guard conditions) to rclpy, so that it behaves as usual.
+once, and leaves everything else (services, guard conditions) to rclpy, so that it behaves as usual. A node
+has a dozen services, and each makes a wait longer: for some time after a message it waits without them.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-# While messages keep coming there is no wait; everything else then gets its turn at least this often.
-_OTHERS_EVERY_NS = 5_000_000
+# While messages keep coming, timers, and services and everything else, get their turn this often.
+_TIMERS_EVERY_NS = 2_000_000
+_OTHERS_EVERY_NS = 20_000_000
 # Messages taken from one subscription before the next one's turn.
 _BURST = 64
 # Where a subscription had no message so many times in a row, it is asked at one turn of that many,
@@ -41,22 +43,35 @@ class LoopExecutor(SingleThreadedExecutor):
         self._timers: list[Timer] = []
         self._wait_set: Any = None
         self._known = -1
+        self._timers_due_ns = 0
         self._others_due_ns = 0
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Handle what is ready, or wait for it for at most ``timeout_sec`` s (None: for ever)."""
+        if self._wait_set is None:
+            self._collect()
         self._turn += 1
         taken = self._take_messages(rare_ones=self._turn % _RARE == 0)
-        if time.monotonic_ns() >= self._others_due_ns:
-            self._others()
+        now_ns = time.monotonic_ns()
+        if now_ns >= self._timers_due_ns:
+            self._call_timers()
         if taken:
+            if now_ns >= self._others_due_ns:
+                self._others()
             return
-        others = self._wait(timeout_sec)
-        self._others_due_ns = time.monotonic_ns() + _OTHERS_EVERY_NS  # the wait has seen them all
+        left_ns = self._others_due_ns - now_ns
+        for_all = left_ns <= 0
+        limit_ns = -1 if timeout_sec is None else round(timeout_sec * 1e9)
+        if not for_all and not 0 <= limit_ns < left_ns:
+            limit_ns = left_ns
+        others = self._wait(limit_ns, for_all)
+        if for_all and not others:
+            self._others_due_ns = time.monotonic_ns() + _OTHERS_EVERY_NS
         self._take_messages(rare_ones=True)
         self._call_timers()
         if others:
             self._others()
+            self._others_due_ns = 0  # one was handled: there may be more
 
     def _others(self) -> None:
         super().spin_once(0.0)
@@ -109,6 +124,7 @@ class LoopExecutor(SingleThreadedExecutor):
         return taken
 
     def _call_timers(self) -> None:
+        self._timers_due_ns = time.monotonic_ns() + _TIMERS_EVERY_NS
         for timer in self._timers:
             try:
                 if not timer.is_ready():
@@ -118,27 +134,31 @@ class LoopExecutor(SingleThreadedExecutor):
                 continue
             timer.callback()
 
-    def _fill_wait_set(self) -> None:
+    def _fill_wait_set(self, for_all: bool) -> None:
         wait_set = self._wait_set
         wait_set.clear_entities()
         for subscription in self._subscriptions:
             wait_set.add_subscription(subscription.handle)
         for timer in self._timers:
             wait_set.add_timer(timer.handle)
-        for service in self._services:
-            wait_set.add_service(service.handle)
         for guard in self._guards:
             wait_set.add_guard_condition(guard.handle)
+        if for_all:
+            for service in self._services:
+                wait_set.add_service(service.handle)
 
-    def _wait(self, timeout_sec: float | None) -> bool:
-        """Wait for anything; return True if something other than a message or a timer is ready."""
+    def _wait(self, limit_ns: int, for_all: bool) -> bool:
+        """Wait, for services only where ``for_all``; below 0 there is no limit.
+
+        Return True if something other than a message or a timer is ready.
+        """
         try:
-            self._fill_wait_set()
+            self._fill_wait_set(for_all)
         except (InvalidHandle, _rclpy.RCLError):  # a callback has destroyed something
             self._collect()
-            self._fill_wait_set()
+            self._fill_wait_set(for_all)
         wait_set = self._wait_set
-        wait_set.wait(-1 if timeout_sec is None else round(timeout_sec * 1e9))
+        wait_set.wait(limit_ns)
         if self._linger_s and wait_set.get_ready_entities("subscription"):
             time.sleep(self._linger_s)
         return any(wait_set.get_ready_entities(kind) for kind in ("service", "guard_condition"))
