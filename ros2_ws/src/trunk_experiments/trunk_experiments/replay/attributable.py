@@ -164,7 +164,7 @@ def explicable_until_ns(run: RecordedRun) -> int | None:
     if run.another_robot:
         for obstacle in robot_obstacles(run):
             raise RecordingError(f"{run.path}: {obstacle}")
-    else:
+    elif "simulator" in run.parameters:
         recorded_ns = recorded_until_ns(run)
         found += [missed_from_ns(run), None if recorded_ns is None else recorded_ns + 1]
     return min((one for one in found if one is not None), default=None)
