@@ -11,7 +11,7 @@ import pytest
 from trunk_control import computed_torque, fuzzy, fuzzy_pid, lqr, pid, reference
 from trunk_control.controller_config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_experiments.compiled import compiled
+from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.mechanics import Body
 from trunk_sim import disturbances, integrator, plant, plant_as_printed
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_msgs_util.recording.reader import RecordingError
 
 from ..edited import ANEW, KEPT, NONE, Content, content, write
 from .event_edits import event_edits
@@ -81,6 +82,8 @@ def outcome(base: str, found: Content, edit: Edit, digests: str, folder: Path) -
     path = folder / "edited.mcap"
     try:
         code = verify(write(edited, path, digests)).exit_code
+    except RecordingError as error:  # refused as a whole: another arithmetic
+        code = error.exit_code
     except Exception as error:  # whatever it is: that is what is looked for
         return Outcome(base, edit, digests, 1, reason, f"{type(error).__name__}: {error}")
     return Outcome(base, edit, digests, code, reason)

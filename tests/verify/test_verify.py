@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import tracemalloc
 from dataclasses import replace
@@ -12,10 +13,11 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
+from trunk_experiments.replay.explain import explain
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.digests import HEADS, PARTS
-from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
 
 from ..edited import ANEW, NONE, copied
@@ -199,13 +201,19 @@ def test_a_run_without_parameters_cannot_be_judged(whole, tmp_path):
     assert any("no parameters recorded of" in line for line in verdict.obstacles)
 
 
-def test_another_libm_is_named(whole, tmp_path, monkeypatch):
-    from trunk_experiments.replay import verify as module
-
-    here = module.provenance.arithmetic()
-    monkeypatch.setattr(module.provenance, "arithmetic", lambda: {**here, "libm": "musl 1.2"})
-    notes = verify(Recording.open(whole)).notes
-    assert any("libm" in note and "musl 1.2" in note for note in notes)
+def test_another_arithmetic_is_refused_in_one_line(whole, tmp_path):
+    told = {
+        "": "names no arithmetic (portable-1)",
+        "portable-2": "recorded in arithmetic 'portable-2'",
+    }
+    for name, line in told.items():
+        copy = copied(whole, tmp_path / f"other{name}.mcap", provenance={"arithmetic": name})
+        for use in (verify, lambda recording: RecordedRun(recording).plan()):
+            with pytest.raises(RecordingError, match=re.escape(line)):
+                use(copy)
+        found = explain(RecordedRun(copy), 0.5)  # everything else reads it
+        assert found.agrees
+        assert not found.portable
 
 
 CHANGES = {

@@ -61,7 +61,7 @@ class ComputedTorqueConfig(ControllerConfig):
     @property
     def damping_gain(self) -> float:
         """The largest gain of the rate, N m s/rad: at the model's largest inertia."""
-        return self.d * self.trunk_mass * self.length**2
+        return self.d * self.trunk_mass * self.length * self.length
 
     @property
     def hip(self) -> str:

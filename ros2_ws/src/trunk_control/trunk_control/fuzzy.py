@@ -10,8 +10,9 @@ tuples of peaks and consequents may be arrays).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import exp
 from typing import NamedTuple
+
+from trunk_msgs_util.elementary import exp
 
 
 class FuzzyRules(NamedTuple):

@@ -9,7 +9,7 @@ Pure: scalar functions of floats and named tuples, which CPython runs and numba 
 
 from __future__ import annotations
 
-from math import sin
+from trunk_msgs_util.elementary import sin
 
 from .pid import Gains, PidLaw, PidState, Terms, alpha_of, combine, error_derivative, held, usable
 

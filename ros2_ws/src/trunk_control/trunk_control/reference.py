@@ -6,8 +6,9 @@ Pure: scalar functions of integers, floats and tuples, which CPython runs and nu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import pi, sin
 from typing import NamedTuple
+
+from trunk_msgs_util.elementary import sine_wave
 
 PROFILES = ("constant", "step", "sine", "sequence")
 CONSTANT, STEP, SINE, SEQUENCE, TOPIC = range(5)
@@ -42,7 +43,7 @@ def reference_at(t_ns: int, p: ReferenceProfile) -> float:
     if p.kind == STEP:
         return p.value if t_ns >= p.step_time else p.initial
     if p.kind == SINE:
-        return p.value + p.amplitude * sin(2.0 * pi * p.frequency * (t_ns / 1_000_000_000))
+        return p.value + p.amplitude * sine_wave(p.frequency * (t_ns / 1_000_000_000), 0.0)
     level = p.initial
     for i in range(len(p.times)):
         if t_ns >= p.times[i]:

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from trunk_control.laws import law_named
-from trunk_experiments import compiled
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.batch import closed_loop
@@ -25,6 +24,7 @@ from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline import steps
+from trunk_msgs_util import compiled
 from trunk_msgs_util.parameters.declarations import declarations, values_of
 
 

@@ -10,7 +10,6 @@ import pytest
 from click.testing import CliRunner
 
 from trunk_experiments.cli import trunk
-from trunk_experiments.compiled import fingerprint
 from trunk_experiments.errors import StudyError, SweepError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.study import design
@@ -21,6 +20,7 @@ from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.map import panels
 from trunk_experiments.study.results import Results
 from trunk_experiments.study.sweep import Sweep, processes, run_block
+from trunk_msgs_util.compiled import fingerprint
 from trunk_msgs_util.parameters.declarations import values_of
 
 PARAMETERS = """

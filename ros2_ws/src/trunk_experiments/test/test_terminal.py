@@ -9,6 +9,7 @@ import sys
 import pytest
 
 from trunk_experiments.cli import main
+from trunk_msgs_util.provenance import ARITHMETIC
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 
@@ -32,7 +33,8 @@ def says(monkeypatch: pytest.MonkeyPatch, *words: object, encoding: str = "utf-8
 def evil(tmp_path):
     path = tmp_path / "run.mcap"
     writer = RecordingWriter(path)
-    writer.add_metadata(PROVENANCE, {"scenario": EVIL, EVIL: "value"})
+    told = {"scenario": EVIL, "arithmetic": ARITHMETIC, EVIL: "value"}
+    writer.add_metadata(PROVENANCE, told)
     writer.channel(f"/{EVIL}", "sensor_msgs/msg/JointState")
     writer.finish(complete=False, reason=EVIL)
     return path

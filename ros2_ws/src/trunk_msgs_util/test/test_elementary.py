@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import math
 import random
-import re
-import shutil
-import subprocess
-from pathlib import Path
 
 import mpmath
-import numpy as np
 import pytest
 
 from trunk_msgs_util import elementary
@@ -74,6 +69,12 @@ def test_ends_signs_and_zeros(function, x, expected):
     assert repr(function(x)) == expected
 
 
+@pytest.mark.parametrize("turns", [0.0, 0.25, 1234.75, -3.125, 1e15])
+def test_a_sine_wave_may_go_on_for_ever(turns):
+    expected = math.sin(2.0 * math.pi * (turns % 1.0) + 0.5)
+    assert elementary.sine_wave(turns, 0.5) == pytest.approx(expected, rel=1e-15)
+
+
 def test_odd_and_even():
     for x in points("sin"):
         s, c = sincos(x)
@@ -87,45 +88,3 @@ def test_compiled_code_returns_the_same_bits():
         compiled = numba.njit(ours)
         found = [(ours(x).hex(), compiled(x).hex(), x.hex()) for x in points(name)]
         assert [one for one in found if one[0] != one[1]] == []
-
-
-def as_javascript():
-    """Return the functions in JavaScript: the same operations, by text."""
-    source = Path(elementary.__file__).read_text()
-    constants = re.findall(r"^(_?[A-Z]\w*|_\d\w*) = ([-\d.e+]+)", source, re.MULTILINE)
-    lines = [f"const {name} = {value};" for name, value in constants]
-    body = re.search(r"    n = float\(floor.*?(?=    quadrant)", source, re.DOTALL).group()
-    body = re.sub(r"float\(floor\((.*?)\)\)", r"Math.floor(\1)", body)
-    body = re.sub(r"y = (.*?) if (.*?) else (\w)", r"y = \2 ? \1 : \3", body)
-    body = re.sub(r"\s*#.*", "", body)
-    names = sorted(set(re.findall(r"^    (\w+) =", body, re.MULTILINE)))
-    statements = re.sub(r"^    (.+)$", r"\1;", body, flags=re.MULTILINE)
-    return "\n".join(
-        [
-            *lines,
-            f"function sincos(x) {{ let {', '.join(names)};",
-            statements,
-            "return [n, s, co]; }",
-        ]
-    )
-
-
-@pytest.mark.skipif(shutil.which("node") is None, reason="Node.js: for the same bits in JavaScript")
-def test_javascript_returns_the_same_bits(tmp_path):
-    arguments = np.array([x for x in points("sin") if abs(x) <= LARGEST_ANGLE])
-    (tmp_path / "x.bin").write_bytes(arguments.tobytes())
-    script = f"""{as_javascript()}
-const fs = require("fs");
-const x = new Float64Array(new Uint8Array(fs.readFileSync("x.bin")).buffer);
-const out = new Float64Array(2 * x.length);
-x.forEach((one, i) => {{
-  const [n, s, co] = sincos(one);
-  const turn = [[s, co], [co, -s], [-s, -co], [-co, s]][n - 4 * Math.floor(0.25 * n)];
-  out.set(turn, 2 * i);
-}});
-fs.writeFileSync("out.bin", new Uint8Array(out.buffer));
-"""
-    subprocess.run(["node", "-e", script], cwd=tmp_path, check=True)
-    found = np.fromfile(tmp_path / "out.bin").reshape(-1, 2)
-    expected = np.array([sincos(x) for x in arguments.tolist()])
-    assert found.tobytes() == expected.tobytes()

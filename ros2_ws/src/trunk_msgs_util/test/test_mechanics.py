@@ -55,6 +55,11 @@ def test_what_is_too_small_for_floats_has_no_acceleration(prescribed):
 
 @pytest.mark.parametrize("x", [0.0, inf])
 @pytest.mark.parametrize("theta", [0.0, -inf])
-def test_an_angle_that_is_not_finite_gives_none(x, theta):
-    motion = equations_of_motion(x, theta, 0.0, 0.0, Body())
-    assert all(map(isnan, motion)) == (x != 0.0 or theta != 0.0)
+@pytest.mark.parametrize("prescribed", [False, True])
+def test_an_angle_that_is_not_finite_gives_no_acceleration_and_no_torque(x, theta, prescribed):
+    body = Body(prescribed=prescribed)
+    found = [
+        forward_dynamics(x, theta, 0.0, 0.0, 0.0, 0.0, body)[1],
+        inverse_dynamics(x, theta, 0.0, 0.0, body)[1],
+    ]
+    assert [isnan(one) for one in found] == [x != 0.0 or theta != 0.0] * 2

@@ -19,6 +19,8 @@ _NAN = float("nan")
 
 # pi/2 = the sum of these. The first three have 33 bits each: a whole number below 2**20 times one of them
 # is exact.
+_2_PI = 6.28318530717958623200e00
+_QUARTER_PI = 7.85398163397448278999e-01
 _2_OVER_PI = 6.36619772367581382433e-01
 _HALF_PI_1 = 1.57079632673412561417e00
 _HALF_PI_2 = 6.07710050630396597660e-11
@@ -61,8 +63,8 @@ _SQRT_HALF = 7.07106781186547524401e-01
 SMALLEST_NORMAL = 2.2250738585072014e-308  # 2**-1022
 # 2**p and 2**-p for p = 512, 256, ..., 1.
 _POWERS = (512, 256, 128, 64, 32, 16, 8, 4, 2, 1)
-_UP = tuple(float(2**p) for p in _POWERS)
-_DOWN = tuple(1.0 / 2**p for p in _POWERS)
+_UP = tuple(float(1 << p) for p in _POWERS)
+_DOWN = tuple(1.0 / (1 << p) for p in _POWERS)
 
 
 def sincos(x: float) -> tuple[float, float]:
@@ -73,18 +75,20 @@ def sincos(x: float) -> tuple[float, float]:
     """
     if not -LARGEST_ANGLE <= x <= LARGEST_ANGLE:
         return _NAN, _NAN
-    n = float(floor(x * _2_OVER_PI + 0.5))
-    a = x - n * _HALF_PI_1  # exact, as each product is
-    b = n * _HALF_PI_2
-    c = a - b
-    d = c - a
-    low = (a - (c - d)) - (b + d)  # what the rounding of c has lost
-    b = n * _HALF_PI_3
-    a = c - b
-    d = a - c
-    low = low + ((c - (a - d)) - (b + d)) - n * _HALF_PI_4
-    y = a + low if low != 0.0 else a  # -0.0 stays what it is
-    z = low - (y - a)
+    n, y, z = 0.0, x, 0.0
+    if not -_QUARTER_PI <= x <= _QUARTER_PI:
+        n = float(floor(x * _2_OVER_PI + 0.5))
+        a = x - n * _HALF_PI_1  # exact, as each product is
+        b = n * _HALF_PI_2
+        c = a - b
+        d = c - a
+        low = (a - (c - d)) - (b + d)  # what the rounding of c has lost
+        b = n * _HALF_PI_3
+        a = c - b
+        d = a - c
+        low = low + ((c - (a - d)) - (b + d)) - n * _HALF_PI_4
+        y = a + low
+        z = low - (y - a)
 
     q = y * y
     v = q * y
@@ -113,6 +117,11 @@ def sin(x: float) -> float:
 def cos(x: float) -> float:
     """Return the cosine of an angle in rad, as `sincos` does."""
     return sincos(x)[1]
+
+
+def sine_wave(turns: float, phase: float) -> float:
+    """Return ``sin(2 pi turns + phase)``, phase in rad; whole turns are left out, however many there are."""
+    return sin(_2_PI * (turns - floor(turns)) + phase)
 
 
 def exp(x: float) -> float:

@@ -10,8 +10,10 @@ Pure: scalar functions of floats and named tuples, which CPython runs and numba 
 
 from __future__ import annotations
 
-from math import cos, nan, sin
+from math import nan
 from typing import NamedTuple
+
+from .elementary import cos, sin, sincos
 
 
 class Body(NamedTuple):
@@ -54,17 +56,14 @@ def equations_of_motion(
         det = a11 a22 - a12^2 = m l^2 (M (1 + y'^2) + m (sin th + y' cos th)^2)
 
     with ``y' = A k cos(k x)`` and ``y'' = -A k^2 sin(k x)``. The determinant is in a form without
-    cancellation, and is positive for positive masses and length. All are NaN if an angle is not
-    finite, where CPython would raise.
+    cancellation, and is positive for positive masses and length. NaN where an angle is beyond
+    `elementary.LARGEST_ANGLE`.
     """
     phase = body.wavenumber * x
-    angles = phase + theta
-    if angles - angles != 0.0:
-        return nan, nan, nan, nan, nan, nan
-    slope = body.amplitude * body.wavenumber * cos(phase)
-    curvature = -body.amplitude * body.wavenumber * body.wavenumber * sin(phase)
-    sin_theta = sin(theta)
-    cos_theta = cos(theta)
+    sin_phase, cos_phase = sincos(phase)
+    sin_theta, cos_theta = sincos(theta)
+    slope = body.amplitude * body.wavenumber * cos_phase
+    curvature = -body.amplitude * body.wavenumber * body.wavenumber * sin_phase
     moment = body.trunk_mass * body.length
     a22 = moment * body.length
     fall = curvature * x_dot * x_dot + body.gravity

@@ -11,6 +11,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from xml.etree import ElementTree
 
+# How numbers are computed: sums, products, quotients and roots of IEEE 754 doubles, and the functions of
+# `elementary` and `noise`. A change of any bit is a new name.
+ARITHMETIC = "portable-1"
+
 UNKNOWN = "unknown"
 NONE = "none"
 
@@ -24,7 +28,7 @@ def gather(**known: str) -> dict[str, str]:
         "started_utc": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "commit": _commit(),
         **{name: _version(name) for name in _PROJECT + _LIBRARIES},
-        **arithmetic(),
+        "arithmetic": ARITHMETIC,
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "platform": platform.platform(),
         "host": platform.node() or UNKNOWN,
@@ -32,16 +36,6 @@ def gather(**known: str) -> dict[str, str]:
         "rmw": os.environ.get("RMW_IMPLEMENTATION") or NONE,
     }
     return {**found, **known}
-
-
-def arithmetic() -> dict[str, str]:
-    """Return what determines the bits of sin, cos and exp, and of the noise."""
-    libc, libc_version = platform.libc_ver()
-    return {
-        "numpy": _version("numpy"),
-        "libm": f"{libc or UNKNOWN} {libc_version}".strip(),  # sin and cos are the C library's
-        "machine": platform.machine() or UNKNOWN,
-    }
 
 
 def _version(package: str) -> str:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
-from trunk_sim.sensors import DelayLine, NoiseStream
+from trunk_sim.sensors import DelayLine
 from trunk_sim.step import SensorParameters, sense
 
 STATE = PlantState(1.0, 0.25, 0.5, -2.0)
@@ -43,33 +42,3 @@ def test_a_cleared_delay_starts_afresh():
     line.clear()
     other = STATE._replace(x=5.0)
     assert line.push(other) == other
-
-
-def pairs(stream: NoiseStream, count: int) -> list[tuple[float, float]]:
-    return [stream.next_pair() for _ in range(count)]
-
-
-@pytest.mark.parametrize("block", [1, 7, 4096])
-def test_noise_does_not_depend_on_the_blocks_size(block):
-    class OtherBlock(NoiseStream):
-        _BLOCK = block
-
-    assert pairs(OtherBlock(5), 2500) == pairs(NoiseStream(5), 2500)
-
-
-def test_noise_is_a_function_of_its_seed():
-    assert pairs(NoiseStream(5), 10) == pairs(NoiseStream(5), 10)
-    assert pairs(NoiseStream(5), 10) != pairs(NoiseStream(6), 10)
-
-
-def test_noise_of_seed_1_stays_what_it_was():
-    expected = np.random.Generator(np.random.PCG64(1)).standard_normal(4)
-    assert np.ravel(pairs(NoiseStream(1), 2)).tolist() == expected.tolist()
-    assert NoiseStream(1).next_pair() == (0.345584192064786, 0.8216181435011584)
-
-
-def test_noise_is_standard_normal_and_its_two_channels_independent():
-    samples = np.array(pairs(NoiseStream(1), 20_000))
-    assert samples.mean(axis=0) == pytest.approx([0.0, 0.0], abs=0.03)
-    assert samples.std(axis=0) == pytest.approx([1.0, 1.0], rel=0.03)
-    assert np.corrcoef(samples.T)[0, 1] == pytest.approx(0.0, abs=0.03)

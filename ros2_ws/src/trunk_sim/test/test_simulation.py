@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from math import inf, nan
 
 import pytest
 
+from trunk_sim import quick
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.integrator import advance
 from trunk_sim.simulation import DivergedError, Simulation
-from trunk_sim.step import saturate
+from trunk_sim.step import act, saturate
 
 QUIET = Disturbance()
 
@@ -140,3 +142,22 @@ def test_retune_changes_the_plant_and_keeps_the_state():
     state = simulation.state
     simulation.step(2.0, QUIET)
     assert simulation.state == advance(state, 0.0, 1.0, 0.005, 1, heavy.body)
+
+
+def trail(simulation):
+    for k in range(300):
+        simulation.step(0.5 * (k % 7) - 1.5, Disturbance(0.2, -0.1, 0.0, 0.0))
+        yield simulation.trunk
+
+
+@pytest.mark.parametrize("values", [{}, {"substeps": 3}, {"hip_mode": "prescribed"}], ids=str)
+def test_a_long_run_steps_by_compiled_code_with_the_same_bits(values):
+    short, long = SimulatorConfig(duration=1.0, **values), SimulatorConfig(duration=1e6, **values)
+    assert quick.act_for(short) is act
+    assert quick.act_for(long) is not act
+    assert list(trail(Simulation(long))) == list(trail(Simulation(short)))
+
+
+def test_a_long_run_without_numba_steps_by_cpython(monkeypatch):
+    monkeypatch.setitem(sys.modules, "trunk_msgs_util.compiled", None)
+    assert quick.act_for(SimulatorConfig(duration=0.0)) is act

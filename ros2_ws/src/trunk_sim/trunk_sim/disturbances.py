@@ -9,11 +9,12 @@ Pure: scalar functions of integers, floats and tuples, which CPython runs and nu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import pi, sin, sqrt
+from math import pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
+from trunk_msgs_util.elementary import sine_wave
 from trunk_msgs_util.samples import JointSample
 
 CHANNELS = ("hip_effort", "trunk_effort", "hip_position", "trunk_position")
@@ -59,7 +60,7 @@ def multisine(
     """Return ``amplitude * sum_i sin(2 pi f_i t + phi_i)``, t in s: band-limited noise."""
     total = 0.0
     for i in range(len(frequencies)):
-        total += sin(2.0 * pi * frequencies[i] * t + phases[i])
+        total += sine_wave(frequencies[i] * t, phases[i])
     return amplitude * total
 
 
@@ -76,7 +77,7 @@ def disturbance_at(t_ns: int, s: Signals) -> Disturbance:
             value = pulse(t_ns, s.pulse_starts, s.pulse_duration, s.pulse_magnitude)
         elif signal == 1:
             channel = s.sine_channel
-            value = s.sine_amplitude * sin(2.0 * pi * s.sine_frequency * t + s.sine_phase)
+            value = s.sine_amplitude * sine_wave(s.sine_frequency * t, s.sine_phase)
         else:
             channel = s.noise_channel
             value = multisine(t, s.noise_amplitude, s.noise_frequencies, s.noise_phases)
@@ -107,12 +108,13 @@ def noise_components(
     """Return ``(amplitude, frequencies, phases)`` of a multisine with the given RMS in [low, high] Hz.
 
     One frequency is drawn uniformly in each of ``count`` equal bands, each phase in [0, 2 pi), from
-    NumPy's PCG64 with the seed. Empty where ``rms`` is 0. ``amplitude = rms sqrt(2 / count)``.
+    raw integers of PCG64 with the seed, whose stream NumPy guarantees. Empty where ``rms`` is 0.
+    ``amplitude = rms sqrt(2 / count)``.
     """
     if rms == 0.0:
         return 0.0, (), ()
-    generator = np.random.Generator(np.random.PCG64(seed))
+    drawn = [(raw >> 11) * 2.0**-53 for raw in np.random.PCG64(seed).random_raw(2 * count).tolist()]
     width = (high - low) / count
-    frequencies = low + width * (np.arange(count) + generator.random(count))
-    phases = 2.0 * pi * generator.random(count)
-    return rms * sqrt(2.0 / count), tuple(frequencies.tolist()), tuple(phases.tolist())
+    frequencies = tuple(low + width * (i + drawn[i]) for i in range(count))
+    phases = tuple(2.0 * pi * one for one in drawn[count:])
+    return rms * sqrt(2.0 / count), frequencies, phases

@@ -5,9 +5,9 @@ Pure: scalar functions of floats and named tuples, which CPython runs and numba 
 
 from __future__ import annotations
 
-from math import cos, sin
 from typing import NamedTuple
 
+from trunk_msgs_util.elementary import sincos
 from trunk_msgs_util.mechanics import Body, forward_dynamics, path_height, path_slope
 
 from .plant_as_printed import accelerations_as_printed
@@ -47,12 +47,11 @@ def energy(state: PlantState, body: Body) -> float:
     x, theta, x_dot, theta_dot = state
     y = path_height(x, body.amplitude, body.wavenumber)
     y_dot = path_slope(x, body.amplitude, body.wavenumber) * x_dot
-    com_x_dot = x_dot + body.length * theta_dot * cos(theta)
-    com_y_dot = y_dot - body.length * theta_dot * sin(theta)
+    sin_theta, cos_theta = sincos(theta)
+    com_x_dot = x_dot + body.length * theta_dot * cos_theta
+    com_y_dot = y_dot - body.length * theta_dot * sin_theta
     kinetic = 0.5 * body.hip_mass * (x_dot * x_dot + y_dot * y_dot) + 0.5 * body.trunk_mass * (
         com_x_dot * com_x_dot + com_y_dot * com_y_dot
     )
-    potential = body.gravity * (
-        body.hip_mass * y + body.trunk_mass * (y + body.length * cos(theta))
-    )
+    potential = body.gravity * (body.hip_mass * y + body.trunk_mass * (y + body.length * cos_theta))
     return kinetic + potential

@@ -10,8 +10,10 @@ Pure: runs in CPython and compiles with numba unchanged.
 
 from __future__ import annotations
 
-from math import cos, nan, sin
+from math import nan
 from typing import TYPE_CHECKING
+
+from trunk_msgs_util.elementary import sincos
 
 if TYPE_CHECKING:
     from trunk_msgs_util.mechanics import Body
@@ -37,11 +39,8 @@ def accelerations_as_printed(
     contains. NaN if the motion is too large for floats.
     """
     x, theta, x_dot, theta_dot = state
-    angles = x + theta
-    if angles - angles != 0.0:
-        return nan, nan
-    sin_x, cos_x = sin(x), cos(x)
-    sin_theta, cos_theta = sin(theta), cos(theta)
+    sin_x, cos_x = sincos(x)
+    sin_theta, cos_theta = sincos(theta)
     mass = body.hip_mass + body.trunk_mass
     moment = body.trunk_mass * body.length
     m11 = moment * (cos_theta - cos_x * sin_theta)

@@ -10,9 +10,11 @@ from trunk_msgs_util.units import seconds
 
 from .config import SimulatorConfig
 from .disturbances import Disturbance
+from .noise import Noise
 from .plant import PlantState
-from .sensors import DelayLine, NoiseStream
-from .step import Trunk, act, at_rest, saturate, sense
+from .quick import Act, act_for
+from .sensors import DelayLine
+from .step import Trunk, at_rest, noisy, saturate, sense
 
 
 class DivergedError(TrunkError, ArithmeticError):
@@ -24,13 +26,15 @@ class DivergedError(TrunkError, ArithmeticError):
 class Simulation:
     """Keeps what `sense` and `act` need from one step to the next. Stamp k is k times the period.
 
-    One step is ``truth`` and ``measure`` at stamp k, then ``step`` to stamp k + 1. ``measure`` draws the
-    step's noise: call it once per step.
+    One step is ``truth`` and ``measure`` at stamp k, then ``step`` to stamp k + 1. ``measure`` remembers the
+    state, for the sensors' delay: call it once per step.
     """
 
-    def __init__(self, config: SimulatorConfig) -> None:
+    def __init__(self, config: SimulatorConfig, act: Act | None = None) -> None:
+        """``act`` is `step.act`, or its compiled twin; by default whichever is quicker for this run."""
         self.step_index = 0
-        self._noise = NoiseStream(config.seed)
+        self._act = act or act_for(config)
+        self._noise = Noise(config.seed)
         self._delay = DelayLine(config.delay_steps)
         self.retune(config)
         self._begin()
@@ -40,6 +44,7 @@ class Simulation:
         self.config = config
         self._plant = config.plant
         self._sensor = config.sensor
+        self._noisy = noisy(config.sensor)
         self._period_ns = config.period_ns
 
     def _begin(self) -> None:
@@ -64,7 +69,8 @@ class Simulation:
     def measure(self, disturbance: Disturbance) -> JointSample:
         """Return what the sensors say now, with delay, bias, noise and the disturbance's offsets."""
         delayed = self._delay.push(self.trunk.state)
-        return self._sample(*sense(delayed, disturbance, *self._noise.next_pair(), self._sensor))
+        noise = self._noise.pair(self.step_index) if self._noisy else (0.0, 0.0)
+        return self._sample(*sense(delayed, disturbance, *noise, self._sensor))
 
     def _sample(self, x: float, theta: float, x_dot: float, theta_dot: float) -> JointSample:
         return JointSample(
@@ -80,7 +86,7 @@ class Simulation:
 
         Raises DivergedError where the new state is not finite; the state then stays as it was.
         """
-        after = act(self.trunk, effort, disturbance, self._plant)
+        after = self._act(self.trunk, effort, disturbance, self._plant)
         if after.diverged:
             torque = saturate(effort, self._plant.max_effort)
             raise DivergedError(

@@ -9,7 +9,7 @@ Pure: scalar functions of floats and named tuples, which CPython runs and numba 
 from __future__ import annotations
 
 from math import isfinite
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from trunk_msgs_util.mechanics import Body
 
@@ -35,6 +35,14 @@ class Plant(NamedTuple):
     substeps: int
     max_effort: float  # N m
     fall_angle: float  # rad
+
+
+def pruned(plant: Plant) -> Plant:
+    """Return a plant whose False flags are None, so that a compiler removes their branches."""
+    body: Any = plant.body
+    return plant._replace(
+        body=body._replace(prescribed=body.prescribed or None, as_printed=body.as_printed or None)
+    )
 
 
 class Trunk(NamedTuple):
@@ -68,6 +76,11 @@ def at_rest(state: PlantState, plant: Plant) -> Trunk:
 def saturate(effort: float, limit: float) -> float:
     """Return the effort in N m, clamped to +- limit."""
     return limit if effort > limit else -limit if effort < -limit else effort
+
+
+def noisy(p: SensorParameters) -> bool:
+    """Return True if the samples that `sense` takes have an effect."""
+    return p.position_noise != 0.0 or p.velocity_noise != 0.0
 
 
 def sense(

@@ -6,6 +6,7 @@ import numpy as np
 
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.simulation import DivergedError
+from trunk_sim.step import act
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan
@@ -25,7 +26,7 @@ def first_difference(plan: RunPlan, batch: Batch) -> str | None:
     taken: list[Step] = []
     diverged = False
     try:
-        taken.extend(steps(plan))
+        taken.extend(steps(plan, act))
     except DivergedError:
         diverged = True
     if len(taken) != len(outcome.table.t) or diverged != (outcome.diverged_at is not None):
@@ -38,7 +39,7 @@ def first_difference(plan: RunPlan, batch: Batch) -> str | None:
 
 def _refusal_difference(plan: RunPlan, reason: str) -> str | None:
     try:
-        next(steps(plan))
+        next(steps(plan, act))
     except PlanError as error:
         if str(error) == reason:
             return None

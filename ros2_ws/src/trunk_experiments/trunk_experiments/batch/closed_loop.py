@@ -18,16 +18,26 @@ from trunk_control.controller import hip_index, setting_of
 from trunk_control.decide import Answer, Memory, Reading, Seen, Setting, decide, fresh_memory
 from trunk_control.law import Update
 from trunk_control.laws import CONTROLLERS, law_named
+from trunk_msgs_util.compiled import compiled, fingerprint, with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import NANOSECONDS, step_count
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
+from trunk_sim.noise import noise_samples
 from trunk_sim.plant import PlantState
-from trunk_sim.sensors import noise_samples
-from trunk_sim.step import Measurement, Plant, SensorParameters, act, at_rest, saturate, sense
+from trunk_sim.step import (
+    Measurement,
+    Plant,
+    SensorParameters,
+    act,
+    at_rest,
+    noisy,
+    pruned,
+    saturate,
+    sense,
+)
 
 from ..analysis.metrics import Metrics, metrics
 from ..analysis.run_table import RunTable
-from ..compiled import compiled, fingerprint, pruned, with_arrays
 from ..errors import PlanError
 from ..plans.plan import RunPlan, check_turns
 from ..runs.offline import check
@@ -259,9 +269,8 @@ _NO_NOISE = np.zeros((1, 2))
 
 
 def _noise(plan: RunPlan, states: int) -> Floats:
-    """Return the samples that a NoiseStream yields, or a row of zeros if none is used."""
-    sensor = plan.simulator.sensor
-    if sensor.position_noise == 0.0 and sensor.velocity_noise == 0.0:
+    """Return the samples of so many steps, or a row of zeros if they have no effect."""
+    if not noisy(plan.simulator.sensor):
         return _NO_NOISE
     return noise_samples(plan.simulator.seed, states)
 

@@ -28,7 +28,8 @@ from ..replay.explain import Explanation, explain
 def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
     """Explain why the controller of a recorded run commanded this torque at this instant.
 
-    Exit code 0: the recomputed command equals the recorded one; 1: it does not.
+    Exit code 0: the recomputed command equals the recorded one, or the file was recorded in another
+    arithmetic; 1: it differs.
     """
     recorded = open_run(run)
     show_warnings(recorded.recording.warnings)
@@ -37,7 +38,7 @@ def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
         click.echo(json.dumps(as_values(found), indent=2))
     else:
         _show(found)
-    ctx.exit(0 if found.agrees else 1)
+    ctx.exit(0 if found.agrees or not found.portable else 1)
 
 
 def as_values(found: Explanation) -> dict[str, Any]:
@@ -144,4 +145,5 @@ def _show(found: Explanation) -> None:
         "recomputed: equal to the recorded command, bit for bit"
         if found.agrees
         else f"recomputed: {terms.effort!r}, but {found.recorded!r} N m is recorded"
+        + ("" if found.portable else ", in another arithmetic: last bits may differ")
     )

@@ -252,7 +252,7 @@ def _advice(plan: RunPlan) -> Iterable[str]:
     ``Kd h < 2 m l^2 M / (M + m)``: one sample's torque must not overcorrect the rate that it damps.
     """
     plant = plan.simulator.body
-    inertia = plant.trunk_mass * plant.length**2
+    inertia = plant.trunk_mass * plant.length * plant.length
     if not plant.prescribed:
         inertia *= plant.hip_mass / (plant.hip_mass + plant.trunk_mass)
     for controller in plan.controllers.values():

@@ -14,6 +14,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.parameters.declarations import ParameterError, Value, build
+from trunk_msgs_util.provenance import ARITHMETIC
 from trunk_msgs_util.recording.joint_arrays import JointArrays
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
@@ -61,6 +62,23 @@ class RecordedRun:
     def exact(self) -> bool:
         """True if time was exact: every state was answered, and can be recomputed."""
         return self.mode in EXACT_MODES
+
+    @property
+    def arithmetic(self) -> str:
+        """How its numbers were computed, by its provenance; empty if that does not say."""
+        return self.recording.provenance.get("arithmetic", "")
+
+    def check_arithmetic(self) -> None:
+        """Raise RecordingError for a file whose numbers other functions than ours have computed."""
+        if not self.recording.provenance or self.arithmetic == ARITHMETIC:
+            return
+        raise RecordingError(
+            f"{self.path}: recorded in arithmetic {self.arithmetic!r}, here it is {ARITHMETIC!r}: its bits "
+            "cannot be recomputed; use the version of this project that recorded it"
+            if self.arithmetic
+            else f"{self.path}: its provenance names no arithmetic ({ARITHMETIC}): its last bits depend on "
+            "the machine that recorded it, and cannot be recomputed; record the run again"
+        )
 
     @cached_property
     def controllers(self) -> Sequence[str]:
@@ -226,6 +244,7 @@ class RecordedRun:
 
         Raises RecordingError if the recording lacks something that this needs.
         """
+        self.check_arithmetic()
         controllers = self.controllers
         if not controllers or not set(controllers) <= set(CONTROLLERS):
             raise RecordingError(

@@ -13,6 +13,7 @@ from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.pid import PidState, Terms
 from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util import topics
+from trunk_msgs_util.provenance import ARITHMETIC
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import nanoseconds, seconds
 from trunk_sim.disturbances import Disturbance
@@ -75,6 +76,7 @@ class Explanation:
     took_over: bool  # True: a takeover while the plant moved, from the torque that acted
     recorded: float  # N m, the command in the recording
     applied: float | None  # N m, to the plant over the step that begins then; None likewise
+    portable: bool  # False: recorded in another arithmetic than ours, last bits may differ
 
     @property
     def by_model(self) -> float:
@@ -167,6 +169,7 @@ def explain(run: RecordedRun, at: float) -> Explanation:
         took_over=update.took_over,
         recorded=commands.get(update.stamp_ns, "effort", 1)[0],
         applied=float(table.torque[row]) if ours else None,
+        portable=run.arithmetic == ARITHMETIC,
     )
 
 

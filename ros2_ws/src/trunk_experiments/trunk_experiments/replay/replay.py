@@ -17,10 +17,10 @@ import numpy as np
 from trunk_control.controller import Controller, hip_index, hip_seen
 from trunk_control.decide import Answer, Reading, state_record
 from trunk_msgs_util import topics
+from trunk_msgs_util.compiled import with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_sim.disturbances import Disturbance, disturbance_at, disturbance_sample
 
-from ..compiled import with_arrays
 from ..plans.timeline import Timeline, begins_active
 from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun

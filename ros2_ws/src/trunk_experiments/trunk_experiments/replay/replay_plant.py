@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterator
+from functools import cached_property
 
 import numpy as np
 
@@ -13,11 +14,10 @@ from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.units import nanoseconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
+from trunk_sim.noise import Noise, noise_samples
 from trunk_sim.plant import PlantState
-from trunk_sim.sensors import noise_samples
-from trunk_sim.step import Trunk, act, at_rest, in_force, sense
+from trunk_sim.step import Trunk, act, at_rest, in_force, noisy, pruned, sense
 
-from ..compiled import pruned
 from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
 from ..recorded.turns import idle_ns
@@ -49,7 +49,8 @@ class PlantReplay:
         self._timeline = run.timeline("simulator")
         config: SimulatorConfig = self._timeline.config
         self._delay_steps = config.delay_steps
-        self._noise = noise_samples(config.seed, len(self._stamps))
+        self._noise = Noise(config.seed)
+        self._quiet = np.zeros((len(self._stamps), 2))
         self._possible = None if run.exact else PossibleDisturbances(self._disturbances)
         self._acting: list[tuple[int, Disturbance]] = []
         self._held = _held(run, self._commands)
@@ -101,9 +102,13 @@ class PlantReplay:
             self._delay_steps,
             pruned(self._plant),
             self._sensor,
-            record,
+            record._replace(noise=self._samples if noisy(self._sensor) else self._quiet),
         )
         return self._row - before
+
+    @cached_property
+    def _samples(self) -> Floats:
+        return noise_samples(self._noise.seed, len(self._stamps))
 
     def _looked_at(self, stamp_ns: int) -> list[Difference]:
         """Return what differs at the current state; if anything does, continue from the record."""
@@ -137,9 +142,9 @@ class PlantReplay:
     def _sensed(self, stamp_ns: int, acting: Disturbance) -> Iterator[Difference]:
         row = self._row
         delayed = self._recorded(min(max(row - self._delay_steps, self._remembered), row))
-        step = min(max(int(self._steps[row]), 0), len(self._noise) - 1)
-        position_sample, velocity_sample = self._noise[step].tolist()
-        seen = sense(delayed, acting, position_sample, velocity_sample, self._sensor)
+        step = max(int(self._steps[row]), 0)
+        noise = self._noise.pair(step) if noisy(self._sensor) else (0.0, 0.0)
+        seen = sense(delayed, acting, *noise, self._sensor)
         yield from compare(self._measured, stamp_ns, "position", (seen.x, seen.theta))
         yield from compare(self._measured, stamp_ns, "velocity", (seen.x_dot, seen.theta_dot))
         yield from compare(self._measured, stamp_ns, "effort", (0.0, self._trunk.effort))
@@ -201,7 +206,7 @@ class PlantReplay:
             self._torques(stamps),
             disturbances,
             np.isin(stamps, list(self._fell)).astype(np.int64),
-            self._noise,
+            self._quiet,
         )
 
     def _torques(self, stamps: Integers) -> Floats:

@@ -17,12 +17,12 @@ from trunk_control.computed_torque import Hip
 from trunk_control.decide import Memory, Reading, Setting, decide, state_record
 from trunk_control.law import Update
 from trunk_control.laws import law_named
+from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
 from trunk_sim.plant import PlantState
 from trunk_sim.step import Plant, SensorParameters, Trunk, act, sense
 
-from ..compiled import compiled
 from .bits import alike
 
 LONGEST = 50_000  # rows at a time: compiled code cannot be interrupted

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from trunk_msgs_util import provenance, topics
+from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import seconds
@@ -41,13 +41,17 @@ _MODES = {"real_time": "in real time", "lockstep": "in lock-step", "offline": "o
 
 
 def verify(recording: Recording) -> Verdict:
-    """Return the verdict on a recording; damage and gaps are obstacles, never ignored."""
+    """Return the verdict on a recording; damage and gaps are obstacles, never ignored.
+
+    Raises RecordingError for one that was recorded in another arithmetic than ours.
+    """
     return verdict_on(RecordedRun(recording))
 
 
 def verdict_on(run: RecordedRun) -> Verdict:
     """Return the verdict on a recorded run, as `verify` does."""
     recording = run.recording
+    run.check_arithmetic()
     verdict = Verdict()
     verdict.obstacles += recording.warnings
     verdict.altered = recording.alterations()
@@ -79,7 +83,6 @@ def verdict_on(run: RecordedRun) -> Verdict:
     verdict.notes += [
         f"{kind} is the node {recording.topic(kind)}" for kind in sorted(recording.renamed)
     ]
-    verdict.notes += _platform(recording)
     return verdict
 
 
@@ -197,11 +200,3 @@ def _recomputed(run: RecordedRun, until_ns: int | None) -> list[Part]:
             part.take(checked)
         found.append(part)
     return found
-
-
-def _platform(recording: Recording) -> list[str]:
-    return [
-        f"recorded with {key} {recording.provenance[key]}, here {here}: last bits may differ"
-        for key, here in provenance.arithmetic().items()
-        if key in recording.provenance and recording.provenance[key] != here
-    ]

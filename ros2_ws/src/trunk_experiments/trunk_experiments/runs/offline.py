@@ -12,6 +12,7 @@ from trunk_msgs_util.parameters.declarations import Value
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import nanoseconds, seconds, step_count
 from trunk_sim.disturbances import Disturbance, disturbance_at
+from trunk_sim.quick import Act
 from trunk_sim.simulation import Simulation
 from trunk_sim.step import in_force
 
@@ -94,8 +95,8 @@ def check(plan: RunPlan) -> None:
             )
 
 
-def steps(plan: RunPlan) -> Iterator[Step]:
-    """Yield the N + 1 steps of a run.
+def steps(plan: RunPlan, act: Act | None = None) -> Iterator[Step]:
+    """Yield the N + 1 steps of a run; ``act`` is that of the `Simulation`.
 
     Where a run is repeated in which nobody was active for a while, the plant holds the last command until
     it is too old, as in real time. Raises PlanError for a plan that cannot be run offline (`check`),
@@ -103,7 +104,7 @@ def steps(plan: RunPlan) -> Iterator[Step]:
     """
     check(plan)
     simulator = plan.simulator
-    simulation = Simulation(simulator)
+    simulation = Simulation(simulator, act)
     of_simulator = plan.timeline("simulator")
     participants = [_Participant(name, plan) for name in plan.controllers]
     disturbances = disturbance_source(plan)

@@ -19,6 +19,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from trunk_msgs_util.compiled import fingerprint
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.provenance import gather
 from trunk_msgs_util.whole_file import whole_file
@@ -26,7 +27,6 @@ from trunk_msgs_util.whole_file import whole_file
 from ..analysis.metrics import Metrics, metrics
 from ..batch.closed_loop import Batch, loops_fingerprint
 from ..batch.workers import IN_FLIGHT, as_completed_bounded, worker_pool
-from ..compiled import fingerprint
 from ..errors import PlanError, StudyError, SweepError
 from .bases import make_bases, plan_of
 from .design import design
@@ -55,7 +55,7 @@ Runner = Callable[[Iterable[RunBlock]], Iterator[tuple[int, pa.Table]]]
 
 def sources() -> str:
     """Return a hash of the sources and of the libraries that determine a run's numbers."""
-    libraries = {name: text for name, text in gather().items() if name in ("numpy", "libm")}
+    libraries = {name: text for name, text in gather().items() if name in ("numpy", "arithmetic")}
     code = f"{loops_fingerprint()}-{fingerprint(metrics)}-{fingerprint(plan_of)}"
     return f"{code}-{json.dumps(libraries, sort_keys=True)}"
 

@@ -20,13 +20,13 @@ from trunk_control.computed_torque import Hip
 from trunk_control.law import Sample, Update
 from trunk_control.laws import law_named
 from trunk_control.pid import PidLaw, PidState
+from trunk_msgs_util.compiled import compiled, with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
 from trunk_sim.step import Plant, SensorParameters, act, at_rest, sense
 
-from ..compiled import compiled, with_arrays
 from ..errors import PlanError
 from ..plans.plan import RunPlan
 

@@ -5,7 +5,7 @@ CPython still runs the function itself, compiled code its translation. `compiled
 and every function of this project that it calls, found through its global names and, for a function
 built by a factory, its closure; then it compiles it. A law is passed to such a factory as an argument.
 
-Compiled code gives the bits of CPython: no fast-math, no fused multiply-add, sines from the same C library.
+Compiled code gives the bits of CPython: no fast-math, no fused multiply-add, sines of our own (`elementary`).
 Only a division by zero differs: inf or NaN where CPython raises; the pure functions never divide by
 anything that can be zero.
 """
@@ -24,8 +24,6 @@ from typing import Any, TypeVar
 import numba
 import numpy as np
 from numba.extending import register_jitable
-
-from trunk_sim.step import Plant
 
 _OURS = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
 # Without numba's reference counting (_nrt): for the arrays in the named tuples that pass from function to
@@ -126,14 +124,3 @@ def with_arrays(record: Record) -> Record:
         for name, value in zip(fields._fields, fields, strict=True)
     )
     return made
-
-
-def pruned(plant: Plant) -> Plant:
-    """Return a plant whose False flags are None, so that the compiler removes their branches.
-
-    That saves a third of a run's time: sine and cosine of one angle are then computed together.
-    """
-    body: Any = plant.body
-    return plant._replace(
-        body=body._replace(prescribed=body.prescribed or None, as_printed=body.as_printed or None)
-    )
