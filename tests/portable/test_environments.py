@@ -1,0 +1,89 @@
+"""The same bits without FMA, in V8 and in C; `scripts/check_portable.sh` has more environments."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.diff import diff
+from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_msgs_util.recording.reader import Recording
+
+from . import cores, vectors
+
+ROOT = Path(__file__).parents[2]
+# On x86-64, glibc then takes the sine of a processor without FMA; elsewhere this changes nothing.
+WITHOUT_FMA = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2,-FMA4"}
+COUNT = 10_000  # arguments for each function
+
+
+def test_the_cores_without_fma():
+    program = [sys.executable, "-m", "tests.portable.cores", "4000"]
+    found = subprocess.run(
+        program, cwd=ROOT, env=os.environ | WITHOUT_FMA, capture_output=True, text=True, check=True
+    )
+    assert json.loads(found.stdout) == cores.fingerprints(4000)
+
+
+def test_a_recording_without_fma_is_the_same_and_verified(tmp_path):
+    given = ["--set", "simulator.duration=5.0", "--set", "simulator.sensor.position_noise=0.001"]
+    given += ["--controller", "fuzzy_pid", "--set", "fuzzy_pid.fuzzy.consequents=log"]
+    for name, more in (("with.mcap", {}), ("without.mcap", WITHOUT_FMA)):
+        command = ["trunk", "simulate", "fig6", *given, "-o", name]
+        subprocess.run(command, cwd=tmp_path, env=os.environ | more, check=True)
+    runs = [RecordedRun.open(tmp_path / name) for name in ("with.mcap", "without.mcap")]
+    assert diff(*runs).identical
+    assert verify(Recording.open(tmp_path / "without.mcap")).exit_code == VERIFIED
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("vectors")
+    vectors.write(folder, COUNT)
+    return folder
+
+
+def said(folder, *command):
+    with (folder / "vectors.txt").open() as file:
+        return subprocess.run(
+            command, cwd=folder, stdin=file, capture_output=True, text=True, check=False
+        ).stdout.strip()
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="Node.js: for the same bits in JavaScript")
+def test_javascript(folder):
+    assert said(folder, "node", "vectors.js") == f"0 of {3 * COUNT} differ"
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc: for the same bits in C")
+def test_c(folder):
+    build = [
+        "gcc",
+        "-O3",
+        "-march=native",
+        "-ffp-contract=off",
+        "vectors.c",
+        "-o",
+        "vectors",
+        "-lm",
+    ]
+    subprocess.run(build, cwd=folder, check=True)
+    assert said(folder, "./vectors") == f"0 of {3 * COUNT} differ"
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="Node.js: for the same bits in JavaScript")
+def test_the_programs_find_one_bit(folder, tmp_path):
+    vectors.write(tmp_path, 100)
+    lines = (tmp_path / "vectors.txt").read_text().splitlines()
+    digits = lines[57].split()
+    digits[2] = f"{int(digits[2], 16) ^ 1:016x}"
+    lines[57] = " ".join(digits)
+    (tmp_path / "vectors.txt").write_text("\n".join(lines) + "\n")
+    assert said(tmp_path, "node", "vectors.js") == "1 of 300 differ"
