@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import struct
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
-from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
+from mcap.writer import LIBRARY_IDENTIFIER
 
 from . import rosbag2
+from .chunked import ChunkedWriter
 from .digests import DIGESTS, RunningDigests
 from .own_file import check_own, open_own
 from .schemas import definition
@@ -20,22 +19,12 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from types import TracebackType
 
-if not hasattr(Writer, "flush"):
-    raise ImportError("recordings need mcap 1.6 or newer: its Writer can finish a chunk on demand")
-
 PROVENANCE = "trunk_provenance"
 END = "trunk_end"
 
 PROFILE, LIBRARY = "ros2", "trunk_msgs_util mcap-python/"
 _LIBRARY = f"trunk_msgs_util {LIBRARY_IDENTIFIER}"
-# Of a message record: opcode and length, then channel, sequence, log time, publish time.
-_HEAD = struct.Struct("<BQHIQQ")
-_HEAD_OF_RECORD = 9
-_COMPRESSIONS = {
-    "zstd": CompressionType.ZSTD,
-    "lz4": CompressionType.LZ4,
-    "none": CompressionType.NONE,
-}
+_COMPRESSIONS = {"zstd": "zstd", "lz4": "lz4", "none": ""}
 
 
 class RecordingWriter:
@@ -55,15 +44,10 @@ class RecordingWriter:
         """
         self.path = Path(path)
         self._file = open_own(self.path, overwrite=overwrite)
-        self._writer = Writer(
-            self._file, compression=_COMPRESSIONS[compression], enable_data_crcs=True
-        )
+        self._writer = ChunkedWriter(self._file, _COMPRESSIONS[compression], self._digest)
         self._schemas: dict[str, int] = {}
-        self._counts: dict[int, int] = {}
         self._topics: dict[int, str] = {}
         self._types: dict[int, str] = {}
-        self._first_ns: int | None = None
-        self._last_ns = 0
         self._digests = RunningDigests()
         self._failure: OSError | None = None
         self._writer.start(PROFILE, _LIBRARY)
@@ -77,7 +61,6 @@ class RecordingWriter:
         schema = self._schemas[type_name]
         metadata = rosbag2.channel_metadata(topic, type_name)
         channel = self._writer.register_channel(topic, "cdr", schema, metadata)
-        self._counts[channel] = 0
         self._topics[channel] = topic
         self._types[channel] = type_name
         self._digests.channel(
@@ -89,19 +72,15 @@ class RecordingWriter:
     def write(self, channel: int, log_time_ns: int, publish_time_ns: int, cdr: bytes) -> None:
         """Write one message; both times in ns, not negative. Raises OSError if it fails."""
         self._check()
-        sequence = self._counts[channel]
         try:
-            self._writer.add_message(channel, log_time_ns, cdr, publish_time_ns, sequence)
+            self._writer.add_message(channel, log_time_ns, cdr, publish_time_ns)
         except OSError as error:
             raise self._failed(error) from None
-        self._counts[channel] = sequence + 1
-        self._first_ns = log_time_ns if self._first_ns is None else min(self._first_ns, log_time_ns)
-        self._last_ns = max(self._last_ns, log_time_ns)
-        length = _HEAD.size - _HEAD_OF_RECORD + len(cdr)
-        self._digests.heads(
-            _HEAD.pack(Opcode.MESSAGE, length, channel, sequence, log_time_ns, publish_time_ns)
-        )
-        self._digests.messages(self._topics[channel], cdr)
+
+    def _digest(self, heads: bytes, messages: Mapping[int, bytes]) -> None:
+        self._digests.heads(heads)
+        for channel, joined in messages.items():
+            self._digests.messages(self._topics[channel], joined)
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Write a record of names and values, after all messages so far."""
@@ -143,6 +122,7 @@ class RecordingWriter:
         if self._file.closed:
             return
         try:
+            self.flush()
             self.add_metadata(rosbag2.RECORD, rosbag2.summary_record(self.summary()))
             self.add_metadata(END, {"complete": str(complete).lower(), "reason": reason})
             self.add_metadata(DIGESTS, self._digests.values())
@@ -156,12 +136,12 @@ class RecordingWriter:
             raise self._failed(error) from None
 
     def summary(self) -> rosbag2.Summary:
-        """Return what has been written so far, in rosbag2's words."""
+        """Return what has been written by the last flush, in rosbag2's words."""
         told = tuple(
-            rosbag2.TopicCount(topic, self._types[channel], self._counts[channel])
+            rosbag2.TopicCount(topic, self._types[channel], self._writer.counts.get(channel, 0))
             for channel, topic in self._topics.items()
         )
-        return rosbag2.Summary(told, self._first_ns or 0, self._last_ns)
+        return rosbag2.Summary(told, self._writer.first_ns or 0, self._writer.last_ns)
 
     def _failed(self, error: OSError) -> OSError:
         """Return the first failure, naming the file; nothing is written after it."""
