@@ -1,7 +1,7 @@
 """`elementary` in C and in JavaScript: the same operations in the same order, from its source.
 
 Knows what these functions are made of: assignments, ``if``, ``return``, a loop over constants, arithmetic,
-comparisons and ``floor``. Anything else is an error.
+and comparisons. Anything else is an error.
 """
 
 from __future__ import annotations
@@ -55,10 +55,6 @@ class Translator:
                 return f"({self.expression(test)} ? {self.expression(a)} : {self.expression(b)})"
             case ast.Subscript(value=a, slice=ast.Name(id=i)):
                 return f"{self.expression(a)}[{i}]"
-            case ast.Call(func=ast.Name(id="floor"), args=[a]):
-                return (
-                    f"{'Math.' if self.language == JAVASCRIPT else ''}floor({self.expression(a)})"
-                )
             case ast.Call(func=ast.Name(id="float"), args=[ast.Constant(value="inf")]):
                 return "INFINITY"
             case ast.Call(func=ast.Name(id="float"), args=[a]):

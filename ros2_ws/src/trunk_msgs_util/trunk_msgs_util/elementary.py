@@ -1,9 +1,9 @@
 """Sine, cosine, exponential and logarithm that have the same bits on every machine.
 
-IEEE 754 fixes the result of + - * / and of floor to the last bit, but not that of sin, exp and log: each
-libm has its own, and glibc picks one by the processor. These functions are made of fixed operations in a
-stated order alone, so that CPython, compiled code, C without contraction (``-ffp-contract=off``) and
-JavaScript return the same bits. Python never contracts; numba does not unless told to.
+IEEE 754 fixes the result of + - * / to the last bit, but not that of sin, exp and log: each libm has its
+own, and glibc picks one by the processor. These functions are made of fixed operations in a stated order
+alone, so that CPython, compiled code, C without contraction (``-ffp-contract=off``) and JavaScript return the
+same bits. Python never contracts; numba does not unless told to.
 
 Methods and coefficients are those of fdlibm (Sun Microsystems, 1993: k_sin.c, k_cos.c, e_exp.c, e_log.c).
 The greatest errors were measured against mpmath; ``test_elementary.py`` repeats it.
@@ -13,12 +13,12 @@ Pure: functions of floats, which CPython runs and numba compiles unchanged.
 
 from __future__ import annotations
 
-from math import floor
-
 _NAN = float("nan")
 
 # pi/2 = the sum of these. The first three have 33 bits each: a whole number below 2**20 times one of them
 # is exact.
+# x + this - this is the whole number next to x, as long as abs(x) < 2**51: a double has no room for more.
+_ROUND = 6755399441055744.0  # 1.5 * 2**52
 _2_PI = 6.28318530717958623200e00
 _QUARTER_PI = 7.85398163397448278999e-01
 _2_OVER_PI = 6.36619772367581382433e-01
@@ -62,9 +62,9 @@ _L7 = 1.479819860511658591e-01
 _SQRT_HALF = 7.07106781186547524401e-01
 SMALLEST_NORMAL = 2.2250738585072014e-308  # 2**-1022
 # 2**p and 2**-p for p = 512, 256, ..., 1.
-_POWERS = (512, 256, 128, 64, 32, 16, 8, 4, 2, 1)
-_UP = tuple(float(1 << p) for p in _POWERS)
-_DOWN = tuple(1.0 / (1 << p) for p in _POWERS)
+_POWERS = (512.0, 256.0, 128.0, 64.0, 32.0, 16.0, 8.0, 4.0, 2.0, 1.0)
+_UP = tuple(float(1 << int(p)) for p in _POWERS)
+_DOWN = tuple(1.0 / one for one in _UP)
 
 
 def sincos(x: float) -> tuple[float, float]:
@@ -77,7 +77,7 @@ def sincos(x: float) -> tuple[float, float]:
         return _NAN, _NAN
     n, y, z = 0.0, x, 0.0
     if not -_QUARTER_PI <= x <= _QUARTER_PI:
-        n = float(floor(x * _2_OVER_PI + 0.5))
+        n = x * _2_OVER_PI + _ROUND - _ROUND
         a = x - n * _HALF_PI_1  # exact, as each product is
         b = n * _HALF_PI_2
         c = a - b
@@ -99,14 +99,14 @@ def sincos(x: float) -> tuple[float, float]:
     w = 1.0 - half
     co = w + (((1.0 - w) - half) + (q * r - y * z))
 
-    quadrant = n - 4.0 * floor(0.25 * n)
+    quadrant = n - 4.0 * (0.25 * n + _ROUND - _ROUND)  # -2 ... 2
+    if quadrant == 0.0:
+        return s, co
     if quadrant == 1.0:
         return co, -s
-    if quadrant == 2.0:
-        return -s, -co
-    if quadrant == 3.0:
+    if quadrant == -1.0:
         return -co, s
-    return s, co
+    return -s, -co
 
 
 def sin(x: float) -> float:
@@ -121,7 +121,7 @@ def cos(x: float) -> float:
 
 def sine_wave(turns: float, phase: float) -> float:
     """Return ``sin(2 pi turns + phase)``, phase in rad; whole turns are left out, however many there are."""
-    return sin(_2_PI * (turns - floor(turns)) + phase)
+    return sin(_2_PI * (turns - (turns + _ROUND - _ROUND)) + phase)
 
 
 def exp(x: float) -> float:
@@ -140,18 +140,18 @@ def exp(x: float) -> float:
         return float("inf")
     if x < SMALLEST_EXPONENT:
         return 0.0
-    k = floor(x * _1_OVER_LN2 + 0.5)
+    k = x * _1_OVER_LN2 + _ROUND - _ROUND
     high = x - k * _LN2_HIGH
     low = k * _LN2_LOW
     r = high - low
     t = r * r
     c = r - t * (_P1 + t * (_P2 + t * (_P3 + t * (_P4 + t * _P5))))
     y = 1.0 - ((low - (r * c) / (2.0 - c)) - high)
-    left = k if k >= 0 else -k
+    left = k if k >= 0.0 else -k
     for i in range(len(_POWERS)):
         if left >= _POWERS[i]:
             left -= _POWERS[i]
-            y *= _UP[i] if k >= 0 else _DOWN[i]
+            y *= _UP[i] if k >= 0.0 else _DOWN[i]
     return y
 
 
@@ -166,7 +166,7 @@ def log(x: float) -> float:
     """
     if not x >= SMALLEST_NORMAL or x - x != 0.0:
         return _NAN
-    k = 0
+    k = 0.0
     for i in range(len(_POWERS)):  # by powers of two: each product is exact
         if x >= _UP[i]:
             x *= _DOWN[i]
@@ -176,10 +176,10 @@ def log(x: float) -> float:
             k -= _POWERS[i]
     if x < _SQRT_HALF:
         x += x
-        k -= 1
+        k -= 1.0
     elif x >= 2.0 * _SQRT_HALF:
         x *= 0.5
-        k += 1
+        k += 1.0
     f = x - 1.0
     s = f / (2.0 + f)
     z = s * s
