@@ -1,4 +1,4 @@
-"""The pure cores in closed loop: SHA-256 of their states, commands and noises, to compare machines.
+"""The pure cores in closed loop, and the elementary functions: SHA-256 of what they return.
 
 python -m tests.portable.cores [STEPS]     needs NumPy alone
 """
@@ -24,6 +24,8 @@ from trunk_sim.disturbances import disturbance_at
 from trunk_sim.noise import Noise
 from trunk_sim.simulation import Simulation
 from trunk_sim.step import act
+
+from . import vectors
 
 RATE = 1000.0
 PLANT = SimulatorConfig(
@@ -63,6 +65,7 @@ def fingerprints(steps: int) -> dict[str, str]:
             found["states"].update(struct.pack("<4d", *simulation.state))
             found["commands"].update(struct.pack("<d", answer.effort))
             found["noise"].update(struct.pack("<2d", *noise.pair(simulation.step_index)))
+    found["elementary"] = sha256("".join(vectors.lines(steps // 4)).encode())
     return {name: digest.hexdigest() for name, digest in found.items()}
 
 

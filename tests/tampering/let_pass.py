@@ -15,7 +15,7 @@ _PARAMETER = r"parameter: {}, (set|changed), another value \({}\)"
 LET_PASS: tuple[tuple[str, str], ...] = (
     (
         (
-            rf"{_ANY}: origin: (started_utc|commit|trunk_\w+|numpy|numba|rosbags|libm|machine|python|platform"
+            rf"{_ANY}: origin: (started_utc|commit|trunk_\w+|numpy|numba|rosbags|python|platform"
             r"|host|ros_distro), .*"
         ),
         "origin: where and by which version it was recorded; digests alone cover it",

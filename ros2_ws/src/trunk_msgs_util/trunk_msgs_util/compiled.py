@@ -50,13 +50,27 @@ def compiled(function: Function) -> Function:
             _registered.add(callee)
     config: Any = numba.config
     folder = config.CACHE_DIR
-    config.CACHE_DIR = str(cache_folder() / fingerprint(function))
     try:
+        config.CACHE_DIR = str(cache_folder() / fingerprint(function))
         twin: Function = numba.njit(function, cache=True, **_OPTIONS)
     except (RuntimeError, OSError):
         twin = numba.njit(function, **_OPTIONS)
     finally:
         config.CACHE_DIR = folder
+    return twin
+
+
+def ready(function: Function, *example: object) -> Function:
+    """Return the compiled twin after a first call with these arguments.
+
+    Where what is kept on disk is damaged, or the disk is full, it is compiled anew and not kept.
+    """
+    twin = compiled(function)
+    try:
+        twin(*example)
+    except Exception:  # whatever numba makes of such files; compiling itself fails again below
+        twin = numba.njit(function, **_OPTIONS)
+        twin(*example)
     return twin
 
 

@@ -15,13 +15,13 @@ from __future__ import annotations
 
 _NAN = float("nan")
 
-# pi/2 = the sum of these. The first three have 33 bits each: a whole number below 2**20 times one of them
-# is exact.
 # x + this - this is the whole number next to x, as long as abs(x) < 2**51: a double has no room for more.
 _ROUND = 6755399441055744.0  # 1.5 * 2**52
 _2_PI = 6.28318530717958623200e00
 _QUARTER_PI = 7.85398163397448278999e-01
 _2_OVER_PI = 6.36619772367581382433e-01
+# pi/2 = the sum of these. The first three have 33 bits each: a whole number below 2**20 times one of them
+# is exact.
 _HALF_PI_1 = 1.57079632673412561417e00
 _HALF_PI_2 = 6.07710050630396597660e-11
 _HALF_PI_3 = 2.02226624871116645580e-21

@@ -92,8 +92,8 @@ def forward_dynamics(
 ) -> tuple[float, float]:
     """Return ``(x'', theta'')`` in m/s^2 and rad/s^2 under a force F [N] along x and a torque [N m].
 
-    A prescribed hip keeps its speed, x'' = 0, and only the second row is solved. NaN if the motion
-    is too large for floats.
+    A prescribed hip keeps its speed, x'' = 0, and only the second row is solved. NaN if an angle
+    is beyond `elementary.LARGEST_ANGLE`, or the motion too large for floats.
     """
     a11, a12, a22, b1, b2, determinant = equations_of_motion(x, theta, x_dot, theta_dot, body)
     b2 = b2 + torque
@@ -114,7 +114,7 @@ def inverse_dynamics(
 
         H = det / a11,    c = (a12 / a11) b1 - b2
 
-    A prescribed hip leaves ``H = a22`` and ``c = -b2``. NaN if the motion is too large for floats.
+    A prescribed hip leaves ``H = a22`` and ``c = -b2``. NaN as in `forward_dynamics`.
     """
     a11, a12, a22, b1, b2, determinant = equations_of_motion(x, theta, x_dot, theta_dot, body)
     if body.prescribed:

@@ -8,6 +8,7 @@ from math import inf, nan
 
 import pytest
 
+from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_sim import quick
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
@@ -161,3 +162,24 @@ def test_a_long_run_steps_by_compiled_code_with_the_same_bits(values):
 def test_a_long_run_without_numba_steps_by_cpython(monkeypatch):
     monkeypatch.setitem(sys.modules, "trunk_msgs_util.compiled", None)
     assert quick.act_for(SimulatorConfig(duration=0.0)) is act
+
+
+def test_what_is_kept_of_compiled_code_may_be_damaged(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    long = SimulatorConfig(duration=1e6)
+    expected = list(trail(Simulation(long)))
+    kept = [path for path in tmp_path.rglob("*.nb?") if path.is_file()]
+    assert kept
+    for path in kept:
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2 * (path.suffix == ".nbc")])
+    assert list(trail(Simulation(long))) == expected
+
+
+def test_angles_beyond_the_largest_are_named():
+    with pytest.raises(ParameterError, match=r"path\.wavenumber times x"):
+        SimulatorConfig(initial_position=(1e6, 0.1), wavenumber=2.0)
+    start = {"initial_position": (0.0, 1.646e6), "initial_velocity": (0.0, 2e5)}
+    simulation = Simulation(SimulatorConfig(hip_mode="prescribed", **start), act)
+    simulation.step(0.0, QUIET)
+    with pytest.raises(DivergedError, match="the largest angle whose sine is computed"):
+        simulation.step(0.0, QUIET)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf, pi
 
+from trunk_msgs_util.elementary import LARGEST_ANGLE
 from trunk_msgs_util.mechanics import Body
 from trunk_msgs_util.parameters.body import body_of, body_parameter
 from trunk_msgs_util.parameters.config import ManagedConfig
@@ -212,6 +213,13 @@ class SimulatorConfig(ManagedConfig):
     )
 
     def __post_init__(self) -> None:
+        x, theta = self.initial_position
+        if max(abs(x * self.wavenumber), abs(theta)) > LARGEST_ANGLE:
+            raise ParameterError(
+                "initial.position",
+                self.initial_position,
+                f"at most {LARGEST_ANGLE:g} rad, for the trunk's angle and for path.wavenumber times x",
+            )
         printed = (self.amplitude, self.wavenumber, self.hip_mode) == (1.0, 1.0, "passive")
         if self.equations == "as_printed" and not printed:
             raise ParameterError(

@@ -143,10 +143,10 @@ def fill(bits: NDArray[np.int64], samples: NDArray[np.float64]) -> None:
 @cache
 def _compiled_fill() -> Callable[..., None]:
     try:
-        from trunk_msgs_util.compiled import compiled
+        from trunk_msgs_util.compiled import ready
     except ImportError:  # numba is not needed, but quick
         return fill
-    return compiled(fill)
+    return ready(fill, random_bits(0, 0, 1), np.empty((1, 2)))
 
 
 class Noise:

@@ -36,7 +36,7 @@ def accelerations_as_printed(
 
     The torque enters as -U with U = -tau: the paper's negative gains in its eq. 12 are our positive
     ones. F [N] acts on the hip. The path is ``y = sin x``, whatever ``body``
-    contains. NaN if the motion is too large for floats.
+    contains. NaN if an angle is beyond `LARGEST_ANGLE`, or the motion too large for floats.
     """
     x, theta, x_dot, theta_dot = state
     sin_x, cos_x = sincos(x)

@@ -10,7 +10,8 @@ from .step import Plant, Trunk, act, at_rest
 
 Act = Callable[[Trunk, float, Disturbance, Plant], Trunk]
 
-# Runge-Kutta steps. Compiled code saves some microseconds in each; loading it takes some tenths of a second.
+# Runge-Kutta steps. Compiled code saves some microseconds in each; loading it takes
+# some tenths of a second, and compiling it, once for each version, some seconds.
 WORTH_COMPILING = 40_000
 
 
@@ -23,10 +24,8 @@ def act_for(config: SimulatorConfig) -> Act:
     if 0.0 < steps < WORTH_COMPILING:
         return act
     try:
-        from trunk_msgs_util.compiled import compiled
+        from trunk_msgs_util.compiled import ready
     except ImportError:  # numba is not needed, but quick
         return act
-    quick = compiled(act)
     plant = config.plant
-    quick(at_rest(config.initial_state, plant), 0.0, Disturbance(), plant)  # load it now
-    return quick
+    return ready(act, at_rest(config.initial_state, plant), 0.0, Disturbance(), plant)

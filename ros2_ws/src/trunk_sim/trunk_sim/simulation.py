@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from trunk_msgs_util.elementary import LARGEST_ANGLE
 from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import seconds
@@ -89,6 +90,12 @@ class Simulation:
         after = self._act(self.trunk, effort, disturbance, self._plant)
         if after.diverged:
             torque = saturate(effort, self._plant.max_effort)
+            phase = self.state.x * self._plant.body.wavenumber
+            if max(abs(phase), abs(self.state.theta)) > 0.9 * LARGEST_ANGLE:
+                raise DivergedError(
+                    f"the step after t = {seconds(self.stamp_ns):g} s turns the trunk, or the path's phase, "
+                    f"beyond {LARGEST_ANGLE:g} rad, the largest angle whose sine is computed"
+                )
             raise DivergedError(
                 f"the plant diverged in the step after t = {seconds(self.stamp_ns):g} s "
                 f"(angle {self.state.theta:.3g} rad, effort {torque:.3g} N m): the loop is unstable "

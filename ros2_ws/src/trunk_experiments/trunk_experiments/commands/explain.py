@@ -28,8 +28,8 @@ from ..replay.explain import Explanation, explain
 def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
     """Explain why the controller of a recorded run commanded this torque at this instant.
 
-    Exit code 0: the recomputed command equals the recorded one, or the file was recorded in another
-    arithmetic; 1: it differs.
+    Exit code 0: the recomputed command equals the recorded one, or differs by the rounding of the other
+    arithmetic in which it was recorded; 1: it differs.
     """
     recorded = open_run(run)
     show_warnings(recorded.recording.warnings)
@@ -38,7 +38,7 @@ def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
         click.echo(json.dumps(as_values(found), indent=2))
     else:
         _show(found)
-    ctx.exit(0 if found.agrees or not found.portable else 1)
+    ctx.exit(0 if found.agrees or found.rounded_otherwise else 1)
 
 
 def as_values(found: Explanation) -> dict[str, Any]:
@@ -62,6 +62,8 @@ def as_values(found: Explanation) -> dict[str, Any]:
         "took_over": found.took_over,
         "recorded": found.recorded,
         "agrees": found.agrees,
+        "arithmetic": found.arithmetic or None,
+        "rounded_otherwise": found.rounded_otherwise,
         "applied": found.applied,
     }
 
@@ -145,5 +147,5 @@ def _show(found: Explanation) -> None:
         "recomputed: equal to the recorded command, bit for bit"
         if found.agrees
         else f"recomputed: {terms.effort!r}, but {found.recorded!r} N m is recorded"
-        + ("" if found.portable else ", in another arithmetic: last bits may differ")
+        + (", by another arithmetic" if found.rounded_otherwise else "")
     )

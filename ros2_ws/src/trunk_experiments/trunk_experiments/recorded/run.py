@@ -68,16 +68,18 @@ class RecordedRun:
         """How its numbers were computed, by its provenance; empty if that does not say."""
         return self.recording.provenance.get("arithmetic", "")
 
-    def check_arithmetic(self) -> None:
-        """Raise RecordingError for a file whose numbers other functions than ours have computed."""
-        if not self.recording.provenance or self.arithmetic == ARITHMETIC:
-            return
-        raise RecordingError(
-            f"{self.path}: recorded in arithmetic {self.arithmetic!r}, here it is {ARITHMETIC!r}: its bits "
-            "cannot be recomputed; use the version of this project that recorded it"
-            if self.arithmetic
-            else f"{self.path}: its provenance names no arithmetic ({ARITHMETIC}): its last bits depend on "
-            "the machine that recorded it, and cannot be recomputed; record the run again"
+    def cannot_be_recomputed(self) -> str:
+        """Return why the bits cannot be: other functions than ours have computed them; empty if they can."""
+        if self.arithmetic == ARITHMETIC:
+            return ""
+        if self.arithmetic:
+            return (
+                f"recorded in arithmetic {self.arithmetic!r}, here it is {ARITHMETIC!r}: its bits cannot be "
+                "recomputed; use the version of this project that recorded it"
+            )
+        return (
+            f"no provenance that names its arithmetic ({ARITHMETIC}): its last bits depend on the machine "
+            "that recorded it, and cannot be recomputed; record the run again"
         )
 
     @cached_property
@@ -244,7 +246,8 @@ class RecordedRun:
 
         Raises RecordingError if the recording lacks something that this needs.
         """
-        self.check_arithmetic()
+        if reason := self.cannot_be_recomputed():
+            raise RecordingError(f"{self.path}: {reason}")
         controllers = self.controllers
         if not controllers or not set(controllers) <= set(CONTROLLERS):
             raise RecordingError(

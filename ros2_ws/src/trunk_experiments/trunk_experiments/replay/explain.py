@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isclose
 from typing import NamedTuple
 
 import numpy as np
@@ -76,7 +77,7 @@ class Explanation:
     took_over: bool  # True: a takeover while the plant moved, from the torque that acted
     recorded: float  # N m, the command in the recording
     applied: float | None  # N m, to the plant over the step that begins then; None likewise
-    portable: bool  # False: recorded in another arithmetic than ours, last bits may differ
+    arithmetic: str  # in which it was recorded; empty: not known
 
     @property
     def by_model(self) -> float:
@@ -93,6 +94,12 @@ class Explanation:
     def agrees(self) -> bool:
         """True if the recomputed command equals the recorded one bit by bit."""
         return same(self.terms.effort, self.recorded)
+
+    @property
+    def rounded_otherwise(self) -> bool:
+        """True if the two differ by no more than another arithmetic explains, in which it was recorded."""
+        near = isclose(self.terms.effort, self.recorded, rel_tol=1e-9, abs_tol=1e-9)
+        return near and not self.agrees and self.arithmetic != ARITHMETIC
 
 
 class _Update(NamedTuple):
@@ -169,7 +176,7 @@ def explain(run: RecordedRun, at: float) -> Explanation:
         took_over=update.took_over,
         recorded=commands.get(update.stamp_ns, "effort", 1)[0],
         applied=float(table.torque[row]) if ours else None,
-        portable=run.arithmetic == ARITHMETIC,
+        arithmetic=run.arithmetic,
     )
 
 

@@ -41,17 +41,13 @@ _MODES = {"real_time": "in real time", "lockstep": "in lock-step", "offline": "o
 
 
 def verify(recording: Recording) -> Verdict:
-    """Return the verdict on a recording; damage and gaps are obstacles, never ignored.
-
-    Raises RecordingError for one that was recorded in another arithmetic than ours.
-    """
+    """Return the verdict on a recording; damage and gaps are obstacles, never ignored."""
     return verdict_on(RecordedRun(recording))
 
 
 def verdict_on(run: RecordedRun) -> Verdict:
     """Return the verdict on a recorded run, as `verify` does."""
     recording = run.recording
-    run.check_arithmetic()
     verdict = Verdict()
     verdict.obstacles += recording.warnings
     verdict.altered = recording.alterations()
@@ -62,6 +58,9 @@ def verdict_on(run: RecordedRun) -> Verdict:
         verdict.obstacles.append("no end marker: the recorder did not finish this file")
     if not run.mode:
         verdict.obstacles.append("no provenance: the mode of the run is not known")
+    if reason := run.cannot_be_recomputed():
+        verdict.obstacles.append(reason)
+        return verdict
     if not run.controllers or not set(run.controllers) <= set(CONTROLLERS):
         found = ", ".join(run.controllers) or "none"
         verdict.obstacles.append(f"no known controller's state is recorded (found: {found})")

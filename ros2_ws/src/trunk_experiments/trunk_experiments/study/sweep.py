@@ -13,7 +13,9 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
+from platform import libc_ver, machine
 from typing import Any
 
 import pyarrow as pa
@@ -56,6 +58,8 @@ Runner = Callable[[Iterable[RunBlock]], Iterator[tuple[int, pa.Table]]]
 def sources() -> str:
     """Return a hash of the sources and of the libraries that determine a run's numbers."""
     libraries = {name: text for name, text in gather().items() if name in ("numpy", "arithmetic")}
+    # Draws from a distribution use NumPy's and SciPy's functions.
+    libraries |= {"scipy": version("scipy"), "libm": " ".join(libc_ver()), "machine": machine()}
     code = f"{loops_fingerprint()}-{fingerprint(metrics)}-{fingerprint(plan_of)}"
     return f"{code}-{json.dumps(libraries, sort_keys=True)}"
 
