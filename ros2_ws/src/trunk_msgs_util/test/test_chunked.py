@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
 
-from trunk_msgs_util.recording import chunked
-from trunk_msgs_util.recording.chunked import HEAD, ChunkedWriter
+from trunk_msgs_util.recording.writing import chunked
+from trunk_msgs_util.recording.writing.chunked import HEAD, ChunkedWriter
 
 TIMES = st.integers(0, 2**63 - 1) | st.integers(0, 5)
 MESSAGES = st.tuples(st.just("message"), st.integers(0, 2), TIMES, TIMES, st.binary(max_size=40))

@@ -10,10 +10,10 @@ from mcap.records import Channel, Schema
 from mcap.writer import LIBRARY_IDENTIFIER
 
 from . import rosbag2
-from .chunked import ChunkedWriter
 from .digests import DIGESTS, RunningDigests
-from .own_file import check_own, open_own
 from .schemas import definition
+from .writing.chunked import ChunkedWriter
+from .writing.own_file import check_own, open_own
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -1,0 +1,1 @@
+"""What the writer is made of: its chunks, and the file that it owns."""
