@@ -136,6 +136,8 @@ def test_update_holds(measurement, dt):
     )
 
 
-def test_negative_dt_raises():
-    with pytest.raises(ValueError, match="dt must be 0 or greater"):
-        fuzzy_pid_update(PidState(), 0.0, 0.5, 1.0, -0.01, RULES, BOX, PidLaw())
+def test_negative_dt_holds():
+    before = PidState(0.1, 0.2, -0.2, 0.3, 4.0, True)
+    after, terms = fuzzy_pid_update(before, 0.0, 0.5, 1.0, -0.01, RULES, BOX, PidLaw())
+    assert after == before
+    assert (terms.held, terms.effort) == (True, 4.0)

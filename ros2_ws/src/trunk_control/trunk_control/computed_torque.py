@@ -36,7 +36,7 @@ def computed_torque_update(
 
     ``gains`` give accelerations: 1/s^2, 1/s^3, 1/s; with an exact model the error then obeys
     ``e'' + kd e' + kp e + ki I = 0``. The terms carry the gains times H. ``rate`` [rad/s] is used by
-    the model in every derivative mode. Holds and raises as `pid_update` does.
+    the model in every derivative mode. Holds as `pid_update` does.
     """
     error = reference - measurement
     if not usable(error, rate + hip.position + hip.velocity, dt):

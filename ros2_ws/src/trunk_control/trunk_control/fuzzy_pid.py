@@ -61,7 +61,7 @@ def fuzzy_pid_update(
     """Return the next state and the terms of one Fuzzy-PID update.
 
     The gains are inferred at (e_k, D_k), with the derivative that the law uses, and applied to the same
-    sample: ``u = Kp e + Ki I + Kd D`` with Ki outside the sum. Holds and raises as `pid_update` does.
+    sample: ``u = Kp e + Ki I + Kd D`` with Ki outside the sum. Holds as `pid_update` does.
     """
     error = reference - measurement
     if not usable(error, rate, dt):

@@ -27,7 +27,7 @@ def lqr_update(
     """Return the next state and the terms of ``u = kp e + ki I + kd D - G sin(reference)``.
 
     ``gravity_torque`` G = m g l in N m: gravity's torque on a level trunk. The feed-forward is the
-    command minus the three terms. Holds and raises as `pid_update` does.
+    command minus the three terms. Holds as `pid_update` does.
     """
     error = reference - measurement
     if not usable(error, rate, dt):
