@@ -70,7 +70,7 @@ def in_force(effort: float, age_ns: int, timeout_ns: int) -> float:
 
 def at_rest(state: PlantState, plant: Plant) -> Trunk:
     """Return the trunk in a state before any torque: at the start, or after a reset."""
-    return Trunk(state, 0.0, abs(state.theta) > plant.fall_angle, False)
+    return Trunk(state, 0.0, beyond_fall(state, plant), False)
 
 
 def saturate(effort: float, limit: float) -> float:
@@ -119,11 +119,21 @@ def act(trunk: Trunk, effort: float, disturbance: Disturbance, plant: Plant) -> 
         plant.substeps,
         plant.body,
     )
-    if not (
+    if not finite(state):
+        return Trunk(trunk.state, trunk.effort, trunk.fallen, True)
+    return Trunk(state, torque, trunk.fallen or beyond_fall(state, plant), False)
+
+
+def finite(state: PlantState) -> bool:
+    """Return True if all four numbers of a state are finite."""
+    return (
         isfinite(state.x)
         and isfinite(state.theta)
         and isfinite(state.x_dot)
         and isfinite(state.theta_dot)
-    ):
-        return Trunk(trunk.state, trunk.effort, trunk.fallen, True)
-    return Trunk(state, torque, trunk.fallen or abs(state.theta) > plant.fall_angle, False)
+    )
+
+
+def beyond_fall(state: PlantState, plant: Plant) -> bool:
+    """Return True if the trunk leans further than the fall angle."""
+    return abs(state.theta) > plant.fall_angle

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from math import degrees, isfinite, radians
+from functools import cache
+from math import degrees, inf, isfinite, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from .sums import Sums, no_rows, with_row
 
-    from trunk_msgs_util.recording.joint_arrays import Floats
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
 
     from .run_table import RunTable
 
-SETTLING_BAND_DEG = 6.0
-SETTLING_BAND = radians(SETTLING_BAND_DEG)  # rad
 SETTLED_FOR = 1.0  # s that must remain after settling
 STEADY_STATE = 2.0  # s at the end
 _TOLERANCE = 1e-9  # s, for times that are sums of rounded periods
+_WORTH_COMPILING = 200_000  # rows: loading the compiler takes as long as adding so many up
 
 
 class Quantity(NamedTuple):
@@ -73,19 +73,27 @@ class Metrics:
         return asdict(self)
 
 
-def metrics(table: RunTable) -> Metrics:
+def metrics(table: RunTable, compiled: bool = False) -> Metrics:
     """Return the metrics of a run.
 
     Overshoot and settling refer to the reference's last level and count from its last change (t_0 if
     it is constant). A reference that still changes in the last second (a sine, or a level set too
-    late) has no such level: both are None. Raises ValueError for a table without rows, with data that
+    late) has no such level: both are None. ``compiled``: add up in compiled code, however short the run;
+    the numbers are the same. Raises ValueError for a table without rows, with data that
     are not finite, or with such as make a metric infinite.
     """
     _check(table)
-    t, theta, torque = table.t, table.theta, table.torque
-    error = table.reference - theta
-    with np.errstate(over="ignore"):
-        return _checked(_computed(t, theta, torque, error, table.reference))
+    begin, end = float(table.t[0]), float(table.t[-1])
+    t, theta, reference, torque = (
+        np.ascontiguousarray(one) for one in (table.t, table.theta, table.reference, table.torque)
+    )
+    quick = _compiled_sums() if compiled or len(t) >= _WORTH_COMPILING else None
+    if quick is None:
+        rows = t.tolist(), theta.tolist(), reference.tolist(), torque.tolist()
+        sums = _sums(*rows, steady_from(end))
+    else:
+        sums = quick(t, theta, reference, torque, steady_from(end))
+    return metrics_of(sums, begin)
 
 
 def _checked(found: Metrics) -> Metrics:
@@ -95,25 +103,34 @@ def _checked(found: Metrics) -> Metrics:
     return found
 
 
-def _computed(
-    t: Floats, theta: Floats, torque: Floats, error: Floats, reference: Floats
-) -> Metrics:
-    changes = np.flatnonzero(np.diff(reference)) + 1
-    start = int(changes[-1]) if len(changes) else 0
-    has_level = start == 0 or t[-1] - t[start] >= SETTLED_FOR - _TOLERANCE
-    mean, rms = _steady_state(t, error)
-    return Metrics(
-        overshoot_deg=_overshoot(theta[start:], reference[-1]) if has_level else None,
-        settling_time_6deg_s=_settling_time(t[start:], error[start:]) if has_level else None,
-        steady_state_error_mean_deg=mean,
-        steady_state_error_rms_deg=rms,
-        iae=_integral(t, np.abs(error)),
-        ise=_integral(t, error**2),
-        itae=_integral(t, t * np.abs(error)),
-        effort=float(np.sum(np.diff(t) * torque[:-1] ** 2)),
-        peak_torque=float(np.max(np.abs(torque))),
-        theta_min_deg=degrees(np.min(theta)),
-        theta_max_deg=degrees(np.max(theta)),
+def steady_from(end: float) -> float:
+    """Return when the steady state of a run begins that ends at ``end`` [s]."""
+    return end - STEADY_STATE - _TOLERANCE
+
+
+def metrics_of(sums: Sums, begin: float) -> Metrics:
+    """Return the metrics of a run that began at ``begin`` [s]. Raises ValueError if one is infinite."""
+    s = sums
+    has_level = s.level_since == begin or s.t - s.level_since >= SETTLED_FOR - _TOLERANCE
+    has_steady_state = s.t - begin >= STEADY_STATE - _TOLERANCE
+    return _checked(
+        Metrics(
+            overshoot_deg=_overshoot(s) if has_level else None,
+            settling_time_6deg_s=_settling_time(s) if has_level else None,
+            steady_state_error_mean_deg=(
+                degrees(s.steady_sum / s.steady_rows) if has_steady_state else None
+            ),
+            steady_state_error_rms_deg=(
+                degrees(sqrt(s.steady_squares / s.steady_rows)) if has_steady_state else None
+            ),
+            iae=s.iae / 2.0,
+            ise=s.ise / 2.0,
+            itae=s.itae / 2.0,
+            effort=s.effort,
+            peak_torque=s.peak_torque,
+            theta_min_deg=degrees(s.lowest),
+            theta_max_deg=degrees(s.highest),
+        )
     )
 
 
@@ -130,30 +147,39 @@ def _check(table: RunTable) -> None:
             raise ValueError(f"{name} is not finite at t = {table.t[bad[0]]:g} s: no metrics")
 
 
-def _overshoot(theta: Floats, target: float) -> float | None:
-    """Return the excursion past the target in degrees; None if the first angle is the target."""
-    direction = np.sign(target - theta[0])
-    if direction == 0.0:
+def _overshoot(s: Sums) -> float | None:
+    """Return the excursion past the level in degrees; None if the angle began at it."""
+    if s.level_from == s.level:
         return None
-    return max(0.0, degrees(np.max(direction * (theta - target))))
+    beyond = s.level_highest - s.level if s.level_from < s.level else s.level - s.level_lowest
+    return max(0.0, degrees(beyond))
 
 
-def _settling_time(t: Floats, error: Floats) -> float | None:
-    """Return the time in s after which the error stays in the band to the end."""
-    outside = np.flatnonzero(np.abs(error) > SETTLING_BAND)
-    settled = int(outside[-1]) + 1 if len(outside) else 0
-    if settled == len(t) or t[-1] - t[settled] < SETTLED_FOR - _TOLERANCE:
+def _settling_time(s: Sums) -> float | None:
+    """Return the time in s from the level's start after which the error stays in the band to the end."""
+    if s.settled_at == inf or s.t - s.settled_at < SETTLED_FOR - _TOLERANCE:
         return None
-    return float(t[settled] - t[0])
+    return s.settled_at - s.level_since
 
 
-def _steady_state(t: Floats, error: Floats) -> tuple[float | None, float | None]:
-    """Return mean and RMS of the error in degrees; None if the run is too short."""
-    if t[-1] - t[0] < STEADY_STATE - _TOLERANCE:
-        return None, None
-    last = error[t >= t[-1] - STEADY_STATE - _TOLERANCE]
-    return degrees(np.mean(last)), degrees(np.sqrt(np.mean(last**2)))
+def _sums(
+    t: Sequence[float],
+    theta: Sequence[float],
+    reference: Sequence[float],
+    torque: Sequence[float],
+    steady: float,
+) -> Sums:
+    sums = no_rows(t[0])
+    for k in range(len(t)):
+        sums = with_row(sums, t[k], theta[k], reference[k], torque[k], steady)
+    return sums
 
 
-def _integral(t: Floats, values: Floats) -> float:
-    return float(np.sum(np.diff(t) * (values[1:] + values[:-1])) / 2.0)
+@cache
+def _compiled_sums() -> Callable[..., Sums] | None:
+    try:
+        from trunk_msgs_util.compiled import ready
+    except ImportError:  # numba is not needed, but quick
+        return None
+    row = np.zeros(1)
+    return ready(_sums, row, row, row, row, 0.0)

@@ -191,7 +191,7 @@ class Outcome(NamedTuple):
 
     def metrics(self) -> Metrics | None:
         """Return the metrics; None for a run that diverged."""
-        return None if self.diverged_at is not None else metrics(self.table)
+        return None if self.diverged_at is not None else metrics(self.table, compiled=True)
 
 
 class Batch:

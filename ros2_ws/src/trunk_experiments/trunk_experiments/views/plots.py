@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from trunk_msgs_util.mechanics import path_height
 
-from ..analysis.metrics import SETTLING_BAND_DEG
+from ..analysis.sums import SETTLING_BAND_DEG
 from .plot_style import COLORS, STYLE, line_style
 from .run_view import RunView, labels, off_scale, same_pulses
 
