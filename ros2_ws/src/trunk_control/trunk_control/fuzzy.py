@@ -37,19 +37,16 @@ def locate(value: float, peaks: Sequence[float]) -> tuple[int, float]:
     A value outside the universe is clamped to its ends. The two weights are the memberships of the
     triangles; all others are zero, and they sum to one.
     """
-    low = 0
-    high = len(peaks) - 1
+    last = len(peaks) - 1
     if not value > peaks[0]:  # true for NaN as well
         return 0, 0.0
-    if value >= peaks[high]:
-        return high - 1, 1.0
-    while high - low > 1:
-        middle = (low + high) // 2
-        if value < peaks[middle]:
-            high = middle
-        else:
-            low = middle
-    return low, (value - peaks[low]) / (peaks[high] - peaks[low])
+    if value >= peaks[last]:
+        return last - 1, 1.0
+    low = 0
+    while value >= peaks[low + 1]:  # there are too few to search by halves
+        low += 1
+    left = peaks[low]
+    return low, (value - left) / (peaks[low + 1] - left)
 
 
 def logarithmic_value(weight: float, center: float) -> float:

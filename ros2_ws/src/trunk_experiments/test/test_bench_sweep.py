@@ -8,7 +8,9 @@ from dataclasses import replace
 import pytest
 
 from trunk_control.fuzzy import infer
+from trunk_experiments.bench import lanes
 from trunk_experiments.bench import sweep as bench
+from trunk_experiments.bench.lanes import bench_plan
 from trunk_experiments.errors import BenchError
 
 ABSENT = "libraries compared against in benchmarks: scripts/bench_libraries.sh"
@@ -27,7 +29,7 @@ def test_mujoco_must_agree(monkeypatch):
 
 def test_scikit_fuzzy_has_our_rules():
     pytest.importorskip("skfuzzy", reason=ABSENT)
-    config = bench.bench_plan().controller
+    config = bench_plan().controller
     simulation = bench.scikit_simulation(config)
     # At a peak one rule fires alone: its label wins, whatever the defuzzifier.
     for i, j in ((0, 3), (3, 3), (1, 4), (6, 0)):
@@ -51,20 +53,44 @@ def test_a_missing_library_is_one_clear_line(monkeypatch, module, package):
     )
 
 
-def test_rows(monkeypatch):
+@pytest.fixture
+def short_runs(monkeypatch):
+    def plan(name="fuzzy_pid"):
+        made = bench_plan(name)
+        return replace(made, simulator=replace(made.simulator, duration=0.1))
+
+    for module in (bench, lanes):
+        monkeypatch.setattr(module, "bench_plan", plan)
+        monkeypatch.setattr(module, "FEW", 16)
+    monkeypatch.setattr(lanes, "MANY", 32)
+
+
+def test_rows(monkeypatch, short_runs):
     pytest.importorskip("mujoco", reason=ABSENT)
     pytest.importorskip("skfuzzy", reason=ABSENT)
-    plan = bench.bench_plan()
-    short = replace(plan, simulator=replace(plan.simulator, duration=0.1))
-    monkeypatch.setattr(bench, "bench_plan", lambda: short)
     monkeypatch.setattr(bench, "check_mujoco", lambda mujoco: None)
     monkeypatch.setattr(bench, "_STEPS", 100)
     monkeypatch.setattr(bench, "_SCIKIT_STEPS", 2)
+    monkeypatch.setattr(bench, "bench_lanes", lambda rounds: [])
     rows = bench.bench_sweep(rounds=1)
-    assert [row.goal for row in rows] == [">= 40", "", ">= 10000", "<= 1.15", ">= 1.8"]
+    assert [row.goal for row in rows] == [">= 250", "", ">= 10000"]
     assert rows[0].ratio == rows[0].theirs_s / rows[0].ours_s
     assert rows[1].met is None
-    assert rows[3].ratio == rows[3].ours_s / rows[3].theirs_s
+
+
+def test_rows_of_lanes(short_runs):
+    rows = lanes.bench_lanes(rounds=1)
+    assert [row.goal for row in rows] == [">= 3"] * 4 + ["<= 1.15", "<= 1.3", ">= 1.9"]
+    assert [row.name.split(":")[0] for row in rows[:4]] == [
+        "PID",
+        "Fuzzy-PID",
+        "LQR",
+        "Computed torque",
+    ]
+    for row in rows[:4]:
+        assert row.ratio == row.theirs_s / row.ours_s
+    for row in rows[4:6]:
+        assert row.ratio == row.ours_s / row.theirs_s
 
 
 def test_rounds_must_be_positive():

@@ -89,6 +89,6 @@ def test_compiled_code_returns_the_same_bits():
         [random_bits(3, 0, 20_000), [[0, 1], [MOST - 1, MOST], [2, 3], [1000, 1001]]]
     )
     slow, quick = np.empty(bits.shape), np.empty(bits.shape)
-    fill(bits, slow)
-    noise._compiled_fill()(bits, quick)
+    fill(bits.reshape(-1), slow.reshape(-1))
+    noise._compiled_fill()(bits.reshape(-1), quick.reshape(-1))
     assert slow.tobytes() == quick.tobytes()

@@ -77,7 +77,9 @@ def disturbance_at(t_ns: int, s: Signals) -> Disturbance:
             value = pulse(t_ns, s.pulse_starts, s.pulse_duration, s.pulse_magnitude)
         elif signal == 1:
             channel = s.sine_channel
-            value = s.sine_amplitude * sine_wave(s.sine_frequency * t, s.sine_phase)
+            value = 0.0
+            if s.sine_amplitude != 0.0:
+                value = s.sine_amplitude * sine_wave(s.sine_frequency * t, s.sine_phase)
         else:
             channel = s.noise_channel
             value = multisine(t, s.noise_amplitude, s.noise_frequencies, s.noise_phases)

@@ -126,18 +126,15 @@ def noise_samples(seed: int, steps: int) -> NDArray[np.float64]:
     """Return the samples of the first steps [steps, 2], for position and velocity."""
     bits = random_bits(seed, 0, steps)
     samples = np.empty(bits.shape)
-    if bits.size < _WORTH_COMPILING:
-        fill(bits, samples)
-    else:
-        _compiled_fill()(bits, samples)
+    quick = fill if bits.size < _WORTH_COMPILING else _compiled_fill()
+    quick(bits.reshape(-1), samples.reshape(-1))
     return samples
 
 
 def fill(bits: NDArray[np.int64], samples: NDArray[np.float64]) -> None:
-    """Fill ``samples`` [N, 2] with those of the random bits [N, 2]."""
-    for row in range(bits.shape[0]):
-        samples[row, 0] = standard_normal(bits[row, 0])
-        samples[row, 1] = standard_normal(bits[row, 1])
+    """Fill ``samples`` [N] with those of the random bits [N]."""
+    for i in range(len(bits)):
+        samples[i] = standard_normal(bits[i])
 
 
 @cache
@@ -146,7 +143,7 @@ def _compiled_fill() -> Callable[..., None]:
         from trunk_msgs_util.compiled import ready
     except ImportError:  # numba is not needed, but quick
         return fill
-    return ready(fill, random_bits(0, 0, 1), np.empty((1, 2)))
+    return ready(fill, random_bits(0, 0, 1).reshape(-1), np.empty(2))
 
 
 class Noise:

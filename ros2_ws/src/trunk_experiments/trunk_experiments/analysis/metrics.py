@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from math import degrees, inf, isfinite, sqrt
 from typing import TYPE_CHECKING, NamedTuple
@@ -70,7 +70,10 @@ class Metrics:
 
     def as_dict(self) -> dict[str, float | None]:
         """Return the quantities by name, in order."""
-        return asdict(self)
+        return {name: getattr(self, name) for name in _NAMES}
+
+
+_NAMES = tuple(field.name for field in fields(Metrics))
 
 
 def metrics(table: RunTable, compiled: bool = False) -> Metrics:

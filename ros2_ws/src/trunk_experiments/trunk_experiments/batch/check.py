@@ -1,4 +1,4 @@
-"""Compares random runs in CPython and in compiled code, bit by bit."""
+"""Compares runs in CPython, in compiled code and in lanes, bit by bit."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from trunk_sim.step import act
 from ..errors import PlanError
 from ..plans.plan import RunPlan
 from ..runs.offline import Step, steps
+from .block import regular_run, run_block, summary_of
 from .closed_loop import Batch, Outcome
+from .columns import LANES
+from .lanes import TRACED
 
 
 def first_difference(plan: RunPlan, batch: Batch) -> str | None:
@@ -34,7 +37,37 @@ def first_difference(plan: RunPlan, batch: Batch) -> str | None:
             f"{plan.scenario}: {len(outcome.table.t)} finite states compiled, "
             f"{len(taken)} interpreted"
         )
-    return _table_difference(plan, outcome, taken)
+    return _table_difference(plan, outcome, taken) or lane_difference(plan, outcome)
+
+
+def lane_difference(plan: RunPlan, outcome: Outcome) -> str | None:
+    """Return where a lane and a run of its own diverge; None if all bits are equal.
+
+    Nothing is compared if the run is not regular, or leaves the regular course.
+    """
+    regular = regular_run(plan)
+    if regular is None:
+        return None
+    trace = np.empty((regular.common.states, TRACED, LANES))
+    found = run_block(plan.controller_name, [regular] * LANES, trace)[0]
+    if found is None:
+        return None
+    t = outcome.table
+    names = ("x", "theta", "x_dot", "theta_dot", "reference", "torque")
+    if len(trace) != len(t.t):
+        return f"{plan.scenario}: {len(trace)} states in a lane, {len(t.t)} alone"
+    for i, name in enumerate(names):
+        alone = getattr(t, name).view(np.int64)
+        for lane in (0, LANES - 1):
+            wrong = np.flatnonzero(np.ascontiguousarray(trace[:, i, lane]).view(np.int64) != alone)
+            if len(wrong):
+                k = int(wrong[0])
+                return (
+                    f"{plan.scenario}: step {k}: {name} is {float(trace[k, i, lane])!r} in lane {lane}, "
+                    f"{float(getattr(t, name)[k])!r} alone"
+                )
+    alone_too = summary_of(plan, Batch())
+    return None if found == alone_too else f"{plan.scenario}: {found} in a lane, {alone_too} alone"
 
 
 def _refusal_difference(plan: RunPlan, reason: str) -> str | None:

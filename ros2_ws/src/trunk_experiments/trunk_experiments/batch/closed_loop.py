@@ -202,13 +202,7 @@ class Batch:
 
     def run(self, plan: RunPlan) -> Outcome:
         """Run a plan in compiled code. Raises PlanError for one that a compiled loop cannot model."""
-        check(plan)
-        check_turns(plan)
-        if plan.changes:
-            raise PlanError(
-                f"{', '.join(plan.changes)}: parameters and turns that change by hand while the run goes "
-                "on are not compiled: give active.times, or use simulate"
-            )
+        check_compilable(plan)
         simulator = plan.simulator
         loop = compiled_loop(tuple(plan.controllers))
         states = step_count(simulator.duration, simulator.update_rate) + 1
@@ -221,6 +215,17 @@ class Batch:
         t = _times(states, simulator.period_ns)
         table = RunTable(t[:count], *self._out[:, :count])
         return Outcome(table, float(t[count - 1]) if diverged else None)
+
+
+def check_compilable(plan: RunPlan) -> None:
+    """Raise PlanError for a plan that a compiled loop cannot model."""
+    check(plan)
+    check_turns(plan)
+    if plan.changes:
+        raise PlanError(
+            f"{', '.join(plan.changes)}: parameters and turns that change by hand while the run goes "
+            "on are not compiled: give active.times, or use simulate"
+        )
 
 
 def surroundings_of(plan: RunPlan) -> Surroundings:

@@ -1,4 +1,4 @@
-"""Compiled closed-loop runs against MuJoCo and scikit-fuzzy in Python loops; how runs and cores scale.
+"""Compiled closed-loop runs against MuJoCo and scikit-fuzzy in Python loops; how lanes, runs and cores scale.
 
 Times depend on the machine, so ratios are compared, of times taken alternately: processor time for one
 process, wall time for two. The libraries are optional and imported only here. MuJoCo must first give our
@@ -7,13 +7,10 @@ motion on a flat path; scikit-fuzzy defuzzifies differently, so only the ranges 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 from statistics import median
-from time import perf_counter, process_time, sleep
 from typing import Any
 
 import numpy as np
@@ -23,22 +20,20 @@ from trunk_control.fuzzy_pid import fuzzy_pid_update
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.pid import PidState
 
+from ..batch.block import summaries
 from ..batch.closed_loop import Batch
-from ..batch.workers import worker_pool
 from ..errors import BenchError
-from ..plans.plan import RunPlan, make_plan
+from ..plans.plan import RunPlan
 from .core import BenchRow, library
+from .lanes import FEW, bench_lanes, bench_plan, timed, varied
 
-MUJOCO_GOAL = 40.0
+MUJOCO_GOAL = 250.0
 SCIKIT_GOAL = 10_000.0
-LINEAR_GOAL = 1.15  # at most: cost per run of many over that of few
-CORES_GOAL = 1.8
 MUJOCO_TOLERANCE = 1e-6  # rad, over one second on a flat path
 
 _SCIKIT = "scikit-fuzzy", "--no-deps -r requirements/bench.txt"
 _STEPS = 10_000  # 10 s at 1 kHz
 _SCIKIT_STEPS = 20
-_FEW, _MANY = 20, 80  # runs
 
 # A cart-pole of the trunk's size: point masses, no friction, no contacts.
 MJCF = """
@@ -71,14 +66,14 @@ def bench_sweep(rounds: int = 3) -> list[BenchRow]:
     library("skfuzzy", *_SCIKIT)
     check_mujoco(mujoco)
     plan, batch = bench_plan(), Batch()
-    batch.run(plan)
+    few = varied(plan, FEW)
+    summaries(few, batch)
     scikit_step = _scikit_loop(plan)
     contenders: dict[str, Callable[[], float]] = {
-        "ours": lambda: _timed(partial(_runs, batch, plan, _FEW)) / _FEW,
-        "many": lambda: _timed(partial(_runs, batch, plan, _MANY)) / _MANY,
-        "mujoco": lambda: _timed(partial(mujoco_run, mujoco, plan, "RK4", _STEPS)),
-        "euler": lambda: _timed(partial(mujoco_run, mujoco, plan, "Euler", _STEPS)),
-        "scikit": lambda: _timed(scikit_step) / _SCIKIT_STEPS * _STEPS,
+        "ours": lambda: timed(partial(summaries, few, batch)) / FEW,
+        "mujoco": lambda: timed(partial(mujoco_run, mujoco, plan, "RK4", _STEPS)),
+        "euler": lambda: timed(partial(mujoco_run, mujoco, plan, "Euler", _STEPS)),
+        "scikit": lambda: timed(scikit_step) / _SCIKIT_STEPS * _STEPS,
     }
     times: dict[str, list[float]] = {name: [] for name in contenders}
     for _ in range(rounds):
@@ -91,7 +86,6 @@ def bench_sweep(rounds: int = 3) -> list[BenchRow]:
         text = "" if goal is None else f">= {goal:g}"
         return BenchRow(name, median(times["ours"]), median(times[theirs]), ratio, text, met)
 
-    growth = median(a / b for a, b in zip(times["many"], times["ours"], strict=True))
     run = "Fuzzy-PID run, 10 s at 1 kHz"
     return [
         row(f"{run}, RK4: MuJoCo's time / ours", "mujoco", MUJOCO_GOAL),
@@ -101,21 +95,8 @@ def bench_sweep(rounds: int = 3) -> list[BenchRow]:
             "scikit",
             SCIKIT_GOAL,
         ),
-        BenchRow(
-            f"cost of one run among {_MANY} (ours) / among {_FEW} (theirs)",
-            median(times["many"]),
-            median(times["ours"]),
-            growth,
-            f"<= {LINEAR_GOAL:g}",
-            growth <= LINEAR_GOAL,
-        ),
-        cores_row(plan, rounds),
+        *bench_lanes(rounds),
     ]
-
-
-def bench_plan() -> RunPlan:
-    """Return the run that is timed: Fig. 6, Fuzzy-PID, 10 s at 1 kHz, one RK4 step per period."""
-    return make_plan("fig6", "fuzzy_pid", settings=["simulator.substeps=1"])
 
 
 def check_mujoco(mujoco: Any) -> None:
@@ -213,61 +194,3 @@ def scikit_simulation(config: FuzzyPidConfig) -> Any:
         for j, second in enumerate(labels)
     ]
     return control.ControlSystemSimulation(control.ControlSystem(rules), cache=False)
-
-
-def cores_row(plan: RunPlan, rounds: int) -> BenchRow:
-    """Return how much faster two processes are than one; without two cores, for information only."""
-    times: dict[int, list[float]] = {1: [], 2: []}
-    with worker_pool(1) as one, worker_pool(2) as two:
-        pools = {1: one, 2: two}
-        for count, pool in pools.items():
-            _warm_up(pool, plan, count)
-        for _ in range(rounds):
-            for count, pool in pools.items():
-                times[count].append(_pool_time(pool, plan, count, 2 * _MANY))
-    ratio = median(a / b for a, b in zip(times[1], times[2], strict=True))
-    met = ratio >= CORES_GOAL if len(os.sched_getaffinity(0)) > 1 else None
-    return BenchRow(
-        f"{2 * _MANY} runs: one core's time (theirs) / two cores' (ours)",
-        median(times[2]),
-        median(times[1]),
-        ratio,
-        f">= {CORES_GOAL:g}",
-        met,
-    )
-
-
-def _warm_up(pool: Executor, plan: RunPlan, count: int) -> None:
-    """Wait until every process of a pool has loaded its code."""
-    seen: set[int] = set()
-    while len(seen) < count:
-        seen |= {done.result() for done in [pool.submit(_warm, plan) for _ in range(2 * count)]}
-
-
-def _warm(plan: RunPlan) -> int:
-    _runs(Batch(), plan, 1)
-    sleep(0.05)  # leaves work to the other process
-    return os.getpid()
-
-
-def _pool_time(pool: Executor, plan: RunPlan, count: int, runs: int) -> float:
-    start = perf_counter()
-    parts = 4 * count
-    for done in [pool.submit(_pool_runs, plan, -(-runs // parts)) for _ in range(parts)]:
-        done.result()
-    return perf_counter() - start
-
-
-def _pool_runs(plan: RunPlan, runs: int) -> None:
-    _runs(Batch(), plan, runs)
-
-
-def _runs(batch: Batch, plan: RunPlan, runs: int) -> None:
-    for _ in range(runs):
-        batch.run(plan)
-
-
-def _timed(work: Callable[[], object]) -> float:
-    start = process_time()
-    work()
-    return process_time() - start

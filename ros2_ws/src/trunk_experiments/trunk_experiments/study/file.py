@@ -73,7 +73,7 @@ class _Reader:
             duration=self.optional(found, "duration"),
             runs=self.integer(found.get("runs", 1), "runs", 1, 10_000_000),
             seed=self.integer(found.get("seed", 1), "seed", 0, 2**31 - 1),
-            block=self.integer(found.get("block", 250), "block", 1, 100_000),
+            block=self.integer(found.get("block", Study.block), "block", 1, 100_000),
         )
         if study.total > MAX_RUNS:
             raise self.error("vary", f"{study.total} runs in all: at most {MAX_RUNS} are allowed")

@@ -62,7 +62,7 @@ class Study:
     duration: float | None = None  # s
     runs: int = 1  # draws per grid point
     seed: int = 1
-    block: int = 250  # runs
+    block: int = 480  # runs: 30 times as many as lanes
 
     @property
     def grid(self) -> tuple[Variable, ...]:

@@ -26,10 +26,12 @@ from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.provenance import gather
 from trunk_msgs_util.whole_file import whole_file
 
-from ..analysis.metrics import Metrics, metrics
+from ..analysis.metrics import Metrics
+from ..batch.block import summaries
 from ..batch.closed_loop import Batch, loops_fingerprint
 from ..batch.workers import IN_FLIGHT, as_completed_bounded, worker_pool
 from ..errors import PlanError, StudyError, SweepError
+from ..plans.plan import RunPlan
 from .bases import make_bases, plan_of
 from .design import design
 from .resolved import difference, digest, identity, plans_json
@@ -55,12 +57,13 @@ class RunBlock:
 Runner = Callable[[Iterable[RunBlock]], Iterator[tuple[int, pa.Table]]]
 
 
+@cache
 def sources() -> str:
     """Return a hash of the sources and of the libraries that determine a run's numbers."""
     libraries = {name: text for name, text in gather().items() if name in ("numpy", "arithmetic")}
     # Draws from a distribution use NumPy's and SciPy's functions.
     libraries |= {"scipy": version("scipy"), "libm": " ".join(libc_ver()), "machine": machine()}
-    code = f"{loops_fingerprint()}-{fingerprint(metrics)}-{fingerprint(plan_of)}"
+    code = f"{loops_fingerprint()}-{fingerprint(summaries)}-{fingerprint(plan_of)}"
     return f"{code}-{json.dumps(libraries, sort_keys=True)}"
 
 
@@ -73,18 +76,20 @@ def run_block(block: RunBlock) -> pa.Table:
     """Return a block's rows with their results."""
     columns = dict(block.columns)
     results: list[dict[str, Any]] = []
-    for values in zip(*columns.values(), strict=True):
-        row = dict(zip(columns, values, strict=True))
+    plans: dict[int, RunPlan] = {}
+    for i, values in enumerate(zip(*columns.values(), strict=True)):
+        results.append({})
         try:
-            outcome = _batch().run(plan_of(block.study, block.bases, row))
+            plans[i] = plan_of(block.study, block.bases, dict(zip(columns, values, strict=True)))
         except (ParameterError, PlanError) as error:
-            results.append({"status": "refused", "reason": str(error)})
-            continue
-        found = outcome.metrics()
-        if found is None:
-            results.append({"status": "diverged", "diverged_at_s": outcome.diverged_at})
+            results[i] = {"status": "refused", "reason": str(error)}
+    for i, found in zip(plans, summaries(plans.values(), _batch()), strict=True):
+        if found.refused:
+            results[i] = {"status": "refused", "reason": found.refused}
+        elif found.metrics is None:
+            results[i] = {"status": "diverged", "diverged_at_s": found.diverged_at}
         else:
-            results.append({"status": "ok", **found.as_dict()})
+            results[i] = {"status": "ok", **found.metrics.as_dict()}
     arrays = {name: pa.array(values, _type(name, values)) for name, values in columns.items()}
     for name in ("status", "reason"):
         arrays[name] = pa.array([result.get(name) for result in results], pa.string())

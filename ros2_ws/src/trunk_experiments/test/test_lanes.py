@@ -1,0 +1,178 @@
+"""Runs in lanes have the bits of runs of their own; the loops over lanes are vector code."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pytest
+
+from trunk_control.laws import CONTROLLERS, law_named
+from trunk_experiments.batch import block
+from trunk_experiments.batch.block import (
+    Summary,
+    key_of,
+    regular_run,
+    run_block,
+    summaries,
+    summary_of,
+)
+from trunk_experiments.batch.check import lane_difference
+from trunk_experiments.batch.closed_loop import Batch
+from trunk_experiments.batch.columns import LANES
+from trunk_experiments.batch.lanes import TRACED, lanes_loop
+from trunk_experiments.plans.plan import make_plan
+from trunk_msgs_util.compiled import compiled
+
+DISTURBED = [
+    "simulator.sensor.position_noise=0.004",
+    "simulator.sensor.velocity_bias=0.01",
+    "simulator.sensor.delay=0.003",
+    "disturbance.pulse.start_times=[0.1, 0.3]",
+    "disturbance.sine.amplitude=0.4",
+    "disturbance.noise.rms=0.3",
+    "disturbance.noise.channel=trunk_position",
+]
+EVERYWHERE = {"duration": 0.6, "update_rate": 1000.0}
+
+
+@pytest.fixture(scope="module")
+def batch():
+    return Batch()
+
+
+def different(name, settings=(), count=LANES):
+    """Return plans of so many different trunks, references, disturbances and noises."""
+    slow = [f"{name}.update_rate=200.0", f"{name}.reference.profile=sine"]
+    plan = make_plan("fig8", name, settings=[*slow, *settings], everywhere=EVERYWHERE)
+    rng = np.random.default_rng(5)
+    plans = []
+    for i in range(count):
+        mass, angle, level = rng.uniform([0.3, -0.5, 0.1], [0.8, 0.5, 0.4]).tolist()
+        disturbance = plan.disturbance
+        if disturbance is not None and disturbance.noise_rms:
+            disturbance = replace(disturbance, noise_seed=i, pulse_magnitude=5.0 * level)
+        plans.append(
+            replace(
+                plan,
+                simulator=replace(
+                    plan.simulator, trunk_mass=mass, initial_position=(0.0, angle), seed=i
+                ),
+                disturbance=disturbance,
+                controllers={name: replace(plan.controller, reference_amplitude=level)},
+            )
+        )
+    return plans
+
+
+@pytest.mark.parametrize("settings", [(), DISTURBED], ids=["undisturbed", "disturbed"])
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_every_lane_has_the_bits_of_its_own_run(batch, name, settings):
+    plans = different(name, settings)
+    runs = [regular_run(plan) for plan in plans]
+    assert len({str(key_of(run)) for run in runs}) == 1
+    trace = np.empty((601, TRACED, LANES))
+    found = run_block(name, runs, trace)
+    assert len(set(found)) == LANES
+    for lane, plan in enumerate(plans):
+        table = batch.run(plan).table
+        columns = (
+            table.x,
+            table.theta,
+            table.x_dot,
+            table.theta_dot,
+            table.reference,
+            table.torque,
+        )
+        for row, column in enumerate(columns):
+            assert trace[:, row, lane].tobytes() == column.tobytes(), (lane, row)
+        assert found[lane] == summary_of(plan, batch)
+
+
+def test_a_lane_that_diverges_stops_alone(batch):
+    plans = different("pid")
+    plans[3] = replace(plans[3], controllers={"pid": replace(plans[3].controller, d=5000.0)})
+    found = run_block("pid", [regular_run(plan) for plan in plans])
+    assert [lane for lane, one in enumerate(found) if one is None] == [3]
+    found = summaries(plans, batch)
+    assert found == [summary_of(plan, batch) for plan in plans]
+    assert found[3].metrics is None
+    assert 0.0 < found[3].diverged_at < 0.6
+
+
+def test_a_fall_that_ends_its_run_leaves_the_others(batch):
+    settings = ["simulator.fall.stop=true", "simulator.fall.angle=0.42"]
+    plans = different("lqr", settings)
+    left = [one is None for one in run_block("lqr", [regular_run(plan) for plan in plans])]
+    assert 0 < sum(left) < LANES
+    states = [len(batch.run(plan).table.t) for plan in plans]
+    assert left == [count < 601 for count in states]
+    assert 1 in states, "one begins beyond the angle"
+    assert summaries(plans, batch) == [summary_of(plan, batch) for plan in plans]
+
+
+def test_a_law_that_holds_leaves(batch):
+    plan = make_plan("fig8", "pid", settings=["pid.gains.p=1e9"], everywhere=EVERYWHERE)
+    plan = replace(plan, simulator=replace(plan.simulator, initial_velocity=(0.0, 1e300)))
+    assert run_block("pid", [regular_run(plan)]) == [None]
+    assert summaries([plan] * 5, batch) == [summary_of(plan, batch)] * 5
+
+
+def test_runs_of_all_kinds_come_back_in_order(batch):
+    """Other rates, turns, refused plans and a few runs alone, among those that share a block."""
+    plans = different("pid", count=5) + different("lqr", count=LANES + 1)
+    swapped = make_plan("fig8", "pid", everywhere=EVERYWHERE, settings=["pid.active.times=[0.0]"])
+    slower = make_plan("fig6", "pid", everywhere={"duration": 0.5, "update_rate": 500.0})
+    endless = replace(slower, simulator=replace(slower.simulator, duration=0.0))
+    mixed = [plans[0], swapped, *plans[1:9], endless, slower, *plans[9:]]
+    found = summaries(mixed, batch)
+    assert found[10].refused.startswith("simulator: duration is 0")
+    assert [one for i, one in enumerate(found) if i != 10] == [
+        summary_of(plan, batch) for i, plan in enumerate(mixed) if i != 10
+    ]
+
+
+def test_metrics_beyond_the_numbers_are_refused(monkeypatch, batch):
+    def beyond(sums, begin):
+        raise ValueError("iae is beyond the numbers of a computer: no metrics")
+
+    monkeypatch.setattr(block, "metrics_of", beyond)
+    found = summaries(different("pid"), batch)
+    assert (
+        found
+        == [Summary(None, None, "iae is beyond the numbers of a computer: no metrics")] * LANES
+    )
+
+
+def test_the_comparison_detects_one_changed_bit(batch):
+    plan = different("pid")[0]
+    outcome = batch.run(plan)
+    assert lane_difference(plan, outcome) is None
+    outcome.table.x_dot[7] *= 1.0 + 2.0**-52
+    assert "step 7: x_dot is" in lane_difference(plan, outcome)
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_the_loops_over_lanes_are_vector_code(name):
+    """Each law's update, but Fuzzy-PID's, which looks up its tables; the plant's steps; the sums."""
+    run = regular_run(make_plan("fig8", name))
+    example = run.common._replace(
+        **{part: block.shared(getattr(run.common, part)) for part in ("plant", "law", "constants")}
+    )
+    loop = lanes_loop(law_named(name), example)
+    compiled(loop)  # registers what it calls
+    options = {"error_model": "numpy", "nogil": True, "_nrt": False}
+    twin = numba.njit(loop, **options)
+    cells = np.zeros((block.PARAMETERS + len(run.numbers)) * LANES)
+    none = np.empty((0, 1, 1))
+    series = block.Series(np.zeros((10_001, 1, 1)), none, none)
+    twin.compile(tuple(numba.typeof(a) for a in (example, cells, series, np.empty((1, 64)), none)))
+    code = "\n".join(twin.inspect_llvm().values())
+    divisions = re.findall(r"fdiv <\d+ x double>", code)
+    assert len(divisions) >= (8 if name == "fuzzy_pid" else 9), "the plant's steps have eight"
+    assert code.count("masked.gather") == code.count("masked.scatter") == 0
+    assert len(re.findall(r"^vector\.body", code, re.MULTILINE)) >= 2
+    if name != "fuzzy_pid":
+        assert len(re.findall(r"fdiv double", code)) <= 3, "a loop over lanes is not vector code"

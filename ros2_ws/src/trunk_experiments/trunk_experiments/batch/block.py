@@ -1,0 +1,223 @@
+"""Many runs, in lanes where they fit together, else one after another; the results are the same."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import cache, lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trunk_control.controller import hip_index, setting_of
+from trunk_control.laws import law_named
+from trunk_control.pid import limited
+from trunk_control.reference import ReferenceProfile
+from trunk_msgs_util.compiled import compiled, with_arrays
+from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.units import seconds, step_count
+from trunk_sim.disturbances import Signals
+from trunk_sim.noise import noise_samples
+from trunk_sim.step import noisy, pruned
+
+from ..analysis.metrics import Metrics, metrics_of, steady_from
+from ..analysis.sums import Sums, no_rows
+from ..errors import PlanError
+from ..plans.plan import RunPlan
+from .cells import LEFT, MEMORY, PARAMETERS, STATE, SUMS
+from .closed_loop import Batch, check_compilable
+from .columns import LANES, in_common, row_values, shared
+from .lanes import Common, Series, fill_disturbances, fill_references, lanes_loop
+
+ENOUGH = 4  # runs: a block of lanes takes about as long
+LONGEST = 200_000  # states: the series of longer runs would take too much memory
+
+
+class Summary(NamedTuple):
+    """What came out of a run: its metrics, or when it diverged [s], or why it was refused."""
+
+    metrics: Metrics | None
+    diverged_at: float | None = None
+    refused: str = ""
+
+
+class Regular(NamedTuple):
+    """A run that a lane can do."""
+
+    common: Common
+    numbers: list[float]  # of the parameters' rows
+    initial: tuple[float, ...]
+    effort: float  # N m, before the first update
+    profile: ReferenceProfile
+    signals: Signals | None
+    seed: int | None  # of the sensors' noise; None: there is none
+
+
+def summaries(plans: Iterable[RunPlan], batch: Batch) -> list[Summary]:
+    """Return what came out of each plan's run."""
+    found: list[Summary] = []
+    blocks: dict[Any, list[tuple[int, RunPlan, Regular]]] = {}
+    alone: list[tuple[int, RunPlan]] = []
+    for i, plan in enumerate(plans):
+        found.append(Summary(None))
+        try:
+            check_compilable(plan)
+        except PlanError as error:
+            found[i] = Summary(None, refused=str(error))
+            continue
+        regular = regular_run(plan)
+        if regular is None:
+            alone.append((i, plan))
+        else:
+            key = plan.controller_name, key_of(regular)
+            blocks.setdefault(key, []).append((i, plan, regular))
+    for (name, _), runs in blocks.items():
+        for first in range(0, len(runs), LANES):
+            some = runs[first : first + LANES]
+            if len(some) < ENOUGH:
+                alone += [(i, plan) for i, plan, _ in some]
+                continue
+            done = run_block(name, [regular for _, _, regular in some])
+            for (i, plan, _), one in zip(some, done, strict=True):
+                if one is None:
+                    alone.append((i, plan))
+                else:
+                    found[i] = one
+    for i, plan in alone:
+        found[i] = summary_of(plan, batch)
+    return found
+
+
+def summary_of(plan: RunPlan, batch: Batch) -> Summary:
+    """Return what came out of one plan's run."""
+    outcome = batch.run(plan)
+    try:
+        return Summary(outcome.metrics(), outcome.diverged_at)
+    except ValueError as error:
+        return Summary(None, refused=str(error))
+
+
+def regular_run(plan: RunPlan) -> Regular | None:
+    """Return the run of a lane, or None for a plan whose run is not regular, or too long."""
+    simulator, disturbance = plan.simulator, plan.disturbance
+    states = step_count(simulator.duration, simulator.update_rate) + 1
+    if len(plan.controllers) != 1 or plan.controller.active_times or states > LONGEST:
+        return None
+    config = plan.controller
+    setting, hip = setting_of(config), hip_index(config, simulator.joints)
+    every = max(1, -(-setting.due_after_ns // simulator.period_ns))
+    common = Common(
+        pruned(simulator.plant),
+        simulator.sensor,
+        setting.law,
+        config.constants,
+        -1 if hip is None else hip,
+        states,
+        simulator.period_ns,
+        simulator.substeps,
+        simulator.fall_stop,
+        simulator.delay_steps,
+        every,
+        seconds(setting.period_ns),
+        seconds(every * simulator.period_ns),
+        steady_from(seconds((states - 1) * simulator.period_ns)),
+    )
+    records = common.plant, common.sensor, common.law, common.constants
+    return Regular(
+        common,
+        [number for record in records for number in row_values(record)],
+        simulator.initial_state,
+        limited(0.0, setting.law),
+        setting.profile,
+        None if disturbance is None else disturbance.signals,
+        simulator.seed if noisy(simulator.sensor) else None,
+    )
+
+
+def key_of(regular: Regular) -> Any:
+    """Return what runs in a block must agree on."""
+    c = regular.common
+    records = (in_common(one) for one in (c.plant, c.sensor, c.law, c.constants))
+    return (*records, c[4:], regular.signals is None, regular.seed is None)
+
+
+def run_block(name: str, runs: list[Regular], trace: Floats | None = None) -> list[Summary | None]:
+    """Return what came out of runs that agree on `key_of`; None for each that left the regular course.
+
+    ``trace`` [states, TRACED, LANES] is filled, if given.
+    """
+    common = runs[0].common
+    shape = common._replace(
+        plant=shared(common.plant), law=shared(common.law), constants=shared(common.constants)
+    )
+    cells = np.zeros((PARAMETERS + len(runs[0].numbers), LANES))
+    padded = runs + [runs[0]] * (LANES - len(runs))
+    cells[PARAMETERS:] = np.array([one.numbers for one in padded]).T
+    cells[STATE : STATE + 4] = np.array([one.initial for one in padded]).T
+    cells[MEMORY + 4] = [one.effort for one in padded]
+    cells[SUMS:PARAMETERS] = np.array(no_rows(0.0))[:, None]
+    history = np.empty((common.delay_steps + 1, 4 * LANES))
+    loop = _compiled_lanes(name, shape, len(runs[0].numbers))
+    loop(shape, cells.reshape(-1), series_of(runs), history, _NONE if trace is None else trace)
+    return [
+        None if cells[LEFT, lane] else _summary(Sums(*cells[SUMS:PARAMETERS, lane].tolist()))
+        for lane in range(len(runs))
+    ]
+
+
+_NONE = np.empty((0, 1, 1))
+
+
+def series_of(runs: list[Regular]) -> Series:
+    """Return what comes in step by step in these runs: one lane for all if they agree, else one each."""
+    common = runs[0].common
+    states, period_ns = common.states, common.period_ns
+    profiles = [one.profile for one in runs]
+    if all(one == profiles[0] for one in profiles):
+        reference = _reference(profiles[0], states, period_ns)
+    else:
+        reference = np.zeros((states, 1, LANES))
+        for lane, profile in enumerate(profiles):
+            _filler(fill_references)(with_arrays(profile), period_ns, lane, reference)
+    acting = _NONE
+    signals = [one.signals for one in runs if one.signals is not None]
+    if signals:
+        lanes = 1 if all(one == signals[0] for one in signals) else LANES
+        acting = np.zeros((states, 4, lanes))
+        for lane, signal in enumerate(signals[:lanes]):
+            _filler(fill_disturbances)(with_arrays(signal), period_ns, lane, acting)
+    noise = _NONE
+    seeds = [one.seed for one in runs if one.seed is not None]
+    if seeds:
+        noise = np.zeros((states, 2, LANES))
+        for lane, seed in enumerate(seeds):
+            noise[:, :, lane] = noise_samples(seed, states)
+    return Series(reference, acting, noise)
+
+
+@lru_cache(maxsize=8)
+def _reference(profile: ReferenceProfile, states: int, period_ns: int) -> Floats:
+    reference = np.empty((states, 1, 1))
+    _filler(fill_references)(with_arrays(profile), period_ns, 0, reference)
+    return reference
+
+
+@cache
+def _filler(fill: Callable[..., None]) -> Callable[..., None]:
+    return compiled(fill)
+
+
+_loops: dict[tuple[str, int], Callable[..., None]] = {}
+
+
+def _compiled_lanes(name: str, example: Common, numbers: int) -> Callable[..., None]:
+    key = name, numbers
+    if key not in _loops:
+        _loops[key] = compiled(lanes_loop(law_named(name), example))
+    return _loops[key]
+
+
+def _summary(sums: Sums) -> Summary | None:
+    try:
+        return Summary(metrics_of(sums, 0.0))
+    except ValueError as error:
+        return Summary(None, refused=str(error))

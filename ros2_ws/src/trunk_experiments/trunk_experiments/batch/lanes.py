@@ -1,0 +1,210 @@
+"""Many runs at a time as one loop over pure functions: a lane per run, the innermost loops over lanes.
+
+LLVM turns the innermost loops into vector instructions, in which every lane does the very operations of
+the scalar functions: the bits are those of `closed_loop`, however wide the vectors are.
+
+A lane takes the regular course of a run: one controller, always active, whose law always has an answer. A
+lane that meets anything else (its plant diverges, its trunk falls and that ends the run, its law holds)
+is marked as left, and `closed_loop` does its run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from trunk_control.law import Constants, Law, Sample
+from trunk_control.pid import PidLaw
+from trunk_control.reference import ReferenceProfile, reference_at
+from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.units import seconds
+from trunk_sim.disturbances import Signals, disturbance_at
+from trunk_sim.integrator import rk4_step
+from trunk_sim.step import Plant, SensorParameters, beyond_fall, finite, saturate, sense
+
+from ..analysis.sums import with_row
+from .cells import (
+    ACTING,
+    LEFT,
+    MEMORY,
+    NOISE,
+    PARAMETERS,
+    REFERENCE,
+    SEEN,
+    STATE,
+    TORQUE,
+    WANTED,
+    acting_at,
+    keep_memory,
+    keep_state,
+    keep_sums,
+    memory_at,
+    state_at,
+    sums_at,
+)
+from .closed_loop import reading_of
+from .columns import LANES, reader_of
+
+TRACED = 6  # numbers of a lane and step in a trace: the plant's state, the reference, the torque
+
+
+class Common(NamedTuple):
+    """What all lanes have in common."""
+
+    plant: Plant
+    sensor: SensorParameters
+    law: PidLaw
+    constants: Constants
+    hip: int  # 0: the hip's motion, 1: the trunk's, -1: none
+    states: int
+    period_ns: int
+    substeps: int
+    fall_stop: bool
+    delay_steps: int
+    update_every: int  # steps
+    first_dt: float  # s, of the controller's first update
+    dt: float  # s, of all others
+    steady_from: float  # s
+
+
+class Series(NamedTuple):
+    """What comes in step by step: [states, rows, lanes], one lane if all have the same; empty: nothing."""
+
+    reference: Floats  # 1 row
+    acting: Floats  # 4 rows
+    noise: Floats  # 2 rows
+
+
+def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
+    """Return the loop of a law over a block of lanes.
+
+    ``loop(common, cells, series, history, trace)`` does the runs whose parameters and initial states
+    ``cells`` has, and leaves their sums there. ``history`` [delay_steps + 1, 4 LANES] is for the
+    sensors' delay; ``trace`` [states, TRACED, LANES] is filled unless it is empty. ``example`` gives the
+    structure.
+    """
+    update = law.update
+    read_plant, row = reader_of(example.plant, PARAMETERS)
+    read_sensor, row = reader_of(example.sensor, row)
+    read_law, row = reader_of(example.law, row)
+    read_constants, row = reader_of(example.constants, row)
+
+    def loop(common: Common, cells: Floats, series: Series, history: Floats, trace: Floats) -> None:
+        c = common
+        h = c.plant.period / c.substeps
+        dt, started = c.first_dt, False
+        for k in range(c.states):
+            t = seconds(k * c.period_ns)
+            look(k, c.delay_steps, cells, history)
+            take(k, series.acting, ACTING, cells)
+            take(k, series.noise, NOISE, cells)
+            if k % c.update_every == 0:
+                take(k, series.reference, WANTED, cells)
+                for lane in range(LANES):
+                    seen = sense(
+                        state_at(cells, SEEN, lane),
+                        acting_at(cells, lane),
+                        cells[NOISE * LANES + lane],
+                        cells[(NOISE + 1) * LANES + lane],
+                        read_sensor(cells, lane, c.sensor),
+                    )
+                    reading = reading_of(0, seen, 0.0, c.hip)
+                    wanted = cells[WANTED * LANES + lane]
+                    after, terms = update(
+                        memory_at(cells, lane, started),
+                        Sample(wanted, reading.position, reading.velocity, dt, reading.hip),
+                        read_constants(cells, lane, c.constants),
+                        read_law(cells, lane, c.law),
+                    )
+                    keep_memory(after, cells, lane)
+                    cells[REFERENCE * LANES + lane] = wanted
+                    left = cells[LEFT * LANES + lane]
+                    cells[LEFT * LANES + lane] = 1.0 if terms.held else left
+                dt, started = c.dt, True
+            for lane in range(LANES):
+                plant = read_plant(cells, lane, c.plant)
+                state = state_at(cells, STATE, lane)
+                ends = not finite(state) or (c.fall_stop and beyond_fall(state, plant))
+                left = cells[LEFT * LANES + lane]
+                cells[LEFT * LANES + lane] = 1.0 if ends else left
+                torque = saturate(cells[(MEMORY + 4) * LANES + lane], plant.max_effort)
+                cells[TORQUE * LANES + lane] = torque
+                sums = with_row(
+                    sums_at(cells, lane),
+                    t,
+                    state.theta,
+                    cells[REFERENCE * LANES + lane],
+                    torque,
+                    c.steady_from,
+                )
+                keep_sums(sums, cells, lane)
+            tell(k, cells, trace)
+            if k == c.states - 1:
+                return
+            for _ in range(c.substeps):
+                for lane in range(LANES):
+                    acting = acting_at(cells, lane)
+                    state = rk4_step(
+                        state_at(cells, STATE, lane),
+                        acting.hip_force,
+                        cells[TORQUE * LANES + lane] + acting.trunk_torque,
+                        h,
+                        read_plant(cells, lane, c.plant).body,
+                    )
+                    keep_state(state, cells, lane)
+
+    loop.__name__ = loop.__qualname__ = f"lanes_{law.update.__module__}"
+    return loop
+
+
+def look(k: int, delay_steps: int, cells: Floats, history: Floats) -> None:
+    """Write the states that the sensors see in step k: those of some steps ago, at first the initial ones."""
+    if delay_steps == 0:
+        for i in range(4 * LANES):
+            cells[SEEN * LANES + i] = cells[STATE * LANES + i]
+        return
+    now = k % len(history)
+    then = max(k - delay_steps, 0) % len(history)
+    for i in range(4 * LANES):
+        history[now, i] = cells[STATE * LANES + i]
+    for i in range(4 * LANES):
+        cells[SEEN * LANES + i] = history[then, i]
+
+
+def take(k: int, series: Floats, row: int, cells: Floats) -> None:
+    """Write what a series [states, rows, lanes] has for step k; nothing if it is empty."""
+    if k >= len(series):
+        return
+    for one in range(series.shape[1]):
+        if series.shape[2] == 1:
+            for lane in range(LANES):
+                cells[(row + one) * LANES + lane] = series[k, one, 0]
+        else:
+            for lane in range(LANES):
+                cells[(row + one) * LANES + lane] = series[k, one, lane]
+
+
+def tell(k: int, cells: Floats, trace: Floats) -> None:
+    """Write step k of a trace [states, TRACED, LANES]; nothing if it is empty."""
+    if k >= len(trace):
+        return
+    for i in range(4):
+        for lane in range(LANES):
+            trace[k, i, lane] = cells[(STATE + i) * LANES + lane]
+    for lane in range(LANES):
+        trace[k, 4, lane] = cells[REFERENCE * LANES + lane]
+        trace[k, 5, lane] = cells[TORQUE * LANES + lane]
+
+
+def fill_references(profile: ReferenceProfile, period_ns: int, lane: int, out: Floats) -> None:
+    """Write one lane of a series [states, 1, lanes] of references."""
+    for k in range(len(out)):
+        out[k, 0, lane] = reference_at(k * period_ns, profile)
+
+
+def fill_disturbances(signals: Signals, period_ns: int, lane: int, out: Floats) -> None:
+    """Write one lane of a series [states, 4, lanes] of disturbances."""
+    for k in range(len(out)):
+        acting = disturbance_at(k * period_ns, signals)
+        for i in range(4):
+            out[k, i, lane] = acting[i]

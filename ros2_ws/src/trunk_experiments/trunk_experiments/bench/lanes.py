@@ -1,0 +1,190 @@
+"""Compiled runs against one another: in lanes and alone, a whole sweep and its loops, one core and two.
+
+Ratios of times taken alternately: processor time for one process, wall time for two.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import replace
+from statistics import median
+from time import perf_counter, process_time, sleep
+
+import numpy as np
+
+from trunk_control.laws import CONTROLLERS, law_named
+
+from ..batch.block import regular_run, run_block, summaries, summary_of
+from ..batch.closed_loop import Batch
+from ..batch.columns import LANES
+from ..batch.workers import worker_pool
+from ..plans.plan import RunPlan, make_plan
+from ..study.bases import make_bases, plan_of
+from ..study.design import design
+from ..study.file import parse_study
+from ..study.sweep import RunBlock
+from ..study.sweep import run_block as run_rows
+from .core import BenchRow
+
+LANES_GOAL = 3.0  # at least: a run's time alone over that in lanes
+WHOLE_GOAL = 1.3  # at most: a sweep's time over that of its loops
+LINEAR_GOAL = 1.15  # at most: cost per run of many over that of few
+CORES_GOAL = 1.9
+
+FEW, MANY = 64, 256  # runs
+
+_STUDY = """
+scenario: fig6
+rate: 1000
+set: {{simulator.substeps: 1}}
+controllers: {{fuzzy_pid: {{}}}}
+runs: {runs}
+vary:
+  trunk_mass: {{parameter: simulator.plant.trunk_mass, distribution: uniform, low: 0.4, high: 0.6}}
+  angle: {{parameter: "simulator.initial.position[1]", distribution: uniform, low: -0.6, high: 0.6}}
+"""
+
+
+def bench_lanes(rounds: int) -> list[BenchRow]:
+    """Return the comparisons."""
+    batch = Batch()
+    return [
+        *(lanes_row(name, batch, rounds) for name in CONTROLLERS),
+        growth_row(batch, rounds),
+        whole_row(batch, rounds),
+        cores_row(bench_plan(), rounds),
+    ]
+
+
+def bench_plan(controller: str = "fuzzy_pid") -> RunPlan:
+    """Return the run that is timed: Fig. 6, 10 s at 1 kHz, one RK4 step per period."""
+    return make_plan("fig6", controller, settings=["simulator.substeps=1"])
+
+
+def varied(plan: RunPlan, count: int) -> list[RunPlan]:
+    """Return so many runs of trunks that differ."""
+    simulator = plan.simulator
+    masses = np.linspace(0.4, 0.6, count).tolist()
+    return [replace(plan, simulator=replace(simulator, trunk_mass=mass)) for mass in masses]
+
+
+def lanes_row(controller: str, batch: Batch, rounds: int) -> BenchRow:
+    """Return how much faster a run in lanes is than one alone, both in compiled code, metrics included."""
+    plans = varied(bench_plan(controller), FEW)
+    summaries(plans, batch)
+    summary_of(plans[0], batch)
+    lanes: list[float] = []
+    alone: list[float] = []
+    for _ in range(rounds):
+        lanes.append(timed(lambda: summaries(plans, batch)) / FEW)
+        alone.append(timed(lambda: [summary_of(plan, batch) for plan in plans]) / FEW)
+    ratio = median(a / b for a, b in zip(alone, lanes, strict=True))
+    name = f"{law_named(controller).label}: compiled run alone (theirs) / in lanes (ours)"
+    return BenchRow(
+        name, median(lanes), median(alone), ratio, f">= {LANES_GOAL:g}", ratio >= LANES_GOAL
+    )
+
+
+def whole_row(batch: Batch, rounds: int) -> BenchRow:
+    """Return a sweep's time, plans, metrics and table included, over that of its bare loops."""
+    study = parse_study(_STUDY.format(runs=MANY), "the benchmark's study")
+    bases = make_bases(study)
+    rows = RunBlock(0, study, bases, design(study, 0, study.total), "")
+    columns = [
+        dict(zip(rows.columns, v, strict=True)) for v in zip(*rows.columns.values(), strict=True)
+    ]
+    runs = [regular_run(plan_of(study, bases, row)) for row in columns]
+    name = study.contenders[0].node
+    blocks = [[one for one in runs[i : i + LANES] if one] for i in range(0, len(runs), LANES)]
+    whole: list[float] = []
+    bare: list[float] = []
+    for _ in range(rounds):
+        whole.append(timed(lambda: run_rows(rows)) / MANY)
+        bare.append(timed(lambda: [run_block(name, one) for one in blocks]) / MANY)
+    ratio = median(a / b for a, b in zip(whole, bare, strict=True))
+    return BenchRow(
+        f"a block of a sweep, {MANY} runs (ours) / its loops alone (theirs)",
+        median(whole),
+        median(bare),
+        ratio,
+        f"<= {WHOLE_GOAL:g}",
+        ratio <= WHOLE_GOAL,
+    )
+
+
+def growth_row(batch: Batch, rounds: int) -> BenchRow:
+    """Return the cost of a run among many over that among few."""
+    few, many = varied(bench_plan(), FEW), varied(bench_plan(), MANY)
+    few_s: list[float] = []
+    many_s: list[float] = []
+    for _ in range(rounds):
+        few_s.append(timed(lambda: summaries(few, batch)) / FEW)
+        many_s.append(timed(lambda: summaries(many, batch)) / MANY)
+    growth = median(a / b for a, b in zip(many_s, few_s, strict=True))
+    return BenchRow(
+        f"cost of one run among {MANY} (ours) / among {FEW} (theirs)",
+        median(many_s),
+        median(few_s),
+        growth,
+        f"<= {LINEAR_GOAL:g}",
+        growth <= LINEAR_GOAL,
+    )
+
+
+def cores_row(plan: RunPlan, rounds: int) -> BenchRow:
+    """Return how much faster two processes are than one; without two cores, for information only."""
+    times: dict[int, list[float]] = {1: [], 2: []}
+    with worker_pool(1) as one, worker_pool(2) as two:
+        pools = {1: one, 2: two}
+        for count, pool in pools.items():
+            _warm_up(pool, plan, count)
+        for _ in range(rounds):
+            for count, pool in pools.items():
+                times[count].append(_pool_time(pool, plan, count, 2 * MANY))
+    ratio = median(a / b for a, b in zip(times[1], times[2], strict=True))
+    met = ratio >= CORES_GOAL if len(os.sched_getaffinity(0)) > 1 else None
+    return BenchRow(
+        f"{2 * MANY} runs: one core's time (theirs) / two cores' (ours)",
+        median(times[2]),
+        median(times[1]),
+        ratio,
+        f">= {CORES_GOAL:g}",
+        met,
+    )
+
+
+def _warm_up(pool: Executor, plan: RunPlan, count: int) -> None:
+    """Wait until every process of a pool has loaded its code."""
+    seen: set[int] = set()
+    while len(seen) < count:
+        seen |= {done.result() for done in [pool.submit(_warm, plan) for _ in range(2 * count)]}
+
+
+def _warm(plan: RunPlan) -> int:
+    _runs(Batch(), plan, 1)
+    sleep(0.05)  # leaves work to the other process
+    return os.getpid()
+
+
+def _pool_time(pool: Executor, plan: RunPlan, count: int, runs: int) -> float:
+    start = perf_counter()
+    parts = 4 * count
+    for done in [pool.submit(_pool_runs, plan, -(-runs // parts)) for _ in range(parts)]:
+        done.result()
+    return perf_counter() - start
+
+
+def _pool_runs(plan: RunPlan, runs: int) -> None:
+    _runs(Batch(), plan, runs)
+
+
+def _runs(batch: Batch, plan: RunPlan, runs: int) -> None:
+    summaries(varied(plan, runs), batch)
+
+
+def timed(work: Callable[[], object]) -> float:
+    start = process_time()
+    work()
+    return process_time() - start
