@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 from itertools import accumulate
-from math import exp, inf, pi
+from math import exp, inf, nextafter, pi
+from random import Random
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trunk_control.fuzzy import FuzzyRules, fired_rules, infer, locate, logarithmic_value
+from trunk_control.fuzzy import (
+    FuzzyRules,
+    cell_at,
+    fired_rules,
+    infer,
+    locate,
+    logarithmic_value,
+    rules_of,
+)
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 
 PRINTED = FuzzyPidConfig().rules
@@ -169,3 +178,23 @@ def test_fired_rules_add_up_to_the_inferred_values(error, error_rate, rules):
         assert rule.alpha == rules.alpha[rule.row * 7 + rule.column]
     sums = [sum(rule.weight * getattr(rule, n) for rule in fired) for n in ("kp", "kd", "alpha")]
     assert sums == pytest.approx(infer(error, error_rate, rules), rel=0.0, abs=1e-14)
+
+
+@pytest.mark.parametrize("logarithmic", [False, True])
+def test_a_cell_gives_what_all_rules_give(logarithmic):
+    rules = PRINTED._replace(logarithmic=logarithmic)
+    ends = [-inf, inf, 0.0, -0.0, 1e-300]
+    errors = [*rules.error_peaks, *(nextafter(p, inf) for p in rules.error_peaks), *ends]
+    rates = [*rules.rate_peaks, *(nextafter(p, -inf) for p in rules.rate_peaks), *ends]
+    random = Random(4)
+    places = [(e, r) for e in errors for r in rates]
+    places += [(random.uniform(-2.0, 2.0), random.uniform(-6.0, 6.0)) for _ in range(2000)]
+    cells = {cell_at(e, r, rules) for e, r in places}
+    assert len(cells) == 36
+    for e, r in places:
+        (cell,) = [
+            c for c in cells if c.error_from <= e < c.error_to and c.rate_from <= r < c.rate_to
+        ] or [
+            cell_at(e, r, rules)  # infinity is in none
+        ]
+        assert infer(e, r, rules_of(cell, rules)) == infer(e, r, rules)

@@ -10,6 +10,7 @@ tuples of peaks and consequents may be arrays).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 from typing import NamedTuple
 
 from trunk_msgs_util.elementary import exp
@@ -112,6 +113,79 @@ def infer(error: float, error_rate: float, rules: FuzzyRules) -> tuple[float, fl
         kp = bilinear(rules.kp, corner, columns, a, b)
         kd = bilinear(rules.kd, corner, columns, a, b)
     return kp, kd, bilinear(rules.alpha, corner, columns, a, b)
+
+
+class FuzzyCell(NamedTuple):
+    """The four rules about an operating point, and for which inputs it is these that fire.
+
+    ``error_from`` <= e < ``error_to``, likewise the rate. A cell at the edge reaches to infinity, but its
+    peaks (``*_left``, ``*_right``) do not.
+    """
+
+    error_from: float
+    error_to: float
+    rate_from: float
+    rate_to: float
+    error_left: float
+    error_right: float
+    rate_left: float
+    rate_right: float
+    kp_00: float
+    kp_01: float
+    kp_10: float
+    kp_11: float
+    kd_00: float
+    kd_01: float
+    kd_10: float
+    kd_11: float
+    alpha_00: float
+    alpha_01: float
+    alpha_10: float
+    alpha_11: float
+
+
+def cell_at(error: float, error_rate: float, rules: FuzzyRules) -> FuzzyCell:
+    """Return the cell of the rule base that the inputs are in."""
+    i, _ = locate(error, rules.error_peaks)
+    j, _ = locate(error_rate, rules.rate_peaks)
+    columns = len(rules.rate_peaks)
+    corner = i * columns + j
+    below = corner + columns
+    return FuzzyCell(
+        rules.error_peaks[i] if i > 0 else -inf,
+        rules.error_peaks[i + 1] if i < len(rules.error_peaks) - 2 else inf,
+        rules.rate_peaks[j] if j > 0 else -inf,
+        rules.rate_peaks[j + 1] if j < columns - 2 else inf,
+        rules.error_peaks[i],
+        rules.error_peaks[i + 1],
+        rules.rate_peaks[j],
+        rules.rate_peaks[j + 1],
+        rules.kp[corner],
+        rules.kp[corner + 1],
+        rules.kp[below],
+        rules.kp[below + 1],
+        rules.kd[corner],
+        rules.kd[corner + 1],
+        rules.kd[below],
+        rules.kd[below + 1],
+        rules.alpha[corner],
+        rules.alpha[corner + 1],
+        rules.alpha[below],
+        rules.alpha[below + 1],
+    )
+
+
+def rules_of(cell: FuzzyCell, rules: FuzzyRules) -> FuzzyRules:
+    """Return a rule base of the cell's four rules: within the cell `infer` gives the same bits."""
+    c = cell
+    return FuzzyRules(
+        (c.error_left, c.error_right),
+        (c.rate_left, c.rate_right),
+        (c.kp_00, c.kp_01, c.kp_10, c.kp_11),
+        (c.kd_00, c.kd_01, c.kd_10, c.kd_11),
+        (c.alpha_00, c.alpha_01, c.alpha_10, c.alpha_11),
+        rules.logarithmic,
+    )
 
 
 class FiredRule(NamedTuple):

@@ -10,10 +10,10 @@ from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 
 from . import rule_tables
 from .controller_config import ControllerConfig
-from .fuzzy import FuzzyRules
+from .fuzzy import FuzzyCell, FuzzyRules, cell_at, rules_of
 from .fuzzy_pid import GainBox, fuzzy_pid_update, inferred_gains
-from .law import Law, Sample
-from .pid import Gains, PidLaw, PidState, Terms
+from .law import Law, Lookup, Sample
+from .pid import Gains, PidLaw, PidState, Terms, error_derivative
 
 _EVEN_PEAKS = tuple(i / 3.0 for i in range(-3, 4))
 
@@ -155,9 +155,29 @@ def gains(state: PidState, sample: Sample, constants: tuple[FuzzyRules, GainBox]
     return inferred_gains(state.error, state.derivative, constants[0], constants[1])[0]
 
 
+def inputs(state: PidState, sample: Sample, law: PidLaw) -> tuple[float, float]:
+    """Return the error and its derivative, which the rules are looked up by."""
+    s = sample
+    error = s.reference - s.measurement
+    return error, error_derivative(state, error, s.measurement, s.rate, s.dt, law)
+
+
+def cell(error: float, error_rate: float, constants: tuple[FuzzyRules, GainBox]) -> FuzzyCell:
+    """Return the four rules that fire."""
+    return cell_at(error, error_rate, constants[0])
+
+
+def near(
+    rules_near: FuzzyCell, constants: tuple[FuzzyRules, GainBox]
+) -> tuple[FuzzyRules, GainBox]:
+    """Return the constants with these four rules alone."""
+    return rules_of(rules_near, constants[0]), constants[1]
+
+
 def describe(config: FuzzyPidConfig) -> str:
     """Return a note if the rules are not the shipped ones, else nothing."""
     return "custom rules" if config.rules != FuzzyPidConfig().rules else ""
 
 
-LAW = Law("fuzzy_pid", "Fuzzy-PID", FuzzyPidConfig, update, gains, describe)
+LOOKUP = Lookup(inputs, cell, near, FuzzyCell)
+LAW = Law("fuzzy_pid", "Fuzzy-PID", FuzzyPidConfig, update, gains, describe, LOOKUP)

@@ -32,6 +32,22 @@ def constant_gains(state: PidState, sample: Sample, constants: Constants) -> Gai
 
 
 @dataclass(frozen=True)
+class Lookup:
+    """For a law with tables: what it needs of them at a sample, while its inputs stay in one cell.
+
+    Vector code cannot look up tables quickly, but a lane seldom leaves its cell. ``update`` gives the
+    same bits with ``near(cell, constants)`` as with all constants.
+    """
+
+    inputs: Callable[[PidState, Sample, PidLaw], tuple[float, float]]
+    cell: Callable[[float, float, Constants], Any]  # from the inputs
+    near: Callable[[Any, Constants], Constants]
+    # A cell is a named tuple of floats. The first four are the lower and the upper bound of either input,
+    # the upper one excluded.
+    kind: type[Any]
+
+
+@dataclass(frozen=True)
 class Law:
     """A control law. Its functions are pure: CPython runs them and numba compiles them unchanged.
 
@@ -46,3 +62,4 @@ class Law:
     update: Update
     gains: Callable[[PidState, Sample, Constants], Gains]
     describe: Callable[[Any], str] | None = None  # what the label lacks about a configuration
+    lookup: Lookup | None = None

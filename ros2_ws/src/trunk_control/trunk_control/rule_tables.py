@@ -7,6 +7,7 @@ per label of e_dot, as in the paper.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 INPUT_LABELS = ("NB", "NM", "NS", "ZO", "PS", "PM", "PB")
 GAIN_CENTERS: Mapping[str, float] = {"S": 0.0, "B": 1.0}
@@ -52,6 +53,12 @@ def centers(rows: Sequence[str], values: Mapping[str, float]) -> tuple[float, ..
 
     Raises ValueError naming the row or cell whose shape or label is wrong.
     """
+    return _centers(tuple(rows), tuple(values.items()))
+
+
+@lru_cache(maxsize=64)  # the runs of a sweep share their tables
+def _centers(rows: tuple[str, ...], items: tuple[tuple[str, float], ...]) -> tuple[float, ...]:
+    values = dict(items)
     size = len(INPUT_LABELS)
     if len(rows) != size:
         raise ValueError(f"{size} rows, one per label of e; there are {len(rows)}")

@@ -149,9 +149,11 @@ def run_block(name: str, runs: list[Regular], trace: Floats | None = None) -> li
     shape = common._replace(
         plant=shared(common.plant), law=shared(common.law), constants=shared(common.constants)
     )
-    cells = np.zeros((PARAMETERS + len(runs[0].numbers), LANES))
+    numbers, lookup = len(runs[0].numbers), law_named(name).lookup
+    tables = 0 if lookup is None else len(lookup.kind._fields)
+    cells = np.zeros((PARAMETERS + numbers + tables, LANES))
     padded = runs + [runs[0]] * (LANES - len(runs))
-    cells[PARAMETERS:] = np.array([one.numbers for one in padded]).T
+    cells[PARAMETERS : PARAMETERS + numbers] = np.array([one.numbers for one in padded]).T
     cells[STATE : STATE + 4] = np.array([one.initial for one in padded]).T
     cells[MEMORY + 4] = [one.effort for one in padded]
     cells[SUMS:PARAMETERS] = np.array(no_rows(0.0))[:, None]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from trunk_control.computed_torque import Hip
+from trunk_control.decide import Reading
+from trunk_control.law import Sample
 from trunk_control.pid import PidState
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_sim.disturbances import Disturbance
@@ -15,12 +18,16 @@ SEEN = 4  # the state that the sensors see, 4
 ACTING = 8  # the disturbance, 4
 NOISE = 12  # samples, 2
 WANTED = 14  # the reference now
-REFERENCE = 15  # that of the last update
-MEMORY = 16  # of the law, 5: its state but for ``started``
-TORQUE = 21
-LEFT = 22  # 1.0 in a lane that has left the regular course
-SUMS = 23
-PARAMETERS = SUMS + len(Sums._fields)  # of the run, as many as it has
+REFERENCE = 15  # that of the last update, whose sample the next four rows have
+SAMPLE = 16  # measurement, rate, the hip's position and rate
+MEMORY = 20  # of the law, 5: its state but for ``started``
+TORQUE = 25
+LEFT = 26  # 1.0 in a lane that has left the regular course
+INPUTS = 27  # what a law's tables are looked up by, 2
+SUMS = 29
+PARAMETERS = SUMS + len(
+    Sums._fields
+)  # of the run, as many as it has; then the cell of a law's tables
 
 
 def state_at(cells: Floats, row: int, lane: int) -> PlantState:
@@ -49,6 +56,26 @@ def acting_at(cells: Floats, lane: int) -> Disturbance:
         cells[(ACTING + 2) * LANES + lane],
         cells[(ACTING + 3) * LANES + lane],
     )
+
+
+def sample_at(cells: Floats, lane: int, dt: float) -> Sample:
+    """Return the law's sample."""
+    return Sample(
+        cells[REFERENCE * LANES + lane],
+        cells[SAMPLE * LANES + lane],
+        cells[(SAMPLE + 1) * LANES + lane],
+        dt,
+        Hip(cells[(SAMPLE + 2) * LANES + lane], cells[(SAMPLE + 3) * LANES + lane]),
+    )
+
+
+def keep_sample(reading: Reading, reference: float, cells: Floats, lane: int) -> None:
+    """Write what a law's sample consists of."""
+    cells[REFERENCE * LANES + lane] = reference
+    cells[SAMPLE * LANES + lane] = reading.position
+    cells[(SAMPLE + 1) * LANES + lane] = reading.velocity
+    cells[(SAMPLE + 2) * LANES + lane] = reading.hip.position
+    cells[(SAMPLE + 3) * LANES + lane] = reading.hip.velocity
 
 
 def memory_at(cells: Floats, lane: int, started: bool) -> PidState:

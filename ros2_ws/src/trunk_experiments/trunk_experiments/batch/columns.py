@@ -3,7 +3,7 @@
 The cells are one flat array whose rows all have `LANES` numbers, so that a compiler sees that rows do not
 overlap, and handles several lanes with one instruction.
 
-What is not a float (modes, flags) and long tuples (rule tables) are the same in all lanes.
+What is not a float (modes, flags), and tuples of floats (rule tables), are the same in all lanes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 from trunk_msgs_util.recording.joint_arrays import Floats
 
 LANES = 16
-LONGEST = 8  # numbers of a tuple that may differ from lane to lane
 
 Reader = Callable[[Floats, int, Any], Any]
 
@@ -40,10 +39,12 @@ def in_common(record: Any) -> Any:
 
 
 def shared(record: Any) -> Any:
-    """Return a record as compiled code takes it, its long tuples as arrays."""
+    """Return a record as compiled code takes it: its tables as arrays, its False flags as None (`pruned`)."""
     if _has_rows(record):
         parts = [shared(one) for one in record]
         return record._make(parts) if hasattr(record, "_fields") else tuple(parts)
+    if record is False:
+        return None
     return np.array(record, dtype=np.float64) if type(record) is tuple else record
 
 
@@ -76,8 +77,8 @@ def reader_of(record: Any, row: int) -> tuple[Reader, int]:
 
 
 def _has_rows(record: Any) -> bool:
-    return (isinstance(record, tuple) and not all(type(one) is float for one in record)) or hasattr(
-        record, "_fields"
+    return hasattr(record, "_fields") or (
+        type(record) is tuple and not all(type(one) is float for one in record)
     )
 
 

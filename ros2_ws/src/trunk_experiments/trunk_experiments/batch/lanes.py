@@ -11,9 +11,9 @@ is marked as left, and `closed_loop` does its run.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from trunk_control.law import Constants, Law, Sample
+from trunk_control.law import Constants, Law, Lookup
 from trunk_control.pid import PidLaw
 from trunk_control.reference import ReferenceProfile, reference_at
 from trunk_msgs_util.recording.joint_arrays import Floats
@@ -25,6 +25,7 @@ from trunk_sim.step import Plant, SensorParameters, beyond_fall, finite, saturat
 from ..analysis.sums import with_row
 from .cells import (
     ACTING,
+    INPUTS,
     LEFT,
     MEMORY,
     NOISE,
@@ -36,14 +37,16 @@ from .cells import (
     WANTED,
     acting_at,
     keep_memory,
+    keep_sample,
     keep_state,
     keep_sums,
     memory_at,
+    sample_at,
     state_at,
     sums_at,
 )
 from .closed_loop import reading_of
-from .columns import LANES, reader_of
+from .columns import LANES, Reader, reader_of
 
 TRACED = 6  # numbers of a lane and step in a trace: the plant's state, the reference, the torque
 
@@ -88,6 +91,7 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
     read_sensor, row = reader_of(example.sensor, row)
     read_law, row = reader_of(example.law, row)
     read_constants, row = reader_of(example.constants, row)
+    look_up, read_near = looked_up(law.lookup, read_constants, read_law, row)
 
     def loop(common: Common, cells: Floats, series: Series, history: Floats, trace: Floats) -> None:
         c = common
@@ -110,14 +114,16 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
                     )
                     reading = reading_of(0, seen, 0.0, c.hip)
                     wanted = cells[WANTED * LANES + lane]
+                    keep_sample(reading, wanted, cells, lane)
+                look_up(c, cells, dt, started)
+                for lane in range(LANES):
                     after, terms = update(
                         memory_at(cells, lane, started),
-                        Sample(wanted, reading.position, reading.velocity, dt, reading.hip),
-                        read_constants(cells, lane, c.constants),
+                        sample_at(cells, lane, dt),
+                        read_near(cells, lane, c.constants),
                         read_law(cells, lane, c.law),
                     )
                     keep_memory(after, cells, lane)
-                    cells[REFERENCE * LANES + lane] = wanted
                     left = cells[LEFT * LANES + lane]
                     cells[LEFT * LANES + lane] = 1.0 if terms.held else left
                 dt, started = c.dt, True
@@ -155,6 +161,56 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
 
     loop.__name__ = loop.__qualname__ = f"lanes_{law.update.__module__}"
     return loop
+
+
+def looked_up(
+    lookup: Lookup | None, read_constants: Reader, read_law: Reader, row: int
+) -> tuple[Callable[..., None], Reader]:
+    """Return a function that writes the cells of a law's tables from ``row`` on, and a reader of constants.
+
+    For a law without tables, the first does nothing.
+    """
+    if lookup is None:
+        return _nothing, read_constants
+    inputs, cell_of, near = lookup.inputs, lookup.cell, lookup.near
+    read_cell, _ = reader_of(lookup.kind(*[0.0] * len(lookup.kind._fields)), row)
+
+    def look_up(common: Common, cells: Floats, dt: float, started: bool) -> None:
+        c = common
+        left_their_cell = 0
+        for lane in range(LANES):
+            a, b = inputs(
+                memory_at(cells, lane, started),
+                sample_at(cells, lane, dt),
+                read_law(cells, lane, c.law),
+            )
+            inside = within(a, b, read_cell(cells, lane, none_in_common))
+            cells[INPUTS * LANES + lane] = a
+            cells[(INPUTS + 1) * LANES + lane] = b
+            left_their_cell += 0 if inside else 1
+        if left_their_cell:
+            for lane in range(LANES):
+                a, b = cells[INPUTS * LANES + lane], cells[(INPUTS + 1) * LANES + lane]
+                if not within(a, b, read_cell(cells, lane, none_in_common)):
+                    found = cell_of(a, b, read_constants(cells, lane, c.constants))
+                    for i in range(len(found)):
+                        cells[(row + i) * LANES + lane] = found[i]
+
+    def read_near(cells: Floats, lane: int, common: Any) -> Any:
+        return near(read_cell(cells, lane, none_in_common), read_constants(cells, lane, common))
+
+    none_in_common = tuple(0.0 for _ in lookup.kind._fields)
+    return look_up, read_near
+
+
+def within(a: float, b: float, cell: Any) -> bool:
+    """Return True if the inputs are in a cell of a law's tables."""
+    inside: bool = cell[0] <= a < cell[1] and cell[2] <= b < cell[3]
+    return inside
+
+
+def _nothing(common: Common, cells: Floats, dt: float, started: bool) -> None:
+    pass
 
 
 def look(k: int, delay_steps: int, cells: Floats, history: Floats) -> None:
