@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,6 +13,9 @@ from trunk_msgs_util.recording.topic import RecordingError
 
 from ..console.common import plan_of, plan_options
 from ..errors import PlanError
+
+if TYPE_CHECKING:
+    from ..plans.plan import RunPlan
 
 
 @click.command("simulate")
@@ -36,18 +39,26 @@ def command(output: Path, force: bool, like: Path | None, **options: Any) -> Non
 
     SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.
     """
-    from ..recorded.run import RecordedRun
-    from ..runs.offline_recording import record_offline
+    from ..console.reading import open_run
 
     if like is not None:
         try:
-            plan = RecordedRun.open(like).plan()
-            states = record_offline(plan, output, overwrite=force)
+            plan = open_run(like).plan()
+            states = recorded(plan, output, force)
         except (PlanError, ParameterError) as error:
             raise RecordingError(f"{like}: it cannot be run again: {error}") from None
     elif options["scenario"] is None:
         raise PlanError("give a SCENARIO, or --like RUN.mcap")
     else:
         plan = plan_of(**options)
-        states = record_offline(plan, output, overwrite=force)
+        states = recorded(plan, output, force)
     click.echo(f"{output}: {states} states, {plan.scenario}, {plan.turns}")
+
+
+def recorded(plan: RunPlan, output: Path, force: bool) -> int:
+    """Run a plan into a file, with a progress bar; return the number of states."""
+    from ..console.reading import progress_bar
+    from ..runs.offline_recording import record_offline
+
+    with progress_bar(f"simulating {plan.scenario}") as tell:
+        return record_offline(plan, output, overwrite=force, progress=tell)

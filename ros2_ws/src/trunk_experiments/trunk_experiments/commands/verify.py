@@ -14,6 +14,7 @@ from trunk_msgs_util.recording.signing.signature import signature_path
 from trunk_msgs_util.units import seconds
 
 from ..console.common import file_option, json_option
+from ..console.reading import progress_bar
 from ..errors import PlanError
 from ..replay.signed import check_signature, take_signature
 from ..replay.verdict import SignatureCheck
@@ -66,8 +67,10 @@ def judged(run: Path, key: Path | None, signature: Path | None) -> Verdict:
     file = signature or signature_path(run)
     if signature and not signature.exists() and not key:
         raise PlanError(f"--signature {signature}: it does not exist: give a file of trunk sign")
-    recording = Recording.open(run)
-    verdict = verify(recording)
+    with progress_bar(f"reading {run.name}") as tell:
+        recording = Recording.open(run, tell)
+    with progress_bar(f"recomputing {run.name}"):
+        verdict = verify(recording)
     if trusted or os.path.lexists(file):
         take_signature(verdict, check_signature(recording, file, trusted, str(key)))
     return verdict

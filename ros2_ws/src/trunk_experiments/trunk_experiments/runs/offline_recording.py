@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from trunk_control.decide import Answer, state_record
@@ -13,6 +13,7 @@ from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.schemas import event, parameter_event
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.units import step_count
 from trunk_msgs_util.whole_file import whole_file
 from trunk_sim.disturbances import disturbance_sample
 from trunk_sim.simulation import DivergedError
@@ -22,20 +23,30 @@ from ..plans.plan import RunPlan
 from ..plans.timeline import Change
 from .offline import Step, disturbance_source, steps
 
+Progress = Callable[[int, int], None]
+_TOLD_EVERY = 2000  # states
 
-def record_offline(plan: RunPlan, path: Path, overwrite: bool = False) -> int:
+
+def record_offline(
+    plan: RunPlan, path: Path, overwrite: bool = False, progress: Progress = lambda done, of: None
+) -> int:
     """Run the plan and write its recording; return the number of states.
+
+    ``progress`` takes how many states there are by now, and how many there will be.
 
     Raises DivergedError (the file then ends, marked incomplete, with the last finite state), and OSError
     (no file is written then; an existing one stays as it was).
     """
     diverged = None
+    states = step_count(plan.simulator.duration, plan.simulator.update_rate) + 1
     with whole_file(path, overwrite=overwrite) as part, RecordingWriter(part) as writer:
         run = _OfflineRecorder(plan, writer)
         run.open()
         try:
             for step in steps(plan):
                 run.write(step)
+                if run.states % _TOLD_EVERY == 0:
+                    progress(run.states, states)
         except DivergedError as error:
             diverged = error
             run.failed(str(error))
