@@ -22,8 +22,8 @@ run fig8-pid fig8 pid
 run fig8-fuzzy-pid fig8 fuzzy_pid
 run demo demo fuzzy_pid
 
-trunk plot "$runs"/{pid-as-printed,pid-zn,fuzzy}.mcap --fig 6 -o "$images/fig6.png"
-trunk plot "$runs"/{fig8-pid,fig8-fuzzy-pid}.mcap -o "$images/plot.png"
+trunk plot --force "$runs"/{pid-as-printed,pid-zn,fuzzy}.mcap --fig 6 -o "$images/fig6.png"
+trunk plot --force "$runs"/{fig8-pid,fig8-fuzzy-pid}.mcap -o "$images/plot.png"
 trunk report "$runs"/{fig8-pid,fig8-fuzzy-pid}.mcap -o "$runs/report.html"
 trunk report "$runs/demo.mcap" -o "$runs/surface.html"
 

@@ -17,14 +17,14 @@ def of_recording(path: Path, base: Path, folder: Path) -> Mapping[str, Arguments
         "metrics --json": ("metrics", "--json", path),
         "verify": ("verify", path),
         "explain": ("explain", path, "--at", "0.5"),
-        "plot": ("plot", path, "-o", folder / "a.png"),
-        "report": ("report", path, "-o", folder / "a.html"),
+        "plot": ("plot", path, "-o", folder / "a.png", "--force"),
+        "report": ("report", path, "-o", folder / "a.html", "--force"),
         "doctor": ("doctor", path),
         "export": (
             *("export", path, "--csv", folder / "a.csv", "--npz", folder / "a.npz"),
-            *("--parquet", folder / "a.parquet"),
+            *("--parquet", folder / "a.parquet", "--force"),
         ),
-        "export --mcap": ("export", path, "--mcap", folder / "a.mcap"),
+        "export --mcap": ("export", path, "--mcap", folder / "a.mcap", "--force"),
         "diff, first": ("diff", path, base),
         "diff, second": ("diff", base, path),
         "compare, first": ("compare", path, base),
@@ -36,11 +36,11 @@ def of_recording(path: Path, base: Path, folder: Path) -> Mapping[str, Arguments
 
 def of_text(path: Path, text: str, folder: Path) -> Mapping[str, Arguments]:
     """Return the verbs that read a YAML file."""
-    plan = ("-o", folder / "a.yaml")
+    plan = ("-o", folder / "a.yaml", "--force")
     return {
         "plan --params": ("plan", "fig6", "--params", path, *plan),
         "plan": ("plan", path, *plan),
         "plan --set": ("plan", "fig6", "--set", f"pid.kp={text[:100_000]}", *plan),
         "simulate": ("simulate", path, "-o", folder / "a.mcap", "--force", "--duration", "0.1"),
-        "sweep": ("sweep", path, "-o", folder / "a.parquet"),
+        "sweep": ("sweep", path, "-o", folder / "a.parquet", "--force"),
     }

@@ -8,10 +8,11 @@ from pathlib import Path
 import click
 
 from ..analysis.run_table import RunTable
+from ..console.outputs import check_output
 from ..console.reading import open_run, show_warnings
 from ..views.extract import window, write_mcap, write_npz, write_parquet
 
-_FILE = click.Path(path_type=Path, dir_okay=False)
+_FILE = click.Path(path_type=Path)
 
 
 @click.command("export")
@@ -20,6 +21,7 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--parquet", type=_FILE, help="Parquet: the same columns and alpha.")
 @click.option("--npz", type=_FILE, help="NumPy archive: the same columns and alpha.")
 @click.option("--mcap", type=_FILE, help="MCAP: messages as they are, byte for byte.")
+@click.option("--force", is_flag=True, help="Replace files that exist.")
 @click.option("--from", "start", type=float, default=-inf, metavar="S", help="Start time, s.")
 @click.option("--to", "end", type=float, default=inf, metavar="S", help="End time, s.")
 @click.option(
@@ -34,6 +36,7 @@ def command(
     parquet: Path | None,
     npz: Path | None,
     mcap: Path | None,
+    force: bool,
     start: float,
     end: float,
     topics: tuple[str, ...],
@@ -48,9 +51,9 @@ def command(
         raise click.UsageError("--topics is for --mcap; tables have their columns")
     if not start <= end:
         raise click.UsageError(f"--from {start:g} must not be after --to {end:g}")
-    for output in (csv, parquet, npz, mcap):
-        if output is not None and output.exists() and run.exists() and output.samefile(run):
-            raise click.UsageError(f"{output} is the recording itself")
+    for output, suffix in ((csv, "csv"), (parquet, "parquet"), (npz, "npz"), (mcap, "mcap")):
+        if output is not None:
+            check_output(output, (f".{suffix}",), force, [run], f"--{suffix}")
     recorded = open_run(run)
     show_warnings(recorded.recording.warnings)
     if csv or parquet or npz:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ..console.common import check_output
+from ..console.outputs import check_output, output_options
 from ..console.reading import progress_bar
 from ..errors import PlanError
 from .sweep import run_sweep
@@ -15,12 +15,7 @@ from .sweep import run_sweep
 
 @click.command("map")
 @click.argument("source", metavar="STUDY-or-PARQUET")
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="The picture: .png, .svg or .pdf.  [default: beside the results, .png]",
-)
+@output_options("The picture: .png, .svg or .pdf.  [default: beside the results, .png]")
 @click.option(
     "--x", "x", metavar="NAME", help="Grid variable on the horizontal axis.  [default: the first]"
 )
@@ -37,6 +32,7 @@ from .sweep import run_sweep
 def command(
     source: str,
     output: Path | None,
+    force: bool,
     x: str | None,
     y: str | None,
     metric: str,
@@ -57,9 +53,7 @@ def command(
     if not swept:
         path = Path(f"{path.stem}.parquet")
     target = output or path.with_suffix(".png")
-    check_output(target, tuple(SUFFIXES))
-    if output is None and target.exists():
-        raise PlanError(f"{target}: it exists: name it with -o to replace it")
+    check_output(target, tuple(SUFFIXES), force, [source])
     if not swept:
         _sweep(source, path, (x, y), metric)
     results = Results.read(path)

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from ..console.common import print_table
+from ..console.outputs import check_folder
 from ..console.terminal import console
 
 
@@ -14,17 +15,18 @@ from ..console.terminal import console
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=click.Path(path_type=Path),
     required=True,
     help="Folder for report.html, paper.json, the figures and the recordings.",
 )
+@click.option("--force", is_flag=True, help="Write into a folder that is not empty.")
 @click.option(
     "--graph",
     is_flag=True,
     help="Run each figure in the ROS 2 graph as well (lock-step, composed) and compare the bits.",
 )
 @click.pass_context
-def command(context: click.Context, output: Path, graph: bool) -> None:
+def command(context: click.Context, output: Path, force: bool, graph: bool) -> None:
     """Reproduce Figs 6 to 9 and judge the paper's claims by the numbers.
 
     Exit code 1 if a graph run's bits differ from the offline run's, or an erratum is not shown.
@@ -32,6 +34,7 @@ def command(context: click.Context, output: Path, graph: bool) -> None:
     from ..paper.report import write_report
     from ..paper.reproduction import reproduce
 
+    check_folder(output, force)
     output.mkdir(parents=True, exist_ok=True)
     with console(stderr=True).status("starting") as status:
         result = reproduce(output, graph, status.update)

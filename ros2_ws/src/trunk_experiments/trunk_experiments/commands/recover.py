@@ -8,17 +8,12 @@ import click
 
 from trunk_msgs_util.recording.recover import recover
 
+from ..console.outputs import check_output, output_options
+
 
 @click.command("recover")
 @click.argument("broken", type=click.Path(path_type=Path, exists=True, dir_okay=False))
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    required=True,
-    help="The MCAP file to write.",
-)
-@click.option("--force", is_flag=True, help="Replace the file if it exists.")
+@output_options("The MCAP file to write.", required=True)
 @click.pass_context
 def command(context: click.Context, broken: Path, output: Path, force: bool) -> None:
     """Write a finished, indexed file with everything that can be read from a broken one.
@@ -27,6 +22,7 @@ def command(context: click.Context, broken: Path, output: Path, force: bool) -> 
 
     Exit code: 0 nothing was lost, 1 something was lost, 2 nothing can be read.
     """
+    check_output(output, (".mcap",), force, [broken])
     recovery = recover(broken, output, force)
     for line in recovery.lost:
         click.echo(f"lost: {line}")

@@ -6,18 +6,14 @@ from pathlib import Path
 
 import click
 
+from ..console.outputs import check_output, default_name, output_options
 from ..console.reading import open_views
 
 
 @click.command("report")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="The page to write; default RUN.html.",
-)
-def command(runs: tuple[Path, ...], output: Path | None) -> None:
+@output_options("The page to write; default RUN.html, after a run's folder.")
+def command(runs: tuple[Path, ...], output: Path | None, force: bool) -> None:
     """Write one HTML file that shows recorded runs: animated, plotted, judged.
 
     It needs no network and no server; several runs stand side by side on the same clock.
@@ -25,7 +21,7 @@ def command(runs: tuple[Path, ...], output: Path | None) -> None:
     from ..views.report import make_report
     from ..views.report_page import write
 
-    target = output or Path(f"{runs[0].stem}.html")
+    target = check_output(output or default_name(runs[0], ".html"), (".html", ".htm"), force, runs)
     views = open_views(runs)
     size = write(make_report(views), target)
     click.echo(f"{target}: {len(views)} run{'s' if len(views) > 1 else ''}, {size / 1e6:.1f} MB")

@@ -26,7 +26,8 @@ from trunk_msgs_util.recording.signing.signature import (
 )
 from trunk_msgs_util.whole_file import whole_file
 
-from ..console.common import check_output, file_option
+from ..console.common import file_option
+from ..console.outputs import check_output
 from ..errors import NotSignedError, PlanError
 from ..replay.verify import VERIFIED, Verdict, verify
 
@@ -69,7 +70,7 @@ def command(
     if run is None or key is None:
         raise click.UsageError("give RUN and --key FILE, or --new-key FILE to make a key")
     target = output or signature_path(run)
-    _check_target(target, force)
+    _check_target(target, force, run, key)
     signer = private_key(read_key(key), str(key), lambda: _passphrase(key))
     recording = Recording.open(run)
     _check_content(recording)
@@ -95,9 +96,9 @@ def _passphrase(key: Path) -> bytes:
     return told.encode()
 
 
-def _check_target(target: Path, force: bool) -> None:
+def _check_target(target: Path, force: bool, run: Path, key: Path) -> None:
     """Raise PlanError if the signature may not be written there: only a signature is ever replaced."""
-    check_output(target, force=force)
+    check_output(target, force=force, inputs=[run, key])
     if target.is_file():
         try:
             read(target)

@@ -11,7 +11,8 @@ import click
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.topic import RecordingError
 
-from ..console.common import plan_of, plan_options
+from ..console.common import files_read, plan_of, plan_options
+from ..console.outputs import check_output, output_options
 from ..errors import PlanError
 
 if TYPE_CHECKING:
@@ -20,14 +21,7 @@ if TYPE_CHECKING:
 
 @click.command("simulate")
 @partial(plan_options, required=False)
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    required=True,
-    help="The MCAP file to write.",
-)
-@click.option("--force", is_flag=True, help="Replace the file if it exists.")
+@output_options("The MCAP file to write.", required=True)
 @click.option(
     "--like",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
@@ -41,6 +35,8 @@ def command(output: Path, force: bool, like: Path | None, **options: Any) -> Non
     """
     from ..console.reading import open_run
 
+    inputs: list[str | Path] = [*files_read(options)]
+    check_output(output, (".mcap",), force, inputs if like is None else [*inputs, like])
     if like is not None:
         try:
             plan = open_run(like).plan()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..console.common import check_output
+from ..console.outputs import check_output, output_options
 from ..console.reading import progress_bar
 
 if TYPE_CHECKING:
@@ -17,14 +17,7 @@ if TYPE_CHECKING:
 
 @click.command("sweep")
 @click.argument("study")
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="The Parquet file to write.",
-)
-@click.option("--force", is_flag=True, help="Replace the file if it exists.")
+@output_options("The Parquet file to write.", required=True)
 @click.option(
     "--jobs",
     type=click.IntRange(1, 1024),
@@ -47,7 +40,7 @@ def command(
     from ..study.file import read_study
     from ..study.sweep import Sweep
 
-    check_output(output, (".parquet",), force)
+    check_output(output, (".parquet",), force, [study])
     sweep = Sweep(read_study(study), output)
     if check:
         sweep.check()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from math import inf, radians
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -16,7 +15,8 @@ from trunk_msgs_util.parameters.declarations import Value, build, values_of
 from trunk_msgs_util.parameters.files import write
 
 from ..analysis.metrics import Metrics
-from ..console.common import FiniteRange, Function, check_output, print_table
+from ..console.common import FiniteRange, Function, print_table
+from ..console.outputs import check_output, output_options
 from ..console.terminal import console
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan, make_plan
@@ -31,13 +31,7 @@ _METRICS = tuple(name for name in Metrics.__dataclass_fields__ if not name.start
 def _options(function: Any) -> Any:
     """Add the options of every method: plant, profile, rate, and the output file."""
     options = [
-        click.option(
-            "-o",
-            "--output",
-            type=click.Path(path_type=Path, dir_okay=False),
-            help="The ROS 2 parameter file to write, for --params or --params-file.",
-        ),
-        click.option("--force", is_flag=True, help="Replace the file if it exists."),
+        output_options("The ROS 2 parameter file to write, for --params or --params-file."),
         click.option(
             "--params",
             multiple=True,
@@ -231,7 +225,7 @@ def _linear(controller: str, options: dict[str, Any]) -> tuple[RunPlan, Linear]:
 
 def _check(options: dict[str, Any]) -> None:
     if options["output"] is not None:
-        check_output(options["output"], force=options["force"])
+        check_output(options["output"], (".yaml", ".yml"), options["force"], options["params"])
 
 
 def _finish(

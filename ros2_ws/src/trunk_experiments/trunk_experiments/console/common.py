@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
@@ -14,7 +13,6 @@ from rich.table import Table
 
 from trunk_msgs_util.printable import printable
 
-from ..errors import PlanError
 from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import parse_swap
@@ -118,26 +116,9 @@ def plan_of(
     return plan
 
 
-def check_output(path: Path, suffixes: Sequence[str] = (), force: bool = True) -> None:
-    """Refuse, before any work, an output that could not be written at the end.
-
-    ``suffixes``: what its name may end in; empty: anything. ``force``: it may exist already.
-    Raises PlanError.
-    """
-    if suffixes and path.suffix.lower() not in suffixes:
-        allowed = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
-        raise PlanError(f"--output {path}: the file's name ends in {allowed}")
-    folder = path.parent
-    if not folder.exists():
-        raise PlanError(f"--output {path}: there is no folder {folder}: make it, or give another")
-    if not folder.is_dir():
-        raise PlanError(f"--output {path}: {folder} is not a folder: give another")
-    if not os.access(folder, os.W_OK):
-        raise PlanError(f"--output {path}: {folder} cannot be written to: give another")
-    if path.is_dir():
-        raise PlanError(f"--output {path}: it is a folder: name a file")
-    if path.exists() and not force:
-        raise PlanError(f"--output {path}: it exists: give another name, or --force")
+def files_read(options: dict[str, Any]) -> list[str]:
+    """Return what the options of `plan_options` name: a scenario and parameter files, by path or name."""
+    return [name for name in (options.get("scenario"), *options.get("params", ())) if name]
 
 
 def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

@@ -1,0 +1,103 @@
+"""What a verb writes: one rule for all of them, checked before any work.
+
+Never over an input, whatever the options; never over a file that exists without ``--force``; only names
+that end as they should; into a folder that is there.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ..errors import PlanError
+
+FORCE = "Replace the file if it exists."
+
+
+def output_options(what: str, required: bool = False) -> Callable[[Any], Any]:
+    """Return a decorator that adds ``-o, --output FILE``, described as ``what``, and ``--force``."""
+
+    def add(function: Any) -> Any:
+        function = click.option("--force", is_flag=True, help=FORCE)(function)
+        return click.option(
+            "-o",
+            "--output",
+            type=click.Path(path_type=Path),
+            required=required,
+            help=what,
+        )(function)
+
+    return add
+
+
+def check_output(
+    path: Path,
+    suffixes: Sequence[str] = (),
+    force: bool = False,
+    inputs: Iterable[str | Path] = (),
+    option: str = "--output",
+) -> Path:
+    """Return an output after refusing, before any work, one that must not or cannot be written.
+
+    ``suffixes``: what its name may end in; empty: anything. ``force``: a file that exists is replaced.
+    ``inputs``: what the verb reads; names that are no files are ignored. /dev/stdout and the like are
+    written to. Raises PlanError.
+    """
+    if path.is_relative_to("/dev"):
+        return path
+    told = f"{option} {path}"
+    if path.is_dir():
+        raise PlanError(f"{told}: it is a folder: name a file")
+    if suffixes and path.suffix.lower() not in suffixes:
+        allowed = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
+        raise PlanError(f"{told}: the file's name ends in {allowed}")
+    folder = path.parent
+    if not folder.exists():
+        raise PlanError(f"{told}: there is no folder {folder}: make it, or give another")
+    if not folder.is_dir():
+        raise PlanError(f"{told}: {folder} is not a folder: give another")
+    if not os.access(folder, os.W_OK):
+        raise PlanError(f"{told}: {folder} cannot be written to: give another")
+    if path.exists():
+        for one in inputs:
+            if _is_same(path, Path(one)):
+                raise PlanError(f"{told}: it is read by this command ({one}): give another name")
+        if not force:
+            raise PlanError(f"{told}: it exists: give another name, or --force")
+    return path
+
+
+def check_folder(path: Path, force: bool = False, option: str = "--output") -> Path:
+    """Return a folder for results after refusing one that holds something, unless ``force``.
+
+    Raises PlanError.
+    """
+    if path.exists() and not path.is_dir():
+        raise PlanError(f"{option} {path}: it is not a folder: give another")
+    if path.is_dir() and not force and any(path.iterdir()):
+        raise PlanError(f"{option} {path}: the folder is not empty: give another, or --force")
+    return path
+
+
+def default_name(run: Path, suffix: str) -> Path:
+    """Return where a verb writes if it is not told: here, named after a run's folder or its file.
+
+    ``fig8/run.mcap`` and ``fig8`` give ``fig8.png``; ``mine.mcap`` gives ``mine.png``.
+    """
+    name = run.stem if run.suffix == ".mcap" else run.name
+    if run.name == "run.mcap" or not name:
+        name = run.resolve().parent.name if run.name == "run.mcap" else run.resolve().name
+    return Path(f"{name or 'run'}{suffix}")
+
+
+def _is_same(path: Path, other: Path) -> bool:
+    """Return True if ``other`` is the file, or a folder with a recording that is."""
+    try:
+        recordings = other.glob("*.mcap") if other.is_dir() else [other]
+        return any(path.samefile(one) for one in recordings)
+    except OSError:  # a name that is no file: a scenario's, a shipped file's
+        return False
