@@ -70,14 +70,15 @@ def test_a_study_is_swept_and_drawn(here):
     assert "mine.parquet: it exists: give it in place of mine.yaml, or delete it" in told
 
 
-def test_a_picture_is_replaced_only_if_named(here):
+def test_a_picture_is_replaced_only_by_force(here):
     run("mine.yaml", "-o", "x.png")
     (here / "mine.png").write_text("mine")
-    done, told = run("mine.parquet")
-    assert done.exit_code != 0
-    assert "mine.png: it exists: name it with -o to replace it" in told
-    assert (here / "mine.png").read_text() == "mine"
-    done, told = run("mine.parquet", "-o", "mine.png")
+    for named in ((), ("-o", "mine.png")):
+        done, told = run("mine.parquet", *named)
+        assert done.exit_code != 0
+        assert "mine.png: it exists: give another name, or --force" in told
+        assert (here / "mine.png").read_text() == "mine"
+    done, told = run("mine.parquet", "--force")
     assert done.exit_code == 0, told
     assert (here / "mine.png").read_bytes().startswith(b"\x89PNG")
 

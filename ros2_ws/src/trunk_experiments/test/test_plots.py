@@ -146,5 +146,5 @@ def test_the_command(short_run, tmp_path, monkeypatch):
     assert "'fig8', not 'fig6'" in told.output
     assert (tmp_path / "fig6.png").exists()
     wrong = CliRunner().invoke(trunk, ["plot", run, "-o", "a.bmp"])
-    assert wrong.exit_code == 2
-    assert ".png, .svg, .pdf" in wrong.output
+    assert wrong.exit_code == 1
+    assert str(wrong.exception) == "--output a.bmp: the file's name ends in .png, .svg or .pdf"

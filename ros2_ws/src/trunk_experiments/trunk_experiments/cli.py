@@ -5,12 +5,16 @@ from __future__ import annotations
 import errno
 import sys
 from importlib import import_module
+from importlib.metadata import version
 from typing import TextIO, cast
 
 import click
 
 from trunk_msgs_util.errors import EXIT_USAGE, TrunkError
 from trunk_msgs_util.printable import PrintableStream
+
+from .errors import PlanError
+from .similar import did_you_mean
 
 # Verb: its module in `commands`, and one line for the overview (which thus imports nothing).
 _VERBS = {
@@ -56,7 +60,9 @@ class _Lazy(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _VERBS:
-            return None
+            raise PlanError(
+                f"no verb {cmd_name!r}: trunk --help lists them all{did_you_mean(cmd_name, _VERBS)}"
+            )
         module = import_module(f".commands.{_VERBS[cmd_name][0]}", __package__)
         command: click.Command = module.command
         return command
@@ -66,7 +72,21 @@ class _Lazy(click.Group):
             formatter.write_dl([(name, line) for name, (_, line) in _VERBS.items()])
 
 
+def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        click.echo(f"trunk {version('trunk_experiments')}")
+        context.exit()
+
+
 @click.command(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_version,
+    help="Show the version.",
+)
 def trunk() -> None:
     """Simulate, control, record and compare a biped's trunk."""
 

@@ -16,6 +16,7 @@ from trunk_msgs_util.printable import printable
 from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import parse_swap
+from ..similar import did_you_mean
 from .terminal import console
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -32,6 +33,18 @@ class FiniteRange(click.FloatRange):
         if not isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
         return number
+
+
+class Name(click.Choice[str]):
+    """One of some names; for another one it says which was meant."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the name. Raises click.BadParameter if there is no such name."""
+        if value not in self.choices:
+            known = ", ".join(map(str, self.choices))
+            meant = did_you_mean(str(value), map(str, self.choices))
+            self.fail(f"{value!r}: give one of {known}{meant}", param, ctx)
+        return str(value)
 
 
 def file_option(*names: str, help: str, metavar: str = "FILE") -> Callable[[Function], Function]:  # noqa: A002
@@ -52,7 +65,7 @@ def plan_options(function: Function, required: bool = True) -> Function:
             "--controller",
             default="fuzzy_pid",
             show_default=True,
-            type=click.Choice(CONTROLLERS),
+            type=Name(CONTROLLERS),
             help="The controller node.",
         ),
         click.option(

@@ -10,6 +10,7 @@ from trunk_msgs_util.parameters.files import Layer, Section, read
 from trunk_msgs_util.yaml_text import YamlTextError, load
 
 from ..errors import PlanError
+from ..similar import did_you_mean
 from .nodes import NODES
 
 # The profile that a shipped scenario builds on.
@@ -41,6 +42,7 @@ def find_file(name: str) -> Path:
         return path
     raise PlanError(
         f"no parameter file {name!r}: give a path, or one of {', '.join(sorted(shipped))}"
+        f"{did_you_mean(name, shipped)}"
     )
 
 
@@ -52,6 +54,7 @@ def scenario_layers(scenario: str) -> list[Layer]:
         return [read(Path(scenario))]
     raise PlanError(
         f"no scenario {scenario!r}: give one of {', '.join(SCENARIOS)}, or a parameter file's path"
+        f"{did_you_mean(scenario, SCENARIOS)}"
     )
 
 
@@ -63,6 +66,7 @@ def parse_setting(text: str) -> Layer:
     if not equals or not dot or node not in NODES:
         raise PlanError(
             f"--set {shown!r}: NODE.PARAM=VALUE is needed, NODE one of {', '.join(NODES)}"
+            f"{did_you_mean(node, NODES) if equals and dot else ''}"
         )
     try:
         value = load(value_text)

@@ -31,6 +31,8 @@ from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 
 from ..errors import PlanError
+from ..similar import did_you_mean
+from .doubtful import check_targets, large_angles, not_taken
 from .files import find_file, parse_setting, scenario_layers
 from .nodes import CONTROLLERS, NODES, declared_names
 from .timeline import Change, Timeline
@@ -110,29 +112,39 @@ def make_plan(
     everywhere: Mapping[str, object] | None = None,
     namespace: str = "",
     swaps: Sequence[Swap] = (),
+    others: Sequence[str] = (),
 ) -> RunPlan:
     """Return the plan of a run; later layers win: profile, scenario, params, ``everywhere``, settings.
 
     ``everywhere``: values for all nodes that declare them (``duration``, ``update_rate``).
     ``namespace``: of all nodes, empty or "/name"; relative node names in the files belong to it.
     ``swaps``: who takes over when; they set every controller's ``active.times``.
+    ``others``: nodes that ``settings`` may name besides those of this run.
     Raises PlanError, ParameterFileError or ParameterError, each one line that says what to do.
     """
     if controller not in CONTROLLERS:
-        raise PlanError(f"no controller {controller!r}: give one of {', '.join(CONTROLLERS)}")
+        raise PlanError(
+            f"no controller {controller!r}: give one of {', '.join(CONTROLLERS)}"
+            f"{did_you_mean(controller, CONTROLLERS)}"
+        )
+    turns = turns_of(controller, swaps)
     layers = scenario_layers(scenario)
-    layers += [read(find_file(name)) for name in params]
+    files = [read(find_file(name)) for name in params]
+    layers += files
     if everywhere:
         layers.append(Layer("the command line", (Section("/**", dict(everywhere)),)))
-    layers += [parse_setting(text) for text in settings]
+    single = [parse_setting(text) for text in settings]
+    layers += single
     check_names(layers, declared_names())
+    taking = ("simulator", *turns, "disturbance", "recorder")
+    check_targets(single, (*taking, *others))
+    warnings = not_taken(files, taking)
     layers = [layer.within(namespace) for layer in layers]
     name = Path(scenario).stem
     simulator = _build("simulator", layers, namespace)
     disturbance = _build("disturbance", layers, namespace)
     participants = ("effort_command", "disturbance") if disturbance.active else ("effort_command",)
     lockstep = simulator.lockstep
-    turns = turns_of(controller, swaps)
     controllers = {
         node: with_values(
             _build(node, layers, namespace),
@@ -159,6 +171,7 @@ def make_plan(
                 lockstep_topics=("ground_truth/joint_states", "joint_states", *participants),
             ),
             namespace=namespace,
+            warnings=tuple(warnings),
         )
     )
 
@@ -214,7 +227,7 @@ def _checked(plan: RunPlan) -> RunPlan:
             )
     check_joints(plan)
     check_turns(plan)
-    return with_values(plan, warnings=tuple(_advice(plan)))
+    return with_values(plan, warnings=(*plan.warnings, *_advice(plan), *large_angles(plan.configs)))
 
 
 def check_joints(plan: RunPlan) -> None:

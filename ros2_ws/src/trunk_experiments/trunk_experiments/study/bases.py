@@ -98,6 +98,7 @@ def _base(study: Study, contender: Contender, settings: list[str]) -> Base:
             [*study.params, *contender.params],
             [*study.settings, *contender.settings, *settings, *more],
             {name: value for name, value in everywhere.items() if value is not None},
+            others=[one.node for one in study.contenders],
         )
 
     try:

@@ -15,6 +15,7 @@ from trunk_msgs_util.yaml_text import YamlTextError, load
 
 from ..errors import DrawError, StudyError
 from ..plans.nodes import CONTROLLERS
+from ..similar import did_you_mean
 from .draws import DISTRIBUTIONS, Distribution
 from .study import HOWS, MAX_RUNS, RESERVED, SPACINGS, Contender, Scalar, Study, Target, Variable
 
@@ -30,7 +31,10 @@ def read_study(name: str) -> Study:
     shipped = shipped_studies()
     path = shipped.get(name, Path(name))
     if not path.is_file():
-        raise StudyError(f"no study {name!r}: give a file, or one of {', '.join(shipped)}")
+        raise StudyError(
+            f"no study {name!r}: give a file, or one of {', '.join(shipped)}"
+            f"{did_you_mean(name, shipped)}"
+        )
     try:
         return parse_study(path.read_text(encoding="utf-8"), str(path))
     except UnicodeDecodeError:

@@ -1,0 +1,126 @@
+"""What a user most likely did not mean is refused or warned of, by name."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from trunk_experiments.cli import main
+from trunk_experiments.errors import PlanError
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.turns import Swap
+from trunk_experiments.similar import closest, did_you_mean
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        ("simulat", "simulate"),
+        ("Fuzzy_PID", "fuzzy_pid"),
+        ("fuzzypid", "fuzzy_pid"),
+        ("fig10", "fig1"),
+        ("zzz", ""),
+        ("", ""),
+    ],
+)
+def test_the_closest_name(written, meant):
+    assert closest(written, ["simulate", "fuzzy_pid", "pid", "fig1"]) == meant
+    assert did_you_mean(written, ["simulate", "fuzzy_pid", "pid", "fig1"]) == (
+        f"; did you mean {meant!r}?" if meant else ""
+    )
+
+
+TYPOS = [
+    (("simulat", "fig8"), "did you mean 'simulate'?"),
+    (("simulate", "fig10", "-o", "x.mcap"), "did you mean 'fig9'?"),
+    (("simulate", "fig8", "--controller", "fuzzypid", "-o", "x.mcap"), "did you mean 'fuzzy_pid'?"),
+    (
+        ("simulate", "fig8", "--params", "pid_as_printd", "-o", "x.mcap"),
+        "did you mean 'pid_as_printed'?",
+    ),
+    (("simulate", "fig8", "--set", "pidd.gains.p=1", "-o", "x.mcap"), "did you mean 'pid'?"),
+    (("sweep", "robustnes", "-o", "x.parquet"), "did you mean 'robustness'?"),
+]
+
+
+@pytest.mark.parametrize(("words", "hint"), TYPOS, ids=lambda one: str(one)[:40])
+def test_a_typo_is_told_what_was_meant(words, hint, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["trunk", *words])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 2
+    assert capsys.readouterr().err.strip().endswith(hint)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_version(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["trunk", "--version"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert (stop.value.code, capsys.readouterr().out) == (0, "trunk 0.1.0\n")
+
+
+def test_a_value_for_a_node_that_does_not_run_is_refused():
+    with pytest.raises(
+        PlanError, match=r"--set pid\.gains\.p=4: no node of this run takes it: fuzzy"
+    ):
+        make_plan("fig8", "fuzzy_pid", settings=["pid.gains.p=4"])
+    swapped = make_plan("fig8", "fuzzy_pid", settings=["pid.gains.p=4"], swaps=[Swap(1.0, "pid")])
+    assert swapped.controllers["pid"].p == 4.0
+    for node in ("simulator.max_effort=5.0", "disturbance.pulse.magnitude=1.0"):
+        assert make_plan("fig8", "lqr", settings=[node]).warnings == ()
+
+
+def parameters(folder: Path, *nodes: str) -> str:
+    path = folder / "shared.yaml"
+    path.write_text("".join(f"{n}:\n  ros__parameters:\n    gains.p: 7.0\n" for n in nodes))
+    return str(path)
+
+
+def test_a_file_that_changes_nothing_is_told(tmp_path):
+    path = parameters(tmp_path, "pid", "lqr")
+    (warning,) = make_plan("fig8", "fuzzy_pid", [path]).warnings
+    assert warning.startswith(
+        f"{path}: no node of this run takes anything of it: it is for pid, lqr;"
+    )
+    assert make_plan("fig8", "lqr", [path]).warnings == ()
+
+
+@pytest.mark.parametrize("name", ["PID", "/**/pidd", "/robot/Pid"])
+def test_a_misspelt_node_is_told(tmp_path, name):
+    path = parameters(tmp_path, name, "pid")
+    (warning,) = make_plan("fig8", "pid", [path]).warnings
+    assert warning == f"{path}: no node is called {name.split('/')[-1]!r}; did you mean 'pid'?"
+
+
+def test_nodes_of_other_projects_pass(tmp_path):
+    assert make_plan("fig8", "pid", [parameters(tmp_path, "camera_driver", "pid")]).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("setting", "told"),
+    [
+        ("simulator.initial.position=[0, 30]", "simulator: initial.position is 30 rad"),
+        ("pid.reference.value=45", "pid: reference.value is 45 rad, which is 2578 degrees"),
+        ("pid.reference.initial=-20", "pid: reference.initial is -20 rad"),
+    ],
+)
+def test_an_angle_of_more_than_a_turn_is_told(setting, told):
+    (warning,) = make_plan("fig8", "pid", settings=[setting]).warnings
+    assert warning.startswith(told)
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        "simulator.initial.position=[30, 0.5]",
+        "pid.reference.value=6.28",
+        "simulator.fall.angle=inf",
+        "simulator.initial.velocity=[30, 30]",
+    ],
+)
+def test_what_may_be_meant_is_not_told(setting):
+    assert make_plan("fig8", "pid", settings=[setting]).warnings == ()

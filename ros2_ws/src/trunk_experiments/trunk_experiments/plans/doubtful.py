@@ -1,0 +1,63 @@
+"""What a user most likely did not mean: values for nodes that do not run, angles in degrees."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from math import degrees, isfinite, pi
+from typing import Any
+
+from trunk_msgs_util.parameters.declarations import declarations, values_of
+from trunk_msgs_util.parameters.files import Layer
+
+from ..errors import PlanError
+from ..similar import closest
+from .nodes import CONTROLLERS, NODES
+
+
+def check_targets(settings: Iterable[Layer], taking: Sequence[str]) -> None:
+    """Raise PlanError for a single value that no node of the run takes."""
+    for layer in settings:
+        node = layer.sections[0].pattern
+        if node not in taking:
+            acting = ", ".join(name for name in taking if name in CONTROLLERS)
+            raise PlanError(
+                f"{layer.source}: no node of this run takes it: {acting} acts; "
+                f"give --controller {node}, or name another node: {', '.join(taking)}"
+            )
+
+
+def not_taken(files: Iterable[Layer], taking: Sequence[str]) -> Iterator[str]:
+    """Yield a warning for each file that changes nothing, and each misspelt node."""
+    for layer in files:
+        used = [s for s in layer.sections if any(s.matches(f"/{node}") for node in taking)]
+        names = list(dict.fromkeys(s.last_token for s in layer.sections))
+        for name in names:
+            meant = closest(name, NODES)
+            if name not in NODES and "*" not in name and meant:
+                yield f"{layer.source}: no node is called {name!r}; did you mean {meant!r}?"
+        if not used:
+            yield (
+                f"{layer.source}: no node of this run takes anything of it: it is for "
+                f"{', '.join(names)}; there are {', '.join(taking)}"
+            )
+
+
+def large_angles(configs: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a warning for each angle of more than a turn: it was most likely meant in degrees."""
+    for node, config in configs.items():
+        values = values_of(config)
+        for name, declared in declarations(type(config)).items():
+            for value in _angles(name, declared.unit, values[name]):
+                if 2.0 * pi < abs(value) < 1e300 and values[name] != declared.default:
+                    yield (
+                        f"{node}: {name} is {value:g} rad, which is {degrees(value):.0f} degrees: "
+                        "angles are in radians"
+                    )
+
+
+def _angles(name: str, unit: str | None, value: Any) -> list[float]:
+    if name == "initial.position":
+        return [value[1]]
+    if unit != "rad":
+        return []
+    return [one for one in (value if isinstance(value, tuple) else (value,)) if isfinite(one)]
