@@ -207,6 +207,14 @@ def test_a_split_bag_is_one_run(tmp_path, metadata):
     assert table.torque.tolist() == [*range(1, 201), 201]
 
 
+def test_recordings_that_happen_to_lie_together_are_not_one_run(tmp_path):
+    bag = split_bag(tmp_path / "bag", run_messages(60), metadata=False)
+    (bag / "bag_1.mcap").rename(bag / "other_1.mcap")
+    with pytest.raises(RecordingError, match=r"has \d+ recordings and no metadata\.yaml") as caught:
+        Recording.open(bag)
+    assert "give one of bag_0.mcap, bag_2.mcap, " in str(caught.value)
+
+
 def test_a_damaged_part_ends_the_run(tmp_path):
     bag = split_bag(tmp_path / "bag", run_messages(60))
     path = bag / "bag_1.mcap"

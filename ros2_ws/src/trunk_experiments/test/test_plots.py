@@ -114,7 +114,7 @@ def test_the_papers_layout_names_the_controllers(views, short_run):
     (axes,) = figure.axes
     assert axes.get_title(loc="left").startswith("Fig. 6")
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    wanted = {"PID (gains as printed)", "PID (Ziegler–Nichols)", "Fuzzy-PID"}
+    wanted = {"PID (gains as printed)", "PID (Ziegler–Nichols) (fell)", "Fuzzy-PID (fell)"}
     assert wanted <= set(texts)
 
 

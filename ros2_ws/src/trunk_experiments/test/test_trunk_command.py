@@ -102,7 +102,7 @@ def test_simulate_and_metrics_reproduce_the_reference_table(run, expected, tmp_p
 
 def test_metrics_have_the_documented_keys(fig7):
     found = json.loads(trunk("metrics", fig7, "--json").stdout)
-    assert list(found) == [field.name for field in fields(Metrics)]
+    assert list(found) == ["doubts", *(field.name for field in fields(Metrics))]
 
 
 def test_export_writes_a_row_per_state_in_full_precision(fig7, tmp_path):

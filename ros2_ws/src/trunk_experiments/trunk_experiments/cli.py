@@ -30,6 +30,7 @@ _VERBS = {
     "verify": ("verify", "Recompute a recorded run from its own data."),
     "sign": ("sign", "Sign a recording's content with your key; make a key."),
     "info": ("info", "Show what is in a recording."),
+    "list": ("list", "List recorded runs, scenarios, files, studies, controllers."),
     "doctor": ("doctor", "Report what is wrong with a recording, and where."),
     "recover": ("recover", "Write a valid file from a broken one."),
     "export": ("export", "Write a recorded run as CSV, Parquet, npz or a smaller MCAP."),

@@ -31,7 +31,8 @@ _LONGEST = 20  # values of an array that are listed
 def command(runs: tuple[Path, ...], study: Path | None, form: str | None) -> None:
     """Compare recorded runs: metrics, parameters, and where each diverges from the first.
 
-    The best of a row, the smallest in magnitude, is marked; what never happened ranks last.
+    The best of a row, the smallest in magnitude, is marked; what never happened ranks last. A run that
+    fell, is incomplete, or did not keep real time is told first and is never the best.
     """
     if (study is None) == (not runs):
         raise click.UsageError("give RUN..., or --study OUT.parquet")
@@ -63,6 +64,9 @@ def as_values(found: Comparison) -> dict[str, object]:
     """Return a comparison as plain values; ``best`` holds names of runs."""
     return {
         "runs": list(found.names),
+        "doubts": {
+            name: one.as_values() for name, one in zip(found.names, found.doubts, strict=True)
+        },
         "metrics": {
             row.key: {
                 "unit": _quantity(row.key).unit,
@@ -93,7 +97,9 @@ def as_csv(found: Comparison) -> str:
 
 def as_markdown(found: Comparison) -> str:
     """Return the metrics, the best in bold, and the differing parameters as Markdown tables."""
-    lines = [_line(("quantity", "unit", *found.names)), _line(("---",) * (2 + len(found.names)))]
+    lines = [f"- **{line}**" for line in doubtful(found)]
+    lines += [""] if lines else []
+    lines += [_line(("quantity", "unit", *found.names)), _line(("---",) * (2 + len(found.names)))]
     for row in found.rows:
         shown = [
             f"**{number(value)}**" if i in row.best else number(value)
@@ -131,7 +137,18 @@ def setting(value: object) -> str:
     return "–" if value is None else str(value)
 
 
+def doubtful(found: Comparison) -> list[str]:
+    """Return a line for each doubt about a run."""
+    return [
+        f"{name}: {line}"
+        for name, one in zip(found.names, found.doubts, strict=True)
+        for line in one.lines
+    ]
+
+
 def _show(found: Comparison) -> None:
+    for line in doubtful(found):
+        click.echo(line)
     print_table(
         "metrics (* best)",
         ("quantity", *found.names, "unit"),

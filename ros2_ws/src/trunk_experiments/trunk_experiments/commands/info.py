@@ -16,6 +16,8 @@ from trunk_msgs_util.units import seconds
 
 from ..console.common import json_option
 from ..console.reading import progress_bar, show_warnings
+from ..recorded.run import RecordedRun
+from ..replay.doubts import doubts_of
 
 _WIDTH = 80
 _UNITS = ("B", "kB", "MB", "GB", "TB")
@@ -27,7 +29,7 @@ def summary(recording: Recording) -> dict[str, Any]:
     Gaps are between log times. ``checked`` is False if a long file was judged only by its indexes;
     a size is then None if messages differ in theirs.
     """
-    fell = recording.fell_at_ns
+    doubts = doubts_of(RecordedRun(recording), twin=False, whole=recording.checked)
     return {
         "file": str(recording.path),
         "files": [str(path) for path in recording.files],
@@ -40,7 +42,8 @@ def summary(recording: Recording) -> dict[str, Any]:
         "duration_s": _duration(recording),
         "scenario": recording.provenance.get("scenario"),
         "controller": ", ".join(recording.controllers) or None,
-        "fell_at_s": None if fell is None else seconds(fell),
+        "fell_at_s": doubts.fell_at_s,
+        "doubts": doubts,
         "provenance": recording.provenance,
         "nodes": sorted(recording.parameters()),
         "topics": {
@@ -134,9 +137,11 @@ def command(run: Path, as_json: bool) -> None:
         recording = Recording.glance(run, tell)
     found = summary(recording)
     if as_json:
-        click.echo(json.dumps(found, indent=2))
+        click.echo(json.dumps({**found, "doubts": found["doubts"].as_values()}, indent=2))
         return
     show_warnings(found["warnings"])
+    for line in found["doubts"].lines:
+        click.echo(line)
     files = f" in {len(found['files'])} files" if len(found["files"]) > 1 else ""
     click.echo(f"{run}: {_state(found)}")
     overview = {
@@ -144,11 +149,6 @@ def command(run: Path, as_json: bool) -> None:
         "duration": "?" if found["duration_s"] is None else f"{found['duration_s']:.10g} s",
         "scenario": found["scenario"] or "?",
         "controller": found["controller"] or "none",
-        **(
-            {"the trunk fell": f"at t = {found['fell_at_s']:g} s"}
-            if found["fell_at_s"] is not None
-            else {}
-        ),
         "parameters of": ", ".join(found["nodes"]) or "no node",
         "recorded by": found["recorded_by"] or "?",
     }

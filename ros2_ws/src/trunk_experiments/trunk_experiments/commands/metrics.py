@@ -8,19 +8,21 @@ from pathlib import Path
 import click
 
 from trunk_msgs_util.recording.reader import RecordingError
-from trunk_msgs_util.units import seconds
 
 from ..analysis.metrics import QUANTITIES, metrics
 from ..analysis.run_table import RunTable
 from ..console.common import json_option, print_table
 from ..console.reading import open_run, show_warnings
 from ..recorded.run import RecordedRun
+from ..replay.doubts import doubts_of
 
 
 def show_metrics(run: RecordedRun, title: str) -> None:
-    """Print a run's metrics as a table, warnings first."""
+    """Print a run's metrics as a table; warnings, and what makes them doubtful, first."""
     show_warnings(run.recording.warnings)
     values = _values(run)
+    for line in doubts_of(run).lines:
+        click.echo(line)
     print_table(
         title,
         ("quantity", "value", "unit"),
@@ -29,9 +31,6 @@ def show_metrics(run: RecordedRun, title: str) -> None:
             for key, (label, unit, _) in QUANTITIES.items()
         ],
     )
-    fell = run.recording.fell_at_ns
-    if fell is not None:
-        click.echo(f"the trunk fell at t = {seconds(fell):g} s")
 
 
 def _values(run: RecordedRun) -> dict[str, float | None]:
@@ -51,6 +50,7 @@ def command(run: Path, as_json: bool) -> None:
     recorded = open_run(run)
     if as_json:
         show_warnings(recorded.recording.warnings)
-        click.echo(json.dumps(_values(recorded), indent=2))
+        values = {"doubts": doubts_of(recorded).as_values(), **_values(recorded)}
+        click.echo(json.dumps(values, indent=2))
     else:
         show_metrics(recorded, f"{run.name}: true error e = reference - angle")

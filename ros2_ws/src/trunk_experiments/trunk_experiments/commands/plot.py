@@ -23,6 +23,7 @@ from ..console.reading import open_views, show_warnings
 )
 def command(runs: tuple[Path, ...], output: Path | None, force: bool, number: int | None) -> None:
     """Draw one recorded run, or several overlaid, as PNG, SVG or PDF."""
+    from ..replay.doubts import doubts_of
     from ..views.plot_style import SUFFIXES, save
     from ..views.plots import overview, paper_figure
 
@@ -30,6 +31,7 @@ def command(runs: tuple[Path, ...], output: Path | None, force: bool, number: in
     target = check_output(output or default, tuple(SUFFIXES), force, runs)
     views = open_views(runs)
     for view in views:
+        show_warnings(f"{view.path}: {line}" for line in doubts_of(view.run, twin=False).lines)
         scenario = view.recording.provenance.get("scenario")
         if number and scenario != f"fig{number}":
             show_warnings([f"{view.path}: its scenario is {scenario!r}, not 'fig{number}'"])

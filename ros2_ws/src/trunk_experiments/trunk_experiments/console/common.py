@@ -134,11 +134,13 @@ def files_read(options: dict[str, Any]) -> list[str]:
     return [name for name in (options.get("scenario"), *options.get("params", ())) if name]
 
 
-def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table: first column left, the others right; plain without a terminal."""
+def print_table(
+    title: str, header: Sequence[str], rows: Iterable[Sequence[str]], texts: int = 1
+) -> None:
+    """Print a table: the first columns, of text, left, the others right; plain without a terminal."""
     table = Table(title=printable(title), box=SIMPLE_HEAD, title_justify="left", title_style="bold")
     for i, column in enumerate(header):
-        table.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
+        table.add_column(column, justify="left" if i < texts else "right", overflow="fold")
     for row in rows:
         table.add_row(*map(printable, row))
     console().print(table)

@@ -12,6 +12,7 @@ from ..analysis.metrics import QUANTITIES, metrics
 from ..plans.nodes import CONTROLLERS
 from ..recorded.run import RecordedRun
 from ..replay.diff import RunDiff, diff
+from ..replay.doubts import Doubts, doubts_of
 from .run_view import RunView, labels
 
 if TYPE_CHECKING:
@@ -31,18 +32,25 @@ class Comparison:
     """What `compare` found. Parameters: by ``role.name``, one value per run, None if it has none."""
 
     names: tuple[str, ...]
+    doubts: tuple[Doubts, ...]
     rows: tuple[Row, ...]
     parameters: Mapping[str, tuple[Value | None, ...]]
     diffs: tuple[RunDiff, ...]  # of the second run and the following against the first
 
 
-def best_of(values: Sequence[float | None]) -> tuple[int, ...]:
-    """Return the indices of the smallest magnitude: all that tie, none if there is nothing to choose."""
-    magnitudes = [abs(value) for value in values if value is not None]
+def best_of(values: Sequence[float | None], sound: Sequence[bool] | None = None) -> tuple[int, ...]:
+    """Return the indices of the smallest magnitude: all that tie, none if there is nothing to choose.
+
+    Only the ``sound`` runs take part: no run is best that fell, is incomplete, or did not keep time.
+    """
+    allowed = [True] * len(values) if sound is None else sound
+    magnitudes = [abs(v) for v, good in zip(values, allowed, strict=True) if good and v is not None]
     if not magnitudes or len(values) < 2:
         return ()
     least = min(magnitudes)
-    return tuple(i for i, v in enumerate(values) if v is not None and abs(v) == least)
+    return tuple(
+        i for i, v in enumerate(values) if allowed[i] and v is not None and abs(v) == least
+    )
 
 
 def metrics_of(view: RunView) -> dict[str, float | None]:
@@ -57,14 +65,14 @@ def metrics_of(view: RunView) -> dict[str, float | None]:
         raise RecordingError(f"{view.path}: {error}; record a complete run") from None
 
 
-def metric_rows(views: Sequence[RunView]) -> tuple[Row, ...]:
-    """Return the rows of the table of metrics."""
+def metric_rows(views: Sequence[RunView], sound: Sequence[bool] | None = None) -> tuple[Row, ...]:
+    """Return the rows of the table of metrics; only ``sound`` runs can be best."""
     found = [metrics_of(view) for view in views]
     rows = []
     for key in found[0]:
         values = tuple(run[key] for run in found)
         judged = key in QUANTITIES and QUANTITIES[key].judged
-        rows.append(Row(key, values, best_of(values) if judged else ()))
+        rows.append(Row(key, values, best_of(values, sound) if judged else ()))
     return tuple(rows)
 
 
@@ -95,9 +103,11 @@ def divergence(first: RecordedRun, other: RecordedRun) -> RunDiff:
 
 def compare(views: Sequence[RunView]) -> Comparison:
     """Compare runs; the divergence of the others is relative to the first."""
+    found = [doubts_of(view.run) for view in views]
     return Comparison(
         names=tuple(labels(views)),
-        rows=metric_rows(views),
+        doubts=tuple(found),
+        rows=metric_rows(views, [not one for one in found]),
         parameters=differing_parameters(views),
         diffs=tuple(divergence(views[0].run, view.run) for view in views[1:]),
     )

@@ -14,22 +14,28 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from trunk_msgs_util.mechanics import path_height
 
 from ..analysis.sums import SETTLING_BAND_DEG
+from .plot_marks import (
+    BAND,
+    LIMIT,
+    REFERENCE,
+    context_handles,
+    falls,
+    legend,
+    pulse_spans,
+    run_handles,
+    turns,
+    with_doubts,
+)
 from .plot_style import COLORS, STYLE, line_style
-from .run_view import RunView, labels, off_scale, same_pulses
+from .run_view import RunView, labels, off_scale
 
-BAND, PULSE, REFERENCE, LIMIT = "#7a7a7a", "#E69F00", "#222222", "#B00020"
-TURN = "#555555"
-TURN_LINE: dict[str, Any] = {"color": TURN, "linewidth": 1.0, "linestyle": (0, (5, 2, 1, 2))}
 _FAR = 1e12  # m: sine has no digits left there
-_NAMED_TURNS = 6  # more would overlap
 FIGURES = {
     6: "zero reference",
     7: "step reference",
@@ -40,7 +46,7 @@ FIGURES = {
 
 def overview(views: Sequence[RunView]) -> Figure:
     """Return the overview of one run or several: angle, torque, gains, path, phase."""
-    names = labels(views)
+    names = [with_doubts(name, view) for name, view in zip(labels(views), views, strict=True)]
     with rc_context(STYLE):
         figure = Figure(figsize=(10.0, 10.8), layout="constrained")
         grid = figure.add_gridspec(4, 1, height_ratios=(1.4, 1.2, 1.15, 1.5))
@@ -55,7 +61,7 @@ def overview(views: Sequence[RunView]) -> Figure:
         _phase(phase, views)
         for axes in (angle, torque):
             axes.set_xlabel("time (s)")
-        _legend(figure, "outside upper center", _run_handles(names), _context_handles(views))
+        legend(figure, "outside upper center", run_handles(names), context_handles(views))
     return figure
 
 
@@ -63,15 +69,18 @@ def paper_figure(
     views: Sequence[RunView], number: int, names: Sequence[str] | None = None
 ) -> Figure:
     """Return the runs laid out like the paper's figure 6, 7, 8 or 9: angle over time, one axes."""
-    names = names or labels(views, lambda view: view.title)
+    names = names or [
+        with_doubts(name, view)
+        for name, view in zip(labels(views, lambda view: view.title), views, strict=True)
+    ]
     with rc_context({**STYLE, "font.size": 10.0, "axes.labelsize": 10.0, "axes.titlesize": 11.0}):
         figure = Figure(figsize=(8.0, 4.6), layout="constrained")
         axes = figure.add_subplot()
         _angle(axes, views)
         axes.set_title(f"Fig. {number}: trunk angle, {FIGURES[number]}")
         axes.set_xlabel("time (s)")
-        context = _context_handles(views, limits=False)
-        _legend(figure, "outside lower center", _run_handles(names), context)
+        context = context_handles(views, limits=False)
+        legend(figure, "outside lower center", run_handles(names), context)
     return figure
 
 
@@ -80,72 +89,11 @@ def _cells(spec: SubplotSpec, columns: int) -> list[SubplotSpec]:
     return [row[0, i] for i in range(columns)]
 
 
-def _run_handles(names: Sequence[str]) -> list[Line2D | Patch]:
-    return [Line2D([], [], **line_style(i), label=_plain(name)) for i, name in enumerate(names)]
-
-
-def _context_handles(views: Sequence[RunView], limits: bool = True) -> list[Line2D | Patch]:
-    """Return the legend's entries other than runs: the reference, its band, pulses, limits."""
-    found: list[Line2D | Patch] = [
-        Line2D([], [], color=REFERENCE, linewidth=1.0, linestyle=(0, (2, 2)), label="reference"),
-        Patch(color=BAND, alpha=0.22, linewidth=0, label=f"reference ±{SETTLING_BAND_DEG:g}°"),
-    ]
-    if same_pulses(views):
-        found.append(Patch(color=PULSE, alpha=0.45, linewidth=0, label="pulse acts"))
-    if any(len(view.turns) > 1 for view in views):
-        found.append(Line2D([], [], label="another controller takes over", **TURN_LINE))
-    if limits and any(isfinite(bound) for view in views for bound in view.limits):
-        found.append(Line2D([], [], color=LIMIT, linewidth=1.0, label="torque limits"))
-    return found
-
-
-def _legend(
-    figure: Figure, where: str, runs: list[Line2D | Patch], context: list[Line2D | Patch]
-) -> None:
-    """Add a legend outside all axes: rows of runs, then a row of everything else."""
-    columns = max(min(4, len(runs)), len(context))
-    rows = [runs[i : i + columns] for i in range(0, len(runs), columns)] + [context]
-    if len(runs) == 1:
-        rows, columns = [runs + context], 1 + len(context)
-    blank = Line2D([], [], alpha=0.0, label=" ")
-    filled = [row + [blank] * (columns - len(row)) for row in rows]
-    # Matplotlib fills column by column.
-    handles = [row[i] for i in range(columns) for row in filled]
-    figure.legend(handles=handles, loc=where, ncols=columns)
-
-
-def _plain(text: str) -> str:
-    """Return a name that Matplotlib neither reads as mathematics nor (``_…``) leaves out."""
-    return text.replace("$", r"\$") if not text.startswith("_") else f" {text}".replace("$", r"\$")
-
-
-def _pulse_spans(axes: Axes, views: Sequence[RunView]) -> None:
-    for p in same_pulses(views):
-        axes.axvspan(p.start, p.end, color=PULSE, alpha=0.45, linewidth=0, zorder=0.5)
-
-
-def _turns(axes: Axes, views: Sequence[RunView], named: bool = False) -> None:
-    """Mark where another controller takes over; ``named``: say which, if there is one run."""
-    for start in sorted({turn.start for view in views for turn in view.turns[1:]}):
-        axes.axvline(start, zorder=1.0, **TURN_LINE)
-    turns = views[0].turns if named and len(views) == 1 else ()
-    for turn in turns if 1 < len(turns) <= _NAMED_TURNS else ():
-        axes.annotate(
-            _plain(turn.controller),
-            (turn.start, 0.1),
-            xycoords=("data", "axes fraction"),
-            xytext=(4, 0),
-            textcoords="offset points",
-            fontsize=8.0,
-            color=TURN,
-            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 1.0},
-        )
-
-
 def _angle(axes: Axes, views: Sequence[RunView]) -> None:
     drawn: set[Any] = set()
-    _pulse_spans(axes, views)
-    _turns(axes, views)
+    pulse_spans(axes, views)
+    turns(axes, views)
+    falls(axes, views)
     for i, view in enumerate(views):
         t, reference = view.table.t, np.degrees(view.table.reference)
         levels = np.flatnonzero(np.diff(reference)) + 1
@@ -179,8 +127,8 @@ def _peak(view: RunView) -> float:
 
 
 def _torque(axes: Axes, views: Sequence[RunView]) -> None:
-    _pulse_spans(axes, views)
-    _turns(axes, views, named=True)
+    pulse_spans(axes, views)
+    turns(axes, views, named=True)
     for i, view in enumerate(views):
         # Torque is held over each period: steps, not slopes.
         axes.step(view.table.t, view.table.torque, where="post", **line_style(i), linewidth=1.2)
@@ -218,7 +166,7 @@ def _gains(grid: Sequence[Axes], views: Sequence[RunView]) -> None:
         for i, view in enumerate(views):
             values = getattr(view.table, column)
             axes.plot(view.table.t, values, **line_style(i), linewidth=1.1)
-        _pulse_spans(axes, views)
+        pulse_spans(axes, views)
         axes.set_title(f"Gain {symbol}" if column != "alpha" else f"Ratio {symbol}")
         axes.set_ylabel(f"{symbol} ({unit})")
         axes.set_xlabel("time (s)")

@@ -15,6 +15,7 @@ from trunk_msgs_util.units import seconds
 
 from ..analysis.metrics import QUANTITIES
 from ..replay.doctor import INFO, findings
+from ..replay.doubts import Doubts, doubts_of
 from .compare import Row, differing_parameters, metric_rows
 from .report_data import report_data, rule_use
 from .run_view import RunView, labels
@@ -68,14 +69,15 @@ class Report:
 def make_report(views: Sequence[RunView]) -> Report:
     """Return the report on one run or several."""
     names = labels(views)
+    doubts = [doubts_of(view.run) for view in views]
     try:
-        rows, reason = metric_rows(views), ""
+        rows, reason = metric_rows(views, [not one for one in doubts]), ""
     except RecordingError as error:
         rows, reason = (), str(error)
     differing = differing_parameters(views) if len(views) > 1 else {}
     return Report(
         title=" · ".join(names),
-        runs=tuple(_section(view, name) for view, name in zip(views, names, strict=True)),
+        runs=tuple(map(_section, views, names, doubts)),
         metrics=rows,
         no_metrics=reason,
         differing={name: tuple(map(shown, values)) for name, values in differing.items()},
@@ -108,7 +110,7 @@ def said_of(view: RunView) -> list[str]:
     return found + [w for w in view.warnings if w not in view.recording.warnings]
 
 
-def _section(view: RunView, label: str) -> RunSection:
+def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
     table, recording = view.table, view.recording
     state = "complete" if recording.complete else "incomplete"
     fell = recording.fell_at_ns
@@ -125,7 +127,7 @@ def _section(view: RunView, label: str) -> RunSection:
         title=view.title,
         scenario=recording.provenance.get("scenario", ""),
         facts=facts,
-        warnings=tuple(dict.fromkeys(said_of(view))),
+        warnings=tuple(dict.fromkeys([*doubts.lines, *said_of(view)])),
         parameters={
             node: {name: shown(value) for name, value in values.items()}
             for node, values in view.parameters.items()

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 METADATA = "metadata.yaml"
+_SPLIT = re.compile(r"_\d+$")  # of a bag's parts: name_0.mcap, name_1.mcap
+_LISTED = 8
 
 
 class BagFolder(NamedTuple):
@@ -23,13 +25,23 @@ class BagFolder(NamedTuple):
 
 
 def bag_folder(folder: Path) -> BagFolder:
-    """Return the files of a bag. Raises RecordingError if it cannot be read as one."""
+    """Return the files of a bag. Raises RecordingError if it cannot be read as one.
+
+    Without metadata, as after a recorder that was killed, only parts of one name are a bag.
+    """
     if not (folder / METADATA).is_file():
         files = sorted(folder.glob("*.mcap"), key=_natural)
         if not files:
             raise RecordingError(
                 f"{folder} is a directory without {METADATA} and .mcap files: "
                 "give a recording of a run"
+            )
+        if len(files) > 1 and len({_SPLIT.sub("", path.stem) for path in files}) > 1:
+            names = ", ".join(path.name for path in files[:_LISTED])
+            more = f" and {len(files) - _LISTED} more" if len(files) > _LISTED else ""
+            raise RecordingError(
+                f"{folder} has {len(files)} recordings and no {METADATA} that makes them one: "
+                f"give one of {names}{more}"
             )
         return BagFolder(files, None)
     about = _information(folder / METADATA)

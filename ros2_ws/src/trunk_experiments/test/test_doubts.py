@@ -1,0 +1,185 @@
+"""Falls, incomplete files and late steps stand first, in words and in JSON; such a run is never the best."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from trunk_experiments.cli import main
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay import doubts
+from trunk_experiments.replay.doubts import Doubts, Late, doubts_of, late_steps
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_experiments.views.compare import best_of
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
+from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
+
+LATE = "LATE: real time was not kept, 1 of 1300 steps late"
+
+
+@pytest.fixture
+def told(monkeypatch, capsys):
+    """Return a function that runs the command and returns its exit code and what it says."""
+
+    def run(*words):
+        monkeypatch.setattr(sys, "argv", ["trunk", *map(str, words)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        captured = capsys.readouterr()
+        return stop.value.code, captured.out, captured.err
+
+    return run
+
+
+def in_real_time(source: Path, path: Path, late=(), unanswered=(), complete=True) -> Path:
+    """Copy an offline run as one in real time.
+
+    The torque of some ``late`` steps is that of the step before; some states are ``unanswered``.
+    """
+    efforts: dict[int, float] = {}
+    with source.open("rb") as file, RecordingWriter(path) as writer:
+        reader = make_reader(file)
+        kept = {one.name: one.metadata for one in reader.iter_metadata()}
+        writer.add_metadata(PROVENANCE, {**kept[PROVENANCE], "mode": "real_time"})
+        channels: dict[str, int] = {}
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            if channel.topic not in channels:
+                channels[channel.topic] = writer.channel(channel.topic, schema.name)
+            data = message.data
+            if channel.topic == "/" + topics.GROUND_TRUTH:
+                layout = JointStateLayout.parse(data)
+                sample = layout.unpack(data)
+                step = sample.stamp_ns // 1_000_000 - 1  # the one that led here
+                efforts[step] = sample.effort[1]
+                if step in late:
+                    data = layout.pack(sample._replace(effort=(0.0, efforts[step - 1])))
+            stamp = message.log_time // 1_000_000
+            if channel.topic == "/" + topics.EFFORT_COMMAND and stamp in unanswered:
+                continue
+            writer.write(channels[channel.topic], message.log_time, message.publish_time, data)
+        writer.finish(complete=complete, reason="finished" if complete else "the disk is full")
+    return path
+
+
+def test_an_exact_run_has_no_late_steps(short_run):
+    run = RecordedRun.open(short_run("fig6", "pid"))
+    assert late_steps(run) is None
+    assert not doubts_of(run)
+    assert doubts_of(run).lines == []
+
+
+def test_a_run_that_kept_time_is_not_marked(short_run, tmp_path):
+    run = RecordedRun.open(in_real_time(short_run("fig6", "pid"), tmp_path / "a.mcap"))
+    assert late_steps(run) == Late(0, 1300)
+    found = doubts_of(run)
+    assert not found
+    assert found.moved_deg == 0.0
+
+
+@pytest.mark.parametrize(
+    ("late", "unanswered", "count"),
+    [((7,), (), 1), ((7, 8, 500), (), 3), ((), (20, 21), 2), ((300,), (300, 40), 2)],
+)
+def test_late_steps_are_counted(short_run, tmp_path, late, unanswered, count):
+    path = in_real_time(short_run("fig6", "pid"), tmp_path / "a.mcap", late, unanswered)
+    assert late_steps(RecordedRun.open(path)) == Late(count, 1300)
+
+
+def test_a_slower_controller_is_not_late(tmp_path):
+    plan = make_plan("fig6", "pid", settings=["pid.update_rate=200.0"])
+    plan = replace(plan, simulator=replace(plan.simulator, duration=0.5))
+    record_offline(plan, tmp_path / "slow.mcap")
+    # It answers every fifth state, as a node of another project may.
+    silent = [k for k in range(501) if k % 5]
+    path = in_real_time(tmp_path / "slow.mcap", tmp_path / "a.mcap", (), silent)
+    assert late_steps(RecordedRun.open(path)) == Late(0, 500)
+    path = in_real_time(tmp_path / "slow.mcap", tmp_path / "b.mcap", (), [*silent, 100])
+    assert late_steps(RecordedRun.open(path)) == Late(5, 500)
+
+
+def test_how_far_the_angle_was_moved(short_run, tmp_path, monkeypatch):
+    path = in_real_time(short_run("fig6", "pid"), tmp_path / "a.mcap", [7])
+    assert doubts_of(RecordedRun.open(path), twin=False).moved_deg is None
+    lines = doubts_of(RecordedRun.open(path)).lines
+    assert lines == [f"{LATE}; in lock-step the angle differs by up to 0 degrees"]
+    monkeypatch.setattr(doubts, "LONGEST_TWIN", 10)
+    assert doubts_of(RecordedRun.open(path)).lines == [LATE]
+
+
+def test_a_run_that_departs_from_lockstep_is_marked_even_if_no_command_was_late(
+    short_run, tmp_path
+):
+    """A disturbance that came late leaves no trace in the commands."""
+    shifted = short_run("fig8", "pid", settings=("disturbance.pulse.start_times=[0.5]",))
+    path = in_real_time(shifted, tmp_path / "a.mcap")
+    run = RecordedRun.open(path)
+    run.parameters["disturbance"]["pulse.start_times"] = (0.4,)
+    found = doubts_of(run)
+    assert found.late == 0
+    assert found.moved_deg > 1.0
+    assert found
+
+
+def fallen(path):
+    settings = ["simulator.fall.angle=0.4", "pid.gains.d=0.5"]
+    plan = make_plan("fig8", "pid", settings=settings)
+    record_offline(replace(plan, simulator=replace(plan.simulator, duration=1.3)), path)
+    return path
+
+
+def test_a_fall_stands_first(tmp_path, told):
+    path = fallen(tmp_path / "fallen.mcap")
+    assert doubts_of(RecordedRun.open(path)).fell_at_s == 0.0
+    for verb in ("metrics", "info"):
+        code, out, _ = told(verb, path)
+        assert (code, out.splitlines()[0]) == (0, "FELL: at t = 0 s, 30 degrees")
+        values = json.loads(told(verb, "--json", path)[1])
+        assert values["doubts"]["fell_at_s"] == 0.0
+    told_of = told("plot", path, "-o", tmp_path / "a.png")[2]
+    assert "FELL: at t = 0 s" in told_of
+
+
+def test_such_runs_are_never_the_best(short_run, tmp_path, told):
+    sound = short_run("fig6", "lqr")
+    late = in_real_time(short_run("fig6", "pid"), tmp_path / "late.mcap", [7])
+    cut = in_real_time(short_run("fig6", "pid"), tmp_path / "cut.mcap", complete=False)
+    down = fallen(tmp_path / "down.mcap")
+    found = json.loads(told("compare", "--json", late, sound, cut, down)[1])
+    assert {name for one in found["metrics"].values() for name in one["best"]} <= {sound.stem}
+    assert [one["late_steps"] for one in found["doubts"].values()] == [1, 0, 0, 0]
+    out = told("compare", late, sound, cut, down)[1].splitlines()
+    assert [line.split(":")[0] + ":" + line.split(":")[1] for line in out[:3]] == [
+        "late: LATE",
+        "cut: INCOMPLETE",
+        "down: FELL",
+    ]
+    assert told("compare", "--markdown", late, sound)[1].startswith("- **late: LATE: real time")
+
+
+def test_only_sound_runs_can_be_best():
+    assert best_of([1.0, 2.0, 3.0]) == (0,)
+    assert best_of([1.0, 2.0, 2.0], [False, True, True]) == (1, 2)
+    assert best_of([1.0, None], [False, True]) == ()
+
+
+def test_words():
+    found = Doubts("the disk is full", 1.06, -93.2, 35, 10_000, 140.2)
+    moved = "in lock-step the angle differs by up to 140 degrees"
+    assert found.lines == [
+        "INCOMPLETE: the disk is full",
+        "FELL: at t = 1.06 s, -93 degrees",
+        f"LATE: real time was not kept, 35 of 10000 steps late; {moved}",
+    ]
+    assert found.as_values() == {
+        "complete": False,
+        "fell_at_s": 1.06,
+        "late_steps": 35,
+        "late_moved_deg": 140.2,
+    }

@@ -1,0 +1,172 @@
+"""``trunk list``: the runs in a folder, and what is shipped, each with its path."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+
+from trunk_control.laws import law_named
+
+from ..console.common import json_option, print_table
+from ..console.reading import open_run
+from ..errors import PlanError
+from ..plans.files import SCENARIOS, shipped_files
+from ..plans.nodes import CONTROLLERS, NODES
+
+_SHOWN = ("iae", "steady_state_error_rms_deg")
+
+
+class ListedRun(NamedTuple):
+    """A recording in a folder."""
+
+    path: Path
+    started: str  # UTC; empty if unknown
+    scenario: str
+    controllers: str
+    mode: str
+    doubts: tuple[str, ...]  # the first words: FELL, LATE, INCOMPLETE
+    metrics: dict[str, float | None]  # empty if there are none
+    error: str = ""
+
+    def as_values(self) -> dict[str, Any]:
+        """Return plain values, for JSON."""
+        return {**self._asdict(), "path": str(self.path)}
+
+
+@click.group("list")
+def command() -> None:
+    """List recorded runs, or what is shipped: scenarios, parameter files, studies, controllers."""
+
+
+def recordings_in(folder: Path) -> list[Path]:
+    """Return the recordings below a folder: a run's folder as one. Raises PlanError without a folder."""
+    if not folder.is_dir():
+        raise PlanError(f"{folder}: there is no such folder: give one with recordings")
+    found: dict[Path, None] = {}
+    for path in sorted(folder.rglob("*.mcap")):
+        bag = path.parent
+        found[bag if bag != folder and (bag / "metadata.yaml").is_file() else path] = None
+    return list(found)
+
+
+def listed(path: Path) -> ListedRun:
+    """Return what a list says of a recording; what cannot be read is listed, too."""
+    from trunk_msgs_util.errors import TrunkError
+
+    from ..analysis.metrics import metrics
+    from ..analysis.run_table import RunTable
+    from ..replay.doubts import doubts_of
+
+    try:
+        run = open_run(path)
+        told = run.recording.provenance
+        found = doubts_of(run, twin=False)
+    except (TrunkError, OSError) as error:
+        return ListedRun(path, "", "", "", "", (), {}, str(error))
+    try:
+        values = metrics(RunTable.from_run(run, only=("reference",))).as_dict()
+    except (TrunkError, ValueError):
+        values = {}
+    return ListedRun(
+        path,
+        told.get("started_utc", ""),
+        told.get("scenario", ""),
+        ", ".join(run.controllers),
+        run.mode,
+        tuple(line.split(":")[0] for line in found.lines),
+        {name: values[name] for name in _SHOWN if name in values},
+    )
+
+
+@command.command("runs")
+@click.argument("folder", type=click.Path(path_type=Path), default=Path())
+@json_option()
+def runs(folder: Path, as_json: bool) -> None:
+    """List the recordings below FOLDER (by default this one), the newest first.
+
+    What makes a run doubtful stands before its numbers: FELL, LATE, INCOMPLETE.
+    """
+    found = [listed(path) for path in recordings_in(folder)]
+    found.sort(key=lambda one: one.started, reverse=True)
+    if as_json:
+        click.echo(json.dumps([one.as_values() for one in found], indent=2))
+        return
+    for one in found:
+        if one.error:
+            click.echo(f"{one.path}: {one.error}", err=True)
+    _show(folder, [one for one in found if not one.error])
+
+
+def _show(folder: Path, found: Sequence[ListedRun]) -> None:
+    if not found:
+        click.echo(f"{folder}: no recordings")
+        return
+    print_table(
+        f"recordings in {folder}",
+        ("run", "scenario", "controller", "mode", "doubts", "IAE", "RMS, °"),
+        [
+            (
+                str(one.path.relative_to(folder) if one.path != folder else one.path),
+                one.scenario,
+                one.controllers,
+                one.mode,
+                ", ".join(one.doubts),
+                *(_number(one.metrics.get(name)) for name in _SHOWN),
+            )
+            for one in found
+        ],
+        texts=5,
+    )
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"
+
+
+@command.command("scenarios")
+@json_option()
+def scenarios(as_json: bool) -> None:
+    """List the shipped scenarios, with their files."""
+    files = shipped_files()
+    _pairs({name: str(files[name]) for name in SCENARIOS}, as_json)
+
+
+@command.command("files")
+@json_option()
+def parameter_files(as_json: bool) -> None:
+    """List the shipped parameter files."""
+    _pairs({name: str(path) for name, path in shipped_files().items()}, as_json)
+
+
+@command.command("studies")
+@json_option()
+def studies(as_json: bool) -> None:
+    """List the shipped studies."""
+    from ..study.file import shipped_studies
+
+    _pairs({name: str(path) for name, path in shipped_studies().items()}, as_json)
+
+
+@command.command("controllers")
+@json_option()
+def controllers(as_json: bool) -> None:
+    """List the controllers, with the commands that start them."""
+    _pairs(
+        {
+            name: f"{law_named(name).label}: ros2 run {NODES[name].package} {name}"
+            for name in CONTROLLERS
+        },
+        as_json,
+    )
+
+
+def _pairs(values: dict[str, str], as_json: bool) -> None:
+    if as_json:
+        click.echo(json.dumps(values, indent=2))
+        return
+    width = max(map(len, values))
+    click.echo("\n".join(f"{name:{width}}  {text}" for name, text in values.items()))

@@ -1,0 +1,164 @@
+"""What stands before every result of a run: it is incomplete, the trunk fell, real time was not kept.
+
+In real time a command may come too late for its step, and the run is then another one than the plan's.
+How many steps were late follows from the record; how far that moved the angle, from the same plan in
+lock-step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import degrees
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.errors import TrunkError
+from trunk_msgs_util.events import Event
+from trunk_msgs_util.units import seconds
+from trunk_sim.quick import act_for
+from trunk_sim.simulation import DivergedError
+
+from ..runs.offline import steps
+
+if TYPE_CHECKING:
+    from ..recorded.run import RecordedRun
+
+LONGEST_TWIN = 200_000  # states that are simulated again to tell how far a run was moved
+
+
+class Late(NamedTuple):
+    """Steps that were made without the answer to their state, of how many."""
+
+    late: int
+    steps: int
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """Why a run's numbers are not to be taken for what its plan gives."""
+
+    incomplete: str = ""  # why; empty for a complete recording
+    fell_at_s: float | None = None
+    fell_angle_deg: float | None = None
+    late: int = 0
+    steps: int = 0
+    moved_deg: float | None = None  # the angle, at most, by what was late; None if not known
+
+    def __bool__(self) -> bool:
+        return bool(self.incomplete or self.fell_at_s is not None or self.late or self.moved_deg)
+
+    @property
+    def lines(self) -> list[str]:
+        """A line for each doubt."""
+        found = []
+        if self.incomplete:
+            found.append(f"INCOMPLETE: {self.incomplete}")
+        if self.fell_at_s is not None:
+            angle = "" if self.fell_angle_deg is None else f", {self.fell_angle_deg:.0f} degrees"
+            found.append(f"FELL: at t = {self.fell_at_s:g} s{angle}")
+        if self.late or self.moved_deg:
+            moved = ""
+            if self.moved_deg is not None:
+                moved = f"; in lock-step the angle differs by up to {self.moved_deg:.3g} degrees"
+            found.append(
+                f"LATE: real time was not kept, {self.late} of {self.steps} steps late{moved}"
+            )
+        return found
+
+    def as_values(self) -> dict[str, object]:
+        """Return plain values, for JSON."""
+        return {
+            "complete": not self.incomplete,
+            "fell_at_s": self.fell_at_s,
+            "late_steps": self.late,
+            "late_moved_deg": self.moved_deg,
+        }
+
+
+def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts:
+    """Return what is doubtful about a run; ``twin``: simulate it in lock-step, if it was in real time.
+
+    Without ``whole`` only events are looked at, not every message.
+
+    Raises RecordingError for messages that cannot be read.
+    """
+    recording = run.recording
+    fall = next((event for event in run.events if event.message == Event.FELL), None)
+    angle = None
+    if fall is not None:
+        try:
+            angle = degrees(float(fall.values.get("angle", "")))
+        except ValueError:
+            angle = None
+    late = late_steps(run) if whole else None
+    moved = moved_deg(run) if twin and late is not None else None
+    reason = str((recording.end or {}).get("reason") or "the recorder did not finish this file")
+    return Doubts(
+        "" if recording.complete else reason,
+        None if fall is None else seconds(fall.stamp_ns),
+        angle,
+        late.late if late else 0,
+        late.steps if late else 0,
+        moved,
+    )
+
+
+def late_steps(run: RecordedRun) -> Late | None:
+    """Return how many steps were made without the answer to their state; None where time was exact.
+
+    A step from state k is in time if the torque over it, which true state k + 1 records, is that of the
+    command with the stamp of k, or, where a controller answers only some states, of its last.
+    """
+    if run.mode != "real_time" or "simulator" not in run.parameters:
+        return None
+    truth, commands = run.table(topics.GROUND_TRUTH), run.table(topics.EFFORT_COMMAND)
+    period_ns = run.config("simulator").period_ns
+    if len(truth) < 2 or truth.values("effort").shape[1] < 2:
+        return None
+    rows = np.argsort(truth.stamp_ns, kind="stable")
+    at, applied = truth.stamp_ns[rows][:-1], truth.values("effort")[rows][1:, 1]
+    if not len(commands) or not commands.values("effort").shape[1]:
+        return Late(len(at), len(at))
+    order = np.argsort(commands.stamp_ns, kind="stable")
+    told, effort = commands.stamp_ns[order], commands.values("effort")[order][:, 0]
+    every = 1
+    if len(told) > 1:
+        every = max(1, int(np.median(np.diff(told)) // period_ns))
+    row = np.searchsorted(told, at, side="right") - 1
+    known = row >= 0
+    age = np.where(known, at - told[row], np.iinfo(np.int64).max)
+    wanted = np.where(known, effort[row], np.nan)
+    limits = {float(run.config("simulator").max_effort)}
+    limits |= {
+        float(one.changed["max_effort"])  # type: ignore[arg-type]
+        for one in run.parameter_changes("simulator")
+        if "max_effort" in one.changed
+    }
+    acted = applied == wanted
+    for limit in limits:
+        acted |= applied == np.clip(wanted, -limit, limit)
+    in_time = acted & (age < every * period_ns)
+    return Late(int(np.count_nonzero(~in_time)), len(at))
+
+
+def moved_deg(run: RecordedRun) -> float | None:
+    """Return by how many degrees the angle departs, at most, from the same plan in lock-step.
+
+    None if that cannot be simulated: a plan with parts that were not recorded, or a long one.
+    """
+    truth = run.table(topics.GROUND_TRUTH)
+    if len(truth) > LONGEST_TWIN:
+        return None
+    angles = truth.values("position")[np.argsort(truth.stamp_ns, kind="stable")][:, 1].tolist()
+    worst = 0.0
+    try:
+        plan = run.plan()
+        for angle, step in zip(angles, steps(plan, act_for(plan.simulator)), strict=False):
+            worst = max(worst, abs(angle - step.truth.position[1]))
+    except DivergedError:
+        return None
+    except TrunkError:
+        return None
+    return degrees(worst)
