@@ -28,11 +28,12 @@ class Quantity(NamedTuple):
     label: str
     unit: str
     judged: bool = True
+    missing: str = "not defined"  # what to say where a run has none
 
 
 QUANTITIES: Mapping[str, Quantity] = {
     "overshoot_deg": Quantity("overshoot", "°"),
-    "settling_time_6deg_s": Quantity("settling time, ±6°", "s"),
+    "settling_time_6deg_s": Quantity("settling time, ±6°", "s", missing="never"),
     "steady_state_error_mean_deg": Quantity("steady-state error, mean", "°"),
     "steady_state_error_rms_deg": Quantity("steady-state error, RMS", "°"),
     "iae": Quantity("IAE, ∫|e| dt", "rad·s"),
@@ -71,6 +72,11 @@ class Metrics:
     def as_dict(self) -> dict[str, float | None]:
         """Return the quantities by name, in order."""
         return {name: getattr(self, name) for name in _NAMES}
+
+
+def missing(key: str) -> str:
+    """Return what to say of a run that does not have this metric."""
+    return QUANTITIES[key].missing if key in QUANTITIES else "not defined"
 
 
 _NAMES = tuple(field.name for field in fields(Metrics))

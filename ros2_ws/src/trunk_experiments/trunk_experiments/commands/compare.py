@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from ..analysis.metrics import QUANTITIES, Quantity
+from ..analysis.metrics import QUANTITIES, Quantity, missing
 from ..console.common import print_table
 from ..console.reading import open_views
 from ..views.compare import Comparison, compare
@@ -102,7 +102,7 @@ def as_markdown(found: Comparison) -> str:
     lines += [_line(("quantity", "unit", *found.names)), _line(("---",) * (2 + len(found.names)))]
     for row in found.rows:
         shown = [
-            f"**{number(value)}**" if i in row.best else number(value)
+            f"**{number(value, row.key)}**" if i in row.best else number(value, row.key)
             for i, value in enumerate(row.values)
         ]
         quantity = _quantity(row.key)
@@ -122,9 +122,9 @@ def _quantity(key: str) -> Quantity:
     return QUANTITIES.get(key, Quantity(key, ""))
 
 
-def number(value: float | None) -> str:
+def number(value: float | None, key: str) -> str:
     """Return a metric as text."""
-    return "never" if value is None else f"{value:.6g}"
+    return missing(key) if value is None else f"{value:.6g}"
 
 
 def setting(value: object) -> str:
@@ -155,7 +155,10 @@ def _show(found: Comparison) -> None:
         [
             (
                 _quantity(row.key).label,
-                *(f"{'* ' if i in row.best else ''}{number(v)}" for i, v in enumerate(row.values)),
+                *(
+                    f"{'* ' if i in row.best else ''}{number(v, row.key)}"
+                    for i, v in enumerate(row.values)
+                ),
                 _quantity(row.key).unit,
             )
             for row in found.rows

@@ -27,8 +27,8 @@ def show_metrics(run: RecordedRun, title: str) -> None:
         title,
         ("quantity", "value", "unit"),
         [
-            (label, "never" if values[key] is None else f"{values[key]:.6g}", unit)
-            for key, (label, unit, _) in QUANTITIES.items()
+            (q.label, q.missing if values[key] is None else f"{values[key]:.6g}", q.unit)
+            for key, q in QUANTITIES.items()
         ],
     )
 
@@ -53,4 +53,4 @@ def command(run: Path, as_json: bool) -> None:
         values = {"doubts": doubts_of(recorded).as_values(), **_values(recorded)}
         click.echo(json.dumps(values, indent=2))
     else:
-        show_metrics(recorded, f"{run.name}: true error e = reference - angle")
+        show_metrics(recorded, f"{run.resolve().name}: true error e = reference - angle")

@@ -13,7 +13,7 @@ from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
 
-from ..analysis.metrics import QUANTITIES
+from ..analysis.metrics import QUANTITIES, missing
 from ..replay.doctor import INFO, findings
 from ..replay.doubts import Doubts, doubts_of
 from .compare import Row, differing_parameters, metric_rows
@@ -92,9 +92,9 @@ def shown(value: object) -> str:
     return "–" if value is None else str(value)
 
 
-def number(value: float | None) -> str:
+def number(value: float | None, key: str) -> str:
     """Return a metric as text."""
-    return "never" if value is None else f"{value:.5g}".replace("-", "−")
+    return missing(key) if value is None else f"{value:.5g}".replace("-", "−")
 
 
 def quantity_label(key: str) -> tuple[str, str]:
