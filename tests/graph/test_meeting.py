@@ -13,7 +13,7 @@ from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import status_to_ros
 
 from .peer import Peer
-from .processes import Children
+from .processes import Children, until
 
 pytestmark = pytest.mark.graph
 
@@ -69,4 +69,20 @@ def test_the_plant_begins_when_it_has_discovered_the_ready_node(
     heard = peer.hear_live(states)
     witness.until(lambda: seen, "the run begins")
     peer.until(lambda: heard, "the peer hears it too")
+    assert simulator.stop() == 0, simulator.stderr
+
+
+def test_a_plant_that_waits_says_for_whom_and_how_to_start_it(
+    children: Children, domain: int
+) -> None:
+    simulator = children.node(
+        "simulator", "wait_for:=[effort_command, disturbance, recorder]", "controllers:=[lqr]"
+    )
+    until(lambda: simulator.stderr.count("waiting for") > 1, "it says so again")
+    told = simulator.stderr.splitlines()[0]
+    assert told.endswith(
+        "waiting for a controller (such as ros2 run trunk_control fuzzy_pid), "
+        "the disturbance (ros2 run trunk_sim disturbance), "
+        "the recorder (ros2 run trunk_msgs_util recorder), lqr"
+    )
     assert simulator.stop() == 0, simulator.stderr

@@ -14,13 +14,21 @@ from trunk_msgs_util.units import seconds
 
 from .plant_node import PlantNode
 
+_WAITING_TOLD_S = 5.0  # every so long
+_WAITING_SOON_S = 0.5  # for the first time; nodes that start together need less
+_STARTED_BY = {
+    topics.EFFORT_COMMAND: "a controller (such as ros2 run trunk_control fuzzy_pid)",
+    topics.DISTURBANCE: "the disturbance (ros2 run trunk_sim disturbance)",
+    "recorder": "the recorder (ros2 run trunk_msgs_util recorder)",
+}
+
 
 class SimulatorNode(PlantNode):
     """Owns the run: waits for the participants, begins, holds and resets."""
 
     def _forget(self) -> None:
         super()._forget()
-        self._waiting_logged = time.monotonic()
+        self._waiting_told = time.monotonic() - _WAITING_TOLD_S + _WAITING_SOON_S
         self._pause_asked = False
         self._truth_published = False
 
@@ -63,9 +71,10 @@ class SimulatorNode(PlantNode):
             # The first measurement carries its disturbance too.
             missing = missing or [topics.DISTURBANCE]
         if missing:
-            if time.monotonic() - self._waiting_logged > 5.0:
-                self._waiting_logged = time.monotonic()
-                self.get_logger().info(printable(f"waiting for {', '.join(missing)}"))
+            if time.monotonic() - self._waiting_told > _WAITING_TOLD_S:
+                self._waiting_told = time.monotonic()
+                told = ", ".join(_STARTED_BY.get(name, name) for name in missing)
+                self.get_logger().info(printable(f"waiting for {told}"))
             return
         if self._participants.unsettled(time.monotonic()):
             return
