@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from ..console.complete import names_or_files, studies
 from ..console.outputs import check_output, output_options
 from ..console.reading import progress_bar
 from ..errors import PlanError
@@ -14,7 +15,7 @@ from .sweep import run_sweep
 
 
 @click.command("map")
-@click.argument("source", metavar="STUDY-or-PARQUET")
+@click.argument("source", metavar="STUDY-or-PARQUET", shell_complete=names_or_files(studies))
 @output_options("The picture: .png, .svg or .pdf.  [default: beside the results, .png]")
 @click.option(
     "--x", "x", metavar="NAME", help="Grid variable on the horizontal axis.  [default: the first]"

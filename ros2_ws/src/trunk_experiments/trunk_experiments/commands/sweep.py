@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..console.complete import names_or_files, studies
 from ..console.outputs import check_output, output_options
 from ..console.reading import progress_bar
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @click.command("sweep")
-@click.argument("study")
+@click.argument("study", shell_complete=names_or_files(studies))
 @output_options("The Parquet file to write.", required=True)
 @click.option(
     "--jobs",

@@ -17,6 +17,7 @@ from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import parse_swap
 from ..similar import did_you_mean
+from .complete import names_or_files, parameter_files, scenarios
 from .terminal import console
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -60,7 +61,7 @@ def json_option(text: str = "Print JSON.") -> Callable[[Function], Function]:
 def plan_options(function: Function, required: bool = True) -> Function:
     """Add the argument and options from which `plan_of` makes a plan."""
     options = [
-        click.argument("scenario", required=required),
+        click.argument("scenario", required=required, shell_complete=names_or_files(scenarios)),
         click.option(
             "--controller",
             default="fuzzy_pid",
@@ -73,6 +74,7 @@ def plan_options(function: Function, required: bool = True) -> Function:
             multiple=True,
             metavar="FILE",
             help="A parameter file, by path or shipped name; repeatable, later ones win.",
+            shell_complete=names_or_files(parameter_files),
         ),
         click.option(
             "--set",
