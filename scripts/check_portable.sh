@@ -61,6 +61,16 @@ for python in ${PYTHONS:-python3.10 python3.11 python3.12 python3.13}; do
     rm -rf "$work/venv"
 done
 
+# Vectors of 2 and of 4 doubles, against the widest that this processor has.
+if [[ $(uname -m) == x86_64 ]]; then
+    lanes() { XDG_CACHE_HOME="$work/cache$1" NUMBA_CPU_NAME=$1 NUMBA_CPU_FEATURES= python -m tests.portable.lanes; }
+    widest=$(XDG_CACHE_HOME="$work/cache" python -m tests.portable.lanes)
+    check 'numba in lanes, 2 at a time (SSE2): states, torques, noise, metrics' "$widest" "$(lanes x86-64)"
+    if grep -q avx2 /proc/cpuinfo; then
+        check 'numba in lanes, 4 at a time (AVX2): states, torques, noise, metrics' "$widest" "$(lanes x86-64-v3)"
+    fi
+fi
+
 # The elementary functions in other languages, translated from their source, on shared vectors.
 python -m tests.portable.vectors "$work" "$steps"
 vectors() { # NAME COMMAND...
