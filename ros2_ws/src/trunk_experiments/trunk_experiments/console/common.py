@@ -136,13 +136,27 @@ def files_read(options: dict[str, Any]) -> list[str]:
     return [name for name in (options.get("scenario"), *options.get("params", ())) if name]
 
 
+_COLUMN = 15  # characters that a column of values needs with its margins
+
+
 def print_table(
     title: str, header: Sequence[str], rows: Iterable[Sequence[str]], texts: int = 1
 ) -> None:
-    """Print a table: the first columns, of text, left, the others right; plain without a terminal."""
+    """Print a table: the first columns, of text, left, the others right; plain without a terminal.
+
+    Names in the first column are not broken where that leaves room for the others.
+    """
+    screen, cells = console(), [tuple(map(printable, row)) for row in rows]
     table = Table(title=printable(title), box=SIMPLE_HEAD, title_justify="left", title_style="bold")
+    names = max((len(row[0]) for row in cells), default=0)
+    room = screen.width - _COLUMN * (len(header) - 1)
     for i, column in enumerate(header):
-        table.add_column(column, justify="left" if i < texts else "right", overflow="fold")
-    for row in rows:
-        table.add_row(*map(printable, row))
-    console().print(table)
+        table.add_column(
+            column,
+            justify="left" if i < texts else "right",
+            overflow="fold",
+            no_wrap=i == 0 and names <= room,
+        )
+    for row in cells:
+        table.add_row(*row)
+    screen.print(table)
