@@ -108,7 +108,7 @@ def test_commands_to_another_robot_are_judged(
     for verb in ("report", "plot"):
         shown = children.trunk(verb, "run.mcap", name=verb)
         assert shown.wait() == 0, shown.stderr
-    page = (tmp_path / "run.html").read_text()
+    page = (tmp_path / f"{tmp_path.name}.html").read_text()  # named after the folder
     assert "not judged" in page
     assert "400 from 0 s to 1.995 s" in page
     found = children.trunk("doctor", "run.mcap", name="doctor")
