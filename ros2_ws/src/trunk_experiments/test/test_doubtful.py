@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from trunk_experiments.cli import main
+from trunk_experiments.console.common import print_table
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.turns import Swap
@@ -124,3 +125,36 @@ def test_an_angle_of_more_than_a_turn_is_told(setting, told):
 )
 def test_what_may_be_meant_is_not_told(setting):
     assert make_plan("fig8", "pid", settings=[setting]).warnings == ()
+
+
+def test_a_swap_after_the_end_is_told():
+    plan = make_plan("fig8", "pid", swaps=[Swap(40.0, "lqr")])
+    assert plan.warnings == ("--swap-at 40:lqr: the run ends at 10 s, before that",)
+
+
+def test_like_takes_nothing_that_it_would_ignore(short_run, tmp_path, monkeypatch, capsys):
+    run = short_run("fig6", "pid")
+    for words in (
+        ("--controller", "pid"),
+        ("--set", "pid.gains.p=1"),
+        ("--rate", "500"),
+        ("fig8",),
+    ):
+        monkeypatch.setattr(
+            sys,
+            "argv",
+            ["trunk", "simulate", "--like", str(run), *words, "-o", str(tmp_path / "x.mcap")],
+        )
+        with pytest.raises(SystemExit) as stop:
+            main()
+        assert stop.value.code == 2
+        assert "does not go with --like" in capsys.readouterr().err
+    assert not (tmp_path / "x.mcap").exists()
+
+
+def test_brackets_in_tables_are_text(capsys):
+    print_table("[red]title[/red]", ("[b]name", "value"), [("a[/y]", "[effort_command]")])
+    told = capsys.readouterr().out
+    assert all(
+        text in told for text in ("[red]title[/red]", "[b]name", "a[/y]", "[effort_command]")
+    )

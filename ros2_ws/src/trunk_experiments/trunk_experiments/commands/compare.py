@@ -150,7 +150,9 @@ def _show(found: Comparison) -> None:
     for line in doubtful(found):
         click.echo(line)
     print_table(
-        "metrics (* best)",
+        "metrics (* best; doubtful runs are not ranked)"
+        if any(found.doubts)
+        else "metrics (* best)",
         ("quantity", *found.names, "unit"),
         [
             (

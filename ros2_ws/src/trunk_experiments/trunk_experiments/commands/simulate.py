@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.topic import RecordingError
@@ -35,6 +36,8 @@ def command(output: Path, force: bool, like: Path | None, **options: Any) -> Non
     """
     from ..console.reading import open_run
 
+    if like is not None:
+        _check_alone(click.get_current_context())
     inputs: list[str | Path] = [*files_read(options)]
     check_output(output, (".mcap",), force, inputs if like is None else [*inputs, like])
     if like is not None:
@@ -49,6 +52,17 @@ def command(output: Path, force: bool, like: Path | None, **options: Any) -> Non
         plan = plan_of(**options)
         states = recorded(plan, output, force)
     click.echo(f"{output}: {states} states, {plan.scenario}, {plan.turns}")
+
+
+def _check_alone(context: click.Context) -> None:
+    """Raise PlanError for what --like would ignore: the recording has the whole run."""
+    for name in context.params.keys() - {"output", "force", "like"}:
+        if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+            given = {"settings": "--set", "swaps": "--swap-at", "scenario": "SCENARIO"}
+            raise PlanError(
+                f"{given.get(name, f'--{name}')} does not go with --like: the recording says what is run; "
+                "give a SCENARIO to run another"
+            )
 
 
 def recorded(plan: RunPlan, output: Path, force: bool) -> int:

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import click
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
+from rich.text import Text
 
 from trunk_msgs_util.printable import printable
 
@@ -147,16 +148,19 @@ def print_table(
     Names in the first column are not broken where that leaves room for the others.
     """
     screen, cells = console(), [tuple(map(printable, row)) for row in rows]
-    table = Table(title=printable(title), box=SIMPLE_HEAD, title_justify="left", title_style="bold")
+    # As Text: Rich would take what stands in brackets for its markup.
+    table = Table(
+        title=Text(printable(title)), box=SIMPLE_HEAD, title_justify="left", title_style="bold"
+    )
     names = max((len(row[0]) for row in cells), default=0)
     room = screen.width - _COLUMN * (len(header) - 1)
     for i, column in enumerate(header):
         table.add_column(
-            column,
+            Text(printable(column)),
             justify="left" if i < texts else "right",
             overflow="fold",
             no_wrap=i == 0 and names <= room,
         )
     for row in cells:
-        table.add_row(*row)
+        table.add_row(*map(Text, row))
     screen.print(table)

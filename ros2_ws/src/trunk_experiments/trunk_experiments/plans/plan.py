@@ -138,11 +138,17 @@ def make_plan(
     check_names(layers, declared_names())
     taking = ("simulator", *turns, "disturbance", "recorder")
     check_targets(single, (*taking, *others))
-    warnings = not_taken(files, taking)
+    warnings = [*not_taken(files, taking)]
     layers = [layer.within(namespace) for layer in layers]
     name = Path(scenario).stem
     simulator = _build("simulator", layers, namespace)
     disturbance = _build("disturbance", layers, namespace)
+    end = simulator.duration or inf
+    warnings += [
+        f"--swap-at {swap.time:g}:{swap.controller}: the run ends at {end:g} s, before that"
+        for swap in swaps
+        if swap.time > end
+    ]
     participants = ("effort_command", "disturbance") if disturbance.active else ("effort_command",)
     lockstep = simulator.lockstep
     controllers = {
