@@ -19,6 +19,7 @@ from trunk_experiments.cli import trunk
         (["sweep"], "r", ["robustness"]),
         (["map"], "d", ["delay_gain"]),
         (["list"], "s", ["scenarios", "studies"]),
+        (["simulat"], "f", []),
     ],
 )
 def test_names(words, begun, found):

@@ -90,6 +90,12 @@ def test_a_file_that_changes_nothing_is_told(tmp_path):
     assert make_plan("fig8", "lqr", [path]).warnings == ()
 
 
+@pytest.mark.parametrize("name", ["pid", "/robot1/pid", "/*/pid", "/**"])
+def test_a_file_for_a_namespace_is_taken(tmp_path, name):
+    path = parameters(tmp_path, name)
+    assert make_plan("fig8", "pid", [path], namespace="/robot1").warnings == ()
+
+
 @pytest.mark.parametrize("name", ["PID", "/**/pidd", "/robot/Pid"])
 def test_a_misspelt_node_is_told(tmp_path, name):
     path = parameters(tmp_path, name, "pid")

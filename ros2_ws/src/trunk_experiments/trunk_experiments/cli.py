@@ -61,6 +61,8 @@ class _Lazy(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _VERBS:
+            if ctx.resilient_parsing:  # a shell completes
+                return None
             raise PlanError(
                 f"no verb {cmd_name!r}: trunk --help lists them all{did_you_mean(cmd_name, _VERBS)}"
             )

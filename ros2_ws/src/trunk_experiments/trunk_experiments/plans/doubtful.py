@@ -26,10 +26,15 @@ def check_targets(settings: Iterable[Layer], taking: Sequence[str]) -> None:
             )
 
 
-def not_taken(files: Iterable[Layer], taking: Sequence[str]) -> Iterator[str]:
-    """Yield a warning for each file that changes nothing, and each misspelt node."""
+def not_taken(files: Iterable[Layer], taking: Sequence[str], namespace: str = "") -> Iterator[str]:
+    """Yield a warning for each file that changes nothing, and each misspelt node.
+
+    ``files``: their relative node names are in the ``namespace`` already.
+    """
     for layer in files:
-        used = [s for s in layer.sections if any(s.matches(f"/{node}") for node in taking)]
+        used = [
+            s for s in layer.sections if any(s.matches(f"{namespace}/{node}") for node in taking)
+        ]
         names = list(dict.fromkeys(s.last_token for s in layer.sections))
         for name in names:
             meant = closest(name, NODES)

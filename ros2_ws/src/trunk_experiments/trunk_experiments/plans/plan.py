@@ -138,7 +138,7 @@ def make_plan(
     check_names(layers, declared_names())
     taking = ("simulator", *turns, "disturbance", "recorder")
     check_targets(single, (*taking, *others))
-    warnings = [*not_taken(files, taking)]
+    warnings = [*not_taken([one.within(namespace) for one in files], taking, namespace)]
     layers = [layer.within(namespace) for layer in layers]
     name = Path(scenario).stem
     simulator = _build("simulator", layers, namespace)

@@ -25,6 +25,7 @@ from ..runs.offline import steps
 if TYPE_CHECKING:
     from ..recorded.run import RecordedRun
 
+MOST_STEPS = 4_000_000  # of the integrator, likewise
 LONGEST_TWIN = 200_000  # states that are simulated again to tell how far a run was moved
 
 
@@ -92,7 +93,10 @@ def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts
             angle = degrees(float(fall.values.get("angle", "")))
         except ValueError:
             angle = None
-    late = late_steps(run) if whole else None
+    try:
+        late = late_steps(run) if whole else None
+    except TrunkError:  # messages or parameters that cannot be read: other words are said of those
+        late = None
     moved = moved_deg(run) if twin and late is not None else None
     reason = str((recording.end or {}).get("reason") or "the recorder did not finish this file")
     return Doubts(
@@ -131,11 +135,8 @@ def late_steps(run: RecordedRun) -> Late | None:
     age = np.where(known, at - told[row], np.iinfo(np.int64).max)
     wanted = np.where(known, effort[row], np.nan)
     limits = {float(run.config("simulator").max_effort)}
-    limits |= {
-        float(one.changed["max_effort"])  # type: ignore[arg-type]
-        for one in run.parameter_changes("simulator")
-        if "max_effort" in one.changed
-    }
+    changed = [one.changed.get("max_effort") for one in run.parameter_changes("simulator")]
+    limits |= {limit for limit in changed if isinstance(limit, float)}
     acted = applied == wanted
     for limit in limits:
         acted |= applied == np.clip(wanted, -limit, limit)
@@ -155,6 +156,8 @@ def moved_deg(run: RecordedRun) -> float | None:
     worst = 0.0
     try:
         plan = run.plan()
+        if len(truth) * plan.simulator.substeps > MOST_STEPS:
+            return None
         for angle, step in zip(angles, steps(plan, act_for(plan.simulator)), strict=False):
             worst = max(worst, abs(angle - step.truth.position[1]))
     except DivergedError:
