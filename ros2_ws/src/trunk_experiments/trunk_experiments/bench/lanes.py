@@ -75,11 +75,12 @@ def lanes_row(controller: str, batch: Batch, rounds: int) -> BenchRow:
     plans = varied(bench_plan(controller), FEW)
     summaries(plans, batch)
     summary_of(plans[0], batch)
-    lanes: list[float] = []
-    alone: list[float] = []
-    for _ in range(rounds):
-        lanes.append(timed(lambda: summaries(plans, batch)) / FEW)
-        alone.append(timed(lambda: [summary_of(plan, batch) for plan in plans]) / FEW)
+    lanes, alone = alternately(
+        rounds,
+        FEW,
+        lambda: summaries(plans, batch),
+        lambda: [summary_of(plan, batch) for plan in plans],
+    )
     ratio = median(a / b for a, b in zip(alone, lanes, strict=True))
     name = f"{law_named(controller).label}: compiled run alone (theirs) / in lanes (ours)"
     return BenchRow(
@@ -98,11 +99,12 @@ def whole_row(batch: Batch, rounds: int) -> BenchRow:
     runs = [regular_run(plan_of(study, bases, row)) for row in columns]
     name = study.contenders[0].node
     blocks = [[one for one in runs[i : i + LANES] if one] for i in range(0, len(runs), LANES)]
-    whole: list[float] = []
-    bare: list[float] = []
-    for _ in range(rounds):
-        whole.append(timed(lambda: run_rows(rows)) / MANY)
-        bare.append(timed(lambda: [run_block(name, one) for one in blocks]) / MANY)
+    whole, bare = alternately(
+        rounds,
+        MANY,
+        lambda: run_rows(rows),
+        lambda: [run_block(name, one) for one in blocks],
+    )
     ratio = median(a / b for a, b in zip(whole, bare, strict=True))
     return BenchRow(
         f"a block of a sweep, {MANY} runs (ours) / its loops alone (theirs)",
@@ -112,6 +114,14 @@ def whole_row(batch: Batch, rounds: int) -> BenchRow:
         f"<= {WHOLE_GOAL:g}",
         ratio <= WHOLE_GOAL,
     )
+
+
+def alternately(
+    rounds: int, runs: int, first: Callable[[], object], second: Callable[[], object]
+) -> tuple[list[float], list[float]]:
+    """Return the processor times of two pieces of work, s for each of their runs, round by round."""
+    pairs = [(timed(first) / runs, timed(second) / runs) for _ in range(rounds)]
+    return [one for one, _ in pairs], [other for _, other in pairs]
 
 
 def growth_row(batch: Batch, rounds: int) -> BenchRow:
