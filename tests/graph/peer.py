@@ -12,6 +12,7 @@ from rcl_interfaces.msg import ParameterEvent
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
+from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
@@ -164,6 +165,10 @@ class Peer:
             return bool(said) and int(said[-1]["messages"]) >= messages
 
         self.until(recorded, f"{messages} messages are recorded")
+
+    def until_received(self, publisher: Publisher) -> None:
+        """Wait until every reliable reader has what this publisher published, lost packets sent again."""
+        assert publisher.wait_for_all_acked()
 
     def call(self, kind: type, name: str, **fields: Any) -> Any:
         """Call a service and return its response.

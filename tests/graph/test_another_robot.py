@@ -80,6 +80,7 @@ def test_commands_to_another_robot_are_judged(
         robot.step()
         peer.until(lambda: robot.commands > before, "the controller answers")  # noqa: B023
     assert abs(robot.angle) < 0.05, robot.angle
+    peer.until_received(robot.states)
     assert [pid.stop(), recorder.stop()] == [0, 0]
 
     path = tmp_path / "run.mcap"

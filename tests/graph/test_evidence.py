@@ -61,6 +61,7 @@ def test_what_was_published_and_not_recorded_is_named(
     counts = {"/fuzzy_pid/state": 7, "/effort_command": 0, "/elsewhere": 9}
     peer.until(lambda: publisher.get_subscription_count() == 3, "simulator and recorder listen too")
     publisher.publish(status_to_ros(0, "/fuzzy_pid", "published", counts, b"\0"))
+    peer.until_received(publisher)
     assert [simulator.stop(), pid.stop()] == [0, 0]
     peer.until_event("simulator", "finished")
     assert recorder.stop() == 0, recorder.stderr

@@ -93,6 +93,7 @@ def test_who_repeats_what_a_node_of_ours_says_is_recorded_too(
     )
     own = int(told[f"/{topics.DISTURBANCE}"])
     peer.until(lambda: len(copies) == own, "everything is repeated")
+    peer.until_received(publisher)
     found = recorded(recorder, tmp_path)
     assert found.topics[f"/{topics.DISTURBANCE}"].count == 2 * own
     assert not found.complete

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import itertools
 import time
 from collections.abc import Iterator
 from math import inf
@@ -113,6 +114,22 @@ def test_an_end_that_does_not_say_how_many_states_there_are(arguments: Any, tmp_
     node._on_event(event(0, "/simulator", "finished"))
     assert node.counters["events malformed"] == 2
     assert not node.verdict()[0]
+    node.close()
+
+
+def test_a_recorder_that_ends_looks_for_messages_first(
+    arguments: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However long nothing has come, and however much time a busy machine lets pass between turns."""
+    arguments(f"output:={tmp_path / 'run.mcap'}")
+    node = RecorderNode()
+    node.autostart()
+    passed_s = itertools.count(time.monotonic(), 10.0)
+    monkeypatch.setattr(time, "monotonic", lambda: next(passed_s))
+    node._on_event(event(0, "/simulator", "finished", {"states": "0"}))
+    turns = list(itertools.takewhile(lambda _: node.draining(), range(100)))
+    monkeypatch.undo()
+    assert 10 <= len(turns) < 100
     node.close()
 
 

@@ -102,6 +102,7 @@ def test_it_is_recorded_and_judged(children: Children, peer: Peer, tmp_path: Pat
         return dict(zip(records[-1].name, records[-1].position, strict=True)) if records else {}
 
     peer.until(lambda: last().get("reference") == 0.2, "it acts")
+    peer.until_received(tell)
     assert [one.stop() for one in (simulator, controller, recorder)] == [0, 0, 0]
     recording = Recording.open(tmp_path / "run.mcap")
     told = recording.joints("/balance/reference").column("position", "trunk")

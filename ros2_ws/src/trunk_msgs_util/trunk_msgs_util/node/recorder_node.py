@@ -39,8 +39,10 @@ _MESSAGES: dict[str, type[Any]] = {
 _STAMP = struct.Struct("<iI")
 # What happened to the nodes, the recorder's own turns among it, is written while it is inactive too.
 _ALWAYS = (topics.RUN_PARAMETERS, topics.RUN_EVENTS)
-# Told to end, it goes on until nothing has come for this long.
+# Told to end, it goes on until nothing has come for this long and, as a busy machine may take that long
+# between two turns, for so many turns.
 _QUIET_S = 0.3
+_QUIET_TURNS = 10
 # ... but, where the run goes on without it, no longer than this.
 _LEAVE_S = 0.7
 _TELL_EVERY = 50
@@ -62,6 +64,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def _forget(self) -> None:
         self._last_message = time.monotonic()
         self._leaving_s: float | None = None
+        self._quiet_turns = 0
         lockstep = self.config.lockstep
         self._tally = Tally(
             self.resolve_topic_name, self.config.lockstep_topics if lockstep else ()
@@ -197,7 +200,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
                 return
             self._tally.counts[topic] += 1
             self._written_ns[topic] = stamp_ns
-            self._last_message = time.monotonic()
+            self._last_message, self._quiet_turns = time.monotonic(), 0
             if on_message is not None:
                 on_message(data)
 
@@ -258,11 +261,12 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def draining(self) -> bool:
         """Return True while messages are still coming in that were under way when it was told to end."""
         now = time.monotonic()
-        if self._leaving_s is None:
-            self._leaving_s = now
+        if self._leaving_s is None:  # what came while it was kept from its turn is still to be taken
+            self._leaving_s = self._last_message = now
+        self._quiet_turns += 1
         if self._tally.end is None and now - self._leaving_s > _LEAVE_S:
             return False
-        return now - self._last_message < _QUIET_S
+        return now - self._last_message < _QUIET_S or self._quiet_turns <= _QUIET_TURNS
 
     def verdict(self) -> tuple[bool, str]:
         """Return whether the run is whole in the file, and why."""
