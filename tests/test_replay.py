@@ -57,7 +57,7 @@ def way(request, monkeypatch):
         monkeypatch.setattr(
             stretches,
             "compiled_commands",
-            lambda law: stretches.commands_stretch_of(stretches.law_named(law).update),
+            lambda law: stretches.commands_stretch_of(stretches.law_named(law)),
         )
     return request.param
 

@@ -55,7 +55,7 @@ MODULES = {
     "decide": Module(
         CONTROL + "trunk_control/decide.py",
         _in(CONTROL, "controller", "handover"),
-        placeholders=("_SAMPLE", "_NEVER", "NO_TERMS"),
+        placeholders=("_SAMPLE", "_NEVER"),
     ),
     "schedule": Module(
         CONTROL + "trunk_control/schedule.py", (*_in(CONTROL, "handover"), "-k", "turns")

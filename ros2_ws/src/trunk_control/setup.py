@@ -1,4 +1,3 @@
-from runpy import run_path
 from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
@@ -6,7 +5,7 @@ from setuptools import find_packages, setup
 manifest = ElementTree.parse("package.xml")
 name = manifest.findtext("name")
 maintainer = manifest.find("maintainer")
-laws = run_path(f"{name}/laws.py")["MODULES"]
+laws = ["pid", "fuzzy_pid", "lqr", "computed_torque"]
 
 setup(
     name=name,
@@ -27,5 +26,6 @@ setup(
         "console_scripts": [
             f"{name} = trunk_control.executables:{name}" for name in (*laws, "fuzzy_gains")
         ],
+        "trunk.controllers": [f"{name} = trunk_control.{name}_law:LAW" for name in laws],
     },
 )

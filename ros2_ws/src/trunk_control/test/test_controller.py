@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from trunk_control.computed_torque_law import ComputedTorqueConfig
 from trunk_control.controller import Controller
-from trunk_control.decide import NO_TERMS
 from trunk_control.fuzzy_pid import fuzzy_pid_update
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.lqr_law import LqrConfig
 from trunk_control.pid import PidState, pid_update
+from trunk_control.pid_law import LAW as PID
 from trunk_control.pid_law import PidConfig
 from trunk_msgs_util.units import period_ns
 
@@ -66,7 +66,7 @@ def test_command_is_held_between_due_instants(make, config):
     state = controller.state
     for k in range(1, 10):
         held = controller.update(k * MS, 0.3 + k, -k)
-        assert (held.effort, held.fresh, held.terms) == (due.effort, False, NO_TERMS)
+        assert (held.effort, held.fresh, held.terms) == (due.effort, False, PID.no_terms)
         assert (held.active, held.held) == (True, False)
         assert controller.state == state
     assert controller.update(10 * MS, 0.4, 0.1).fresh

@@ -10,8 +10,9 @@ from trunk_msgs_util.parameters.declarations import parameter
 
 from .computed_torque import computed_torque_update
 from .controller_config import ControllerConfig
-from .law import Law, Sample
+from .law import Sample
 from .pid import Gains, PidLaw, PidState, Terms
+from .pid_kind import law_of_pid_kind
 
 
 @dataclass(frozen=True)
@@ -88,4 +89,4 @@ def gains(state: PidState, sample: Sample, constants: tuple[Gains, Body]) -> Gai
     return Gains(inertia * wanted.p, inertia * wanted.i, inertia * wanted.d)
 
 
-LAW = Law("computed_torque", "Computed torque", ComputedTorqueConfig, update, gains)
+LAW = law_of_pid_kind("computed_torque", "Computed torque", ComputedTorqueConfig, update, gains)

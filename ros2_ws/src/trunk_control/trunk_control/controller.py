@@ -19,8 +19,9 @@ from .decide import (
     fresh_memory,
     retuned,
 )
+from .law import LawMemory
 from .laws import law_of
-from .pid import PidState
+from .pid import limited
 
 _STILL = Hip()
 
@@ -40,8 +41,11 @@ def hip_seen(index: int | None, position: Sequence[float], velocity: Sequence[fl
 
 def setting_of(config: ControllerConfig) -> Setting:
     """Return what surrounds the law in a controller with this configuration."""
+    law, limits = law_of(config), config.law
     return Setting(
-        config.law,
+        limits,
+        law.memory._replace(effort=limited(law.memory.effort, limits)),
+        law.no_terms,
         config.reference,
         config.active_times_ns,
         config.period_ns,
@@ -59,7 +63,7 @@ class Controller:
         self.law = law_of(config)
         self._configure(config)
         active = not config.active_times
-        self.memory: Memory = fresh_memory(active, Seen(), self.setting.law)
+        self.memory: Memory = fresh_memory(active, Seen(), self.setting.initial)
 
     def _configure(self, config: ControllerConfig) -> None:
         self.config = config
@@ -77,14 +81,19 @@ class Controller:
         return self.memory.takes_over
 
     @property
-    def state(self) -> PidState:
+    def state(self) -> LawMemory:
         """The law's own memory."""
         return self.memory.state
 
     def decide(self, reading: Reading) -> Answer:
         """Return the answer to a state."""
         self.memory, answer = decide(
-            self.memory, reading, self.setting, self.constants, self.law.update
+            self.memory,
+            reading,
+            self.setting,
+            self.constants,
+            self.law.update,
+            self.law.take_over,
         )
         return answer
 
@@ -112,7 +121,7 @@ class Controller:
 
     def activate(self) -> None:
         """Start answering: from scratch, or, if a state was seen before, from the torque that acts."""
-        self.memory = activated(self.memory, self.setting.law)
+        self.memory = activated(self.memory, self.setting.initial)
 
     def deactivate(self) -> None:
         """Leave the plant to another controller."""
@@ -120,14 +129,14 @@ class Controller:
 
     def reset(self) -> None:
         """Forget the past: the integral, the last sample and the last stamp."""
-        self.memory = fresh_memory(self.memory.active, self.memory.seen, self.setting.law)
+        self.memory = fresh_memory(self.memory.active, self.memory.seen, self.setting.initial)
 
     def forget(self) -> None:
         """Start over as if new: no state seen, active or not as the configuration says."""
-        self.memory = fresh_memory(not self.config.active_times, Seen(), self.setting.law)
+        self.memory = fresh_memory(not self.config.active_times, Seen(), self.setting.initial)
 
     def retune(self, config: ControllerConfig) -> None:
-        """Change the configuration between two samples; the integral is rescaled: the command does not jump.
+        """Change the configuration between two samples; the command does not jump.
 
         A held command obeys the new limits at once.
         """

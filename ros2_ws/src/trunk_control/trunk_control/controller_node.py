@@ -32,6 +32,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
     def __init__(self, law: Law) -> None:
         super().__init__(law.name, law.config)
         self._controller = Controller(self.config)
+        self._names = law.record_names
         self._scheduled = bool(self.config.active_times)
         self._forget()
 
@@ -139,7 +140,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             if answer.terms.effort != answer.terms.unsaturated:
                 self.counters["commands limited"] += 1
             values = state_record(answer, measurement)
-            record = sample_to_wire(JointSample(stamp_ns, topics.STATE_NAMES, position=values))
+            record = sample_to_wire(JointSample(stamp_ns, self._names, position=values))
             self._terms.publish(record)
             if self._controller_state.get_subscription_count():
                 self._controller_state.publish(record)

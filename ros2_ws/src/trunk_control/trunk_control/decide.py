@@ -18,8 +18,8 @@ from typing import NamedTuple
 from trunk_msgs_util.units import seconds
 
 from .computed_torque import Hip
-from .law import Constants, Law, Sample, Update
-from .pid import PidLaw, PidState, Terms, limited, retune
+from .law import Constants, Law, LawMemory, LawTerms, Sample, TakeOver, Update
+from .pid import PidLaw, limited
 from .reference import TOPIC, ReferenceProfile, reference_at
 from .schedule import turn
 
@@ -47,6 +47,8 @@ class Setting(NamedTuple):
     """What surrounds a law in one controller."""
 
     law: PidLaw
+    initial: LawMemory  # the law's memory after a reset: a command of 0 within the limits
+    no_terms: LawTerms  # where there are none
     profile: ReferenceProfile
     turns_ns: Sequence[int]  # active from the 1st, inactive from the 2nd, ...; empty: always active
     period_ns: int
@@ -57,7 +59,7 @@ class Setting(NamedTuple):
 class Memory(NamedTuple):
     """A controller between two states."""
 
-    state: PidState  # the law's
+    state: LawMemory  # the law's
     sample: Sample  # the law's last
     active: bool
     begun: bool  # an update has been made since the last reset
@@ -77,21 +79,19 @@ class Answer(NamedTuple):
     fresh: bool  # True: the law was updated; the terms are those of this update
     held: bool  # True: an update was due, but nothing finite came in or out
     reference: float  # rad
-    terms: Terms
+    terms: LawTerms
 
 
 _SAMPLE = Sample(0.0, 0.0, 0.0, 0.0, Hip(0.0, 0.0))
 _NEVER = Seen(-1, 0.0)
-NO_TERMS = Terms(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
-def fresh_memory(active: bool, seen: Seen, law: PidLaw) -> Memory:
-    """Return the memory after a reset: no integral, no past, a command of 0 within the limits."""
-    state = PidState(0.0, 0.0, 0.0, 0.0, limited(0.0, law), False)
-    return Memory(state, _SAMPLE, active, False, 0, seen, False, _NEVER, False, 0.0)
+def fresh_memory(active: bool, seen: Seen, initial: LawMemory) -> Memory:
+    """Return the memory after a reset: the law's own is the ``initial`` one, there is no past."""
+    return Memory(initial, _SAMPLE, active, False, 0, seen, False, _NEVER, False, 0.0)
 
 
-def activated(memory: Memory, law: PidLaw) -> Memory:
+def activated(memory: Memory, initial: LawMemory) -> Memory:
     """Return the memory of a controller that answers from the next state on.
 
     It starts from scratch, or, if a state was seen before, from the torque that acts. One that is
@@ -99,7 +99,7 @@ def activated(memory: Memory, law: PidLaw) -> Memory:
     """
     if memory.active:
         return memory
-    m = fresh_memory(True, memory.seen, law)
+    m = fresh_memory(True, memory.seen, initial)
     takes_over = memory.seen.stamp_ns >= 0
     return Memory(
         m.state, m.sample, True, False, 0, m.seen, takes_over, memory.seen, m.moving, m.moved_to
@@ -141,13 +141,11 @@ def followed(memory: Memory, stamp_ns: int, position: float) -> Memory:
 
 
 def retuned(memory: Memory, law: Law, old: Constants, new: Constants, limits: PidLaw) -> Memory:
-    """Return the memory under new constants: the integral is rescaled, so that the command does not jump.
+    """Return the memory under new constants, adapted by the law so that the command does not jump.
 
     A held command obeys the new limits at once.
     """
-    gains_before = law.gains(memory.state, memory.sample, old)
-    gains_after = law.gains(memory.state, memory.sample, new)
-    state = retune(memory.state, gains_before, gains_after)
+    state = law.retune(memory.state, memory.sample, old, new)
     return memory._replace(state=state._replace(effort=limited(state.effort, limits)))
 
 
@@ -166,23 +164,28 @@ def handover_law(law: PidLaw, effort: float, step: float) -> PidLaw:
 
 
 def decide(
-    memory: Memory, reading: Reading, setting: Setting, constants: Constants, update: Update
+    memory: Memory,
+    reading: Reading,
+    setting: Setting,
+    constants: Constants,
+    update: Update,
+    take_over: TakeOver,
 ) -> tuple[Memory, Answer]:
-    """Return the next memory and the answer to a state; ``update`` is the law's.
+    """Return the next memory and the answer to a state; ``update`` and ``take_over`` are the law's.
 
     A stamp that goes backwards resets the controller: time has restarted.
     """
     m, r, s = memory, reading, setting
     wanted = turn(s.turns_ns, m.seen.stamp_ns, r.stamp_ns)
     if wanted > 0:
-        m = activated(m, s.law)
+        m = activated(m, s.initial)
     elif wanted < 0:
         m = deactivated(m)
     if not m.active:
         m = followed(m, r.stamp_ns, r.position)
-        return m, Answer(False, m.state.effort, False, False, 0.0, NO_TERMS)
+        return m, Answer(False, m.state.effort, False, False, 0.0, s.no_terms)
     if m.begun and r.stamp_ns < m.updated_ns:
-        m = fresh_memory(True, m.seen, s.law)
+        m = fresh_memory(True, m.seen, s.initial)
     seen = Seen(r.stamp_ns, r.position)
     if s.profile.kind == TOPIC and r.told:
         reference = r.reference
@@ -190,7 +193,7 @@ def decide(
         reference = reference_at(r.stamp_ns, s.profile)
     if m.begun and r.stamp_ns - m.updated_ns < s.due_after_ns:
         m = followed(m, r.stamp_ns, r.position)
-        return m, Answer(True, m.state.effort, False, False, reference, NO_TERMS)
+        return m, Answer(True, m.state.effort, False, False, reference, s.no_terms)
     step_ns = s.period_ns
     if m.begun:
         step_ns = r.stamp_ns - m.updated_ns
@@ -200,7 +203,7 @@ def decide(
     state, moving, moved_to = m.state, m.moving, m.moved_to
     if m.takes_over:
         moving, moved_to = True, limited(r.effort, s.law)
-        state = taken_over(m.taken_from, sample, moved_to, s.law, constants, update)
+        state = take_over(s.initial, m.taken_from.position, sample, moved_to, constants, s.law)
     law = handover_law(s.law, moved_to, s.handover_step) if moving else s.law
     after, terms = update(state, sample, constants, law)
     if terms.held:  # dt keeps counting from the last finite sample
@@ -224,43 +227,6 @@ def decide(
     return m, Answer(True, terms.effort, True, False, reference, terms)
 
 
-def taken_over(
-    seen: Seen,
-    sample: Sample,
-    effort: float,
-    law: PidLaw,
-    constants: Constants,
-    update: Update,
-) -> PidState:
-    """Return the law's state that makes its command continue from ``effort``: I = (u - u|I=0) / ki.
-
-    The derivative starts from the last state ``seen``, so that a jump of the reference is not in it.
-    What the integral cannot absorb (ki = 0, its limits), the command makes up in bounded steps.
-    """
-    state = PidState(0.0, sample.reference - seen.position, seen.position, 0.0, effort, True)
-    _, terms = update(state, sample, constants, law)
-    if terms.ki > 0.0:
-        integral = (effort - terms.unsaturated) / terms.ki
-        if integral - integral == 0.0:
-            state = PidState(integral, state.error, seen.position, 0.0, effort, True)
-    return state
-
-
 def state_record(answer: Answer, measurement: float) -> tuple[float, ...]:
-    """Return the values of a ``~/state`` record, in the order of ``topics.STATE_NAMES``."""
-    terms = answer.terms
-    return (
-        answer.reference,
-        measurement,
-        terms.error,
-        terms.error_rate,
-        terms.p_term,
-        terms.i_term,
-        terms.d_term,
-        terms.kp,
-        terms.ki,
-        terms.kd,
-        terms.alpha,
-        terms.unsaturated,
-        terms.effort,
-    )
+    """Return the values of a ``~/state`` record, in the order of `Law.record_names`."""
+    return (answer.reference, measurement, *answer.terms[:-1])

@@ -12,8 +12,9 @@ from . import rule_tables
 from .controller_config import ControllerConfig
 from .fuzzy import FuzzyCell, FuzzyRules, cell_at, rules_of
 from .fuzzy_pid import GainBox, fuzzy_pid_update, inferred_gains
-from .law import Law, Lookup, Sample
+from .law import Lookup, Sample
 from .pid import Gains, PidLaw, PidState, Terms, error_derivative
+from .pid_kind import law_of_pid_kind
 
 _EVEN_PEAKS = tuple(i / 3.0 for i in range(-3, 4))
 
@@ -180,4 +181,4 @@ def describe(config: FuzzyPidConfig) -> str:
 
 
 LOOKUP = Lookup(inputs, cell, near, FuzzyCell)
-LAW = Law("fuzzy_pid", "Fuzzy-PID", FuzzyPidConfig, update, gains, describe, LOOKUP)
+LAW = law_of_pid_kind("fuzzy_pid", "Fuzzy-PID", FuzzyPidConfig, update, gains, describe, LOOKUP)

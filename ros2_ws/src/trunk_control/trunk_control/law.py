@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, get_type_hints
 
 from .computed_torque import Hip
 from .controller_config import ControllerConfig
-from .pid import Gains, PidLaw, PidState, Terms
+from .pid import PidLaw
 
 
 class Sample(NamedTuple):
@@ -21,14 +21,18 @@ class Sample(NamedTuple):
     hip: Hip = Hip()  # as measured, for laws that use the hip
 
 
+# Named tuples of each law's own.
+LawMemory = Any
+LawTerms = Any
 Constants = tuple[Any, ...]
-Update = Callable[[PidState, Sample, Constants, PidLaw], tuple[PidState, Terms]]
+Update = Callable[[LawMemory, Sample, Constants, PidLaw], tuple[LawMemory, LawTerms]]
+# (memory after a reset, angle of the last state seen [rad], sample, acting torque [N m], constants, limits)
+TakeOver = Callable[[LawMemory, float, Sample, float, Constants, PidLaw], LawMemory]
+# (memory, its last sample, constants before, constants after)
+Retune = Callable[[LawMemory, Sample, Constants, Constants], LawMemory]
 
-
-def constant_gains(state: PidState, sample: Sample, constants: Constants) -> Gains:
-    """Return the gains of a law whose first constant they are: they do not depend on the state."""
-    gains: Gains = constants[0]
-    return gains
+# The last fields of every law's terms, in this order.
+OUTCOME = ("unsaturated", "effort", "held")
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class Lookup:
     same bits with ``near(cell, constants)`` as with all constants.
     """
 
-    inputs: Callable[[PidState, Sample, PidLaw], tuple[float, float]]
+    inputs: Callable[[LawMemory, Sample, PidLaw], tuple[float, float]]
     cell: Callable[[float, float, Constants], Any]  # from the inputs
     near: Callable[[Any, Constants], Constants]
     # A cell is a named tuple of floats. The first four are the lower and the upper bound of either input,
@@ -47,19 +51,75 @@ class Lookup:
     kind: type[Any]
 
 
+def from_scratch(
+    initial: LawMemory,
+    seen: float,
+    sample: Sample,
+    effort: float,
+    constants: Constants,
+    limits: PidLaw,
+) -> LawMemory:
+    """Return the memory of a law that takes over as after a reset; the handover bounds its steps."""
+    return initial
+
+
+def unchanged(memory: LawMemory, sample: Sample, before: Constants, after: Constants) -> LawMemory:
+    """Return the memory as it is: the command may jump where constants change."""
+    return memory
+
+
 @dataclass(frozen=True)
 class Law:
     """A control law. Its functions are pure: CPython runs them and numba compiles them unchanged.
 
-    ``update(state, sample, constants, law)`` returns the next state and the terms of one update.
-    ``gains(state, sample, constants)`` returns the gains at the last update and its sample, so that
-    parameters can change without a jump. ``constants`` is the configuration's property of that name.
+    ``update(memory, sample, constants, limits)`` returns the next memory and the terms of one update.
+    ``constants`` is the configuration's property of that name; ``limits`` has the limits of the command,
+    narrowed during a handover, and the configuration's derivative mode and anti-windup.
+
+    The memory is a named tuple with a field ``effort``, the last command in N m. The terms are a named
+    tuple of floats that ends with ``unsaturated`` and ``effort`` [N m], and ``held``: True if the sample was
+    not usable, so that memory and command stay. Raises TypeError for others.
     """
 
     name: str  # also of the node, its executable and its section of parameters
     label: str  # in tables and plots
     config: type[ControllerConfig]
     update: Update
-    gains: Callable[[PidState, Sample, Constants], Gains]
+    memory: LawMemory  # after a reset
+    terms: type[Any]
+    units: Mapping[str, str] = field(default_factory=dict)  # of the terms; those left out have none
+    take_over: TakeOver = from_scratch  # a moving plant, without a jump of the command
+    retune: Retune = unchanged  # to other constants, without a jump
     describe: Callable[[Any], str] | None = None  # what the label lacks about a configuration
     lookup: Lookup | None = None
+
+    def __post_init__(self) -> None:
+        if "effort" not in getattr(self.memory, "_fields", ()):
+            raise TypeError(
+                f"memory = {self.memory!r}: a named tuple with a field 'effort' is needed, "
+                "the last command in N m"
+            )
+        fields = getattr(self.terms, "_fields", ())
+        if fields[-3:] != OUTCOME:
+            raise TypeError(
+                f"the fields of terms are {', '.join(fields) or 'none'}: a named tuple whose last "
+                f"fields are {', '.join(OUTCOME)} is needed"
+            )
+        hints = get_type_hints(self.terms)
+        wrong = [name for name in fields if hints[name] is not (bool if name == "held" else float)]
+        if wrong:
+            raise TypeError(f"terms.{wrong[0]} is no float: all terms are, but for held, a bool")
+        unknown = [name for name in self.units if name not in fields]
+        if unknown:
+            raise TypeError(f"units names {unknown[0]!r}, which is none of {', '.join(fields)}")
+
+    @property
+    def no_terms(self) -> LawTerms:
+        """Terms of zeros, not held."""
+        fields = self.terms._fields
+        return self.terms(**dict.fromkeys(fields[:-1], 0.0), held=False)
+
+    @property
+    def record_names(self) -> tuple[str, ...]:
+        """The names of a ``~/state`` record, in order."""
+        return ("reference", "measurement", *self.terms._fields[:-1])

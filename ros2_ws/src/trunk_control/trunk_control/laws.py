@@ -1,41 +1,88 @@
-"""The registry of control laws: a law is its module's ``LAW``, and a line here.
+"""The registry of control laws: entry points of the group ``trunk.controllers``, ours among them.
 
-Executables, parameters, topics, labels, plans, sweeps and the compiled loop follow from it.
+A package declares ``NAME = MODULE:LAW``. Executables, parameters, topics, labels, plans, sweeps and the
+compiled loop follow from the law.
 """
 
 from __future__ import annotations
 
+import re
 from functools import cache
-from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING
+
+from trunk_msgs_util.errors import TrunkError
 
 if TYPE_CHECKING:
     from .controller_config import ControllerConfig
     from .law import Law
 
-# Name of the node and executable: module. setup.py reads this, so nothing above may import another package.
-MODULES = {
-    "pid": "trunk_control.pid_law",
-    "fuzzy_pid": "trunk_control.fuzzy_pid_law",
-    "lqr": "trunk_control.lqr_law",
-    "computed_torque": "trunk_control.computed_torque_law",
-}
-CONTROLLERS = tuple(MODULES)
+GROUP = "trunk.controllers"
+# In tables and plots these come first, in this order.
+_FIRST = ("pid", "fuzzy_pid", "lqr", "computed_torque")
+_NODE_NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+class LawError(TrunkError):
+    """A registered law cannot be used."""
+
+
+@cache
+def _registered() -> dict[str, list[EntryPoint]]:
+    found: dict[str, list[EntryPoint]] = {}
+    for entry in entry_points(group=GROUP):
+        found.setdefault(entry.name, []).append(entry)
+    rank = {name: i for i, name in enumerate(_FIRST)}
+    return {name: found[name] for name in sorted(found, key=lambda n: (rank.get(n, len(rank)), n))}
+
+
+REGISTERED = tuple(_registered())
+
+
+def package_of(name: str) -> str:
+    """Return the package that registered a law: the one whose executable runs its node."""
+    return _package(_registered()[name][0])
 
 
 @cache
 def law_named(name: str) -> Law:
-    """Return a law by its node's name. Raises KeyError for a name that is not registered."""
-    law: Law = import_module(MODULES[name]).LAW
+    """Return a law by its node's name.
+
+    Raises KeyError for a name that is not registered, LawError for a law that cannot be used.
+    """
+    from .law import Law  # a node's executable has to know names alone
+
+    entries = _registered()[name]
+    by = " and ".join(f"package {_package(entry)} ({entry.value})" for entry in entries)
+    what = f"controller {name!r} of {by}"
+    if len(entries) > 1:
+        raise LawError(f"{what}: only one may have the name: uninstall or rename the other")
+    if not _NODE_NAME.fullmatch(name):
+        raise LawError(f"{what}: a node's name is needed: small letters, digits, underscores")
+    try:
+        law = entries[0].load()
+    except (Exception, SystemExit) as error:  # whatever somebody else's module raises
+        reason = " ".join(str(error).split())
+        raise LawError(f"{what} cannot be loaded: {type(error).__name__}: {reason}") from error
+    if not isinstance(law, Law):
+        raise LawError(f"{what} is {type(law).__name__}: a trunk_control.law.Law is needed")
+    if law.name != name:
+        raise LawError(f"{what} calls itself {law.name!r}: entry point and law need the same name")
     return law
 
 
 def law_of(config: ControllerConfig) -> Law:
     """Return the law that a configuration belongs to. Raises TypeError if there is none."""
-    for name in CONTROLLERS:
-        law = law_named(name)
+    for name in REGISTERED:
+        try:
+            law = law_named(name)
+        except LawError:
+            continue
         if type(config) is law.config:
             return law
-    raise TypeError(
-        f"{type(config).__name__} belongs to no law; there are {', '.join(CONTROLLERS)}"
-    )
+    raise TypeError(f"{type(config).__name__} belongs to no law; there are {', '.join(REGISTERED)}")
+
+
+def _package(entry: EntryPoint) -> str:
+    """Return the name of the package, as ROS 2 spells it."""
+    return entry.dist.name.replace("-", "_") if entry.dist else "unknown"

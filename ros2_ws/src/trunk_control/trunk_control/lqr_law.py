@@ -8,9 +8,10 @@ from trunk_msgs_util.mechanics import Body
 from trunk_msgs_util.parameters.declarations import parameter
 
 from .controller_config import ControllerConfig
-from .law import Law, Sample, constant_gains
+from .law import Sample
 from .lqr import lqr_update
 from .pid import Gains, PidLaw, PidState, Terms
+from .pid_kind import constant_gains, law_of_pid_kind
 
 _BODY = Body()
 
@@ -67,4 +68,4 @@ def update(
     )
 
 
-LAW = Law("lqr", "LQR", LqrConfig, update, constant_gains)
+LAW = law_of_pid_kind("lqr", "LQR", LqrConfig, update, constant_gains)

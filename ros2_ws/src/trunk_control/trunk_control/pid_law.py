@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from trunk_msgs_util.parameters.declarations import parameter
 
 from .controller_config import ControllerConfig
-from .law import Law, Sample, constant_gains
+from .law import Sample
 from .pid import Gains, PidLaw, PidState, Terms, pid_update
+from .pid_kind import constant_gains, law_of_pid_kind
 
 AS_PRINTED, ZIEGLER_NICHOLS = Gains(60.0, 36.0, 400.0), Gains(60.0, 100.0, 9.0)
 
@@ -60,4 +61,4 @@ def describe(config: PidConfig) -> str:
     return "{:g}, {:g}, {:g}".format(*config.gains)
 
 
-LAW = Law("pid", "PID", PidConfig, update, constant_gains, describe)
+LAW = law_of_pid_kind("pid", "PID", PidConfig, update, constant_gains, describe)

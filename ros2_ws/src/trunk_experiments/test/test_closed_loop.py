@@ -76,7 +76,7 @@ def test_the_same_loop_runs_in_cpython(batch):
     plan = make_plan("fig8", "pid", everywhere={"duration": 0.05}, swaps=[Swap(0.02, "lqr")])
     expected = batch.run(plan).table
     out = closed_loop.np.empty((closed_loop.ROWS, len(expected.t)))
-    loop = closed_loop.loop_of(*(law_named(name).update for name in plan.controllers))
+    loop = closed_loop.loop_of(*(law_named(name) for name in plan.controllers))
     surroundings, chains = closed_loop.surroundings_of(plan), closed_loop.chains_of(plan)
     assert loop(surroundings, *chains, closed_loop._NO_NOISE, out) == (51, False)
     assert out[closed_loop.THETA].tolist() == expected.theta.tolist()
@@ -149,9 +149,9 @@ def test_what_a_compiled_loop_cannot_model_is_refused_by_name(batch):
 
 
 def test_fingerprints_differ_by_law_and_are_stable():
-    pid, fuzzy_pid = (closed_loop.loop_of(law_named(name).update) for name in ("pid", "fuzzy_pid"))
+    pid, fuzzy_pid = (closed_loop.loop_of(law_named(name)) for name in ("pid", "fuzzy_pid"))
     assert compiled.fingerprint(pid) != compiled.fingerprint(fuzzy_pid)
-    again = closed_loop.loop_of(law_named("pid").update)
+    again = closed_loop.loop_of(law_named("pid"))
     assert compiled.fingerprint(pid) == compiled.fingerprint(again)
 
 

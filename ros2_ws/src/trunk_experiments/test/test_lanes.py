@@ -9,7 +9,7 @@ import numba
 import numpy as np
 import pytest
 
-from trunk_control.laws import CONTROLLERS, law_named
+from trunk_control.laws import law_named
 from trunk_experiments.batch import block
 from trunk_experiments.batch.block import (
     Summary,
@@ -23,6 +23,7 @@ from trunk_experiments.batch.check import lane_difference
 from trunk_experiments.batch.closed_loop import Batch
 from trunk_experiments.batch.columns import LANES
 from trunk_experiments.batch.lanes import TRACED, lanes_loop
+from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_experiments.plans.plan import make_plan
 from trunk_msgs_util.compiled import compiled
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from trunk_control.laws import CONTROLLERS
 from trunk_experiments.cli import main
 from trunk_experiments.plans.files import SCENARIOS
+from trunk_experiments.plans.nodes import CONTROLLERS
 
 
 @pytest.fixture

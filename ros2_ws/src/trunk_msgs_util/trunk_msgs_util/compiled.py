@@ -3,7 +3,8 @@
 numba lets compiled code call a plain function once it is registered (`register_jitable`):
 CPython still runs the function itself, compiled code its translation. `compiled` registers a function
 and every function of this project that it calls, found through its global names and, for a function
-built by a factory, its closure; then it compiles it. A law is passed to such a factory as an argument.
+built by a factory, its closure; then it compiles it. A law is passed to such a factory as an argument,
+and may come from any package.
 
 Compiled code gives the bits of CPython: no fast-math, no fused multiply-add, sines of our own (`elementary`).
 Only a division by zero differs: inf or NaN where CPython raises; the pure functions never divide by
@@ -108,11 +109,18 @@ def _reached(function: Any) -> list[FunctionType]:
 
 
 def _called(function: FunctionType) -> Iterator[FunctionType]:
-    values = [function.__globals__.get(name) for name in _names(function.__code__)]
-    values += [cell.cell_contents for cell in function.__closure__ or ()]
-    for value in values:
-        if isinstance(value, FunctionType) and value.__module__.split(".")[0] in _OURS:
+    for cell in function.__closure__ or ():
+        if isinstance(cell.cell_contents, FunctionType):
+            yield cell.cell_contents
+    packages = {*_OURS, _package(function)}
+    for name in _names(function.__code__):
+        value = function.__globals__.get(name)
+        if isinstance(value, FunctionType) and _package(value) in packages:
             yield value
+
+
+def _package(function: FunctionType) -> str:
+    return function.__module__.split(".")[0]
 
 
 def _names(code: CodeType) -> tuple[str, ...]:

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trunk_control.controller import hip_index, setting_of
-from trunk_control.laws import law_named
-from trunk_control.pid import limited
+from trunk_control.laws import law_named, law_of
+from trunk_control.pid import PidState, limited
 from trunk_control.reference import ReferenceProfile
 from trunk_msgs_util.compiled import compiled, with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats
@@ -103,6 +103,8 @@ def regular_run(plan: RunPlan) -> Regular | None:
     if len(plan.controllers) != 1 or plan.controller.active_times or states > LONGEST:
         return None
     config = plan.controller
+    if type(law_of(config).memory) is not PidState:  # the lanes have rows for this one alone
+        return None
     setting, hip = setting_of(config), hip_index(config, simulator.joints)
     every = max(1, -(-setting.due_after_ns // simulator.period_ns))
     common = Common(

@@ -15,9 +15,9 @@ import numpy as np
 
 from trunk_control.computed_torque import Hip
 from trunk_control.controller import hip_index, setting_of
-from trunk_control.decide import Answer, Memory, Reading, Seen, Setting, decide, fresh_memory
-from trunk_control.law import Update
-from trunk_control.laws import CONTROLLERS, law_named
+from trunk_control.decide import Memory, Reading, Seen, Setting, decide, fresh_memory
+from trunk_control.law import Law
+from trunk_control.laws import law_named
 from trunk_msgs_util.compiled import compiled, fingerprint, with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import NANOSECONDS, step_count
@@ -39,6 +39,7 @@ from trunk_sim.step import (
 from ..analysis.metrics import Metrics, metrics
 from ..analysis.run_table import RunTable
 from ..errors import PlanError
+from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, check_turns
 from ..runs.offline import check
 
@@ -71,9 +72,23 @@ class Participant(NamedTuple):
     hip: int  # 0: the hip's, 1: the trunk's, -1: none
 
 
+class Acted(NamedTuple):
+    """What the loop takes of a controller's answer: of the same type for all laws."""
+
+    active: bool
+    fresh: bool
+    effort: float  # N m
+    reference: float  # rad
+    kp: float  # NaN where a law has no gains
+    ki: float
+    kd: float
+    alpha: float
+
+
 # Nested pairs, ``(first, (second, ()))``: each law's constants have a different type.
 Chain = tuple[Any, ...]
-Decided = tuple[Chain, Answer]
+Decided = tuple[Chain, Acted]
+Gains4 = tuple[float, float, float, float]
 
 
 def reading_of(stamp_ns: int, measured: Measurement, effort: float, hip: int) -> Reading:
@@ -86,20 +101,33 @@ def reading_of(stamp_ns: int, measured: Measurement, effort: float, hip: int) ->
     return Reading(stamp_ns, measured.theta, measured.theta_dot, motion, effort, False, 0.0)
 
 
-def decide_by(update: Update, others: Callable[..., Decided] | None) -> Callable[..., Decided]:
+def gains_told(terms: Any) -> Gains4:
+    """Return Kp, Ki, Kd and alpha of an update."""
+    return terms.kp, terms.ki, terms.kd, terms.alpha
+
+
+def no_gains(terms: Any) -> Gains4:
+    """Return those of a law that tells none."""
+    return nan, nan, nan, nan
+
+
+def decide_by(law: Law, others: Callable[..., Decided] | None) -> Callable[..., Decided]:
     """Return a function that decides for a law's controller and then for the ``others``.
 
     It takes ``(memories, participants, stamp_ns, measured, effort)``, memories and participants as
-    `Chain`, and returns the next memories and the answer of the one whose turn it is.
+    `Chain`, and returns the next memories and what the one whose turn it is answers.
     """
+    update, take_over = law.update, law.take_over
+    gains = gains_told if {"kp", "ki", "kd", "alpha"} <= set(law.record_names) else no_gains
 
     def last(
         memories: Chain, participants: Chain, stamp_ns: int, measured: Measurement, effort: float
     ) -> Decided:
         one = participants[0]
         reading = reading_of(stamp_ns, measured, effort, one.hip)
-        memory, answer = decide(memories[0], reading, one.setting, one.constants, update)
-        return (memory, ()), answer
+        memory, a = decide(memories[0], reading, one.setting, one.constants, update, take_over)
+        kp, ki, kd, alpha = gains(a.terms)
+        return (memory, ()), Acted(a.active, a.fresh, a.effort, a.reference, kp, ki, kd, alpha)
 
     if others is None:
         return last
@@ -109,14 +137,16 @@ def decide_by(update: Update, others: Callable[..., Decided] | None) -> Callable
     ) -> Decided:
         one = participants[0]
         reading = reading_of(stamp_ns, measured, effort, one.hip)
-        memory, answer = decide(memories[0], reading, one.setting, one.constants, update)
+        memory, a = decide(memories[0], reading, one.setting, one.constants, update, take_over)
+        kp, ki, kd, alpha = gains(a.terms)
+        acted = Acted(a.active, a.fresh, a.effort, a.reference, kp, ki, kd, alpha)
         rest, other = others(memories[1], participants[1], stamp_ns, measured, effort)
-        return (memory, rest), answer if answer.active else other
+        return (memory, rest), acted if acted.active else other
 
     return first
 
 
-def loop_of(*updates: Update) -> Callable[..., tuple[int, bool]]:
+def loop_of(*laws: Law) -> Callable[..., tuple[int, bool]]:
     """Return the loop of a run with these laws, in the order of its participants.
 
     ``loop(surroundings, memories, participants, noise, out)`` fills ``out`` [ROWS, N + 1] with a run of N
@@ -125,8 +155,8 @@ def loop_of(*updates: Update) -> Callable[..., tuple[int, bool]]:
     written. ``noise`` [N + 1, 2] are standard normal samples; its last row is used for all that follow.
     """
     decide_all: Callable[..., Decided] | None = None
-    for update in reversed(updates):
-        decide_all = decide_by(update, decide_all)
+    for law in reversed(laws):
+        decide_all = decide_by(law, decide_all)
     if decide_all is None:
         raise ValueError("a loop needs a law")
 
@@ -154,8 +184,8 @@ def loop_of(*updates: Update) -> Callable[..., tuple[int, bool]]:
             measured = sense(delayed, acting, noise[row, 0], noise[row, 1], s.sensor)
             memories, answer = decide_all(memories, participants, stamp_ns, measured, trunk.effort)
             if answer.fresh:
-                reference, terms = answer.reference, answer.terms
-                kp, ki, kd, alpha = terms.kp, terms.ki, terms.kd, terms.alpha
+                reference = answer.reference
+                kp, ki, kd, alpha = answer.kp, answer.ki, answer.kd, answer.alpha
             out[MEASURED, k] = measured.theta
             out[REFERENCE, k] = reference
             out[TORQUE, k] = saturate(answer.effort, s.plant.max_effort)
@@ -168,19 +198,19 @@ def loop_of(*updates: Update) -> Callable[..., tuple[int, bool]]:
                     return k + 1, True
         return last + 1, False
 
-    loop.__name__ = loop.__qualname__ = "_".join(["loop", *(one.__module__ for one in updates)])
+    loop.__name__ = loop.__qualname__ = "_".join(["loop", *(law.update.__module__ for law in laws)])
     return loop
 
 
 @cache
 def compiled_loop(laws: tuple[str, ...]) -> Callable[..., tuple[int, bool]]:
     """Return `loop_of` the named laws, compiled."""
-    return compiled(loop_of(*(law_named(name).update for name in laws)))
+    return compiled(loop_of(*(law_named(name) for name in laws)))
 
 
 def loops_fingerprint() -> str:
     """Return a hash of all sources that determine a compiled run's numbers."""
-    return "-".join(fingerprint(loop_of(law_named(name).update)) for name in CONTROLLERS)
+    return "-".join(fingerprint(loop_of(law_named(name))) for name in CONTROLLERS)
 
 
 class Outcome(NamedTuple):
@@ -251,7 +281,7 @@ def chains_of(plan: RunPlan) -> tuple[Chain, Chain]:
     for config in reversed(list(plan.controllers.values())):
         setting = setting_of(config)
         hip = hip_index(config, joints)
-        memory: Memory = fresh_memory(not config.active_times, Seen(-1, 0.0), setting.law)
+        memory: Memory = fresh_memory(not config.active_times, Seen(-1, 0.0), setting.initial)
         memories = (memory, memories)
         participants = (
             Participant(

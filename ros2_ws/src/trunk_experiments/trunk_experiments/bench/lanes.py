@@ -14,12 +14,13 @@ from time import perf_counter, process_time, sleep
 
 import numpy as np
 
-from trunk_control.laws import CONTROLLERS, law_named
+from trunk_control.laws import law_named
 
 from ..batch.block import regular_run, run_block, summaries, summary_of
 from ..batch.closed_loop import Batch
 from ..batch.columns import LANES
 from ..batch.workers import worker_pool
+from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, make_plan
 from ..study.bases import make_bases, plan_of
 from ..study.design import design

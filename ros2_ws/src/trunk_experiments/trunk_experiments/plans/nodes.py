@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from trunk_control.laws import CONTROLLERS, law_named
+from trunk_control.laws import REGISTERED, LawError, law_named, package_of
 from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.parameters.declarations import declarations
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 
-__all__ = ["CONTROLLERS", "NODES", "NodeKind", "declared_names"]
+# What is not a controller's name.
+OTHERS = ("simulator", "disturbance", "recorder", "markers")
 
 
 @dataclass(frozen=True)
@@ -22,10 +23,27 @@ class NodeKind:
     config: type[Any]
 
 
+def _usable() -> tuple[dict[str, NodeKind], dict[str, str]]:
+    """Return the controllers that can be used, and why others cannot."""
+    kinds, unusable = {}, {}
+    for name in REGISTERED:
+        try:
+            if name in OTHERS:
+                raise LawError(
+                    f"controller {name!r} of package {package_of(name)}: another node has the name: rename it"
+                )
+            kinds[name] = NodeKind(package_of(name), law_named(name).config)
+        except LawError as error:
+            unusable[name] = str(error)
+    return kinds, unusable
+
+
+_CONTROLLERS, UNUSABLE = _usable()
+CONTROLLERS = tuple(_CONTROLLERS)
 NODES: dict[str, NodeKind] = {
     "simulator": NodeKind("trunk_sim", SimulatorConfig),
     "disturbance": NodeKind("trunk_sim", DisturbanceConfig),
-    **{name: NodeKind("trunk_control", law_named(name).config) for name in CONTROLLERS},
+    **_CONTROLLERS,
     "recorder": NodeKind("trunk_msgs_util", RecorderConfig),
 }
 

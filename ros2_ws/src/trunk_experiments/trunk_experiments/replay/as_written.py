@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import declarations
 from trunk_msgs_util.recording import rosbag2
@@ -195,7 +196,8 @@ def layouts(run: RecordedRun) -> dict[str, JointStateLayout]:
         if name in CONTROLLERS:
             joint = run.config(name).joint
             found[topics.EFFORT_COMMAND] = JointStateLayout((joint,), 0, 0, 1)
-            terms = JointStateLayout(topics.STATE_NAMES, len(topics.STATE_NAMES))
+            names = law_named(name).record_names
+            terms = JointStateLayout(names, len(names))
             found[topics.controller_state(name)] = terms
     return {relative: layout for relative, layout in found.items() if run.count(relative)}
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.units import seconds
@@ -56,7 +57,10 @@ def _names(run: RecordedRun) -> Iterator[str]:
     known = [name for name in run.controllers if name in CONTROLLERS]
     joints = sorted({run.config(name).joint for name in known})
     expected += [(topics.EFFORT_COMMAND, (joint,), ("effort",)) for joint in joints[:1]]
-    expected += [(topics.controller_state(n), topics.STATE_NAMES, ("position",)) for n in known]
+    expected += [
+        (topics.controller_state(name), law_named(name).record_names, ("position",))
+        for name in known
+    ]
     for relative, names, quantities in expected:
         table = run.table(relative)
         if not len(table):

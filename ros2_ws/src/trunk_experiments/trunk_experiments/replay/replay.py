@@ -225,7 +225,7 @@ def _records(
         for name, one in driven.items()
         if _is_whole(one.states, 2)
         and commands.values("effort").shape[1] == 1
-        and one.terms.values("position").shape[1] == len(topics.STATE_NAMES)
+        and one.terms.values("position").shape[1] == len(one.controller.law.record_names)
     }
 
 

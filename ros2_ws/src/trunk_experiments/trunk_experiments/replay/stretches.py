@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from trunk_control.computed_torque import Hip
 from trunk_control.decide import Memory, Reading, Setting, decide, state_record
-from trunk_control.law import Update
+from trunk_control.law import Law
 from trunk_control.laws import law_named
 from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
@@ -104,11 +104,12 @@ class CommandRecord(NamedTuple):
     state_row: Integers  # [N]
     terms_row: Integers  # [N]
     states: Floats  # [M, 5]: angle, rate, hip's position and velocity, torque that acts
-    terms: Floats  # [L, 13], as ``topics.STATE_NAMES``
+    terms: Floats  # [L, K], as `Law.record_names`
 
 
-def commands_stretch_of(update: Update) -> Callable[..., tuple[int, Memory]]:
+def commands_stretch_of(law: Law) -> Callable[..., tuple[int, Memory]]:
     """Return the function that skips the commands of a controller with this law."""
+    update, take_over = law.update, law.take_over
 
     def commands_stretch(
         first: int,
@@ -134,7 +135,7 @@ def commands_stretch_of(update: Update) -> Callable[..., tuple[int, Memory]]:
                 told >= 0,
                 reference,
             )
-            after, answer = decide(memory, reading, setting, constants, update)
+            after, answer = decide(memory, reading, setting, constants, update, take_over)
             if not (answer.active and alike(answer.effort, record.command[row])):
                 return row, memory
             if answer.fresh != (told >= 0):
@@ -177,7 +178,7 @@ def compiled_plant() -> Callable[..., tuple[int, Trunk, bool]]:
 @cache
 def compiled_commands(law: str) -> Callable[..., tuple[int, Memory]]:
     """Return the named law's `commands_stretch_of`, compiled."""
-    return compiled(commands_stretch_of(law_named(law).update))
+    return compiled(commands_stretch_of(law_named(law)))
 
 
 @cache

@@ -8,11 +8,11 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
-from trunk_control.laws import CONTROLLERS, law_named
+from trunk_control.laws import law_named
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.run import run_nodes
 
-from ..plans.nodes import NODES
+from ..plans.nodes import CONTROLLERS, NODES
 
 _CLASSES = {
     "recorder": ("trunk_msgs_util.node.recorder_node", "RecorderNode"),

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from trunk_control.decide import Answer, state_record
+from trunk_control.laws import law_named
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
@@ -150,7 +151,9 @@ class _OfflineRecorder:
             values = state_record(answer, step.measured.position[joints.index(joint)])
             self._sample(
                 topics.controller_state(step.controller),
-                JointSample(step.stamp_ns, topics.STATE_NAMES, position=values),
+                JointSample(
+                    step.stamp_ns, law_named(step.controller).record_names, position=values
+                ),
             )
 
     def _disturbance(self, stamp_ns: int) -> None:

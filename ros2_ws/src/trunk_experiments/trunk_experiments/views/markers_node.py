@@ -18,7 +18,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from trunk_control.laws import CONTROLLERS
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import WireReader
@@ -27,6 +26,7 @@ from trunk_msgs_util.node.ros_parameters import NodeParameters
 from trunk_msgs_util.node.run import run_beside
 from trunk_msgs_util.samples import JointSample
 
+from ..plans.nodes import CONTROLLERS
 from . import markers
 from .markers import Geometry, Kind, MarkersConfig, Scene, Shape
 

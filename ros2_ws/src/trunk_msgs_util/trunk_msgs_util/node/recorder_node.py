@@ -261,7 +261,9 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def draining(self) -> bool:
         """Return True while messages are still coming in that were under way when it was told to end."""
         now = time.monotonic()
-        if self._leaving_s is None:  # what came while it was kept from its turn is still to be taken
+        if (
+            self._leaving_s is None
+        ):  # what came while it was kept from its turn is still to be taken
             self._leaving_s = self._last_message = now
         self._quiet_turns += 1
         if self._tally.end is None and now - self._leaving_s > _LEAVE_S:
