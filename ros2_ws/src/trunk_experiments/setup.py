@@ -21,6 +21,9 @@ setup(
             "config/*.yaml",
             "paper/*.html.j2",
             "studies/*.yaml",
+            "templates/controller/*.in",
+            "templates/controller/*/*.in",
+            "templates/controller/*/*/*.in",
             "views/report_assets/*",
         ]
     },

@@ -191,6 +191,11 @@ class ControllerConfig(ManagedConfig):
         return None
 
     @property
+    def uses_rate(self) -> bool:
+        """True if the law uses the measured rate: a state without it is not answered then."""
+        return self.derivative_mode == "rate" or self.hip is not None
+
+    @property
     def damping_gain(self) -> float:
         """The largest gain on the rate, N m s/rad: it bounds the sampled loop's period."""
         return 0.0

@@ -62,7 +62,7 @@ class Inputs:
         if places is None or places.last >= len(message.position):
             self._counters["states without the joint"] += 1
             return None
-        needed = self._config.derivative_mode == "rate" or places.hip is not None
+        needed = self._config.uses_rate
         velocity = 0.0
         if places.last < len(message.velocity):
             velocity = message.velocity[places.joint]

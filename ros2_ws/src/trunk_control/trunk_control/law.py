@@ -87,7 +87,7 @@ class Law:
     update: Update
     memory: LawMemory  # after a reset
     terms: type[Any]
-    units: Mapping[str, str] = field(default_factory=dict)  # of the terms; those left out have none
+    units: Mapping[str, str] = field(default_factory=dict)  # of the terms; empty for a ratio
     take_over: TakeOver = from_scratch  # a moving plant, without a jump of the command
     retune: Retune = unchanged  # to other constants, without a jump
     describe: Callable[[Any], str] | None = None  # what the label lacks about a configuration

@@ -19,6 +19,7 @@ UNITS = {
     "kp": "N m/rad",
     "ki": "N m/(rad s)",
     "kd": "N m s/rad",
+    "alpha": "",  # a ratio
     "unsaturated": "N m",
     "effort": "N m",
 }

@@ -35,6 +35,8 @@ _VERBS = {
     "recover": ("recover", "Write a valid file from a broken one."),
     "export": ("export", "Write a recorded run as CSV, Parquet, npz or a smaller MCAP."),
     "params": ("params", "List every parameter that the nodes declare; change a running node's."),
+    "new": ("new", "Make a package for a controller of your own."),
+    "check": ("check", "Check that a controller keeps what every one promises."),
     "sweep": ("sweep", "Run a study: grids and draws over any parameter, compiled."),
     "paper": ("paper", "Reproduce the paper's figures and judge its claims."),
     "tune": ("tune", "Compute gains, their margins, and write them as a parameter file."),

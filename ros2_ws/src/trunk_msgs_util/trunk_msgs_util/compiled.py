@@ -15,18 +15,20 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator
-from functools import cache
+from collections.abc import Callable
+from functools import cache, wraps
 from importlib.metadata import version
 from pathlib import Path
-from types import CodeType, FunctionType
-from typing import Any, TypeVar
+from types import FunctionType
+from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.core.errors import NumbaError
 from numba.extending import register_jitable
 
-_OURS = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
+from .reached import reached
+
 # Without numba's reference counting (_nrt): for the arrays in the named tuples that pass from function to
 # function it took half of a run's time. So compiled code uses the arrays that it is given, which
 # the caller keeps alive, and creates none: numba refuses a function that does.
@@ -44,7 +46,7 @@ def compiled(function: Function) -> Function:
     numba's own cache checks the age of one source file only. If no folder is writable, nothing
     is kept.
     """
-    for callee in _reached(function):
+    for callee in reached(function):
         if callee is not function and callee not in _registered:
             # inline: passing rule tables by value costs as much as using them
             register_jitable(forceinline=True, **_OPTIONS)(callee)
@@ -75,10 +77,41 @@ def ready(function: Function, *example: object) -> Function:
     return twin
 
 
+def compiled_or_plain(function: Function, told: Callable[[str], None]) -> Function:
+    """Return the compiled twin; where numba refuses a function, its calls run in CPython, with the same bits.
+
+    ``told`` gets numba's reason in one line, once.
+    """
+    twin, plain = compiled(function), False
+
+    @wraps(function)
+    def run(*arguments: Any) -> Any:
+        nonlocal plain
+        if not plain:
+            try:
+                return twin(*arguments)
+            except NumbaError as error:
+                plain = True
+                told(reason_of(error))
+        return function(*arguments)
+
+    return cast(Function, run)
+
+
+def reason_of(error: Exception) -> str:
+    """Return numba's reason in one line: what it does not know, and where."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    told = [
+        line for line in lines if not line.startswith(("Failed in", "During:", "-", ">>>", "^"))
+    ]
+    where = [line for line in lines if line.startswith("File ")]
+    return " ".join([*told[:1], *where[-1:]]) or type(error).__name__
+
+
 def fingerprint(function: Callable[..., Any]) -> str:
     """Return a hash of a twin's source files and of numba's version."""
     names = {Path(__file__)}  # the options are part of it
-    names |= {Path(reached.__code__.co_filename) for reached in _reached(function)}
+    names |= {Path(one.__code__.co_filename) for one in reached(function)}
     digest = hashlib.sha256(version("numba").encode())
     for path in sorted(names, key=lambda path: (path.name, str(path))):
         digest.update(_contents(path))
@@ -94,38 +127,6 @@ def cache_folder() -> Path:
 @cache
 def _contents(path: Path) -> bytes:
     return path.read_bytes()
-
-
-def _reached(function: Any) -> list[FunctionType]:
-    """Return a function and all of this project's that it calls, directly or not."""
-    found: list[FunctionType] = []
-    waiting = [function]
-    while waiting:
-        one = waiting.pop()
-        if one not in found:
-            found.append(one)
-            waiting += _called(one)
-    return found
-
-
-def _called(function: FunctionType) -> Iterator[FunctionType]:
-    for cell in function.__closure__ or ():
-        if isinstance(cell.cell_contents, FunctionType):
-            yield cell.cell_contents
-    packages = {*_OURS, _package(function)}
-    for name in _names(function.__code__):
-        value = function.__globals__.get(name)
-        if isinstance(value, FunctionType) and _package(value) in packages:
-            yield value
-
-
-def _package(function: FunctionType) -> str:
-    return function.__module__.split(".")[0]
-
-
-def _names(code: CodeType) -> tuple[str, ...]:
-    inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
-    return (*code.co_names, *(name for one in inner for name in _names(one)))
 
 
 _INTEGERS = {"pulse_starts", "times", "turns_ns"}  # fields of ns

@@ -89,7 +89,7 @@ class RunTable:
         if held and states:
             state = in_turn([found.pop(topic) for topic in states])
             for name in held:
-                columns[name] = _held(at, state.stamp_ns, state.column("position", name))
+                columns[name] = held_at(at, state.stamp_ns, state.column("position", name))
         if topics.JOINT_STATES in found:
             measured = found[topics.JOINT_STATES]
             values = measured.column("position", trunk)
@@ -141,8 +141,10 @@ class RunTable:
             x_dot=nothing,
             theta_dot=rows.column("velocity", joint),
             theta_measured=angle,
-            torque=np.nan_to_num(_held(at, given.stamp_ns, given.column("effort", joint)), nan=0.0),
-            **{n: _held(at, terms.stamp_ns, terms.column("position", n)) for n in _HELD},
+            torque=np.nan_to_num(
+                held_at(at, given.stamp_ns, given.column("effort", joint)), nan=0.0
+            ),
+            **{n: held_at(at, terms.stamp_ns, terms.column("position", n)) for n in _HELD},
         )
 
     def write_csv(self, path: str | Path) -> None:
@@ -158,7 +160,7 @@ class RunTable:
                 file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
 
 
-def _held(at: Integers, stamps: Integers, values: Floats) -> Floats:
+def held_at(at: Integers, stamps: Integers, values: Floats) -> Floats:
     """Return the last of the values at or before each stamp, NaN before the first."""
     if np.array_equal(at, stamps):
         return values

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from trunk_control.laws import law_named
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.simulation import DivergedError
 from trunk_sim.step import act
@@ -12,7 +13,7 @@ from ..errors import PlanError
 from ..plans.plan import RunPlan
 from ..runs.offline import Step, steps
 from .block import regular_run, run_block, summary_of
-from .closed_loop import Batch, Outcome
+from .closed_loop import Batch, Outcome, gains_of
 from .columns import LANES
 from .lanes import TRACED
 
@@ -90,7 +91,7 @@ def _table_difference(plan: RunPlan, outcome: Outcome, taken: list[Step]) -> str
             return f"{plan.scenario}: nobody answers at t = {step.stamp_ns / NANOSECONDS:g} s"
         terms = answer.terms
         if answer.fresh:
-            held = [answer.reference, terms.kp, terms.ki, terms.kd, terms.alpha]
+            held = [answer.reference, *gains_of(law_named(step.controller))(terms)]
         torque = min(max(answer.effort, -limit), limit)
         columns.append(
             [

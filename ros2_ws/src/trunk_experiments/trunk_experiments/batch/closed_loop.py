@@ -6,6 +6,7 @@ so that what numba compiles can be stepped through.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from functools import cache, lru_cache
 from math import nan
@@ -18,7 +19,7 @@ from trunk_control.controller import hip_index, setting_of
 from trunk_control.decide import Memory, Reading, Seen, Setting, decide, fresh_memory
 from trunk_control.law import Law
 from trunk_control.laws import law_named
-from trunk_msgs_util.compiled import compiled, fingerprint, with_arrays
+from trunk_msgs_util.compiled import compiled_or_plain, fingerprint, with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import NANOSECONDS, step_count
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
@@ -111,6 +112,11 @@ def no_gains(terms: Any) -> Gains4:
     return nan, nan, nan, nan
 
 
+def gains_of(law: Law) -> Callable[[Any], Gains4]:
+    """Return the function of a law's terms that returns its gains."""
+    return gains_told if {"kp", "ki", "kd", "alpha"} <= set(law.terms._fields) else no_gains
+
+
 def decide_by(law: Law, others: Callable[..., Decided] | None) -> Callable[..., Decided]:
     """Return a function that decides for a law's controller and then for the ``others``.
 
@@ -118,7 +124,7 @@ def decide_by(law: Law, others: Callable[..., Decided] | None) -> Callable[..., 
     `Chain`, and returns the next memories and what the one whose turn it is answers.
     """
     update, take_over = law.update, law.take_over
-    gains = gains_told if {"kp", "ki", "kd", "alpha"} <= set(law.record_names) else no_gains
+    gains = gains_of(law)
 
     def last(
         memories: Chain, participants: Chain, stamp_ns: int, measured: Measurement, effort: float
@@ -204,8 +210,13 @@ def loop_of(*laws: Law) -> Callable[..., tuple[int, bool]]:
 
 @cache
 def compiled_loop(laws: tuple[str, ...]) -> Callable[..., tuple[int, bool]]:
-    """Return `loop_of` the named laws, compiled."""
-    return compiled(loop_of(*(law_named(name) for name in laws)))
+    """Return `loop_of` the named laws, compiled where numba can; if not, a warning says why."""
+    loop = loop_of(*(law_named(name) for name in laws))
+    return compiled_or_plain(loop, lambda reason: _not_compiled(laws, reason))
+
+
+def _not_compiled(laws: tuple[str, ...], reason: str) -> None:
+    warnings.warn(f"{', '.join(laws)}: not compilable, so CPython runs it: {reason}", stacklevel=4)
 
 
 def loops_fingerprint() -> str:

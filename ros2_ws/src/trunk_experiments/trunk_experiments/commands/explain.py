@@ -9,6 +9,8 @@ from typing import Any
 
 import click
 
+from trunk_control.law import OUTCOME
+
 from ..console.common import json_option, print_table
 from ..console.reading import open_run, show_warnings
 from ..replay.explain import Explanation, explain
@@ -58,7 +60,11 @@ def as_values(found: Explanation) -> dict[str, Any]:
         "by_model": found.by_model,
         "limits": [bound if isfinite(bound) else None for bound in found.limits],
         "limited": found.limited,
-        "anti_windup": {**found.windup._asdict(), "acted": found.windup.acted},
+        "anti_windup": (
+            None
+            if found.windup is None
+            else {**found.windup._asdict(), "acted": found.windup.acted}
+        ),
         "took_over": found.took_over,
         "recorded": found.recorded,
         "agrees": found.agrees,
@@ -66,6 +72,39 @@ def as_values(found: Explanation) -> dict[str, Any]:
         "rounded_otherwise": found.rounded_otherwise,
         "applied": found.applied,
     }
+
+
+def _shares(found: Explanation) -> list[tuple[str, str, str]]:
+    """Return the rows of what a law of the PID's kind adds up."""
+    terms = found.terms
+    return [
+        ("P: Kp e", f"{terms.p_term:.6g}", "N m"),
+        ("I: Ki times the integral", f"{terms.i_term:.6g}", "N m"),
+        ("D: Kd times the derivative", f"{terms.d_term:.6g}", "N m"),
+        *([("from the model", f"{found.by_model:.6g}", "N m")] if found.by_model else []),
+        ("their sum", f"{terms.unsaturated:.6g}", "N m"),
+    ]
+
+
+def _gains(found: Explanation) -> list[tuple[str, str, str]]:
+    """Return the rows of its gains."""
+    terms = found.terms
+    return [
+        ("Kp", f"{terms.kp:.6g}", "N m/rad"),
+        ("Ki", f"{terms.ki:.6g}", "N m/(rad s)"),
+        ("Kd", f"{terms.kd:.6g}", "N m s/rad"),
+        ("alpha = Kp^2 / (Ki Kd)", f"{terms.alpha:.6g}", ""),
+    ]
+
+
+def _own_terms(found: Explanation) -> list[tuple[str, str, str]]:
+    """Return the rows of another law's terms, as it names them."""
+    named = [name for name in found.terms._fields if name not in OUTCOME]
+    rows = [
+        (name.replace("_", " "), f"{getattr(found.terms, name):.6g}", found.units.get(name, ""))
+        for name in named
+    ]
+    return [*rows, ("command before the limits", f"{found.terms.unsaturated:.6g}", "N m")]
 
 
 def _show(found: Explanation) -> None:
@@ -82,8 +121,16 @@ def _show(found: Explanation) -> None:
             if found.true_angle is None
             else ("true angle", f"{degrees(found.true_angle):.6g}", "deg")
         ),
-        ("error e", f"{degrees(terms.error):.6g}", "deg"),
-        (f"its derivative (mode {found.derivative_mode})", f"{terms.error_rate:.6g}", "rad/s"),
+        ("error e", f"{degrees(found.error):.6g}", "deg"),
+        (
+            ("measured rate", f"{found.rate:.6g}", "rad/s")
+            if windup is None
+            else (
+                f"its derivative (mode {found.derivative_mode})",
+                f"{terms.error_rate:.6g}",
+                "rad/s",
+            )
+        ),
     ]
     units = ("N", "N m", "m", "deg")
     for (name, value), unit in zip(found.disturbance._asdict().items(), units, strict=True):
@@ -116,11 +163,7 @@ def _show(found: Explanation) -> None:
         "outputs",
         ("quantity", "value", "unit"),
         [
-            ("P: Kp e", f"{terms.p_term:.6g}", "N m"),
-            ("I: Ki times the integral", f"{terms.i_term:.6g}", "N m"),
-            ("D: Kd times the derivative", f"{terms.d_term:.6g}", "N m"),
-            *([("from the model", f"{found.by_model:.6g}", "N m")] if found.by_model else []),
-            ("their sum", f"{terms.unsaturated:.6g}", "N m"),
+            *(_own_terms(found) if windup is None else _shares(found)),
             ("limits", "none" if free else f"{low:g} … {high:g}", "" if free else "N m"),
             ("command" + (", limited" if found.limited else ""), f"{terms.effort:.6g}", "N m"),
             (
@@ -128,21 +171,19 @@ def _show(found: Explanation) -> None:
                 if found.applied is None
                 else ("torque applied to the plant", f"{found.applied:.6g}", "N m")
             ),
-            ("Kp", f"{terms.kp:.6g}", "N m/rad"),
-            ("Ki", f"{terms.ki:.6g}", "N m/(rad s)"),
-            ("Kd", f"{terms.kd:.6g}", "N m s/rad"),
-            ("alpha = Kp^2 / (Ki Kd)", f"{terms.alpha:.6g}", ""),
+            *([] if windup is None else _gains(found)),
         ],
     )
     if found.took_over:
         click.echo(
             f"{found.controller} took over here: it continued from the torque that acted, without a jump"
         )
-    acted = "acted" if windup.acted else "did not act"
-    click.echo(
-        f"anti-windup ({windup.strategy}) {acted}: integral {windup.before:.6g} + "
-        f"{windup.increment:.6g}, used {windup.used:.6g}, kept {windup.after:.6g} rad s"
-    )
+    if windup is not None:
+        acted = "acted" if windup.acted else "did not act"
+        click.echo(
+            f"anti-windup ({windup.strategy}) {acted}: integral {windup.before:.6g} + "
+            f"{windup.increment:.6g}, used {windup.used:.6g}, kept {windup.after:.6g} rad s"
+        )
     click.echo(
         "recomputed: equal to the recorded command, bit for bit"
         if found.agrees

@@ -17,8 +17,11 @@ if TYPE_CHECKING:
 def print_margins(plan: RunPlan, config: Any, plant: Linear | None = None) -> None:
     """Print the margins of a controller's configuration around a plan's plant, or another linear one.
 
-    A fuzzy gain box is shown corner by corner.
+    A fuzzy gain box is shown corner by corner; a law without gains has no margins of this kind.
     """
+    if not (hasattr(config, "gains") or hasattr(config, "alpha_centers")):
+        click.echo(f"no margins: {plan.controller_name} tells no gains to linearise with")
+        return
     from ..tuning.linear import LinearLoop, linearise, margins
 
     linear = plant or linearise(plan.simulator.body)

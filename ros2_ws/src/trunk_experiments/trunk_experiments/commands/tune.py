@@ -15,10 +15,10 @@ from trunk_msgs_util.parameters.declarations import Value, build, values_of
 from trunk_msgs_util.parameters.files import write
 
 from ..analysis.metrics import Metrics
-from ..console.common import FiniteRange, Function, print_table
+from ..console.common import FiniteRange, Function, Name, print_table
 from ..console.outputs import check_output, output_options
 from ..console.terminal import console
-from ..plans.nodes import NODES
+from ..plans.nodes import CONTROLLERS, NODES
 from ..plans.plan import RunPlan, make_plan
 from .margins import print_margins
 
@@ -166,9 +166,7 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
 
 @command.command("optimise")
 @_options
-@click.option(
-    "--controller", type=click.Choice(["pid", "fuzzy_pid"]), default="pid", show_default=True
-)
+@click.option("--controller", type=Name(CONTROLLERS), default="pid", show_default=True)
 @click.option("--scenario", "scenarios", multiple=True, default=("fig6", "fig7"), show_default=True)
 @click.option("--metric", type=click.Choice(_METRICS), default="itae", show_default=True)
 @click.option("--generations", type=click.IntRange(1, 100_000), default=20, show_default=True)
@@ -186,7 +184,7 @@ def optimise_command(
     """Search for the smallest mean of a metric over scenarios, by seeded differential evolution.
 
     For pid it searches the gains; for fuzzy_pid the ranges of the gains, both universes and all three
-    rule tables, symmetric in e and its rate.
+    rule tables, symmetric in e and its rate; for any other controller all numbers of its own.
     """
     from ..tuning.search import search
 

@@ -147,7 +147,7 @@ class RecordedRun:
                 config = self.config(name)
                 joints = [joint for joint in (config.joint, config.hip) if joint is not None]
                 needed |= {("position", joint) for joint in joints}
-                if config.derivative_mode == "rate" or config.hip is not None:
+                if config.uses_rate:
                     needed |= {("velocity", joint) for joint in joints}
         return sorted(needed)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isclose
 from typing import NamedTuple
@@ -11,7 +12,9 @@ import numpy as np
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.fuzzy import fired_rules
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_control.pid import PidState, Terms
+from trunk_control.law import LawMemory, LawTerms
+from trunk_control.laws import law_named
+from trunk_control.pid import Terms
 from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util import topics
 from trunk_msgs_util.provenance import ARITHMETIC
@@ -68,10 +71,11 @@ class Explanation:
     measurement: float  # rad, as the controller saw it
     rate: float  # rad/s, as measured
     derivative_mode: str
-    terms: Terms
+    terms: LawTerms
+    units: Mapping[str, str]  # of the terms
     rules: tuple[Rule, ...]  # none for a plain PID
     limits: tuple[float, float]  # N m, the controller's
-    windup: Windup
+    windup: Windup | None  # None: the law is not of the PID's kind
     disturbance: Disturbance  # acting on plant and measurement at the update
     true_angle: float | None  # rad; None on a robot that is not ours
     took_over: bool  # True: a takeover while the plant moved, from the torque that acted
@@ -83,7 +87,14 @@ class Explanation:
     def by_model(self) -> float:
         """What a law adds from its model of the plant to P, I and D, in N m; 0 for a PID."""
         terms = self.terms
+        if not isinstance(terms, Terms):
+            return 0.0
         return terms.unsaturated - (terms.p_term + terms.i_term + terms.d_term)
+
+    @property
+    def error(self) -> float:
+        """Reference minus measurement, in rad."""
+        return self.reference - self.measurement
 
     @property
     def limited(self) -> bool:
@@ -104,10 +115,10 @@ class Explanation:
 
 class _Update(NamedTuple):
     stamp_ns: int
-    before: PidState
-    after: PidState
+    before: LawMemory
+    after: LawMemory
     reference: float
-    terms: Terms
+    terms: LawTerms
     measurement: float
     rate: float
     dt: float
@@ -168,9 +179,10 @@ def explain(run: RecordedRun, at: float) -> Explanation:
         rate=update.rate,
         derivative_mode=config.derivative_mode,
         terms=terms,
+        units=law_named(name).units,
         rules=_rules(terms, config) if isinstance(config, FuzzyPidConfig) else (),
         limits=(config.u_clamp_min, config.u_clamp_max),
-        windup=_windup(update),
+        windup=_windup(update) if isinstance(terms, Terms) else None,
         disturbance=acting_at(run.table(topics.DISTURBANCE), update.stamp_ns),
         true_angle=float(table.theta[at_update]) if ours else None,
         took_over=update.took_over,
@@ -184,7 +196,6 @@ def _last_update(run: RecordedRun, name: str, at_ns: int, commands: JointTable) 
     """Return a controller's last update at or before a stamp, or None."""
     driven = DrivenController(run, name)
     found: _Update | None = None
-    last_ns = 0
     for stamp_ns in np.sort(commands.stamp_ns).tolist():
         if stamp_ns > at_ns:
             break
@@ -195,9 +206,6 @@ def _last_update(run: RecordedRun, name: str, at_ns: int, commands: JointTable) 
         answer = driven.answer(stamp_ns)
         config = driven.timeline.config
         if answer.fresh:
-            # Not started: the very first update, or the first after a reset.
-            period_ns = stamp_ns - last_ns if before.started else config.period_ns
-            last_ns = stamp_ns
             found = _Update(
                 stamp_ns,
                 before,
@@ -205,7 +213,7 @@ def _last_update(run: RecordedRun, name: str, at_ns: int, commands: JointTable) 
                 answer.reference,
                 answer.terms,
                 *state,
-                seconds(period_ns),
+                driven.controller.memory.sample.dt,
                 config,
                 takes_over,
             )

@@ -93,7 +93,8 @@ class DrivenController:
 
     @property
     def _needs_velocity(self) -> bool:
-        return self.hip is not None or self.timeline.config.derivative_mode == "rate"
+        uses: bool = self.timeline.config.uses_rate
+        return uses
 
     def _measured(self, stamp_ns: int, quantity: str) -> Sequence[float]:
         """Return a quantity of a state, zeros where the node went on without it."""

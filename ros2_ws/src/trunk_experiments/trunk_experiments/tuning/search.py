@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import log10
+from math import inf, log10
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import differential_evolution
 
+from trunk_control.controller_config import ControllerConfig
 from trunk_control.rule_tables import ALPHA_LABELS, INPUT_LABELS
-from trunk_msgs_util.parameters.declarations import Value, build, values_of
+from trunk_msgs_util.parameters.declarations import Value, build, declarations, values_of
 from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..batch.closed_loop import Batch
@@ -51,6 +52,46 @@ def gains_space(config: Any) -> Space:
         return {f"gains.{name}": float(10.0**v) for name, v in zip("pid", x, strict=True)}
 
     return Space([(s - 1.0, s + 1.0) for s in start], [False] * 3, start, values)
+
+
+def own_space(config: Any) -> Space:
+    """Return a law's own numbers, from a tenth to ten times the current ones, within their bounds.
+
+    Raises PlanError for a law without numbers that may change.
+    """
+    shared, now = declarations(ControllerConfig), values_of(config)
+    names = [
+        name
+        for name, declared in declarations(type(config)).items()
+        if name not in shared
+        and not declared.fixed
+        and isinstance(now[name], float)
+        and float(now[name]) > 0.0  # type: ignore[arg-type]
+    ]
+    if not names:
+        raise PlanError(
+            f"{type(config).__name__} has no number above 0 that may change: there is nothing to search"
+        )
+    start = [log10(float(now[name])) for name in names]  # type: ignore[arg-type]
+    bounds = []
+    for name, middle in zip(names, start, strict=True):
+        declared = declarations(type(config))[name]
+        lowest = declared.above if declared.minimum is None else declared.minimum
+        low = log10(lowest * 1.001) if lowest is not None and lowest > 0.0 else -inf
+        high = log10(declared.maximum) if declared.maximum is not None else inf
+        bounds.append((max(middle - 1.0, low), min(middle + 1.0, high)))
+
+    def values(x: Floats) -> dict[str, Value]:
+        return {name: float(10.0**v) for name, v in zip(names, x, strict=True)}
+
+    return Space(bounds, [False] * len(names), start, values)
+
+
+def space_of(controller: str, config: Any) -> Space:
+    """Return the search space of a controller. Raises PlanError if there is none."""
+    if controller == "fuzzy_pid":
+        return fuzzy_space(config)
+    return gains_space(config) if controller == "pid" else own_space(config)
 
 
 def fuzzy_space(config: Any) -> Space:
@@ -106,7 +147,7 @@ def search(
             raise PlanError(f"{plan.scenario}: {wrong}")
     first = plans[0]
     config = first.controller
-    space = fuzzy_space(config) if first.controller_name == "fuzzy_pid" else gains_space(config)
+    space = space_of(first.controller_name, config)
     batch = Batch()
     runs = 0
 

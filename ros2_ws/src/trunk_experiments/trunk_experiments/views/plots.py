@@ -32,6 +32,7 @@ from .plot_marks import (
     turns,
     with_doubts,
 )
+from .plot_panels import Panel, panels_of
 from .plot_style import COLORS, STYLE, line_style
 from .run_view import RunView, labels, off_scale
 
@@ -52,11 +53,12 @@ def overview(views: Sequence[RunView]) -> Figure:
         grid = figure.add_gridspec(4, 1, height_ratios=(1.4, 1.2, 1.15, 1.5))
         angle = figure.add_subplot(grid[0])
         torque = figure.add_subplot(grid[1], sharex=angle)
-        small = [figure.add_subplot(cell) for cell in _cells(grid[2], 4)]
+        panels = panels_of(views)
+        small = [figure.add_subplot(cell) for cell in _cells(grid[2], len(panels))]
         path, phase = (figure.add_subplot(cell) for cell in _cells(grid[3], 2))
         _angle(angle, views)
         _torque(torque, views)
-        _gains(small, views)
+        _own(small, panels, views)
         _path(path, views)
         _phase(phase, views)
         for axes in (angle, torque):
@@ -153,22 +155,13 @@ def _torque(axes: Axes, views: Sequence[RunView]) -> None:
         )
 
 
-_GAINS = (
-    ("kp", r"$K_p$", "N·m/rad"),
-    ("ki", r"$K_i$", "N·m/(rad·s)"),
-    ("kd", r"$K_d$", "N·m·s/rad"),
-    ("alpha", r"$\alpha$", "no unit"),
-)
-
-
-def _gains(grid: Sequence[Axes], views: Sequence[RunView]) -> None:
-    for axes, (column, symbol, unit) in zip(grid, _GAINS, strict=True):
+def _own(grid: Sequence[Axes], panels: Sequence[Panel], views: Sequence[RunView]) -> None:
+    for axes, panel in zip(grid, panels, strict=True):
         for i, view in enumerate(views):
-            values = getattr(view.table, column)
-            axes.plot(view.table.t, values, **line_style(i), linewidth=1.1)
+            axes.plot(view.table.t, panel.values(view), **line_style(i), linewidth=1.1)
         pulse_spans(axes, views)
-        axes.set_title(f"Gain {symbol}" if column != "alpha" else f"Ratio {symbol}")
-        axes.set_ylabel(f"{symbol} ({unit})")
+        axes.set_title(panel.title)
+        axes.set_ylabel(panel.label)
         axes.set_xlabel("time (s)")
         _whole_time(axes, views)
         low, high = axes.get_ylim()

@@ -14,6 +14,7 @@ from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.config import SimulatorConfig
 
+from .own_terms import OwnTerm, gains_told, own_terms, values_of_term
 from .run_view import Pulse, RunView, labels, off_scale
 
 if TYPE_CHECKING:
@@ -41,12 +42,15 @@ def packed(values: Floats) -> dict[str, Any]:
 
 def report_data(views: Sequence[RunView]) -> dict[str, Any]:
     """Return the data of all runs, ready for JSON."""
+    own = own_terms(views)
     return {
-        "runs": [_run(view, label) for view, label in zip(views, labels(views), strict=True)],
+        "runs": [_run(view, label, own) for view, label in zip(views, labels(views), strict=True)],
+        "own": [{"id": f"own-{term.name}", "name": term.name, "unit": term.unit} for term in own],
+        "gains": gains_told(views),
     }
 
 
-def _run(view: RunView, label: str) -> dict[str, Any]:
+def _run(view: RunView, label: str, own: Sequence[OwnTerm]) -> dict[str, Any]:
     table, controller = view.table, view.controller
     low, high = view.limits
     amplitude, wavenumber = view.hip_path
@@ -65,6 +69,7 @@ def _run(view: RunView, label: str) -> dict[str, Any]:
         "ki": table.ki,
         "kd": table.kd,
         "alpha": table.alpha,
+        **{f"own-{term.name}": values_of_term(view, term) for term in own},
     }
     return {
         "label": label,

@@ -179,7 +179,8 @@ const makeTimeCharts = () => {
     })),
   });
   const gains = [["kp", "Kp", "N·m/rad"], ["ki", "Ki", "N·m/(rad·s)"], ["kd", "Kd", "N·m·s/rad"], ["alpha", "α", ""]];
-  for (const [id, symbol, unit] of gains) {
+  for (const { id, name, unit } of report.own) timeChart(id, id, name.replaceAll("_", " "), unit, { shape: "hv" });
+  for (const [id, symbol, unit] of report.gains ? gains : []) {
     timeChart(id, id, symbol, unit, { shape: "hv", yaxis: () => ({ rangemode: "tozero" }) });
   }
 };

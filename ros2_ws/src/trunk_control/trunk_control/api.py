@@ -1,0 +1,34 @@
+"""What the module of a controller of one's own imports: stable names, whatever moves behind them."""
+
+from __future__ import annotations
+
+from trunk_msgs_util.elementary import cos, exp, log, sin
+from trunk_msgs_util.parameters.declarations import parameter
+
+from .computed_torque import Hip
+from .controller_config import ControllerConfig
+from .law import Law, Sample
+from .pid import Gains, PidState, limited, usable
+from .pid import PidLaw as Limits
+from .pid import Terms as PidTerms
+from .pid_kind import constant_gains, law_of_pid_kind
+
+__all__ = [
+    "ControllerConfig",
+    "Gains",
+    "Hip",
+    "Law",
+    "Limits",
+    "PidState",
+    "PidTerms",
+    "Sample",
+    "constant_gains",
+    "cos",
+    "exp",
+    "law_of_pid_kind",
+    "limited",
+    "log",
+    "parameter",
+    "sin",
+    "usable",
+]

@@ -1,0 +1,49 @@
+"""``trunk new``: a package to begin with."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import click
+
+from trunk_control.laws import REGISTERED
+
+from ..errors import PlanError
+from ..plans.nodes import OTHERS
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*[a-z0-9]")
+
+
+@click.group("new")
+def command() -> None:
+    """Make a package for a controller of your own."""
+
+
+@command.command("controller")
+@click.argument("name")
+@click.option(
+    "--path",
+    type=click.Path(path_type=Path),
+    default=Path(),
+    help="The folder to make it in; otherwise this one.",
+)
+def controller(name: str, path: Path) -> None:
+    """Make the package NAME: a sliding-mode controller to change into your own."""
+    from ..templates import controller_package
+
+    if not _NAME.fullmatch(name) or "__" in name:
+        raise PlanError(
+            f"{name!r} is no name for a package and a node: small letters, digits and single "
+            "underscores, a letter first"
+        )
+    if name in (*REGISTERED, *OTHERS):
+        raise PlanError(f"{name!r} is taken by another node: choose another name")
+    folder = path / name
+    if folder.exists():
+        raise PlanError(f"{folder} exists: choose another name or --path, nothing was written")
+    if not path.is_dir():
+        raise PlanError(f"{path}: there is no such folder: make it, or give another --path")
+    for file in controller_package(name, folder):
+        click.echo(file)
+    click.echo(f"next: see {folder / 'README.md'}; the law is {folder / name / 'law.py'}")

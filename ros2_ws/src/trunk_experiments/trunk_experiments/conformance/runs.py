@@ -1,0 +1,85 @@
+"""Checks of whole runs with a law: recomputed from the recording, and compiled."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import process_time
+
+from trunk_control.law import Law
+from trunk_msgs_util.errors import TrunkError
+from trunk_msgs_util.recording.reader import Recording
+
+from ..plans.plan import RunPlan, make_plan
+from .finding import Finding, name_of
+
+_SHORT = ("simulator.duration=2.0",)
+
+
+def short_plan(law: Law) -> RunPlan:
+    """Return the demo's run with this law, of some seconds."""
+    return make_plan("demo", law.name, settings=_SHORT)
+
+
+def recomputes(law: Law) -> Iterator[Finding]:
+    """Yield what differs when a recorded run is recomputed from its recording."""
+    from ..replay.verify import VERIFIED, verify
+    from ..runs.offline_recording import record_offline
+
+    with TemporaryDirectory(prefix="trunk-check-") as folder:
+        path = Path(folder) / "run.mcap"
+        try:
+            record_offline(short_plan(law), path)
+            verdict = verify(Recording.open(path))
+        except TrunkError as error:
+            yield Finding("replay", name_of(law.update), str(error), "see the other findings")
+            return
+    if verdict.exit_code != VERIFIED:
+        said = "; ".join(verdict.reasons)
+        yield Finding(
+            "replay",
+            name_of(law.update),
+            f"trunk verify does not verify a run with it: {said}",
+            "keep everything that decides a command in memory, sample and parameters",
+        )
+
+
+def compiles(law: Law) -> Iterator[Finding]:
+    """Yield where compiled code differs from CPython; note what numba refuses."""
+    from ..batch.check import first_difference
+    from ..batch.closed_loop import Batch
+
+    plan, update = short_plan(law), name_of(law.update)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        difference = first_difference(plan, Batch())
+        refused = [str(one.message) for one in told if "not compilable" in str(one.message)]
+        if refused:
+            factor = _seconds(plan) / max(_seconds(make_plan("demo", "pid", settings=_SHORT)), 1e-9)
+            reason = refused[0].split("runs it: ", 1)[-1]
+            yield Finding(
+                "compiled",
+                update,
+                f"not compilable: {reason}",
+                f"sweeps will use CPython, {factor:.0f} times slower",
+                note=True,
+            )
+    if difference is not None:
+        yield Finding(
+            "compiled",
+            update,
+            f"compiled code and CPython differ: {difference}",
+            "compare with <, >, if; min, max and ** differ for NaN and -0.0",
+        )
+
+
+def _seconds(plan: RunPlan) -> float:
+    from ..batch.closed_loop import Batch
+
+    batch = Batch()
+    batch.run(plan)
+    begun = process_time()
+    batch.run(plan)
+    return process_time() - begun

@@ -1,0 +1,166 @@
+"""Checks of a law's source: no state outside the memory, no clock, no chance, no files, no libm."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import inspect
+import math
+import textwrap
+from collections.abc import Iterator
+from types import FunctionType, ModuleType
+from typing import Any
+
+from trunk_control.law import Law, from_scratch, unchanged
+from trunk_msgs_util.reached import reached
+
+from .finding import Finding, name_of
+
+# Exact, or rounded correctly everywhere.
+_EXACT = {
+    *("inf", "nan", "pi", "tau", "e", "floor", "ceil", "trunc", "sqrt", "fabs", "copysign"),
+    *("isfinite", "isinf", "isnan", "fmod", "nextafter", "ulp"),
+}
+_BUILTINS = {
+    *("abs", "bool", "divmod", "enumerate", "float", "int", "len", "max", "min", "range", "round"),
+    *("tuple", "zip", "isinstance", "all", "any", "True", "False", "None"),
+}
+_OURS = ("trunk_control.", "trunk_msgs_util.")
+_PORTABLE = "use sin, cos, exp, log of trunk_control.api: the same bits on every machine"
+
+
+def functions_of(law: Law) -> list[FunctionType]:
+    """Return the law's functions, and those of its own package that they call."""
+    roots: list[Any] = [law.update]
+    roots += [one for one in (law.take_over, law.retune) if one not in (from_scratch, unchanged)]
+    if law.lookup is not None:
+        roots += [law.lookup.inputs, law.lookup.cell, law.lookup.near]
+    found: dict[FunctionType, None] = {}
+    for root in roots:
+        if isinstance(root, FunctionType):
+            found.update(dict.fromkeys(reached(root)))
+    return list(found)
+
+
+def pure_source(law: Law) -> Iterator[Finding]:
+    """Yield where a function keeps state, reads a clock, draws at random or touches files."""
+    if not isinstance(law.update, FunctionType):
+        yield Finding(
+            "source",
+            repr(law.update),
+            f"is a {type(law.update).__name__}",
+            "a plain function is needed: its source is hashed, compiled and checked",
+        )
+    for function in functions_of(law):
+        for problem in _problems(function):
+            if problem.check == "source":
+                yield problem
+
+
+def portable_source(law: Law) -> Iterator[Finding]:
+    """Yield calls of what the machine's mathematical library rounds in its own way."""
+    for function in functions_of(law):
+        for problem in _problems(function):
+            if problem.check == "portable":
+                yield problem
+
+
+def _problems(function: FunctionType) -> Iterator[Finding]:
+    if function.__module__.startswith(_OURS):
+        return
+    where = name_of(function)
+    try:
+        tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
+    except (OSError, SyntaxError):
+        yield Finding("source", where, "has no source that can be read", "define it in a file")
+        return
+    for cell in function.__closure__ or ():
+        if isinstance(cell.cell_contents, list | dict | set):
+            yield _state(where, "keeps a mutable object in its closure")
+    for value in function.__defaults__ or ():
+        if isinstance(value, list | dict | set):
+            yield _state(where, f"has the mutable default {value!r}")
+    told = set()
+    for node in ast.walk(tree):
+        for problem in _of_node(node, function, where):
+            if problem.what not in told:
+                told.add(problem.what)
+                yield problem
+
+
+def _of_node(node: ast.AST, function: FunctionType, where: str) -> Iterator[Finding]:
+    if isinstance(node, ast.Global | ast.Nonlocal):
+        yield _state(where, f"changes {', '.join(node.names)} outside itself")
+    elif isinstance(node, ast.Import | ast.ImportFrom):
+        yield Finding("source", where, "imports while it runs", "import at the top of the module")
+    elif isinstance(node, ast.Attribute | ast.Subscript) and isinstance(node.ctx, ast.Store):
+        target = ast.unparse(node)
+        yield _state(where, f"writes to {target}")
+    elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+        if not (isinstance(node.right, ast.Constant) and node.right.value in (2, 3, 4)):
+            yield Finding(
+                "portable", where, f"computes {ast.unparse(node)}", "multiply, or use exp and log"
+            )
+    elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
+        yield from _of_value(node, function, where)
+
+
+def _of_value(node: ast.expr, function: FunctionType, where: str) -> Iterator[Finding]:
+    found, value = _resolved(node, function)
+    if not found:
+        return
+    shown = ast.unparse(node)
+    if isinstance(value, list | dict | set | bytearray):
+        yield _state(where, f"uses {shown}, a {type(value).__name__} that may change")
+        return
+    if isinstance(value, ModuleType | type):
+        return
+    module = getattr(value, "__module__", None) or ""
+    if getattr(builtins, getattr(value, "__name__", ""), None) is value:
+        if shown not in _BUILTINS:
+            yield Finding("source", where, f"calls {shown}", "a law computes, and nothing else")
+    elif module == "math" or getattr(math, shown.rsplit(".", 1)[-1], None) is value:
+        if shown.rsplit(".", 1)[-1] not in _EXACT and callable(value):
+            yield Finding("portable", where, f"calls {shown}", _PORTABLE)
+    elif module.split(".")[0] == "numpy" or type(value).__module__.split(".")[0] == "numpy":
+        if callable(value):
+            yield Finding("portable", where, f"calls {shown} of NumPy", _PORTABLE)
+        elif not isinstance(value, float):
+            yield _state(where, f"uses {shown}, an array that may change")
+    elif callable(value) and not isinstance(value, FunctionType):
+        yield Finding(
+            "source",
+            where,
+            f"calls {shown} of {module or type(value).__module__}",
+            "no clock, no chance, no files: a law computes from what it is given",
+        )
+    elif isinstance(value, FunctionType) and value not in reached(function):
+        yield Finding(
+            "source",
+            where,
+            f"calls {shown} of {value.__module__}, which is not checked",
+            "no clock, no chance, no files: a law computes from what it is given",
+        )
+
+
+def _resolved(node: ast.expr, function: FunctionType) -> tuple[bool, Any]:
+    """Return whether a name is global or built in, and its value; attributes of modules likewise."""
+    if isinstance(node, ast.Name):
+        if node.id in function.__code__.co_varnames or node.id in function.__code__.co_freevars:
+            return False, None
+        if node.id in function.__globals__:
+            return True, function.__globals__[node.id]
+        if hasattr(builtins, node.id):
+            return True, getattr(builtins, node.id)
+        return False, None
+    if isinstance(node, ast.Attribute):
+        found, owner = _resolved(node.value, function)
+        if found and isinstance(owner, ModuleType | type) and hasattr(owner, node.attr):
+            return True, getattr(owner, node.attr)
+        if found and isinstance(owner, FunctionType):
+            return True, [owner]  # an attribute of a function is state
+    return False, None
+
+
+def _state(where: str, what: str) -> Finding:
+    return Finding("source", where, what, "keep everything in the memory that update returns")

@@ -1,0 +1,71 @@
+"""What a law tells besides gains: its own terms, by their names and units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from trunk_control.laws import law_named
+from trunk_msgs_util import topics
+
+from ..analysis.run_table import held_at
+from ..plans.nodes import CONTROLLERS
+
+if TYPE_CHECKING:
+    from trunk_msgs_util.recording.joint_arrays import Floats
+
+    from .run_view import RunView
+
+GAINS = ("kp", "ki", "kd", "alpha")
+
+
+class OwnTerm(NamedTuple):
+    """A term of a law's own."""
+
+    name: str
+    unit: str
+
+    @property
+    def title(self) -> str:
+        """The name and the unit, for an axis."""
+        name = self.name.replace("_", " ")
+        return f"{name}, {self.unit}" if self.unit else name
+
+
+def own_terms(views: Sequence[RunView]) -> list[OwnTerm]:
+    """Return the terms of laws that tell no gains, in their order, each once."""
+    found: dict[str, OwnTerm] = {}
+    for view in views:
+        for controller in view.controllers:
+            if controller in CONTROLLERS and not tells_gains(controller):
+                law = law_named(controller)
+                for name in law.terms._fields:
+                    if name not in ("effort", "held"):
+                        found.setdefault(name, OwnTerm(name, law.units.get(name, "")))
+    return list(found.values())
+
+
+def tells_gains(controller: str) -> bool:
+    """Return True if a law's terms are a PID's: gains and their shares."""
+    return set(GAINS) <= set(law_named(controller).terms._fields)
+
+
+def gains_told(views: Sequence[RunView]) -> bool:
+    """Return True if any run has gains to show, or nothing else is known of its law."""
+    known = [name for view in views for name in view.controllers if name in CONTROLLERS]
+    return not known or any(map(tells_gains, known))
+
+
+def values_of_term(view: RunView, term: OwnTerm) -> Floats:
+    """Return a term at the run's states: of the last update, NaN before it and where a law has none."""
+    t_ns = np.rint(view.table.t * 1e9).astype(np.int64)
+    values: Floats = np.full(len(t_ns), np.nan)
+    for controller in view.controllers:
+        if controller in CONTROLLERS and term.name in law_named(controller).terms._fields:
+            told = view.run.joints(topics.controller_state(controller)).by_stamp()
+            if len(told) and term.name in told.names:
+                held = held_at(t_ns, told.stamp_ns, told.column("position", term.name))
+                values = np.where(np.isnan(values), held, values)
+    return values
