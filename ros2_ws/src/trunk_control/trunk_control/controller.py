@@ -19,7 +19,7 @@ from .decide import (
     fresh_memory,
     retuned,
 )
-from .law import LawMemory
+from .law import Law, LawMemory
 from .laws import law_of
 from .pid import limited
 
@@ -39,9 +39,9 @@ def hip_seen(index: int | None, position: Sequence[float], velocity: Sequence[fl
     return _STILL if index is None else Hip(position[index], velocity[index])
 
 
-def setting_of(config: ControllerConfig) -> Setting:
-    """Return what surrounds the law in a controller with this configuration."""
-    law, limits = law_of(config), config.law
+def setting_of(config: ControllerConfig, law: Law | None = None) -> Setting:
+    """Return what surrounds a law, by default the registered one, in a controller with this configuration."""
+    law, limits = law or law_of(config), config.law
     return Setting(
         limits,
         law.memory._replace(effort=limited(law.memory.effort, limits)),
@@ -58,16 +58,16 @@ def setting_of(config: ControllerConfig) -> Setting:
 class Controller:
     """Keeps what `decide` needs from one state to the next."""
 
-    def __init__(self, config: ControllerConfig) -> None:
-        """Start active, unless the configuration schedules turns."""
-        self.law = law_of(config)
+    def __init__(self, config: ControllerConfig, law: Law | None = None) -> None:
+        """Start active, unless turns are scheduled; the law is by default the registered one."""
+        self.law = law or law_of(config)
         self._configure(config)
         active = not config.active_times
         self.memory: Memory = fresh_memory(active, Seen(), self.setting.initial)
 
     def _configure(self, config: ControllerConfig) -> None:
         self.config = config
-        self.setting = setting_of(config)
+        self.setting = setting_of(config, self.law)
         self.constants = config.constants
 
     @property

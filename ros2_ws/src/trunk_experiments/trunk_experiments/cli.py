@@ -69,12 +69,20 @@ class _Lazy(click.Group):
                 f"no verb {cmd_name!r}: trunk --help lists them all{did_you_mean(cmd_name, _VERBS)}"
             )
         module = import_module(f".commands.{_VERBS[cmd_name][0]}", __package__)
+        _tell_unusable()
         command: click.Command = module.command
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl([(name, line) for name, (_, line) in _VERBS.items()])
+
+
+def _tell_unusable() -> None:
+    """Say which controllers of other packages cannot be used, if the verb knows controllers at all."""
+    nodes = sys.modules.get(f"{__package__}.plans.nodes")
+    for reason in nodes.UNUSABLE.values() if nodes else ():
+        print(f"trunk: warning: {reason}; the others go on", file=sys.stderr)
 
 
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from trunk_control.pid import Gains
 from trunk_msgs_util.units import seconds
 

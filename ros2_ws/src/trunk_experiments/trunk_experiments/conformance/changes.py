@@ -16,7 +16,7 @@ from .samples import DT, steady, swinging
 
 def reset(law: Law) -> Iterator[Finding]:
     """Yield where a controller after a reset does otherwise than a new one."""
-    controllers = [Controller(law.config()) for _ in range(2)]
+    controllers = [Controller(law.config(), law) for _ in range(2)]
     for k, sample in enumerate(swinging(0.5, amplitude=0.9)):
         controllers[0].update(5_000_000 * k, sample.measurement, sample.rate)
     controllers[0].forget()
@@ -40,7 +40,7 @@ def reset(law: Law) -> Iterator[Finding]:
 def takes_over(law: Law) -> Iterator[Finding]:
     """Yield where a takeover moves the command by more than a handover step."""
     for acting in (-12.5, 0.0, 20.0):
-        controller = Controller(law.config(u_clamp_min=-30.0, u_clamp_max=30.0))
+        controller = Controller(law.config(u_clamp_min=-30.0, u_clamp_max=30.0), law)
         controller.deactivate()
         controller.update(5_000_000, 0.05, 0.1)
         controller.activate()

@@ -12,7 +12,7 @@ from trunk_msgs_util.elementary import cos, sin
 DT = 0.005
 STILL = Hip(0.0, 0.0)
 _LARGE = 1e308
-_EXTREMES = (0.0, 0.25, nan, inf, -inf, _LARGE, -_LARGE, 5e-324)
+_EXTREMES = (0.0, -50.0, nan, inf, -inf, _LARGE, -_LARGE, 5e-324)
 
 
 def swinging(duration: float, dt: float = DT, amplitude: float = 0.3) -> list[Sample]:
@@ -46,5 +46,5 @@ def extreme() -> list[Sample]:
     """Return samples of extreme numbers: some overflow in any law."""
     return [
         Sample(r, y, w, dt, STILL)
-        for r, y, w, dt in product(_EXTREMES, _EXTREMES, _EXTREMES, (DT, 1e-9, 1e308, 5e-324, 0.0))
+        for r, y, w, dt in product(_EXTREMES, _EXTREMES, _EXTREMES, (DT, 1e308, 5e-324, 0.0))
     ]

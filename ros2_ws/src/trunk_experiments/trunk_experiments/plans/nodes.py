@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,6 +47,18 @@ NODES: dict[str, NodeKind] = {
     **_CONTROLLERS,
     "recorder": NodeKind("trunk_msgs_util", RecorderConfig),
 }
+
+
+def unknown_controllers(names: Iterable[str]) -> str:
+    """Return which of these controllers are not usable here, and what to do; empty if all are."""
+    unknown = [name for name in names if name not in CONTROLLERS]
+    if not unknown:
+        return ""
+    reasons = [UNUSABLE[name] for name in unknown if name in UNUSABLE]
+    are = "is" if len(unknown) == 1 else "are"
+    return "; ".join(
+        [f"{', '.join(unknown)} {are} not known here: install the package that has it", *reasons]
+    )
 
 
 def declared_names() -> dict[str, tuple[str, ...]]:

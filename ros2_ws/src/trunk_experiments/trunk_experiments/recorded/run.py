@@ -21,7 +21,7 @@ from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
 from trunk_msgs_util.recording.series import Column, Series, joint_names, read_series, series_of
 from trunk_msgs_util.units import seconds
 
-from ..plans.nodes import CONTROLLERS, NODES
+from ..plans.nodes import CONTROLLERS, NODES, unknown_controllers
 from ..plans.plan import RunPlan
 from ..plans.timeline import Change, Timeline
 from .joint_table import JointTable
@@ -251,8 +251,8 @@ class RecordedRun:
         controllers = self.controllers
         if not controllers or not set(controllers) <= set(CONTROLLERS):
             raise RecordingError(
-                f"{self.path}: no controller of {', '.join(CONTROLLERS)} was recorded: "
-                "it cannot be run again"
+                f"{self.path}: it cannot be run again: "
+                f"{unknown_controllers(controllers) or 'no controller was recorded'}"
             )
         states = self.count(topics.GROUND_TRUTH)
         missing = {*controllers, "simulator"} - set(self.parameters)

@@ -23,9 +23,10 @@ from trunk_msgs_util.units import nanoseconds, seconds
 from trunk_sim.disturbances import Disturbance
 
 from ..analysis.run_table import RunTable
-from ..plans.nodes import CONTROLLERS
+from ..plans.nodes import CONTROLLERS, unknown_controllers
 from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
+from ..recorded.turns import recorded_turns
 from .attributable import explicable_until_ns
 from .bits import same
 from .replay import DrivenController, acting_at
@@ -166,6 +167,9 @@ def explain(run: RecordedRun, at: float) -> Explanation:
             "give --at a later time"
         )
     name, update = max(updates.items(), key=lambda item: item[1].stamp_ns)
+    acted = [turn.controller for turn in recorded_turns(run) if turn.start <= at]
+    if acted and (unknown := unknown_controllers(acted[-1:])):
+        raise RecordingError(f"{run.path}: at t = {at:g} s {acted[-1]} acted: {unknown}")
     row = max(0, int((table.t <= at).sum()) - 1)
     updated = seconds(update.stamp_ns - run.begin_ns)
     at_update = max(0, int((table.t <= updated).sum()) - 1)

@@ -11,7 +11,7 @@ from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import seconds
 
-from ..plans.nodes import CONTROLLERS
+from ..plans.nodes import CONTROLLERS, unknown_controllers
 from ..recorded.run import RecordedRun
 from ..recorded.turns import idle_ns
 from .as_planned import not_as_planned
@@ -62,8 +62,8 @@ def verdict_on(run: RecordedRun) -> Verdict:
         verdict.obstacles.append(reason)
         return verdict
     if not run.controllers or not set(run.controllers) <= set(CONTROLLERS):
-        found = ", ".join(run.controllers) or "none"
-        verdict.obstacles.append(f"no known controller's state is recorded (found: {found})")
+        unknown = unknown_controllers(run.controllers)
+        verdict.obstacles.append(unknown or "no known controller's state is recorded")
         return verdict
     nodes = {*run.controllers, "simulator"} | (
         {"disturbance"} if run.count(topics.DISTURBANCE) else set()

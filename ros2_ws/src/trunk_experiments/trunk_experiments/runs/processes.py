@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import shutil
 import signal
 import subprocess
 from collections.abc import Callable, Sequence
@@ -17,15 +18,27 @@ from trunk_msgs_util.process_id import process_id
 from ..errors import ExecutableError
 
 _PR_SET_PDEATHSIG = 1
+_OURS = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
 _LIBC = ctypes.CDLL(None)
 
 
 def find_executable(package: str, executable: str) -> Path:
-    """Return the path that ``ros2 run package executable`` would run. Raises ExecutableError."""
+    """Return the path that ``ros2 run package executable`` would run. Raises ExecutableError.
+
+    The executable of a package that pip installed is looked for on the PATH.
+    """
     for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
         path = Path(prefix) / "lib" / package / executable
         if prefix and os.access(path, os.X_OK):
             return path
+    if package not in _OURS:  # a controller's package that pip installed
+        found = shutil.which(executable)
+        if found is not None:
+            return Path(found)
+        raise ExecutableError(
+            f"executable {executable!r} of package {package!r} is not found: build it beside the "
+            "project's packages, or install it with pip so that it is on the PATH"
+        )
     raise ExecutableError(
         f"executable {executable!r} of package {package!r} is not installed: "
         "run scripts/bootstrap.sh, then 'source scripts/env.sh'"

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from .run_view import RunView
 
+_UNITS = {"unsaturated": "N m"}
 GAINS = ("kp", "ki", "kd", "alpha")
 
 
@@ -43,7 +44,9 @@ def own_terms(views: Sequence[RunView]) -> list[OwnTerm]:
                 law = law_named(controller)
                 for name in law.terms._fields:
                     if name not in ("effort", "held"):
-                        found.setdefault(name, OwnTerm(name, law.units.get(name, "")))
+                        found.setdefault(
+                            name, OwnTerm(name, _UNITS.get(name, law.units.get(name, "")))
+                        )
     return list(found.values())
 
 

@@ -1,0 +1,54 @@
+"""The conformance kit finds each planted fault by its own check, and nothing in an honest law."""
+
+from __future__ import annotations
+
+import pytest
+
+from trunk_control.law import Law
+from trunk_control.laws import law_named
+from trunk_experiments.conformance import CHECKS, Check, conformance
+from trunk_experiments.plans.nodes import CONTROLLERS
+
+from .faulty_laws import FAULTS, HONEST
+
+BY_NAME = {check.name: check for check in CHECKS}
+# These two need a registered name; test_own_controller.py has them.
+ALONE = [check for check in CHECKS if check.name not in ("compiled", "replay")]
+
+
+@pytest.mark.parametrize(("check", "law"), FAULTS.values(), ids=FAULTS)
+def test_a_planted_fault_is_found_by_its_own_check(check: str, law: Law) -> None:
+    found = [one for one in BY_NAME[check].run(law) if not one.note]
+    assert found
+    for one in found:
+        assert one.check == check
+        assert one.function
+        assert one.what
+        assert one.advice
+
+
+@pytest.mark.parametrize("check", ALONE, ids=lambda check: check.name)
+def test_an_honest_law_keeps_everything(check: Check) -> None:
+    assert [one for one in check.run(HONEST) if not one.note] == []
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.name)
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_the_shipped_laws_keep_everything(name: str, check: Check) -> None:
+    assert conformance(name, [check]) == []
+
+
+def test_a_finding_names_function_input_and_advice() -> None:
+    _, law = FAULTS["divides_by_dt"]
+    (found,) = BY_NAME["finite"].run(law)
+    assert found.line().endswith(
+        "raises ZeroDivisionError: float division by zero: test `usable` first, and hold"
+    )
+    assert (
+        "faulty_laws.divides_by_dt: reference 0.0, measurement 0.0, rate 0.0, dt 0.0"
+        in found.line()
+    )
+
+
+def test_the_shipped_law_of_the_fuzzy_pid_has_its_own_names() -> None:
+    assert law_named("fuzzy_pid").record_names[:3] == ("reference", "measurement", "error")
