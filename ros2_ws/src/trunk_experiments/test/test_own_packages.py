@@ -1,0 +1,110 @@
+"""Controllers of other packages: found by their entry points; a bad one is a line, and the others go on."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from trunk_experiments.plans.nodes import CONTROLLERS
+from trunk_experiments.templates import controller_package
+
+
+def install(site: Path, package: str, *entries: str, module: str = "") -> None:
+    """Put a package's metadata and one module into a folder, as pip would."""
+    folder = site / f"{package}-0.1.dist-info"
+    folder.mkdir(parents=True)
+    (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 0.1\n")
+    (folder / "entry_points.txt").write_text("\n".join(["[trunk.controllers]", *entries]))
+    if module:
+        (site / f"{package}.py").write_text(module)
+
+
+def trunk(site: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    path = os.pathsep.join([str(site), os.environ["PYTHONPATH"]])
+    return subprocess.run(
+        [sys.executable, "-c", "from trunk_experiments.cli import main; main()", *arguments],
+        env={**os.environ, "PYTHONPATH": path},
+        cwd=site,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+ONE_OF_OURS = "from trunk_control.pid_law import LAW\n"
+BAD = {
+    "raises": (
+        "mine = raises:LAW",
+        "raise ValueError('no\\nlicence')",
+        "controller 'mine' of package raises (raises:LAW) cannot be loaded: ValueError: no licence",
+    ),
+    "ends": ("mine = ends:LAW", "raise SystemExit(3)", "cannot be loaded: SystemExit: 3"),
+    "absent": ("mine = absent:LAW", "", "cannot be loaded: ModuleNotFoundError"),
+    "other": ("mine = other:LAW", "LAW = 3", "is int: a trunk_control.law.Law is needed"),
+    "misnamed": ("mine = misnamed:LAW", ONE_OF_OURS, "calls itself 'pid'"),
+    "spelled": ("My-Law = spelled:LAW", ONE_OF_OURS, "a node's name is needed"),
+    "a_node": ("recorder = a_node:LAW", ONE_OF_OURS, "another node has the name"),
+}
+
+
+@pytest.mark.parametrize(("entry", "module", "told"), BAD.values(), ids=BAD)
+def test_a_bad_one_is_a_line_and_the_others_go_on(
+    tmp_path: Path, entry: str, module: str, told: str
+) -> None:
+    install(tmp_path, entry.split(" = ")[1].split(":")[0], entry, module=module)
+    run = trunk(tmp_path, "list", "controllers")
+    assert run.returncode == 0, run.stderr
+    assert [line.split()[0] for line in run.stdout.splitlines()] == list(CONTROLLERS)
+    (line,) = run.stderr.splitlines()
+    assert line.startswith("trunk: warning: ")
+    assert told in line
+    assert line.endswith("; the others go on")
+
+
+def test_two_of_one_name_are_refused_by_both_packages_names(tmp_path: Path) -> None:
+    install(tmp_path, "first", "mine = first:LAW", module=ONE_OF_OURS)
+    install(tmp_path, "second", "mine = second:LAW", module=ONE_OF_OURS)
+    run = trunk(tmp_path, "check", "controller", "mine")
+    assert run.returncode == 2
+    line = run.stderr.splitlines()[-1]
+    assert "package first (first:LAW) and package second (second:LAW)" in line
+    assert "uninstall or rename the other" in line
+
+
+def test_one_that_numba_refuses_is_swept_by_cpython(tmp_path: Path) -> None:
+    for _ in controller_package("mine", tmp_path / "mine_source"):
+        pass
+    law = (tmp_path / "mine_source" / "mine" / "law.py").read_text()
+    law = law.replace("    wanted = ", "    _ = {str(k): k for k in range(2)}\n    wanted = ")
+    install(tmp_path, "mine", "mine = mine:LAW", module=law)
+    run = trunk(tmp_path, "check", "controller", "mine")
+    (note,) = [line for line in run.stdout.splitlines() if line.startswith("note: compiled")]
+    assert "not compilable: " in note
+    assert "sweeps will use CPython, " in note
+    (tmp_path / "study.yaml").write_text(
+        "scenario: demo\ncontrollers: [mine]\nset: {simulator.duration: 1.0}\n"
+        "vary: {m: {parameter: simulator.plant.trunk_mass, from: 0.4, to: 0.6, steps: 2}}\n"
+    )
+    swept = trunk(tmp_path, "sweep", "study.yaml", "-o", "study.parquet")
+    assert "2 runs: 2 ok, 0 diverged, 0 refused" in swept.stdout, swept.stderr
+    assert "not compilable" in swept.stderr
+
+
+@pytest.mark.parametrize("name", ["pid", "simulator", "Mine", "mine-too", "_mine", "m__e", "9mine"])
+def test_names_that_a_new_controller_cannot_have(tmp_path: Path, name: str) -> None:
+    run = trunk(tmp_path, "new", "controller", name)
+    assert run.returncode == 2
+    assert len(run.stderr.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_exists_is_left_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    run = trunk(tmp_path, "new", "controller", "mine")
+    assert run.returncode == 2
+    assert "exists: choose another name or --path, nothing was written" in run.stderr
+    assert list((tmp_path / "mine").iterdir()) == []
