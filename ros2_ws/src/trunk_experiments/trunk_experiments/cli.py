@@ -13,7 +13,7 @@ import click
 from trunk_msgs_util.errors import EXIT_USAGE, TrunkError
 from trunk_msgs_util.printable import PrintableStream
 
-from .errors import PlanError
+from .errors import PlanError, tell_warnings_plainly
 from .similar import did_you_mean
 
 # Verb: its module in `commands`, and one line for the overview (which thus imports nothing).
@@ -111,6 +111,7 @@ def main() -> None:
     """
     out, err = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (cast(TextIO, PrintableStream(stream)) for stream in (out, err))
+    tell_warnings_plainly()
     try:
         _run()
     finally:

@@ -1,8 +1,10 @@
-"""What can go wrong in an experiment; the exit code is on the class."""
+"""What can go wrong in an experiment; the exit code is on the class. And how warnings are shown."""
 
 from __future__ import annotations
 
-from typing import ClassVar
+import sys
+import warnings
+from typing import Any, ClassVar
 
 from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
 
@@ -55,3 +57,12 @@ class LiveParametersError(TrunkError):
     """A running node that is missing, does not answer, or refuses."""
 
     exit_code: ClassVar[int] = EXIT_FAILED
+
+
+def tell_warnings_plainly() -> None:
+    """Show Python's warnings as one line each on stderr, as the command's own."""
+
+    def show(message: Warning | str, *_more: Any, **_named: Any) -> None:
+        print(f"trunk: warning: {message}", file=sys.stderr)
+
+    warnings.showwarning = show
