@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 
 from trunk_msgs_util.whole_file import whole_file
 
+from ..errors import PlanError
+
 # Okabe and Ito's colours, distinct with any colour vision, and line styles that survive grey print.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 DASHES: tuple[Any, ...] = (
@@ -60,11 +62,11 @@ def line_style(index: int) -> dict[str, Any]:
 def save(figure: Figure, path: Path) -> None:
     """Write the picture in the format of the file's suffix; the same runs give the same bytes.
 
-    Raises ValueError for a suffix other than png, svg or pdf.
+    Raises PlanError for a suffix other than png, svg or pdf.
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise ValueError(f"{path}: a picture's name ends in one of {', '.join(SUFFIXES)}")
+        raise PlanError(f"{path}: a picture's name ends in one of {', '.join(SUFFIXES)}")
     picture = BytesIO()  # matplotlib's writers do not say what went wrong with a file
     with rc_context(STYLE):
         figure.savefig(

@@ -52,7 +52,7 @@ class Signature:
 def signature_path(recording: Path) -> Path:
     """Return where a recording's signature is: beside it, RUN.mcap.sig."""
     named = recording if recording.name not in ("", "..") else recording.resolve()
-    return named.with_name(f"{named.name}.sig")
+    return named.with_name(f"{named.name}.sig") if named.name else named / ".sig"
 
 
 def statement(digests: Mapping[str, str]) -> bytes:
