@@ -14,7 +14,9 @@ from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.cli import trunk
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.views.compare import best_of, compare, differing_parameters
-from trunk_experiments.views.run_view import RunView
+from trunk_experiments.views.report import make_report
+from trunk_experiments.views.report_page import render
+from trunk_experiments.views.run_view import RunView, labels
 
 
 @pytest.fixture(scope="module")
@@ -120,3 +122,27 @@ def test_a_file_that_is_not_a_recording(tmp_path):
     done = CliRunner().invoke(trunk, ["compare", str(path)])
     assert done.exit_code != 0
     assert str(path) in str(done.exception)
+
+
+def test_what_has_no_level_is_not_said_to_never_settle(short_run):
+    sine = ["pid.reference.profile=sine", "pid.reference.amplitude=0.5"]
+    tracked = short_run("fig6", "pid", duration=3.0, settings=sine)
+    swinging = short_run("fig6", "pid", duration=3.0, settings=["pid.gains.d=0.0"])
+    text = invoke(tracked, swinging)
+    settling = next(line for line in text.splitlines() if "settling" in line)
+    assert "not defined" in settling
+    assert "never" in settling
+    alone = CliRunner().invoke(trunk, ["metrics", str(tracked)]).output
+    assert "never" not in alone
+    report = render(make_report([RunView.read(RecordedRun.open(tracked))]))
+    assert ">never</td>" not in report
+    assert "not defined</td>" in report
+
+
+def test_a_folder_that_is_given_as_a_dot_has_its_name(runs, tmp_path, monkeypatch):
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / "run.mcap").write_bytes(runs[0].read_bytes())
+    monkeypatch.chdir(folder)
+    assert labels([RunView.read(RecordedRun.open("."))]) == ["mine"]
+    assert "mine: true error" in CliRunner().invoke(trunk, ["metrics", "."]).output

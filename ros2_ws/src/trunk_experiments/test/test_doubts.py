@@ -19,6 +19,7 @@ from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.compare import best_of
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
+from trunk_msgs_util.recording.rosbag2 import RECORD, metadata_yaml
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 
 LATE = "LATE: real time was not kept, 1 of 1300 steps late"
@@ -170,16 +171,84 @@ def test_only_sound_runs_can_be_best():
 
 
 def test_words():
-    found = Doubts("the disk is full", 1.06, -93.2, 35, 10_000, 140.2)
+    found = Doubts("the disk is full", 0.5, 10.0, 1.06, -93.2, 35, 10_000, 140.2)
     moved = "in lock-step the angle differs by up to 140 degrees"
     assert found.lines == [
-        "INCOMPLETE: the disk is full",
+        "INCOMPLETE: the disk is full; ends at 0.5 of 10 s",
         "FELL: at t = 1.06 s, -93 degrees",
         f"LATE: real time was not kept, 35 of 10000 steps late; {moved}",
     ]
     assert found.as_values() == {
         "complete": False,
+        "ends_at_s": 0.5,
+        "planned_s": 10.0,
         "fell_at_s": 1.06,
         "late_steps": 35,
         "late_moved_deg": 140.2,
     }
+
+
+def cut(source: Path, path: Path) -> Path:
+    """Copy a run of 1.3 s as far as a recorder had written it that was killed after 0.625 s."""
+    writer = RecordingWriter(path)
+    with source.open("rb") as file:
+        channels: dict[str, int] = {}
+        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            if message.log_time > 625_000_000:
+                break
+            if channel.topic not in channels:
+                channels[channel.topic] = writer.channel(channel.topic, schema.name)
+            writer.write(
+                channels[channel.topic], message.log_time, message.publish_time, message.data
+            )
+        writer.flush()
+        written = path.stat().st_size
+        writer.finish(complete=False, reason="")
+    path.write_bytes(path.read_bytes()[:written])
+    return path
+
+
+SAID = "the recorder did not finish this file; ends at 0.625 of 1.3 s"
+
+
+@pytest.mark.parametrize("verb", ["metrics", "info"])
+def test_that_a_run_is_incomplete_is_said_first_and_once(short_run, tmp_path, told, verb):
+    path = cut(short_run("fig6", "pid"), tmp_path / "cut.mcap")
+    code, out, err = told(verb, path)
+    assert code == 0
+    assert out.splitlines()[0] == f"INCOMPLETE: {SAID}"
+    assert SAID not in err
+    assert "not ended in order" not in err + out
+    doubts = json.loads(told(verb, "--json", path)[1])["doubts"]
+    assert (doubts["complete"], doubts["ends_at_s"], doubts["planned_s"]) == (False, 0.625, 1.3)
+
+
+def test_metrics_of_an_incomplete_run_are_marked(short_run, tmp_path, told):
+    path = cut(short_run("fig6", "pid"), tmp_path / "cut.mcap")
+    assert "angle, INCOMPLETE" in " ".join(told("metrics", path)[1].split())
+    assert "INCOMPLETE" not in told("metrics", short_run("fig6", "pid"))[1]
+
+
+def test_plots_and_comparisons_say_it_once_too(short_run, tmp_path, told):
+    path, whole = cut(short_run("fig6", "pid"), tmp_path / "cut.mcap"), short_run("fig6", "lqr")
+    _, out, err = told("plot", path, "-o", tmp_path / "a.png")
+    assert [line for line in err.splitlines() if "INCOMPLETE" in line or "order" in line] == [
+        f"trunk: warning: {path}: INCOMPLETE: {SAID}"
+    ]
+    _, out, err = told("compare", path, whole)
+    assert out.splitlines()[0] == f"cut: INCOMPLETE: {SAID}"
+    assert "INCOMPLETE" not in "".join(out.splitlines()[1:])
+    assert "not ended in order" not in err
+
+
+def test_a_bag_that_lacks_messages_is_not_incomplete_because_it_has_finished(short_run, tmp_path):
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    (folder / "run.mcap").write_bytes(short_run("fig6", "pid").read_bytes())
+    record = dict(RecordedRun.open(folder / "run.mcap").recording.opened[0].metadata_records)
+    text = metadata_yaml(record[RECORD], "run.mcap")
+    count = next(line for line in text.splitlines() if line.strip().startswith("message_count"))
+    (folder / "metadata.yaml").write_text(text.replace(count, "  message_count: 7"))
+    assert doubts_of(RecordedRun.open(folder)).lines == [
+        "INCOMPLETE: other messages than metadata.yaml counts; ends at 1.3 of 1.3 s"
+    ]

@@ -22,13 +22,16 @@ _TOLERANCE = 1e-9  # s, for times that are sums of rounded periods
 _WORTH_COMPILING = 200_000  # rows: loading the compiler takes as long as adding so many up
 
 
+_NOT_DEFINED = "not defined"
+
+
 class Quantity(NamedTuple):
     """A metric's name and unit, and whether a smaller magnitude is better."""
 
     label: str
     unit: str
     judged: bool = True
-    missing: str = "not defined"  # what to say where a run has none
+    missing: str = _NOT_DEFINED  # what to say where a run has none
 
 
 QUANTITIES: Mapping[str, Quantity] = {
@@ -74,9 +77,23 @@ class Metrics:
         return {name: getattr(self, name) for name in _NAMES}
 
 
-def missing(key: str) -> str:
-    """Return what to say of a run that does not have this metric."""
-    return QUANTITIES[key].missing if key in QUANTITIES else "not defined"
+def missing(key: str, level: bool = True) -> str:
+    """Return what to say of a run that does not have this metric; ``level``: `has_level`.
+
+    A run without a level of its reference cannot settle to it: that is not defined, rather than never so.
+    """
+    return QUANTITIES[key].missing if level and key in QUANTITIES else _NOT_DEFINED
+
+
+def has_level(table: RunTable) -> bool:
+    """Return True if the reference stays at its last level for a second or more, or never changes."""
+    changes = np.flatnonzero(np.diff(table.reference))
+    since = table.t[changes[-1] + 1] if len(changes) else table.t[0]
+    return _is_level(float(since), float(table.t[0]), float(table.t[-1]))
+
+
+def _is_level(since: float, begin: float, end: float) -> bool:
+    return since == begin or end - since >= SETTLED_FOR - _TOLERANCE
 
 
 _NAMES = tuple(field.name for field in fields(Metrics))
@@ -120,12 +137,12 @@ def steady_from(end: float) -> float:
 def metrics_of(sums: Sums, begin: float) -> Metrics:
     """Return the metrics of a run that began at ``begin`` [s]. Raises ValueError if one is infinite."""
     s = sums
-    has_level = s.level_since == begin or s.t - s.level_since >= SETTLED_FOR - _TOLERANCE
+    levelled = _is_level(s.level_since, begin, s.t)
     has_steady_state = s.t - begin >= STEADY_STATE - _TOLERANCE
     return _checked(
         Metrics(
-            overshoot_deg=_overshoot(s) if has_level else None,
-            settling_time_6deg_s=_settling_time(s) if has_level else None,
+            overshoot_deg=_overshoot(s) if levelled else None,
+            settling_time_6deg_s=_settling_time(s) if levelled else None,
             steady_state_error_mean_deg=(
                 degrees(s.steady_sum / s.steady_rows) if has_steady_state else None
             ),

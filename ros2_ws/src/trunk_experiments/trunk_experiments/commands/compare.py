@@ -9,10 +9,10 @@ from pathlib import Path
 
 import click
 
-from ..analysis.metrics import QUANTITIES, Quantity, missing
+from ..analysis.metrics import QUANTITIES, Quantity
 from ..console.common import print_table
-from ..console.reading import open_views
-from ..views.compare import Comparison, compare
+from ..console.reading import open_views, show_warnings_of
+from ..views.compare import Comparison, Row, compare
 
 _LONGEST = 20  # values of an array that are listed
 
@@ -41,7 +41,10 @@ def command(runs: tuple[Path, ...], study: Path | None, form: str | None) -> Non
 
         show(study, form)
         return
-    found = compare(open_views(runs))
+    views = open_views(runs)
+    found = compare(views)
+    if form is not None:
+        show_warnings_of(views)
     if form == "json":
         click.echo(json.dumps(as_values(found), indent=2, ensure_ascii=False))
     elif form == "csv":
@@ -49,15 +52,15 @@ def command(runs: tuple[Path, ...], study: Path | None, form: str | None) -> Non
     elif form == "markdown":
         click.echo(as_markdown(found))
     else:
+        for line in doubtful(found):
+            click.echo(line)
+        show_warnings_of(views)
         _show(found)
 
 
 def divergences(found: Comparison) -> list[tuple[str, str]]:
     """Return, for each run after the first, its name and where it diverges from the first."""
-    return [
-        (name, "identical, bit for bit" if d.first is None else d.first.describe())
-        for name, d in zip(found.names[1:], found.diffs, strict=True)
-    ]
+    return [(name, d.describe()) for name, d in zip(found.names[1:], found.diffs, strict=True)]
 
 
 def as_values(found: Comparison) -> dict[str, object]:
@@ -102,8 +105,8 @@ def as_markdown(found: Comparison) -> str:
     lines += [_line(("quantity", "unit", *found.names)), _line(("---",) * (2 + len(found.names)))]
     for row in found.rows:
         shown = [
-            f"**{number(value, row.key)}**" if i in row.best else number(value, row.key)
-            for i, value in enumerate(row.values)
+            f"**{number(row, i)}**" if i in row.best else number(row, i)
+            for i in range(len(row.values))
         ]
         quantity = _quantity(row.key)
         lines.append(_line((quantity.label, quantity.unit, *shown)))
@@ -122,9 +125,10 @@ def _quantity(key: str) -> Quantity:
     return QUANTITIES.get(key, Quantity(key, ""))
 
 
-def number(value: float | None, key: str) -> str:
-    """Return a metric as text."""
-    return missing(key) if value is None else f"{value:.6g}"
+def number(row: Row, run: int) -> str:
+    """Return a run's metric as text."""
+    value = row.values[run]
+    return row.missing[run] if value is None else f"{value:.6g}"
 
 
 def setting(value: object) -> str:
@@ -147,8 +151,6 @@ def doubtful(found: Comparison) -> list[str]:
 
 
 def _show(found: Comparison) -> None:
-    for line in doubtful(found):
-        click.echo(line)
     print_table(
         "metrics (* best; doubtful runs are not ranked)"
         if any(found.doubts)
@@ -158,8 +160,8 @@ def _show(found: Comparison) -> None:
             (
                 _quantity(row.key).label,
                 *(
-                    f"{'* ' if i in row.best else ''}{number(v, row.key)}"
-                    for i, v in enumerate(row.values)
+                    f"{'* ' if i in row.best else ''}{number(row, i)}"
+                    for i in range(len(row.values))
                 ),
                 _quantity(row.key).unit,
             )

@@ -29,7 +29,7 @@ def command(context: click.Context, run: Path, as_json: bool) -> None:
 
     Exit code: 0 nothing wrong, 1 findings, 2 unreadable.
     """
-    with progress_bar(f"examining {run.name}") as tell:
+    with progress_bar(f"examining {run.resolve().name}") as tell:
         found = examine(run, tell)
     code = exit_code(found)
     if as_json:

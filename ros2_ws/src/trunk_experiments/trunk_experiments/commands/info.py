@@ -118,8 +118,7 @@ def _pairs(values: dict[str, str]) -> list[str]:
 
 
 def _state(found: dict[str, Any]) -> str:
-    if not found["complete"]:
-        return f"INCOMPLETE ({(found['end'] or {}).get('reason', 'no end marker')})"
+    """Return in what sense a recording is complete."""
     if found["checked"]:
         return f"complete ({found['end']['reason']})"
     return "complete by its index; trunk doctor checks the content"
@@ -133,17 +132,17 @@ def command(run: Path, as_json: bool) -> None:
 
     Long files are judged by their indexes, in an instant.
     """
-    with progress_bar(f"reading {run.name}") as tell:
+    with progress_bar(f"reading {run.resolve().name}") as tell:
         recording = Recording.glance(run, tell)
     found = summary(recording)
     if as_json:
         click.echo(json.dumps({**found, "doubts": found["doubts"].as_values()}, indent=2))
         return
-    show_warnings(found["warnings"])
     for line in found["doubts"].lines:
         click.echo(line)
+    show_warnings(recording.further_warnings)
     files = f" in {len(found['files'])} files" if len(found["files"]) > 1 else ""
-    click.echo(f"{run}: {_state(found)}")
+    click.echo(f"{run}: {_state(found)}" if found["complete"] else f"{run}")
     overview = {
         "size": _size(found["bytes"]) + files,
         "duration": "?" if found["duration_s"] is None else f"{found['duration_s']:.10g} s",
@@ -164,6 +163,6 @@ def command(run: Path, as_json: bool) -> None:
         )
         for name, t in found["topics"].items()
     ]
-    header = ("topic", "type", "messages", "rate,Hz", "gap,ms", "size")
+    header = ("topic", "type", "messages", "rate, Hz", "gap, ms", "size")
     click.echo("\n".join([*_lines(header, rows), ""]))
     click.echo("\n".join(_pairs(found["provenance"]) or ["no provenance"]))

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ..console.outputs import check_output, default_name, output_options
-from ..console.reading import open_views, show_warnings
+from ..console.reading import open_views, show_warnings, show_warnings_of
 
 
 @click.command("plot")
@@ -35,5 +35,6 @@ def command(runs: tuple[Path, ...], output: Path | None, force: bool, number: in
         scenario = view.recording.provenance.get("scenario")
         if number and scenario != f"fig{number}":
             show_warnings([f"{view.path}: its scenario is {scenario!r}, not 'fig{number}'"])
+    show_warnings_of(views)
     save(paper_figure(views, number) if number else overview(views), target)
     click.echo(f"{target}: {len(views)} run{'s' if len(views) > 1 else ''}")

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ..console.outputs import check_output, default_name, output_options
-from ..console.reading import open_views
+from ..console.reading import open_views, show_warnings_of
 
 
 @click.command("report")
@@ -23,5 +23,6 @@ def command(runs: tuple[Path, ...], output: Path | None, force: bool) -> None:
 
     target = check_output(output or default_name(runs[0], ".html"), (".html", ".htm"), force, runs)
     views = open_views(runs)
+    show_warnings_of(views)
     size = write(make_report(views), target)
     click.echo(f"{target}: {len(views)} run{'s' if len(views) > 1 else ''}, {size / 1e6:.1f} MB")

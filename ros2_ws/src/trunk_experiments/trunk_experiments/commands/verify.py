@@ -67,9 +67,9 @@ def judged(run: Path, key: Path | None, signature: Path | None) -> Verdict:
     file = signature or signature_path(run)
     if signature and not signature.exists() and not key:
         raise PlanError(f"--signature {signature}: it does not exist: give a file of trunk sign")
-    with progress_bar(f"reading {run.name}") as tell:
+    with progress_bar(f"reading {run.resolve().name}") as tell:
         recording = Recording.open(run, tell)
-    with progress_bar(f"recomputing {run.name}"):
+    with progress_bar(f"recomputing {run.resolve().name}"):
         verdict = verify(recording)
     if trusted or os.path.lexists(file):
         take_signature(verdict, check_signature(recording, file, trusted, str(key)))

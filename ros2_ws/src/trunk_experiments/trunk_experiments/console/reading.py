@@ -36,18 +36,21 @@ def progress_bar(what: str) -> Iterator[Tell]:
 
 def open_run(path: Path) -> RecordedRun:
     """Open a recorded run. Raises RecordingError."""
-    with progress_bar(f"reading {path.name}") as tell:
+    with progress_bar(f"reading {path.resolve().name}") as tell:
         return RecordedRun(Recording.open(path, tell))
 
 
 def open_views(paths: Iterable[Path]) -> list[RunView]:
-    """Open runs that are to be shown and print their warnings. Raises RecordingError."""
+    """Open runs that are to be shown. Raises RecordingError."""
     from ..views.run_view import RunView
 
-    views = [RunView.read(open_run(path)) for path in paths]
+    return [RunView.read(open_run(path)) for path in paths]
+
+
+def show_warnings_of(views: Iterable[RunView]) -> None:
+    """Print what cannot be shown of runs to stderr."""
     for view in views:
         show_warnings(f"{view.path}: {warning}" for warning in view.warnings)
-    return views
 
 
 def show_warnings(warnings: Iterable[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from base64 import b64encode
 from importlib.resources import files
+from math import isinf
 from pathlib import Path
 
 from jinja2 import Environment, StrictUndefined
@@ -12,6 +13,7 @@ from matplotlib.figure import Figure
 
 from trunk_msgs_util.whole_file import whole_file
 
+from ..analysis.metrics import missing
 from ..recorded.run import RecordedRun
 from ..views.plot_style import save
 from ..views.plots import paper_figure
@@ -74,5 +76,5 @@ def _figure(figure: str, folder: Path) -> str:
     return "data:image/png;base64," + b64encode((folder / f"{figure}.png").read_bytes()).decode()
 
 
-def _number(value: float | None) -> str:
-    return "never" if value is None or value in (float("inf"), float("-inf")) else f"{value:.5g}"
+def _number(value: float | None, key: str) -> str:
+    return missing(key) if value is None or isinf(value) else f"{value:.5g}"

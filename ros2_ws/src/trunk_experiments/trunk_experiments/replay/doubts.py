@@ -41,6 +41,8 @@ class Doubts:
     """Why a run's numbers are not to be taken for what its plan gives."""
 
     incomplete: str = ""  # why; empty for a complete recording
+    ends_at_s: float | None = None  # the last true state of an incomplete one; None: none is there
+    planned_s: float | None = None  # when it was to end; None: never, or not known
     fell_at_s: float | None = None
     fell_angle_deg: float | None = None
     late: int = 0
@@ -51,11 +53,20 @@ class Doubts:
         return bool(self.incomplete or self.fell_at_s is not None or self.late or self.moved_deg)
 
     @property
+    def until(self) -> str:
+        """Where an incomplete run ends: "ends at 6.24 of 10 s"; empty if complete, or not known."""
+        if self.ends_at_s is None:
+            return ""
+        planned = "" if self.planned_s is None else f" of {self.planned_s:g}"
+        return f"ends at {self.ends_at_s:g}{planned} s"
+
+    @property
     def lines(self) -> list[str]:
         """A line for each doubt."""
         found = []
         if self.incomplete:
-            found.append(f"INCOMPLETE: {self.incomplete}")
+            until = f"; {self.until}" if self.until else ""
+            found.append(f"INCOMPLETE: {self.incomplete}{until}")
         if self.fell_at_s is not None:
             angle = "" if self.fell_angle_deg is None else f", {self.fell_angle_deg:.0f} degrees"
             found.append(f"FELL: at t = {self.fell_at_s:g} s{angle}")
@@ -72,6 +83,8 @@ class Doubts:
         """Return plain values, for JSON."""
         return {
             "complete": not self.incomplete,
+            "ends_at_s": self.ends_at_s,
+            "planned_s": self.planned_s,
             "fell_at_s": self.fell_at_s,
             "late_steps": self.late,
             "late_moved_deg": self.moved_deg,
@@ -85,7 +98,6 @@ def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts
 
     Raises RecordingError for messages that cannot be read.
     """
-    recording = run.recording
     fall = next((event for event in run.events if event.message == Event.FELL), None)
     angle = None
     if fall is not None:
@@ -98,14 +110,33 @@ def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts
     except TrunkError:  # messages or parameters that cannot be read: other words are said of those
         late = None
     moved = moved_deg(run) if twin and late is not None else None
-    reason = str((recording.end or {}).get("reason") or "the recorder did not finish this file")
     return Doubts(
-        "" if recording.complete else reason,
+        *_incomplete(run),
         None if fall is None else seconds(fall.stamp_ns),
         angle,
         late.late if late else 0,
         late.steps if late else 0,
         moved,
+    )
+
+
+def _incomplete(run: RecordedRun) -> tuple[str, float | None, float | None]:
+    """Return why a run is not whole, where it ends and where it was to end, in s."""
+    recording = run.recording
+    if recording.complete:
+        return "", None, None
+    end = recording.end or {}
+    if end.get("complete") == "true":  # as far as the recorder knew
+        reason = recording.damage[0]
+    else:
+        reason = end.get("reason") or "the recorder did not finish this file"
+    truth = recording.topics.get(recording.topic(topics.GROUND_TRUTH))
+    last_ns = None if truth is None else truth.last_stamp_ns
+    planned = run.parameters.get("simulator", {}).get("duration")
+    return (
+        reason,
+        None if last_ns is None else seconds(last_ns),
+        planned if isinstance(planned, float) and planned > 0.0 else None,
     )
 
 

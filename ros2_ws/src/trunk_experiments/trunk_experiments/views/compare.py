@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from trunk_msgs_util.recording.reader import RecordingError
 
-from ..analysis.metrics import QUANTITIES, metrics
+from ..analysis.metrics import QUANTITIES, has_level, metrics, missing
 from ..plans.nodes import CONTROLLERS
 from ..recorded.run import RecordedRun
 from ..replay.diff import RunDiff, diff
@@ -20,11 +20,15 @@ if TYPE_CHECKING:
 
 
 class Row(NamedTuple):
-    """A metric of every run; ``best``: the indices of the runs with the lowest value."""
+    """A metric of every run; ``best``: the indices of the runs with the lowest value.
+
+    ``missing``: what to say of each run whose value is None.
+    """
 
     key: str
     values: tuple[float | None, ...]
     best: tuple[int, ...]
+    missing: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -68,11 +72,13 @@ def metrics_of(view: RunView) -> dict[str, float | None]:
 def metric_rows(views: Sequence[RunView], sound: Sequence[bool] | None = None) -> tuple[Row, ...]:
     """Return the rows of the table of metrics; only ``sound`` runs can be best."""
     found = [metrics_of(view) for view in views]
+    levels = [has_level(view.table) for view in views]
     rows = []
     for key in found[0]:
         values = tuple(run[key] for run in found)
         judged = key in QUANTITIES and QUANTITIES[key].judged
-        rows.append(Row(key, values, best_of(values, sound) if judged else ()))
+        words = tuple(missing(key, level) for level in levels)
+        rows.append(Row(key, values, best_of(values, sound) if judged else (), words))
     return tuple(rows)
 
 

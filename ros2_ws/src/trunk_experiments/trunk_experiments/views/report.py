@@ -13,7 +13,7 @@ from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
 
-from ..analysis.metrics import QUANTITIES, missing
+from ..analysis.metrics import QUANTITIES
 from ..replay.doctor import INFO, findings
 from ..replay.doubts import Doubts, doubts_of
 from .compare import Row, differing_parameters, metric_rows
@@ -92,9 +92,10 @@ def shown(value: object) -> str:
     return "–" if value is None else str(value)
 
 
-def number(value: float | None, key: str) -> str:
-    """Return a metric as text."""
-    return missing(key) if value is None else f"{value:.5g}".replace("-", "−")
+def number(row: Row, run: int) -> str:
+    """Return a run's metric as text."""
+    value = row.values[run]
+    return row.missing[run] if value is None else f"{value:.5g}".replace("-", "−")
 
 
 def quantity_label(key: str) -> tuple[str, str]:
@@ -119,7 +120,7 @@ def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
         ("scenario", recording.provenance.get("scenario", "not recorded") or "none"),
         ("mode", recording.provenance.get("mode", "not recorded")),
         ("states", f"{len(table.t)} from {table.t[0]:g} s to {table.t[-1]:g} s"),
-        ("file", f"{view.path.name}, {state}"),
+        ("file", f"{view.path.resolve().name}, {state}"),
         *((("fell", f"at t = {seconds(fell):g} s"),) if fell is not None else ()),
     )
     return RunSection(

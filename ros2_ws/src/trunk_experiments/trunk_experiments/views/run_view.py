@@ -65,11 +65,11 @@ class RunView:
 
     @classmethod
     def read(cls, run: RecordedRun) -> RunView:
-        """Return what can be shown of a run; ``warnings`` lists what cannot.
+        """Return what can be shown of a run; ``warnings`` lists what cannot, besides what `Doubts` say.
 
         Raises RecordingError if there are no true states, nor those of another robot.
         """
-        warnings = list(run.recording.warnings)
+        warnings = run.recording.further_warnings
 
         def config(node: str) -> object:
             try:
@@ -188,14 +188,19 @@ def labels(views: Sequence[RunView], name: Callable[[RunView], str] | None = Non
 
     ``name`` gives the names to start from.
     """
-    names = [name(view) if name else view.path.stem for view in views]
+    names = [name(view) if name else _stem(view.path) for view in views]
     if name is None and len(set(names)) < len(names):
-        names = [f"{view.path.resolve().parent.name}/{view.path.stem}" for view in views]
+        names = [f"{view.path.resolve().parent.name}/{_stem(view.path)}" for view in views]
     elif len(set(names)) < len(names):
-        names = [f"{n}, {view.path.stem}" for n, view in zip(names, views, strict=True)]
+        names = [f"{n}, {_stem(view.path)}" for n, view in zip(names, views, strict=True)]
     if len(set(names)) < len(names):
         names = [f"{n} #{i}" for i, n in enumerate(names, 1)]
     return names
+
+
+def _stem(path: Path) -> str:
+    """Return a recording's name without its suffix; ``.`` and ``..`` go by their folder's."""
+    return path.stem if path.stem not in ("", "..") else path.resolve().stem
 
 
 def same_pulses(views: Sequence[RunView]) -> list[Pulse]:

@@ -30,8 +30,8 @@ _OURS = "trunk_msgs_util"  # prefix of the library's name in files that must hav
 class RecordedFiles:
     """The file, or a bag's files, of a recording: topics, metadata, and blocks of messages as bytes.
 
-    ``warnings`` lists what is missing or damaged, and from which byte on. Nothing after the first
-    damaged byte counts.
+    ``warnings`` lists what is missing or damaged, and from which byte on; ``unfinished`` is the one of them
+    that says why no end record calls the run whole. Nothing after the first damaged byte counts.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -41,6 +41,7 @@ class RecordedFiles:
         self.digests: dict[str, str] = {}
         self.end: dict[str, str] | None = None
         self.warnings: list[str] = []
+        self.unfinished = ""
         self.checked = True  # every record was read and is sound
         self._sound = True
         self._files: list[RecordingFile] = []
@@ -84,16 +85,23 @@ class RecordedFiles:
             self.warnings.append(f"{METADATA} counts {counted} messages, its files hold {found}")
         library = self._files[0].library
         if self.end is not None:
-            if self.end.get("complete") != "true":
-                self.warnings.append(f"incomplete: {self.end.get('reason', 'no reason given')}")
+            if self.end.get("complete") == "true":
+                return
+            self.unfinished = f"incomplete: {self.end.get('reason', 'no reason given')}"
         elif library.startswith(_OURS) or not library:
-            self.warnings.append(f"no {END} record: the recorder was not ended in order")
+            self.unfinished = f"no {END} record: the recorder was not ended in order"
         elif is_bag and counted is None:
-            self.warnings.append(f"no {METADATA}: the recorder was not ended in order")
+            self.unfinished = f"no {METADATA}: the recorder was not ended in order"
         else:
-            self.warnings.append(
+            self.unfinished = (
                 f"recorded by {library}: no {END} record says whether the run is whole"
             )
+        self.warnings.append(self.unfinished)
+
+    @property
+    def further_warnings(self) -> list[str]:
+        """The warnings for whoever has already said that the run is not whole, and why."""
+        return [warning for warning in self.warnings if warning != self.unfinished]
 
     @property
     def files(self) -> list[Path]:
