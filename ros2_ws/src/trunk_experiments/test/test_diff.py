@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.diff import diff
+from trunk_experiments.replay.diff import FirstDifference, diff
+from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.writer import RecordingWriter
@@ -48,3 +50,43 @@ def test_equal_doubled_stamps_do_not_differ(tmp_path):
     found = diff(run(tmp_path / "a.mcap", *stamps), run(tmp_path / "b.mcap", *stamps))
     assert found.identical
     assert (found.compared, found.differing_steps) == (5, 0)
+
+
+def planned(path, *settings, controller="pid"):
+    plan = make_plan("fig6", controller, settings=["simulator.duration=0.1", *settings])
+    record_offline(plan, path)
+    return RecordedRun.open(path)
+
+
+def test_only_what_should_be_equal_is_told_in_ulps(tmp_path):
+    first = planned(tmp_path / "a.mcap")
+    again = planned(tmp_path / "b.mcap", "simulator.command_timeout=0.3", "simulator.duration=0.05")
+    assert diff(first, again).same_plan
+    for i, other in enumerate(
+        ("simulator.plant.gravity=9.82", "simulator.initial.position=[0.0, 0.6]")
+    ):
+        found = diff(first, planned(tmp_path / f"{i}.mcap", other))
+        assert not found.same_plan
+        assert " ULP" not in found.describe()
+    assert found.describe() == (
+        "t = 0 s: ground_truth/joint_states: position[trunk]: "
+        "0.523599 rad in A, 0.6 rad in B, 0.0764012 rad apart"
+    )
+    assert not diff(first, planned(tmp_path / "c.mcap", controller="lqr")).same_plan
+
+
+@pytest.mark.parametrize(
+    ("topic", "field", "unit"),
+    [
+        ("joint_states", "position[pelvis]", " m"),
+        ("joint_states", "velocity[trunk]", " rad/s"),
+        ("disturbance", "effort[pelvis]", " N"),
+        ("effort_command", "effort[trunk]", " N m"),
+        ("pid/state", "position[kd]", " N m s/rad"),
+        ("pid/state", "position[alpha]", ""),
+        ("pid/state", "position[i_term]", " N m"),
+    ],
+)
+def test_differences_of_other_plans_have_their_unit(topic, field, unit):
+    told = FirstDifference(5_000_000, topic, field, 1.0, 3.5).describe(False, hip="pelvis")
+    assert told == f"t = 0.005 s: {topic}: {field}: 1{unit} in A, 3.5{unit} in B, 2.5{unit} apart"

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+from math import inf
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -56,6 +57,20 @@ def test_a_part_is_copied_byte_for_byte(run, tmp_path):
     assert part.events() == []
     assert not part.complete
     assert "t = 0.5 to 0.6 s" in part.end["reason"]
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "topics", "said"),
+    [
+        (-inf, 1.0, (), ", up to t = 1 s, 8 topics"),
+        (0.5, inf, (), ", from t = 0.5 s, 8 topics"),
+        (-inf, inf, ("joint_states",), ", 1 topics"),
+    ],
+)
+def test_nothing_is_said_of_an_open_end(run, tmp_path, start, end, topics, said):
+    write_mcap(run, tmp_path / "part.mcap", start, end, topics)
+    reason = Recording.open(tmp_path / "part.mcap").end["reason"]
+    assert reason == f"exported from {run.path.name}{said}"
 
 
 def test_the_whole_run_is_copied_complete_and_unchanged(run, tmp_path):

@@ -24,11 +24,12 @@ def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
     """
     first, second = open_run(a), open_run(b)
     for run in (first, second):
-        show_warnings(run.recording.warnings)
+        show_warnings(f"{run.path}: {warning}" for warning in run.recording.warnings)
     found = diff(first, second)
     if as_json:
         values = {
             "identical": found.identical,
+            "same_plan": found.same_plan,
             "messages_compared": found.compared,
             "differing_steps": found.differing_steps,
             "first": None if found.first is None else found.first._asdict(),
@@ -41,7 +42,7 @@ def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
     if found.first is None:
         click.echo(f"identical: {found.compared} messages, bit for bit")
     else:
-        click.echo(f"different at {found.differing_steps} steps; first at {found.first.describe()}")
+        click.echo(f"different at {found.differing_steps} steps; first at {found.describe()}")
     for title, lines in (
         ("parameters", found.parameters),
         ("provenance", found.provenance),

@@ -46,7 +46,7 @@ def markdown(node: str) -> str:
         allowed = ", ".join(declaration.choices) or declaration.bounds()
         default = default_text(declaration)
         if len(default) > 40:
-            default = "see the table" if declaration.name.startswith("rules") else "even"
+            default = "as printed" if declaration.name.startswith("rules") else "even"
         cells = (
             f"`{declaration.name}`" + ("" if not declaration.fixed else " *"),
             declaration.kind + _size(declaration),

@@ -18,6 +18,31 @@ from .bits import ulps
 
 # In the order in which a difference spreads through one step of the loop.
 _TOPICS = (topics.GROUND_TRUTH, topics.DISTURBANCE, topics.JOINT_STATES, topics.EFFORT_COMMAND)
+# Parameters on which no state and no command of an exact run depends.
+_OF_PACE = (
+    "autostart",
+    "lockstep.",
+    "wait_for",
+    "publish_clock",
+    "command_timeout",
+    "duration",
+    "controllers",
+)
+_UNITS = {
+    "position": ("rad", "m"),
+    "velocity": ("rad/s", "m/s"),
+    "effort": ("N m", "N"),
+}  # trunk, hip
+_UNITS_OF_TERMS = {
+    "reference": "rad",
+    "measurement": "rad",
+    "error": "rad",
+    "error_rate": "rad/s",
+    "kp": "N m/rad",
+    "ki": "N m/(rad s)",
+    "kd": "N m s/rad",
+    "alpha": "",
+}
 
 
 class FirstDifference(NamedTuple):
@@ -29,11 +54,19 @@ class FirstDifference(NamedTuple):
     a: float | None
     b: float | None
 
-    def describe(self) -> str:
-        """Return the difference as one line: where, both values, how far apart."""
+    def describe(self, same_plan: bool = True, hip: str = "hip") -> str:
+        """Return the difference as one line: where, both values, how far apart.
+
+        ULPs tell something of runs that should be equal, those of the ``same_plan``; units, of others.
+        ``hip``: the name of the hip's joint.
+        """
         head = f"t = {seconds(self.stamp_ns):g} s: {self.topic}: {self.field}"
         if self.a is None or self.b is None:
             return f"{head}: only in {'B' if self.a is None else 'A'}"
+        if not same_plan:
+            unit = _unit(self.topic, self.field, hip)
+            a, b, apart = (f"{x:.6g}{unit}" for x in (self.a, self.b, abs(self.b - self.a)))
+            return f"{head}: {a} in A, {b} in B, {apart} apart"
         distance = ulps(self.a, self.b)
         apart = "" if distance is None else f", {distance} ULP apart"
         return f"{head}: {self.a!r} in A, {self.b!r} in B{apart}"
@@ -43,12 +76,15 @@ class FirstDifference(NamedTuple):
 class RunDiff:
     """All that differs between two runs. Data decide; the rest helps explain.
 
-    ``record``: events, log times, and what is not as its recorder wrote it.
+    ``record``: events, log times, and what is not as its recorder wrote it. ``same_plan``: both should have
+    the same bits, because time was exact and no parameter on which a state or a command depends differs.
     """
 
     compared: int = 0  # messages
     differing_steps: int = 0
     first: FirstDifference | None = None
+    same_plan: bool = True
+    hip: str = "hip"  # the name of the hip's joint
     parameters: list[str] = field(default_factory=list)
     provenance: list[str] = field(default_factory=list)
     record: list[str] = field(default_factory=list)
@@ -57,6 +93,12 @@ class RunDiff:
     def identical(self) -> bool:
         """True where every message of every compared topic has the same bits."""
         return self.first is None
+
+    def describe(self) -> str:
+        """Return whether, or else where, the runs differ: one line."""
+        if self.first is None:
+            return "identical, bit for bit"
+        return self.first.describe(self.same_plan, self.hip)
 
 
 def diff(a: RecordedRun, b: RecordedRun, terms: bool = True) -> RunDiff:
@@ -74,6 +116,10 @@ def diff(a: RecordedRun, b: RecordedRun, terms: bool = True) -> RunDiff:
     result.first = min(
         firsts, key=lambda f: f.stamp_ns, default=None
     )  # min keeps the topics' order
+    result.same_plan = _same_plan(a, b)
+    joints = a.parameters.get("simulator", {}).get("joints")
+    if isinstance(joints, tuple) and joints:
+        result.hip = str(joints[0])
     result.parameters = _parameters(a, b)
     result.provenance = _mappings("", a.recording.provenance, b.recording.provenance)
     result.record = [
@@ -83,6 +129,36 @@ def diff(a: RecordedRun, b: RecordedRun, terms: bool = True) -> RunDiff:
         *(_events(a, b) if a.mode == b.mode and a.exact else ()),
     ]
     return result
+
+
+def _same_plan(a: RecordedRun, b: RecordedRun) -> bool:
+    """Return True if two runs should be equal; what only says how long or how quickly they ran may differ."""
+    if not (a.exact and b.exact) or set(a.controllers) != set(b.controllers):
+        return False
+    here, there = (
+        {
+            (node, name): value
+            for node, values in run.parameters.items()
+            for name, value in values.items()
+            if node != "recorder" and not name.startswith(_OF_PACE)
+        }
+        for run in (a, b)
+    )
+    return here == there and all(
+        [change.changed for change in a.parameter_changes(node)]
+        == [change.changed for change in b.parameter_changes(node)]
+        for node in a.parameters
+    )
+
+
+def _unit(topic: str, field: str, hip: str) -> str:
+    """Return the unit of a value, with the space before it: ``position[trunk]`` of a state is in rad."""
+    quantity, _, name = field.removesuffix("]").partition("[")
+    if topics.is_controller_state(topic):
+        unit = _UNITS_OF_TERMS.get(name, "N m")
+    else:
+        unit = _UNITS[quantity][name == hip]
+    return f" {unit}" if unit else ""
 
 
 def _altered(letter: str, run: RecordedRun) -> list[str]:

@@ -94,7 +94,7 @@ def write_mcap(
         whole = recording.complete and start == -inf and end == inf and not topics
         reason = f"exported from {recording.path.name}"
         if not whole:
-            reason += f", t = {start:g} to {end:g} s, {len(wanted)} topics"
+            reason += f"{_span(start, end)}, {len(wanted)} topics"
         writer.add_metadata(END, {"complete": str(whole).lower(), "reason": reason})
         writer.finish()
     return count
@@ -110,6 +110,13 @@ def _chosen(recording: Recording, topics: Collection[str]) -> list[str]:
             )
         chosen.append(absolute)
     return chosen or list(recording.topics)
+
+
+def _span(start: float, end: float) -> str:
+    """Return a window of time in words; nothing of an end that is open."""
+    if start == -inf:
+        return "" if end == inf else f", up to t = {end:g} s"
+    return f", from t = {start:g} s" if end == inf else f", t = {start:g} to {end:g} s"
 
 
 def _ns(time: float) -> float:
