@@ -55,6 +55,8 @@ WRONG = {
         ("flush_interval:=.nan", "nan", "finite double"),
         ("compression:=gzip", "'gzip'", "one of zstd, lz4, none"),
         ("output:=/nowhere/run.mcap", "'/nowhere/run.mcap'", "a file to write ("),
+        ("output:=run.bag", "'run.bag'", "the file's name ends in .mcap, such as run.bag/run.mcap"),
+        ("output:=.", "'.'", "the file's name ends in .mcap, such as run.mcap"),
     ],
 }
 
@@ -110,4 +112,21 @@ def test_integer_is_taken_for_a_double(children: Children, peer: Peer) -> None:
     assert repr(values["gains.p"]) == "60.0"
     assert repr(values["u_clamp_max"]) == "50.0"
     assert node.stop() == 0
-    assert node.stderr == ""
+    assert all("[INFO]" in line for line in node.stderr.splitlines()), node.stderr
+
+
+def test_a_recording_that_exists_is_kept_and_the_way_out_is_named(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
+    file = tmp_path / "run.mcap"
+    file.write_bytes(b"mine")
+    line = refusal(children.node("recorder", "output:=run.mcap"))
+    assert line == (
+        "recorder: error: parameter 'output': 'run.mcap' is not allowed: it exists: "
+        "give another name, or -p overwrite:=true to replace it"
+    )
+    assert file.read_bytes() == b"mine"
+    again = children.node("recorder", "output:=run.mcap", "overwrite:=true", name="again")
+    peer.until_up("recorder")
+    assert again.stop() == 0, again.stderr
+    assert file.read_bytes() != b"mine"

@@ -72,6 +72,23 @@ def test_the_plant_begins_when_it_has_discovered_the_ready_node(
     assert simulator.stop() == 0, simulator.stderr
 
 
+def test_who_hears_nothing_says_for_what_it_waits_and_how_to_start_it(
+    children: Children, domain: int
+) -> None:
+    nodes = [children.node("recorder", "output:=run.mcap"), children.node("pid")]
+    told = "waiting for states on /joint_states: nobody publishes them (such as ros2 run trunk_sim simulator)"
+    for node in nodes:
+        until(lambda node=node: node.stderr.count(told) > 1, "it says so again")  # type: ignore[misc]
+    simulator = children.node("simulator", "duration:=0.5")
+    assert simulator.wait() == 0, simulator.stderr
+    recorder, controller = nodes
+    last = "the last one was at t = 0.5 s, and nobody publishes them now"
+    until(lambda: last in controller.stderr, "the controller says that the states have ended")
+    until(lambda: "waiting for Ctrl-C: the run is over" in recorder.stderr, "and the recorder")
+    for node in (controller, recorder):
+        assert node.stop() == 0, node.stderr
+
+
 def test_a_plant_that_waits_says_for_whom_and_how_to_start_it(
     children: Children, domain: int
 ) -> None:

@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.node import meeting, qos
+from trunk_msgs_util.node import meeting, qos, waiting
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.conversions import sample_to_wire
 from trunk_msgs_util.node.run import run_nodes
@@ -44,6 +44,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         self._commensurate_known = False
         self._updates = 0
         self._diagnosed = (time.monotonic(), 0)
+        self._looked_at_ns = -1
 
     def set_up(self) -> None:
         """Open the topics: states are followed from now on, and answered once active."""
@@ -151,6 +152,30 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         response.success = True
         response.message = "integral and past samples cleared"
         return response
+
+    def waits_for(self) -> str:
+        """Return what is known of the states where none has come for a second."""
+        before_ns, self._looked_at_ns = self._looked_at_ns, self.run_stamp_ns
+        if self.run_stamp_ns > before_ns:
+            return ""
+        topic = self.resolve_topic_name(topics.JOINT_STATES)
+        last_ns = self.run_stamp_ns if self.run_stamp_ns >= 0 else None
+        return waiting.states(topic, self.count_publishers(topic) > 0, last_ns)
+
+    def tear_down(self) -> None:
+        """Say how many commands were given."""
+        self._say_commands()
+
+    def close(self) -> None:
+        """Say how many commands were given, then end."""
+        if self.configured:
+            self._say_commands()
+        super().close()
+
+    def _say_commands(self) -> None:
+        until = f", the last at t = {seconds(self.run_stamp_ns):g} s" if self._updates else ""
+        counted = "".join(f", {what} {count}" for what, count in self.counters.items() if count)
+        self.get_logger().info(f"ended: {self._updates} commands given{until}{counted}")
 
     def diagnostics(self) -> dict[str, object]:
         """Return the last state's time in s and the achieved update rate."""

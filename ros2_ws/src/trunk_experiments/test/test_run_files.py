@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import pytest
+from click.testing import CliRunner
 
+from trunk_experiments.cli import trunk
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.files import RunFiles
+from trunk_msgs_util.recording.writer import RecordingWriter
 
 
 def test_without_an_output_the_folder_is_made_below_runs(tmp_path, monkeypatch):
@@ -26,6 +29,58 @@ def test_where_that_is_not_possible_the_option_is_named(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ["run.mcap", "params.yaml", "metadata.yaml", "logs"])
 def test_nothing_that_is_there_is_overwritten(tmp_path, name):
     (tmp_path / name).write_text("mine")
-    with pytest.raises(PlanError, match=f"there is a {name} in it; give another folder"):
+    with pytest.raises(PlanError, match=f"there is a {name} in it: give another folder$"):
         RunFiles.for_run(make_plan("demo", "pid"), tmp_path)
     assert (tmp_path / name).read_text() == "mine"
+
+
+PLAN = make_plan("demo", "pid")
+
+
+def left_by_a_run(folder):
+    files = RunFiles.for_run(PLAN, folder)
+    files.record(PLAN)
+    RecordingWriter(files.recording).finish(complete=True, reason="finished")
+    files.describe()
+    files.logs.mkdir()
+    files.log("pid").write_text("old")
+    (folder / "notes.txt").write_text("mine")
+    return files
+
+
+def test_with_force_a_run_takes_the_place_of_an_earlier_one_and_of_nothing_else(tmp_path):
+    old = left_by_a_run(tmp_path / "run")
+    with pytest.raises(PlanError, match=r"give another folder, or --force$"):
+        RunFiles.for_run(PLAN, old.folder, force=False)
+    assert old.recording.exists()
+    new = RunFiles.for_run(PLAN, old.folder, force=True)
+    assert old.recording.exists(), "nothing is touched before the run begins"
+    new.record(PLAN)
+    left = {str(path.relative_to(new.folder)) for path in new.folder.rglob("*")}
+    assert left == {"params.yaml", "logs", "notes.txt"}
+
+
+def test_what_is_no_runs_or_being_written_is_not_replaced(tmp_path):
+    (tmp_path / "a" / "run.mcap").mkdir(parents=True)
+    with pytest.raises(PlanError, match=r"a run\.mcap in it that is no run's: give another folder"):
+        RunFiles.for_run(PLAN, tmp_path / "a", force=True)
+    (tmp_path / "b").mkdir()
+    with (
+        RecordingWriter(tmp_path / "b" / "run.mcap"),
+        pytest.raises(PlanError, match="that is being written: give another folder, or stop"),
+    ):
+        RunFiles.for_run(PLAN, tmp_path / "b", force=True)
+    (tmp_path / "c").write_text("mine")
+    with pytest.raises(PlanError, match="it is not a folder"):
+        RunFiles.for_run(PLAN, tmp_path / "c", force=True)
+    assert (tmp_path / "c").read_text() == "mine"
+
+
+def test_a_run_is_not_written_over_its_own_scenario(tmp_path):
+    files = left_by_a_run(tmp_path / "run")
+    text = files.parameters.read_text()
+    words = ["run", str(files.parameters), "--output", str(files.folder), "--force"]
+    done = CliRunner().invoke(trunk, words)
+    assert isinstance(done.exception, PlanError)
+    assert f"it is read by this command ({files.parameters})" in str(done.exception)
+    assert files.parameters.read_text() == text

@@ -26,6 +26,7 @@ from .pacing import make_pacing, tick_period
 from .participants_node import GraphParticipants
 from .simulation import DivergedError, Simulation
 
+_LATE = ("commands late", "states unanswered", "deadlines missed")
 _DOUBLED = ("late answers ignored", "doubled answers ignored", "commands out of order")
 
 
@@ -138,7 +139,8 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._say_finished(Event.FINISHED, "the trunk has fallen" if fell else "finished")
         wall = time.monotonic() - self._started
         steps = self._simulation.step_index
-        self.get_logger().info(f"finished: {steps} steps in {wall:.6f} s of wall time")
+        late = "".join(f", {self.counters[what]} {what}" for what in _LATE if self.counters[what])
+        self.get_logger().info(f"finished: {steps} steps in {wall:.6f} s of wall time{late}")
         self.exit_code = 0
 
     def fail(self, reason: str, **values: object) -> None:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 
 from std_srvs.srv import SetBool, Trigger
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.node.run import main_for
-from trunk_msgs_util.printable import printable
 from trunk_msgs_util.units import seconds
 
 from .plant_node import PlantNode
 
-_WAITING_TOLD_S = 5.0  # every so long
-_WAITING_SOON_S = 0.5  # for the first time; nodes that start together need less
 _STARTED_BY = {
     topics.EFFORT_COMMAND: "a controller (such as ros2 run trunk_control fuzzy_pid)",
     topics.DISTURBANCE: "the disturbance (ros2 run trunk_sim disturbance)",
@@ -28,7 +26,7 @@ class SimulatorNode(PlantNode):
 
     def _forget(self) -> None:
         super()._forget()
-        self._waiting_told = time.monotonic() - _WAITING_TOLD_S + _WAITING_SOON_S
+        self._missing: Sequence[str] = ()
         self._pause_asked = False
         self._truth_published = False
 
@@ -70,17 +68,18 @@ class SimulatorNode(PlantNode):
         if topics.DISTURBANCE in self.config.wait_for and not self._disturbances:
             # The first measurement carries its disturbance too.
             missing = missing or [topics.DISTURBANCE]
+        self._missing = missing
         if missing:
-            if time.monotonic() - self._waiting_told > _WAITING_TOLD_S:
-                self._waiting_told = time.monotonic()
-                told = ", ".join(_STARTED_BY.get(name, name) for name in missing)
-                self.get_logger().info(printable(f"waiting for {told}"))
             return
         if self._participants.unsettled(time.monotonic()):
             return
         self._start_timer.cancel()
         if self._only_one_controller():
             self._begin()
+
+    def waits_for(self) -> str:
+        """Return the participants that are missing, and how to start them."""
+        return ", ".join(_STARTED_BY.get(name, name) for name in self._missing)
 
     # Services.
 

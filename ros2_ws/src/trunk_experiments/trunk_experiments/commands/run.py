@@ -11,7 +11,8 @@ from rich.progress import BarColumn, Progress, TextColumn
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import middleware
 
-from ..console.common import plan_of, plan_options
+from ..console.common import files_read, plan_of, plan_options
+from ..console.outputs import check_not_read, output_options
 from ..console.terminal import console
 from ..errors import PlanError
 from ..recorded.run import RecordedRun
@@ -22,10 +23,9 @@ from .metrics import show_metrics
 
 @click.command("run")
 @plan_options
-@click.option(
-    "--output",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Folder for the recording, parameters and logs.  [default: runs/TIME_SCENARIO_CONTROLLER]",
+@output_options(
+    "Folder for the recording, parameters and logs.  [default: runs/TIME_SCENARIO_CONTROLLER]",
+    force="Replace the files of a run that is in the folder.",
 )
 @click.option(
     "--lockstep", is_flag=True, help="Step when every node has answered: the same bits each time."
@@ -41,7 +41,12 @@ from .metrics import show_metrics
     help="Pace of a lock-step run, as a multiple of real time.  [default: as fast as possible]",
 )
 def command(
-    output: Path | None, lockstep: bool, composed: bool, speed: float, **options: Any
+    output: Path | None,
+    force: bool,
+    lockstep: bool,
+    composed: bool,
+    speed: float,
+    **options: Any,
 ) -> None:
     """Run SCENARIO in the ROS 2 graph: simulator, controller, disturbance, recorder.
 
@@ -57,7 +62,10 @@ def command(
         raise PlanError("simulator: duration is 0: a recorded run needs an end; give --duration S")
     # What ROS 2 cannot use is refused before a folder is made.
     middleware.prepare(participants=1 + (1 if composed else len(plan.configs)))
-    files = RunFiles.for_run(plan, output)
+    if output is not None:
+        for file in RunFiles(output).all:
+            check_not_read(file, files_read(options))
+    files = RunFiles.for_run(plan, output, force)
     screen = console(stderr=True)
     screen.print(
         f"{plan.scenario}, {plan.turns}: {plan.simulator.duration:g} s "
@@ -83,8 +91,8 @@ def _verdict(files: RunFiles, run: RecordedRun) -> None:
     show_metrics(run, "metrics of the run (true error)")
     states, commands = run.count(topics.GROUND_TRUTH), run.count(topics.EFFORT_COMMAND)
     complete = run.recording.complete
-    whole = "complete" if complete else "INCOMPLETE"
-    click.echo(f"{whole}: {states} states, {commands} commands recorded")
+    whole = "complete: " if complete else ""  # what is missing stands first
+    click.echo(f"{whole}{states} states, {commands} commands recorded")
     click.echo(f"recording: {files.recording}")
     click.echo(f"parameters: {files.parameters}")
     if not complete:

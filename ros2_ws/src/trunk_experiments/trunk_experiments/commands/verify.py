@@ -104,6 +104,8 @@ def command(
     click.echo(f"{run}: {verdict.word}")
     if verdict.signature and (verdict.signature.trusted or verdict.signature.refuted):
         click.echo(f"  {verdict.signature.describe()}")
+    for obstacle in verdict.obstacles:
+        click.echo(f"  obstacle: {obstacle}")
     if verdict.judged:
         click.echo(f"  judged: {verdict.judged}")
     for part in verdict.parts:
@@ -116,8 +118,6 @@ def command(
         click.echo(f"  altered: {what}: not as the recorder wrote it, by its digest")
     for contradiction in verdict.contradictions:
         click.echo(f"  contradiction: {contradiction}")
-    for obstacle in verdict.obstacles:
-        click.echo(f"  obstacle: {obstacle}")
     for what in verdict.unjudged:
         click.echo(f"  not judged: {what}")
     for note in verdict.notes:

@@ -18,11 +18,11 @@ from ..errors import PlanError
 FORCE = "Replace the file if it exists."
 
 
-def output_options(what: str, required: bool = False) -> Callable[[Any], Any]:
+def output_options(what: str, required: bool = False, force: str = FORCE) -> Callable[[Any], Any]:
     """Return a decorator that adds ``-o, --output FILE``, described as ``what``, and ``--force``."""
 
     def add(function: Any) -> Any:
-        function = click.option("--force", is_flag=True, help=FORCE)(function)
+        function = click.option("--force", is_flag=True, help=force)(function)
         return click.option(
             "-o",
             "--output",
@@ -63,12 +63,19 @@ def check_output(
     if not os.access(folder, os.W_OK):
         raise PlanError(f"{told}: {folder} cannot be written to: give another")
     if path.exists():
-        for one in inputs:
-            if _is_same(path, Path(one)):
-                raise PlanError(f"{told}: it is read by this command ({one}): give another name")
+        check_not_read(path, inputs, option)
         if not force:
             raise PlanError(f"{told}: it exists: give another name, or --force")
     return path
+
+
+def check_not_read(path: Path, inputs: Iterable[str | Path], option: str = "--output") -> None:
+    """Refuse to write over what the verb reads, whatever the options. Raises PlanError."""
+    for one in inputs:
+        if _is_same(path, Path(one)):
+            raise PlanError(
+                f"{option} {path}: it is read by this command ({one}): give another name"
+            )
 
 
 def check_folder(path: Path, force: bool = False, option: str = "--output") -> Path:

@@ -132,12 +132,13 @@ def _incomplete(run: RecordedRun) -> tuple[str, float | None, float | None]:
         reason = end.get("reason") or "the recorder did not finish this file"
     truth = recording.topics.get(recording.topic(topics.GROUND_TRUTH))
     last_ns = None if truth is None else truth.last_stamp_ns
-    planned = run.parameters.get("simulator", {}).get("duration")
-    return (
-        reason,
-        None if last_ns is None else seconds(last_ns),
-        planned if isinstance(planned, float) and planned > 0.0 else None,
-    )
+    last_s = None if last_ns is None else seconds(last_ns)
+    planned_s = run.parameters.get("simulator", {}).get("duration")
+    if not isinstance(planned_s, float) or planned_s <= 0.0:
+        return reason, last_s, None
+    if last_s is not None and last_s > planned_s:  # a stranger's: where ours ended is not known
+        last_s = None
+    return reason, last_s, planned_s
 
 
 def late_steps(run: RecordedRun) -> Late | None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from trunk_msgs_util.recording.bag_folder import METADATA
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.rosbag2 import RECORD, metadata_yaml
+from trunk_msgs_util.recording.writing.own_file import is_being_written
 from trunk_msgs_util.yaml_text import YamlTextError
 
 from ..errors import PlanError
@@ -20,27 +21,36 @@ from ..plans.plan import RunPlan
 
 @dataclass(frozen=True)
 class RunFiles:
-    """Where a run leaves what it makes."""
+    """Where a run leaves what it makes; ``replaces``: in place of what an earlier one has left there."""
 
     folder: Path
+    replaces: bool = False
+
+    @property
+    def all(self) -> tuple[Path, ...]:
+        """All that a run writes."""
+        return self.recording, self.parameters, self.description, self.logs
 
     @classmethod
-    def for_run(cls, plan: RunPlan, folder: Path | None = None) -> RunFiles:
+    def for_run(
+        cls, plan: RunPlan, folder: Path | None = None, force: bool | None = None
+    ) -> RunFiles:
         """Make the run's folder, by default a new one below ``runs``.
 
-        Raises PlanError where there is a file that the run would write.
+        Raises PlanError where there is a file that the run would write: with ``force`` only where that is
+        none of a run, or is still being written. None: the user cannot ask for it.
         """
         given = folder
         if folder is None:
             stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
             place = plan.namespace.replace("/", "_")
             folder = Path("runs") / f"{stamp}_{plan.scenario}_{plan.controller_name}{place}"
-        files = cls(folder)
-        for file in (files.recording, files.parameters, files.description, files.logs):
+        files = cls(folder, replaces=bool(force))
+        if os.path.lexists(folder) and not folder.is_dir():
+            raise PlanError(f"output {folder}: it is not a folder: give another")
+        for file in files.all:
             if os.path.lexists(file):
-                raise PlanError(
-                    f"output {folder}: there is a {file.name} in it; give another folder"
-                )
+                files._check_replaceable(file, "" if force is None else ", or --force")
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -48,6 +58,15 @@ class RunFiles:
                 raise  # the error names it
             raise PlanError(f"{folder}: {error.strerror}: give a folder with --output") from None
         return files
+
+    def _check_replaceable(self, file: Path, way_out: str) -> None:
+        told = f"output {self.folder}: there is a {file.name} in it"
+        if not self.replaces:
+            raise PlanError(f"{told}: give another folder{way_out}")
+        if file.is_dir() != (file == self.logs):
+            raise PlanError(f"{told} that is no run's: give another folder")
+        if file == self.recording and is_being_written(file):
+            raise PlanError(f"{told} that is being written: give another folder, or stop that run")
 
     @property
     def recording(self) -> Path:
@@ -65,10 +84,16 @@ class RunFiles:
         return self.folder / METADATA
 
     def record(self, plan: RunPlan) -> RunPlan:
-        """Return the plan that records into this folder, and write it as the parameter file."""
+        """Return the plan that records into this folder, and write it as the parameter file.
+
+        What an earlier run said of its recording is gone then.
+        """
         plan = with_values(
             plan, recorder=with_values(plan.recorder, output=str(self.recording.absolute()))
         )
+        if self.replaces:
+            for old in (self.recording, self.description, *self.logs.glob("*.log")):
+                old.unlink(missing_ok=True)
         plan.write_parameters(self.parameters)
         return plan
 

@@ -24,6 +24,7 @@ from . import evidence, qos
 from .conversions import status_to_ros
 from .managed import EXIT_FAILED, ManagedNode
 from .ros_parameters import NodeParameters
+from .waiting import Waiting
 
 Config = TypeVar("Config", bound=ManagedConfig)
 
@@ -45,6 +46,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
         self._born_s = time.monotonic()
         self._evidence: list[evidence.Evidence] = []
         self._accounted = False
+        self._waiting = Waiting()
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.linger_s = 0.0  # how long messages may collect before they are taken
         self._parameters_set = NodeParameters(self, config_class, self._on_parameters)
@@ -56,7 +58,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
         )
         self._diagnostics_topic = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._parameters_topic.publish(self._parameters_set.event(0))
-        self._diagnostics_timer = self.every(1.0, self._publish_diagnostics)
+        self._diagnostics_timer = self.every(1.0, self._every_second)
         self.keep_permanent()
 
     def autostart(self) -> None:
@@ -162,6 +164,17 @@ class TrunkNode(ManagedNode, Generic[Config]):
     def draining(self) -> bool:
         """Return True while the node still has messages to take before it closes."""
         return False
+
+    def waits_for(self) -> str:
+        """Return for whom this node waits, and how to start them; asked once a second. Empty: for nobody."""
+        return ""
+
+    def _every_second(self) -> None:
+        self._publish_diagnostics()
+        text = self.waits_for() if self.configured and self.exit_code is None else ""
+        line = self._waiting.line(text, time.monotonic())
+        if line:
+            self.get_logger().info(printable(line))
 
     def _publish_diagnostics(self) -> None:
         state = "active" if self.active else "inactive" if self.configured else "unconfigured"

@@ -23,7 +23,7 @@ from ..recording.schemas import parse_event
 from ..recording.writer import PROVENANCE, RecordingWriter
 from ..samples import JointSample
 from ..units import LAST_STAMP_NS, NANOSECONDS
-from . import qos
+from . import qos, waiting
 from .base import TrunkNode
 from .conversions import sample_to_wire
 from .heard import HeardTopic
@@ -71,6 +71,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         )
         self._written_ns = dict.fromkeys(self.config.lockstep_topics, -1)
         self._told_ns = -1
+        self._looked_at = 0
         self.run_stamp_ns = -1
         self._heard: dict[str, HeardTopic] = {}
 
@@ -81,10 +82,16 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._path = Path(
             config.output or time.strftime("trunk_%Y%m%dT%H%M%SZ.mcap", time.gmtime())
         )
+        if self._path.suffix.lower() != ".mcap" and not self._path.is_relative_to("/dev"):
+            allowed = f"the file's name ends in .mcap, such as {self._path / 'run.mcap'}"
+            raise ParameterError("output", str(self._path), allowed)
         try:
             self._writer = RecordingWriter(
                 self._path, compression=config.compression, overwrite=config.overwrite
             )
+        except FileExistsError:
+            allowed = "it exists: give another name, or -p overwrite:=true to replace it"
+            raise ParameterError("output", str(self._path), allowed) from None
         except OSError as error:
             raise ParameterError("output", str(self._path), f"a file to write ({error})") from None
         self._begin_file(self._writer)
@@ -228,6 +235,22 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             return
         self.look_for_namesake(event.node, event.message, event.values)
 
+    def waits_for(self) -> str:
+        """Return what a recorder that hears nothing waits for, and who ends one whose run is over."""
+        if not self.active:
+            return ""
+        if self._tally.end is not None:
+            return (
+                "Ctrl-C: the run is over; stop the controllers first, they say then what they gave"
+            )
+        before, self._looked_at = self._looked_at, self._tally.counts[topics.JOINT_STATES]
+        if self._looked_at > before:
+            return ""
+        topic = self.resolve_topic_name(topics.JOINT_STATES)
+        last_ns = self._written_ns.get(topics.JOINT_STATES, -1)
+        published = self._heard[topics.JOINT_STATES].publisher_count > 0
+        return waiting.states(topic, published, last_ns if self._looked_at else None)
+
     def _flush(self) -> None:
         try:
             if self._writer is not None:
@@ -283,7 +306,17 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             self._writer.finish(complete=complete, reason=reason)
         except OSError as error:
             self._disk_failed(error)
+        else:
+            self._say_end(complete, reason)
         self._writer = None
+
+    def _say_end(self, complete: bool, reason: str) -> None:
+        """Say what is in the file, and what is missing."""
+        told = printable(f"recorded: {self._path}, {self._tally.counts.total()} messages")
+        if complete:
+            self.get_logger().info(f"{told}, complete ({printable(reason)})")
+        else:
+            self.get_logger().warning(f"{told}, INCOMPLETE: {printable(reason)}")
 
     def close(self) -> None:
         """Take in what is under way, finish the file, then end."""

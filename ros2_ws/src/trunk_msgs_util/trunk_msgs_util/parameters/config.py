@@ -27,7 +27,7 @@ class RecorderConfig(ManagedConfig):
     output: str = parameter(
         "output",
         "",
-        "File to write; empty: trunk_<UTC time>.mcap in the working directory",
+        "File to write, NAME.mcap; empty: trunk_<UTC time>.mcap in the working directory",
         fixed=True,
     )
     overwrite: bool = parameter("overwrite", False, "Replace the file if it exists", fixed=True)

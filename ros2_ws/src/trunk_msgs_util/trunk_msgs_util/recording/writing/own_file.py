@@ -33,6 +33,18 @@ def open_own(path: Path, *, overwrite: bool) -> BinaryIO:
     return file
 
 
+def is_being_written(path: Path) -> bool:
+    """Return True if a process holds the lock of a file. Raises OSError where it cannot be opened."""
+    with path.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:  # this file system has no locks
+            pass
+    return False
+
+
 def _lock(file: BinaryIO, path: Path) -> None:
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,0 +1,20 @@
+from __future__ import annotations
+
+from trunk_msgs_util.node.waiting import Waiting
+
+
+def test_said_at_once_then_every_five_seconds_and_at_once_where_it_changes():
+    waiting = Waiting()
+    told = [(now, waiting.line("a controller", float(now))) for now in range(12)]
+    assert [now for now, line in told if line] == [0, 5, 10]
+    assert told[0][1] == "waiting for a controller"
+    assert waiting.line("the recorder", 12.0) == "waiting for the recorder"
+    assert waiting.line("the recorder", 13.0) == ""
+
+
+def test_nothing_is_said_of_nobody_and_who_is_missing_again_is_said_at_once():
+    waiting = Waiting()
+    assert waiting.line("", 0.0) == ""
+    assert waiting.line("a controller", 1.0)
+    assert waiting.line("", 2.0) == ""
+    assert waiting.line("a controller", 3.0)
