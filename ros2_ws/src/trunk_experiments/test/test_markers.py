@@ -6,8 +6,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from trunk_experiments.views.markers import FAR, Geometry, Kind, MarkersConfig, Scene, path, shapes
+from trunk_experiments.views.markers import MarkersConfig
 from trunk_msgs_util.parameters.declarations import ParameterError, build
+from trunk_msgs_util.picture.shapes import FAR, Geometry, Kind, Scene, path, shapes
 
 GEOMETRY = Geometry(length=1.3, amplitude=0.7, wavenumber=2.0)
 REAL = st.floats(-50.0, 50.0)

@@ -10,19 +10,19 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from trunk_experiments.views import markers
+from trunk_experiments.views.markers import MarkersConfig
 from trunk_msgs_util import topics
+from trunk_msgs_util.picture.shapes import Geometry, Scene, shapes
 
 PACKAGE = Path(__file__).parents[1]
 RVIZ = sorted((PACKAGE / "rviz").glob("*.rviz"))
-MARKERS_TYPE = "visualization_msgs/msg/MarkerArray"
 FIELDS = ("position", "velocity", "effort")
 
 
 def known_topics():
     return {
         "/" + name: kind for name, kind in topics.evidence_types(("pid", "fuzzy_pid")).items()
-    } | {"/" + markers.TOPIC: MARKERS_TYPE}
+    } | {"/" + name: kind for name, kind in topics.PICTURES.items()}
 
 
 def names_in(topic):
@@ -42,13 +42,13 @@ def displays(tree):
 def test_rviz_shows_topics_that_exist_with_the_display_of_their_type(path):
     tree = yaml.safe_load(path.read_text(encoding="utf-8"))
     manager = tree["Visualization Manager"]
-    assert manager["Global Options"]["Fixed Frame"] == markers.MarkersConfig().frame
+    assert manager["Global Options"]["Fixed Frame"] == MarkersConfig().frame
     shown = {d["Topic"]["Value"]: d["Class"].split("/")[1] for d in displays(tree)}
     assert shown
     for topic, display in shown.items():
         assert known_topics()[topic].rsplit("/", 1)[-1] == display
-    shapes = {s.name for s in markers.shapes(markers.Geometry(), markers.Scene(0.0, 0.0))}
-    assert {n for d in displays(tree) for n in d["Namespaces"]} == shapes
+    drawn = {s.name for s in shapes(Geometry(), Scene(0.0, 0.0))}
+    assert {n for d in displays(tree) for n in d["Namespaces"]} == drawn
 
 
 def test_plotjuggler_draws_series_that_exist():
@@ -84,7 +84,9 @@ def test_foxglove_draws_values_that_exist_in_panels_that_exist():
                 name = names_in(topic)[int(index)]
                 assert name == "trunk" or name in path["label"], path
         elif kind == "3D":
-            assert {known_topics()[topic] for topic in config["topics"]} == {MARKERS_TYPE}
+            assert {known_topics()[topic] for topic in config["topics"]} == {
+                topics.MARKER_ARRAY_TYPE
+            }
         else:
             assert config["topicPath"] in known_topics()
 

@@ -13,16 +13,26 @@ RUN_PARAMETERS = "run/parameters"
 RUN_EVENTS = "run/events"
 RECORDER_PROGRESS = "recorder/progress"
 
+# The picture of a run, for 3-D views.
+MARKERS = "markers"
+TF = "tf"
+ROBOT_DESCRIPTION = "robot_description"
+
 JOINT_STATE_TYPE = "sensor_msgs/msg/JointState"
 PARAMETER_EVENT_TYPE = "rcl_interfaces/msg/ParameterEvent"
 DIAGNOSTIC_ARRAY_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
+MARKER_ARRAY_TYPE = "visualization_msgs/msg/MarkerArray"
+STRING_TYPE = "std_msgs/msg/String"
+TF_TYPE = "tf2_msgs/msg/TFMessage"
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
+
+PICTURES = {MARKERS: MARKER_ARRAY_TYPE, TF: TF_TYPE, ROBOT_DESCRIPTION: STRING_TYPE}
 
 # The name by which ros2_control's users look for what CONTROLLER/state has.
 CONTROLLER_STATE = "~/controller_state"
 
 # Late subscribers get what was said on these topics; on the others, what is said from then on.
-LATCHED = (RUN_PARAMETERS, RUN_EVENTS)
+LATCHED = (RUN_PARAMETERS, RUN_EVENTS, ROBOT_DESCRIPTION)
 LATCHED_DEPTH = 1000
 LIVE_DEPTH = 5000
 

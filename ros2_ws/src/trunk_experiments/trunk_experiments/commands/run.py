@@ -11,7 +11,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import middleware
 
-from ..console.common import files_read, plan_of, plan_options
+from ..console.common import files_read, markers_option, plan_of, plan_options
 from ..console.outputs import check_not_read, output_options
 from ..console.terminal import console
 from ..errors import PlanError
@@ -33,6 +33,7 @@ from .metrics import show_metrics
 @click.option(
     "--composed", is_flag=True, help="All nodes in one process; in lock-step many times faster."
 )
+@markers_option
 @click.option(
     "--speed",
     type=float,
@@ -45,6 +46,7 @@ def command(
     force: bool,
     lockstep: bool,
     composed: bool,
+    markers: bool,
     speed: float,
     **options: Any,
 ) -> None:
@@ -53,6 +55,8 @@ def command(
     SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.
     """
     everywhere: dict[str, object] = {"lockstep.enabled": True} if lockstep else {}
+    if markers:
+        everywhere["markers"] = True
     if speed:
         if not lockstep:
             raise PlanError(f"--speed {speed:g}: only a lock-step run can be paced; add --lockstep")

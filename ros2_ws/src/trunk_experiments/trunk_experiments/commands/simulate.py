@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ from click.core import ParameterSource
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.topic import RecordingError
 
-from ..console.common import files_read, plan_of, plan_options
+from ..console.common import files_read, markers_option, plan_of, plan_options
 from ..console.outputs import check_output, output_options
 from ..errors import PlanError
 
@@ -23,13 +24,14 @@ if TYPE_CHECKING:
 @click.command("simulate")
 @partial(plan_options, required=False)
 @output_options("The MCAP file to write.", required=True)
+@markers_option
 @click.option(
     "--like",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     metavar="RUN.mcap",
     help="Repeat a recorded run from its recording; in place of SCENARIO.",
 )
-def command(output: Path, force: bool, like: Path | None, **options: Any) -> None:
+def command(output: Path, force: bool, like: Path | None, markers: bool, **options: Any) -> None:
     """Run SCENARIO without ROS: same functions, files, topics and schemas.
 
     SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.
@@ -43,20 +45,21 @@ def command(output: Path, force: bool, like: Path | None, **options: Any) -> Non
     if like is not None:
         try:
             plan = open_run(like).plan()
+            plan = replace(plan, recorder=replace(plan.recorder, markers=markers))
             states = recorded(plan, output, force)
         except (PlanError, ParameterError) as error:
             raise RecordingError(f"{like}: it cannot be run again: {error}") from None
     elif options["scenario"] is None:
         raise PlanError("give a SCENARIO, or --like RUN.mcap")
     else:
-        plan = plan_of(**options)
+        plan = plan_of(**options, extra={"markers": True} if markers else {})
         states = recorded(plan, output, force)
     click.echo(f"{output}: {states} states, {plan.scenario}, {plan.turns}")
 
 
 def _check_alone(context: click.Context) -> None:
     """Raise PlanError for what --like would ignore: the recording has the whole run."""
-    for name in context.params.keys() - {"output", "force", "like"}:
+    for name in context.params.keys() - {"output", "force", "like", "markers"}:
         if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
             given = {"settings": "--set", "swaps": "--swap-at", "scenario": "SCENARIO"}
             raise PlanError(

@@ -59,6 +59,15 @@ def json_option(text: str = "Print JSON.") -> Callable[[Function], Function]:
     return click.option("--json", "as_json", is_flag=True, help=text)
 
 
+def markers_option(function: Function) -> Function:
+    """Add ``--markers``, of the verbs that record."""
+    return click.option(
+        "--markers",
+        is_flag=True,
+        help="Record a picture too, for Foxglove's and RViz's 3-D views: markers, tf, robot_description.",
+    )(function)
+
+
 def plan_options(function: Function, required: bool = True) -> Function:
     """Add the argument and options from which `plan_of` makes a plan."""
     options = [

@@ -76,6 +76,7 @@ def _around(run: RecordedRun, file: RecordingFile) -> Iterator[str]:
     # References for one controller alone have a channel from the first of them on.
     own = map(topics.own_reference, controllers)
     types |= {name: topics.JOINT_STATE_TYPE for name in own if run.count(name)}
+    types |= {name: topics.PICTURES[name] for name in pictures(run)}
     wanted = {run.recording.topic(name): kind for name, kind in types.items()}
     counts = Counter(channel.topic for channel in file.channels.values())
     for topic in sorted({*wanted, *counts}):
@@ -94,6 +95,13 @@ def _around(run: RecordedRun, file: RecordingFile) -> Iterator[str]:
             yield f"{channel.topic}: its messages are not cdr"
         if channel.metadata != rosbag2.channel_metadata(channel.topic, kind):
             yield f"{channel.topic}: its channel's metadata is not what rosbag2 has for it"
+
+
+def pictures(run: RecordedRun) -> list[str]:
+    """Return the topics of the run's picture that are recorded: all of them, or none."""
+    if any(run.recording.topic(name) in run.recording.topics for name in topics.PICTURES):
+        return list(topics.PICTURES)
+    return []
 
 
 def _controllers(run: RecordedRun) -> tuple[str, ...]:
@@ -115,12 +123,13 @@ def _heads(run: RecordedRun) -> Iterator[str]:
     """Yield topics whose sequence numbers, publish times or simulated log times are not ours."""
     counts: Counter[str] = Counter()
     times_ns: set[int] = set()
+    unstamped = {run.recording.topic(name) for name in topics.PICTURES}
     found: dict[tuple[str, str], str] = {}
     for block in run.recording.blocks(list(run.recording.topics)):
         for topic, messages in block.items():
             data, offsets = messages.data, messages.offsets()
-            stamp_ns = np.clip(_stamps(messages), 0, LAST_STAMP_NS)
             log = messages.log_time_ns
+            stamp_ns = log if topic in unstamped else np.clip(_stamps(messages), 0, LAST_STAMP_NS)
             times_ns |= {int(log.min()), int(log.max())}
             times_ns = {min(times_ns), max(times_ns)}
             sequence = np.arange(counts[topic], counts[topic] + len(messages))

@@ -15,7 +15,7 @@ from ..plans.nodes import CONTROLLERS, unknown_controllers
 from ..recorded.run import RecordedRun
 from ..recorded.turns import idle_ns
 from .as_planned import not_as_planned
-from .as_written import not_as_written
+from .as_written import not_as_written, pictures
 from .attributable import SHARED, missed_from_ns, recorded_until_ns, robot_obstacles, shared_from_ns
 from .consistency import contradictions, failures, uncounted
 from .gaps import gaps
@@ -155,6 +155,8 @@ def _unjudged(run: RecordedRun) -> list[str]:
     ]
     if not run.exact:
         found.append("when commands and disturbances arrived: the wall clock decides it")
+    if pictures(run):
+        found.append(f"the picture ({', '.join(topics.PICTURES)}): covered by digests alone")
     found.append(ORIGIN)
     return found
 

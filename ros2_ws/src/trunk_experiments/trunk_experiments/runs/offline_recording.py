@@ -10,6 +10,7 @@ from trunk_control.laws import law_named
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
+from trunk_msgs_util.picture.film import Film
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.schemas import event, parameter_event
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
@@ -72,8 +73,15 @@ class _OfflineRecorder:
             topic: writer.channel("/" + topic, type_name)
             for topic, type_name in topics.evidence_types(tuple(plan.controllers)).items()
         }
+        self._film = Film() if plan.recorder.markers else None
+        if self._film is not None:
+            self._channels |= {
+                topic: writer.channel("/" + topic, kind) for topic, kind in topics.PICTURES.items()
+            }
         self._acting = disturbance_source(plan)
+        self._drawn = disturbance_source(plan)  # each is asked at increasing stamps
         self._last_ns = -1
+        self._reference: float | None = None  # the last that a controller told
         self._of_simulator = plan.timeline("simulator")
         self.states = 0
 
@@ -139,7 +147,20 @@ class _OfflineRecorder:
             self._answer(step, step.answer)
         self._last_ns = stamp_ns
         self._mark_fall(step)
+        if self._film is not None and self._film.is_due(stamp_ns):
+            self._draw(self._film, step)
         self.states += 1
+
+    def _draw(self, film: Film, step: Step) -> None:
+        """Write the state's picture."""
+        self._of_simulator.advance(step.stamp_ns)
+        film.retune(values_of(self._of_simulator.config))
+        joints, acting = self._plan.simulator.joints, self._drawn(step.stamp_ns)
+        if step.answer is not None:
+            self._reference = step.answer.reference
+        pushed = disturbance_sample(step.stamp_ns, joints, acting)
+        for topic, data in film.picture(step.truth, pushed, self._reference, step.stamp_ns):
+            self._put(topic, step.stamp_ns, data)
 
     def _answer(self, step: Step, answer: Answer) -> None:
         """Write a controller's command, and its terms if they are fresh."""

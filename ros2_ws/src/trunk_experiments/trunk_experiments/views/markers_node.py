@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterable
 
-from geometry_msgs.msg import Point
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from sensor_msgs.msg import JointState
-from std_msgs.msg import ColorRGBA
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import MarkerArray
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import qos
@@ -24,11 +21,13 @@ from trunk_msgs_util.node.conversions import WireReader
 from trunk_msgs_util.node.executor import LoopExecutor
 from trunk_msgs_util.node.ros_parameters import NodeParameters
 from trunk_msgs_util.node.run import run_beside
+from trunk_msgs_util.picture import messages
+from trunk_msgs_util.picture.film import scene_of, value
+from trunk_msgs_util.picture.shapes import Geometry, shapes
 from trunk_msgs_util.samples import JointSample
 
 from ..plans.nodes import CONTROLLERS
-from . import markers
-from .markers import Geometry, Kind, MarkersConfig, Scene, Shape
+from .markers import MarkersConfig
 
 
 class Newest:
@@ -41,14 +40,6 @@ class Newest:
 
     def _take(self, data: bytes) -> None:
         self.sample = self._read(data)
-
-    def value(self, field: str, name: str) -> float | None:
-        """Return a named value of ``position`` or ``effort``, or None."""
-        if self.sample is None or name not in self.sample.name:
-            return None
-        values: tuple[float, ...] = getattr(self.sample, field)
-        index = self.sample.name.index(name)
-        return values[index] if index < len(values) else None
 
 
 class MarkersNode(Node):
@@ -64,7 +55,7 @@ class MarkersNode(Node):
         self._disturbance = Newest(self, topics.DISTURBANCE)
         self._terms = [Newest(self, topics.controller_state(c)) for c in CONTROLLERS]
         self._shown: JointSample | None = None
-        self._picture = self.create_publisher(MarkerArray, markers.TOPIC, 1)
+        self._picture = self.create_publisher(MarkerArray, topics.MARKERS, 1)
         self.create_subscription(
             ParameterEvent, topics.RUN_PARAMETERS, self._on_parameters, qos.run_information()
         )
@@ -85,58 +76,19 @@ class MarkersNode(Node):
         if self._truth.sample is self._shown:
             return
         self._shown = self._truth.sample
-        hip, trunk = self._geometry.joints
-        x, theta = self._truth.value("position", hip), self._truth.value("position", trunk)
-        if x is None or theta is None:
+        if self._shown is None:
             return
-        scene = Scene(
-            x,
-            theta,
-            self._truth.value("effort", trunk) or 0.0,
-            self._reference(),
-            self._disturbed(hip),
-            self._disturbed(trunk),
-        )
-        self._picture.publish(self._to_ros(markers.shapes(self._geometry, scene)))
+        scene = scene_of(self._geometry, self._shown, self._disturbance.sample, self._reference())
+        if scene is not None:
+            now_ns = self.get_clock().now().nanoseconds
+            drawn = shapes(self._geometry, scene)
+            self._picture.publish(messages.markers(drawn, now_ns, self.config.frame))
 
     def _reference(self) -> float | None:
         """Return the reference of the controller that published last."""
         speaking = [terms for terms in self._terms if terms.sample is not None]
         latest = max(speaking, key=lambda t: t.sample.stamp_ns if t.sample else -1, default=None)
-        return latest.value("position", "reference") if latest else None
-
-    def _disturbed(self, joint: str) -> bool:
-        values = (self._disturbance.value(field, joint) for field in ("effort", "position"))
-        return any(values)
-
-    def _to_ros(self, picture: Iterable[Shape]) -> MarkerArray:
-        stamp = self.get_clock().now().to_msg()
-        array = MarkerArray()
-        for shape in picture:
-            marker = Marker(ns=shape.name, type=int(shape.kind), action=Marker.DELETE)
-            marker.header.stamp = stamp
-            marker.header.frame_id = self.config.frame
-            if shape.points:
-                _draw(shape, marker)
-            array.markers.append(marker)
-        return array
-
-
-def _draw(shape: Shape, marker: Marker) -> None:
-    marker.action = Marker.ADD
-    marker.pose.orientation.w = 1.0
-    red, green, blue, alpha = shape.color
-    marker.color = ColorRGBA(r=red, g=green, b=blue, a=alpha)
-    points = [Point(x=x, y=y, z=z) for x, y, z in shape.points]
-    scale = marker.scale
-    scale.x = shape.size
-    if shape.kind is Kind.SPHERE:
-        marker.pose.position = points[0]
-        scale.y = scale.z = shape.size
-    else:
-        marker.points = points
-    if shape.kind is Kind.ARROW:
-        scale.y, scale.z = 2.5 * shape.size, 3.0 * shape.size  # the head's diameter and length
+        return value(latest.sample, "position", "reference") if latest else None
 
 
 def _turn(node: MarkersNode, executor: LoopExecutor) -> None:

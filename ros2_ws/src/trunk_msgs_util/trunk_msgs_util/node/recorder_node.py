@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -16,7 +15,6 @@ from sensor_msgs.msg import JointState
 from .. import provenance, topics
 from ..events import Event
 from ..parameters.config import RecorderConfig
-from ..parameters.declarations import ParameterError
 from ..printable import printable
 from ..process_id import process_id
 from ..recording.schemas import parse_event
@@ -27,6 +25,8 @@ from . import qos, waiting
 from .base import TrunkNode
 from .conversions import sample_to_wire
 from .heard import HeardTopic
+from .output_file import open_output
+from .pictures import Pictures
 from .run import main_for
 from .tally import Tally
 
@@ -74,26 +74,14 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._looked_at = 0
         self.run_stamp_ns = -1
         self._heard: dict[str, HeardTopic] = {}
+        self._pictures = Pictures() if self.config.markers else None
 
     def set_up(self) -> None:
         """Open the file. Raises ParameterError where it cannot be written, or is there already."""
         config = self.config
         self._forget()
-        self._path = Path(
-            config.output or time.strftime("trunk_%Y%m%dT%H%M%SZ.mcap", time.gmtime())
-        )
-        if self._path.suffix.lower() != ".mcap" and not self._path.is_relative_to("/dev"):
-            allowed = f"the file's name ends in .mcap, such as {self._path / 'run.mcap'}"
-            raise ParameterError("output", str(self._path), allowed)
-        try:
-            self._writer = RecordingWriter(
-                self._path, compression=config.compression, overwrite=config.overwrite
-            )
-        except FileExistsError:
-            allowed = "it exists: give another name, or -p overwrite:=true to replace it"
-            raise ParameterError("output", str(self._path), allowed) from None
-        except OSError as error:
-            raise ParameterError("output", str(self._path), f"a file to write ({error})") from None
+        self._writer = open_output(config)
+        self._path = self._writer.path
         self._begin_file(self._writer)
         self._progress = self.create_publisher(JointState, topics.RECORDER_PROGRESS, qos.evidence())
         self._flush_timer = self.every(config.flush_interval, self._flush)
@@ -119,6 +107,10 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._channels = {
             topic: writer.channel(self.resolve_topic_name(topic), type_name)
             for topic, type_name in topics.evidence_types(config.controllers).items()
+        }
+        self._picture_channels = {
+            topic: writer.channel(self.resolve_topic_name(topic), type_name)
+            for topic, type_name in (topics.PICTURES.items() if self._pictures is not None else ())
         }
         self._flush()
 
@@ -180,10 +172,12 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def _callback(self, topic: str) -> Callable[[bytes], None]:
         writer, channels = self._writer, self._channels
         assert writer is not None  # for the type: `set_up` made it
-        on_message = {
+        on_message: Callable[[bytes], None] | None = {
             topics.RUN_EVENTS: self._on_event,
             topics.GROUND_TRUTH: self._on_truth,
         }.get(topic)
+        if self._pictures is not None and on_message is None:
+            on_message = self._pictures.taking(topic)
         lockstep = self.config.lockstep
 
         def write(data: bytes) -> None:
@@ -218,6 +212,19 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._tally.runs += self.run_stamp_ns < before_ns
         if self._tally.counts[topics.GROUND_TRUTH] % _TELL_EVERY == 0 and self.config.lockstep:
             self._tell_progress()
+
+        if self._pictures is not None:
+            self._draw(self._pictures, data)
+
+    def _draw(self, pictures: Pictures, truth: bytes) -> None:
+        """Record the picture of a true state, where it is one that is drawn."""
+        log_ns = max(self.run_stamp_ns, 0) if self.config.lockstep else time.time_ns()
+        try:
+            for topic, data in pictures.of(self.run_stamp_ns, truth, log_ns):
+                assert self._writer is not None  # for the type: a message has just been written
+                self._writer.write(self._picture_channels[topic], log_ns, log_ns, data)
+        except OSError as error:
+            self._disk_failed(error)
 
     def _tell_progress(self) -> None:
         """Tell the simulator up to which stamp every topic of the loop is in the file."""
@@ -307,12 +314,13 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         except OSError as error:
             self._disk_failed(error)
         else:
-            self._say_end(complete, reason)
+            count = sum(topic.messages for topic in self._writer.summary().topics)
+            self._say_end(count, complete, reason)
         self._writer = None
 
-    def _say_end(self, complete: bool, reason: str) -> None:
+    def _say_end(self, count: int, complete: bool, reason: str) -> None:
         """Say what is in the file, and what is missing."""
-        told = printable(f"recorded: {self._path}, {self._tally.counts.total()} messages")
+        told = printable(f"recorded: {self._path}, {count} messages")
         if complete:
             self.get_logger().info(f"{told}, complete ({printable(reason)})")
         else:

@@ -69,6 +69,13 @@ class RecorderConfig(ManagedConfig):
         fixed=True,
     )
 
+    markers: bool = parameter(
+        "markers",
+        False,
+        "Record the run's picture too, for 3-D views: markers, tf and robot_description, 30 times a second",
+        fixed=True,
+    )
+
     @property
     def mode(self) -> str:
         """How the run keeps time, for the record."""

@@ -1,0 +1,40 @@
+"""A recorder that is asked for a picture records it as it hears the run, in each mode; the run stays verified."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.schemas import deserialize, stamp_of
+
+from .processes import Children
+from .recordings import finished_file
+
+pytestmark = pytest.mark.graph
+
+
+@pytest.mark.parametrize("mode", [(), ("--lockstep",), ("--lockstep", "--composed")], ids=" ".join)
+def test_a_run_with_its_picture_is_verified(
+    children: Children, tmp_path: Path, mode: tuple[str, ...]
+) -> None:
+    run = children.trunk("run", "demo", "--duration", 2, "--markers", "--output", "run", *mode)
+    assert run.wait() == 0, run.stderr
+    file = tmp_path / "run" / "run.mcap"
+    counts = finished_file(file)
+    assert counts["/robot_description"] == 1
+    assert counts["/markers"] == counts["/tf"] == 61
+    recording = Recording.open(tmp_path / "run")  # as a bag
+    assert recording.complete, recording.warnings
+    verdict = verify(recording)
+    assert verdict.exit_code == VERIFIED, verdict
+    drawn = set()
+    for times, messages in recording.messages("/markers"):
+        for log_ns, data in zip(times, messages, strict=True):
+            array = deserialize(topics.MARKER_ARRAY_TYPE, data)
+            assert {stamp_of(marker.header.stamp) for marker in array.markers} == {log_ns}
+            drawn |= {marker.ns for marker in array.markers if marker.action == 0}
+    assert drawn >= {"path", "hip", "trunk", "mass", "torque", "reference"}
