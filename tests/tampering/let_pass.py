@@ -189,6 +189,10 @@ LET_PASS: tuple[tuple[str, str], ...] = (
         ),
         "how the recorder writes: the file is there, and whole",
     ),
+    (
+        rf"{_GRAPH}: parameter removed: recorder\.markers, set",
+        "recorder.markers left out: as an earlier version wrote it, without a picture",
+    ),
 )
 
 

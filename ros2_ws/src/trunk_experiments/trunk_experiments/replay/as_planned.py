@@ -13,16 +13,20 @@ from trunk_msgs_util.parameters.declarations import declarations
 from trunk_msgs_util.units import seconds, step_count
 
 from ..plans.nodes import CONTROLLERS, NODES
+from .as_written import pictures
 
 if TYPE_CHECKING:
     from trunk_sim.config import SimulatorConfig
 
     from ..recorded.run import RecordedRun
 
+# What recordings of earlier versions lack, because it was declared later; nothing that is judged depends on it.
+_LATER = {"recorder": ("markers",)}
+
 
 def not_as_planned(run: RecordedRun) -> list[str]:
     """Return what does not follow, a line each. Raises ParameterError for parameters."""
-    return [*_end(run), *_rates(run), *_parameters(run), *_origin(run)]
+    return [*_end(run), *_rates(run), *_parameters(run), *_picture(run), *_origin(run)]
 
 
 def _end(run: RecordedRun) -> Iterator[str]:
@@ -70,6 +74,14 @@ def _rates(run: RecordedRun) -> Iterator[str]:
             yield f"{name}: update_rate is not an integer divisor of the simulator's, in lock-step"
 
 
+def _picture(run: RecordedRun) -> Iterator[str]:
+    """Yield where there is a picture that the recorder was not asked for, or the other way round."""
+    asked = run.parameters.get("recorder", {}).get("markers", False)
+    if run.mode != "offline" and asked != bool(pictures(run)):
+        what = "a picture, but recorder.markers is false" if pictures(run) else "no picture, but it is true"
+        yield f"run/parameters: {what}"
+
+
 def _parameters(run: RecordedRun) -> Iterator[str]:
     """Yield sets of parameters that are not whole, doubled, late, or changed where they are fixed."""
     sets: Counter[str] = Counter()
@@ -81,8 +93,10 @@ def _parameters(run: RecordedRun) -> Iterator[str]:
         declared = declarations(NODES[node].config)
         if change.new:
             sets[node] += 1
-            if tuple(change.new) != tuple(declared):
-                odd = ", ".join(sorted(set(declared) ^ set(change.new))) or "their order"
+            lacking = set(_LATER.get(node, ())) - set(change.new)
+            whole = tuple(name for name in declared if name not in lacking)
+            if tuple(change.new) != whole:
+                odd = ", ".join(sorted(set(whole) ^ set(change.new))) or "their order"
                 yield f"run/parameters: the set of {node} is not this version's: {odd}"
             if change.stamp_ns:
                 yield f"run/parameters: the set of {node} is stamped {change.stamp_ns} ns, not 0"
