@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Install one requirement file exactly as it is locked: scripts/install.sh PYTHON FILE LOG [pip's options]
 # Nothing without a hash in FILE, no dependency beside it, no code of a package run to build it, but for those below.
-# One line says what is wrong; pip's words are in LOG.
+# One line says what is wrong; pip's words are in LOG: a line 'Collecting …' for each package.
 set -euo pipefail
 python=$1 file=$2 log=$3
 shift 3
@@ -10,7 +10,7 @@ shift 3
 # otherwise download whatever setuptools is the newest, without a hash.
 no_wheel=empy,yattag
 
-"$python" -m pip install --quiet --no-input --disable-pip-version-check --require-hashes --no-deps \
+"$python" -m pip install --no-input --disable-pip-version-check --require-hashes --no-deps \
     --only-binary :all: --no-binary "$no_wheel" --no-build-isolation "$@" -r "$file" >"$log" 2>&1 && exit
 
 fail() { printf '%s: %s\n' "$file" "$*" >&2; exit 1; }

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from ..recorded.run import RecordedRun
 
-# What recordings of earlier versions lack, because it was declared later; nothing that is judged depends on it.
+# What recordings of earlier versions lack: declared later, and nothing that is judged depends on it.
 _LATER = {"recorder": ("markers",)}
 
 
@@ -78,7 +78,11 @@ def _picture(run: RecordedRun) -> Iterator[str]:
     """Yield where there is a picture that the recorder was not asked for, or the other way round."""
     asked = run.parameters.get("recorder", {}).get("markers", False)
     if run.mode != "offline" and asked != bool(pictures(run)):
-        what = "a picture, but recorder.markers is false" if pictures(run) else "no picture, but it is true"
+        what = (
+            "a picture, but recorder.markers is false"
+            if pictures(run)
+            else "no picture, but it is true"
+        )
         yield f"run/parameters: {what}"
 
 
