@@ -241,6 +241,22 @@ def test_plots_and_comparisons_say_it_once_too(short_run, tmp_path, told):
     assert "not ended in order" not in err
 
 
+@pytest.mark.parametrize("verb", ["diff", "explain", "export", "verify"])
+def test_verbs_without_metrics_say_it_first_and_once(short_run, tmp_path, told, verb):
+    path = cut(short_run("fig6", "pid"), tmp_path / "cut.mcap")
+    words = {"diff": [path], "explain": ["--at", 0.3], "export": ["--csv", tmp_path / "a.csv"]}
+    _, out, err = told(verb, path, *words.get(verb, []))
+    if verb == "verify":
+        first = out.splitlines()[1]
+        assert first == "  obstacle: no trunk_end record: the recorder was not ended in order"
+        assert "did not finish" not in out
+        return
+    whose = f"{path}: " if verb == "diff" else ""
+    assert err.splitlines()[0] == f"trunk: warning: {whose}INCOMPLETE: {SAID}"
+    assert err.count(SAID) == (2 if verb == "diff" else 1)  # both runs are this one
+    assert "not ended in order" not in err
+
+
 def test_a_bag_that_lacks_messages_is_not_incomplete_because_it_has_finished(short_run, tmp_path):
     folder = tmp_path / "bag"
     folder.mkdir()

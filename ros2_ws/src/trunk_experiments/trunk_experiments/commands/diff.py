@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from ..console.common import json_option
-from ..console.reading import open_run, show_warnings
+from ..console.reading import open_run, show_damage
 from ..replay.diff import diff
 
 
@@ -24,7 +24,7 @@ def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
     """
     first, second = open_run(a), open_run(b)
     for run in (first, second):
-        show_warnings(f"{run.path}: {warning}" for warning in run.recording.warnings)
+        show_damage(run, f"{run.path}: ")
     found = diff(first, second)
     if as_json:
         values = {

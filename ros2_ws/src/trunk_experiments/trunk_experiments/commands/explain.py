@@ -12,7 +12,7 @@ import click
 from trunk_control.law import OUTCOME
 
 from ..console.common import json_option, print_table
-from ..console.reading import open_run, show_warnings
+from ..console.reading import open_run, show_damage
 from ..replay.explain import Explanation, explain
 
 
@@ -34,7 +34,7 @@ def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
     arithmetic in which it was recorded; 1: it differs.
     """
     recorded = open_run(run)
-    show_warnings(recorded.recording.warnings)
+    show_damage(recorded)
     found = explain(recorded, at)
     if as_json:
         click.echo(json.dumps(as_values(found), indent=2))

@@ -9,7 +9,7 @@ import click
 
 from ..analysis.run_table import RunTable
 from ..console.outputs import check_output
-from ..console.reading import open_run, show_warnings
+from ..console.reading import open_run, show_damage
 from ..views.extract import window, write_mcap, write_npz, write_parquet
 
 _FILE = click.Path(path_type=Path)
@@ -55,7 +55,7 @@ def command(
         if output is not None:
             check_output(output, (f".{suffix}",), force, [run], f"--{suffix}")
     recorded = open_run(run)
-    show_warnings(recorded.recording.warnings)
+    show_damage(recorded)
     if csv or parquet or npz:
         table = window(RunTable.from_run(recorded), start, end)
         if csv:

@@ -47,6 +47,13 @@ def open_views(paths: Iterable[Path]) -> list[RunView]:
     return [RunView.read(open_run(path)) for path in paths]
 
 
+def show_damage(run: RecordedRun, name: str = "") -> None:
+    """Print to stderr that a run is not whole, first, and what is damaged; ``name``: what to say it of."""
+    from ..replay.doubts import incomplete
+
+    show_warnings(f"{name}{line}" for line in (*incomplete(run), *run.recording.further_warnings))
+
+
 def show_warnings_of(views: Iterable[RunView]) -> None:
     """Print what cannot be shown of runs to stderr."""
     for view in views:

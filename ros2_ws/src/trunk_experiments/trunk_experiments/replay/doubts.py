@@ -120,6 +120,11 @@ def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts
     )
 
 
+def incomplete(run: RecordedRun) -> list[str]:
+    """Return the line that says that a run is not whole, why, and where it ends; none for a whole one."""
+    return Doubts(*_incomplete(run)).lines
+
+
 def _incomplete(run: RecordedRun) -> tuple[str, float | None, float | None]:
     """Return why a run is not whole, where it ends and where it was to end, in s."""
     recording = run.recording

@@ -49,13 +49,11 @@ def verdict_on(run: RecordedRun) -> Verdict:
     """Return the verdict on a recorded run, as `verify` does."""
     recording = run.recording
     verdict = Verdict()
-    verdict.obstacles += recording.warnings
+    verdict.obstacles += filter(None, [recording.unfinished, *recording.further_warnings])
     verdict.altered = recording.alterations()
     uncovered = recording.undigested()
     if uncovered:
         verdict.obstacles.append(f"no digests of {', '.join(uncovered)}: an edit would not show")
-    if recording.end is None:
-        verdict.obstacles.append("no end marker: the recorder did not finish this file")
     if not run.mode:
         verdict.obstacles.append("no provenance: the mode of the run is not known")
     if reason := run.cannot_be_recomputed():
