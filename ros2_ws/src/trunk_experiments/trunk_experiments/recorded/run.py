@@ -108,6 +108,13 @@ class RecordedRun:
         return not ours and bool(self.judgeable) and self.count(topics.JOINT_STATES) > 0
 
     @cached_property
+    def another_controller(self) -> bool:
+        """True if somebody whose law is not known gave an offline run's commands: the plant's inputs."""
+        ours = {*self.controllers, *self.parameters} & set(CONTROLLERS)
+        plant = "simulator" in self.parameters
+        return self.mode == "offline" and plant and bool(self.controllers) and not ours
+
+    @cached_property
     def judgeable(self) -> Sequence[str]:
         """The controllers whose laws and parameters are known."""
         return [n for n in self.controllers if n in CONTROLLERS and n in self.parameters]

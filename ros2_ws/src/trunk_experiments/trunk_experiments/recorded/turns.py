@@ -51,7 +51,7 @@ def idle_ns(run: RecordedRun) -> Integers:
     and ParameterError as `RecordedRun.changes` and `config` do.
     """
     stamps = run.table(topics.GROUND_TRUTH).stamp_ns
-    if run.mode != "offline":
+    if run.mode != "offline" or run.another_controller:
         return stamps[:0]
     anybody = np.zeros(len(stamps), bool)
     for name in run.controllers:

@@ -118,7 +118,8 @@ def _origin(run: RecordedRun) -> Iterator[str]:
     """Yield where the run's origin is not what the recorder was told, or what ran."""
     origin = run.recording.provenance
     if run.mode == "offline":
-        ran = " ".join(name for name in run.parameters if name in CONTROLLERS)
+        known = (name for name in run.parameters if name in CONTROLLERS)
+        ran = " ".join(run.controllers if run.another_controller else known)
         expected = {"controller": ran, "rmw": "none"}
     elif "recorder" in run.parameters:
         recorder = run.config("recorder")

@@ -59,11 +59,12 @@ def verdict_on(run: RecordedRun) -> Verdict:
     if reason := run.cannot_be_recomputed():
         verdict.obstacles.append(reason)
         return verdict
-    if not run.controllers or not set(run.controllers) <= set(CONTROLLERS):
+    known = bool(run.controllers) and set(run.controllers) <= set(CONTROLLERS)
+    if not known and not run.another_controller:
         unknown = unknown_controllers(run.controllers)
         verdict.obstacles.append(unknown or "no known controller's state is recorded")
         return verdict
-    nodes = {*run.controllers, "simulator"} | (
+    nodes = {"simulator", *(run.controllers if known else ())} | (
         {"disturbance"} if run.count(topics.DISTURBANCE) else set()
     )
     missing = nodes - set(run.parameters)
@@ -155,6 +156,11 @@ def _unjudged(run: RecordedRun) -> list[str]:
         found.append("when commands and disturbances arrived: the wall clock decides it")
     if pictures(run):
         found.append(f"the picture ({', '.join(topics.PICTURES)}): covered by digests alone")
+    if run.another_controller:
+        found.append(
+            f"the commands and terms of {', '.join(run.controllers)}, another controller: "
+            "the states follow from the commands"
+        )
     found.append(ORIGIN)
     return found
 
@@ -167,7 +173,7 @@ def _too_few(run: RecordedRun, parts: list[Part], until_ns: int | None) -> list[
     commands = sum(part.steps for part in parts if part.name.startswith("commands"))
     found = [f"{part.name}: nothing was checked" for part in parts if not part.steps]
     answered = wanted - len(idle_ns(run))
-    if commands < (answered if run.exact else 1):
+    if not run.another_controller and commands < (answered if run.exact else 1):
         found.append(f"commands: {commands} steps checked of {answered} states")
     found += [
         f"{part.name}: {part.steps} steps checked of {wanted} states"
@@ -186,7 +192,7 @@ def _commands(run: RecordedRun, until_ns: int | None) -> list[Part]:
 
 
 def _recomputed(run: RecordedRun, until_ns: int | None) -> list[Part]:
-    found = _commands(run, until_ns)
+    found = [] if run.another_controller else _commands(run, until_ns)
     replays: dict[str, Iterable[Checked]] = {}
     if run.count(topics.DISTURBANCE):
         replays["disturbances"] = replay_disturbance(run, until_ns)

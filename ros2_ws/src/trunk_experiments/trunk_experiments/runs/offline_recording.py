@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from trunk_control.decide import Answer, state_record
@@ -36,16 +36,33 @@ def record_offline(
 
     ``progress`` takes how many states there are by now, and how many there will be.
 
+    Raises DivergedError and OSError as `record_steps`.
+    """
+    return record_steps(plan, steps(plan), path, tuple(plan.controllers), overwrite, progress)
+
+
+def record_steps(
+    plan: RunPlan,
+    taken: Iterable[Step],
+    path: Path,
+    answering: Sequence[str],
+    overwrite: bool = False,
+    progress: Progress = lambda done, of: None,
+) -> int:
+    """Write the recording of a plan's run whose steps these are; return the number of states.
+
+    ``answering``: by name, who gives the commands.
+
     Raises DivergedError (the file then ends, marked incomplete, with the last finite state), and OSError
     (no file is written then; an existing one stays as it was).
     """
     diverged = None
     states = step_count(plan.simulator.duration, plan.simulator.update_rate) + 1
     with whole_file(path, overwrite=overwrite) as part, RecordingWriter(part) as writer:
-        run = _OfflineRecorder(plan, writer)
+        run = _OfflineRecorder(plan, answering, writer)
         run.open()
         try:
-            for step in steps(plan):
+            for step in taken:
                 run.write(step)
                 if run.states % _TOLD_EVERY == 0:
                     progress(run.states, states)
@@ -66,12 +83,13 @@ def record_offline(
 class _OfflineRecorder:
     """Records what the nodes would have published, stamped and logged in simulated time."""
 
-    def __init__(self, plan: RunPlan, writer: RecordingWriter) -> None:
+    def __init__(self, plan: RunPlan, answering: Sequence[str], writer: RecordingWriter) -> None:
         self._plan = plan
+        self._answering = answering
         self._writer = writer
         self._channels = {
             topic: writer.channel("/" + topic, type_name)
-            for topic, type_name in topics.evidence_types(tuple(plan.controllers)).items()
+            for topic, type_name in topics.evidence_types(tuple(answering)).items()
         }
         self._film = Film() if plan.recorder.markers else None
         if self._film is not None:
@@ -105,7 +123,7 @@ class _OfflineRecorder:
             PROVENANCE,
             provenance.gather(
                 scenario=plan.scenario,
-                controller=" ".join(plan.controllers),
+                controller=" ".join(self._answering),
                 mode="offline",
                 rmw="none",
             ),
@@ -164,7 +182,7 @@ class _OfflineRecorder:
 
     def _answer(self, step: Step, answer: Answer) -> None:
         """Write a controller's command, and its terms if they are fresh."""
-        joint = self._plan.controllers[step.controller].joint
+        joint = self._plan.simulator.joints[1]  # of every controller: `check_joints`
         command = JointSample(step.stamp_ns, (joint,), effort=(answer.effort,))
         self._sample(topics.EFFORT_COMMAND, command)
         if answer.fresh:

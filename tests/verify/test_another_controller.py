@@ -1,0 +1,87 @@
+"""A run whose commands somebody else gave: the states follow from them, the commands are not judged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
+from trunk_experiments.runs.offline import steps
+from trunk_experiments.runs.offline_recording import record_offline, record_steps
+from trunk_msgs_util.recording.reader import Recording
+
+from ..edited import ANEW, KEPT, copied
+from .messages import COMMAND, TRUTH, of
+from .test_verify import flip_last_bit
+
+PLAN = make_plan("fig8", "pid", everywhere={"duration": 0.5})
+TERMS = "/stranger/state"
+
+
+@pytest.fixture(scope="module")
+def strangers(tmp_path_factory):
+    path = tmp_path_factory.mktemp("strangers") / "run.mcap"
+    taken = (step._replace(controller="stranger") for step in steps(PLAN))
+    record_steps(replace(PLAN, controllers={}), taken, path, ("stranger",))
+    return path
+
+
+def test_the_states_follow_from_the_commands_on_the_record(strangers):
+    verdict = verify(Recording.open(strangers))
+    assert verdict.exit_code == VERIFIED, verdict.reasons
+    assert [(part.name, part.steps) for part in verdict.parts] == [
+        ("disturbances", 502),
+        ("states of the plant", 501),
+    ]
+    assert verdict.unjudged[0] == (
+        "the commands and terms of stranger, another controller: the states follow from the commands"
+    )
+
+
+def test_another_command_leads_to_another_state(strangers, tmp_path):
+    def edit(messages):
+        flip_last_bit(of(messages, COMMAND)[100])
+
+    verdict = verify(copied(strangers, tmp_path / "a.mcap", edit, digests=ANEW))
+    assert verdict.exit_code == DIVERGES
+    (difference, *_) = verdict.parts[-1].first
+    assert difference.stamp_ns == 101_000_000
+
+
+def test_an_altered_state_and_kept_digests_show(strangers, tmp_path):
+    def edit(messages):
+        flip_last_bit(of(messages, TRUTH)[100])
+
+    for digests in (ANEW, KEPT):
+        found = verify(copied(strangers, tmp_path / f"{digests}.mcap", edit, digests=digests))
+        assert found.exit_code == DIVERGES
+
+
+@pytest.mark.parametrize("topic", [COMMAND, TRUTH])
+def test_a_missing_message_is_no_whole_run(strangers, tmp_path, topic):
+    def edit(messages):
+        messages.remove(of(messages, topic)[100])
+
+    found = verify(copied(strangers, tmp_path / "less.mcap", edit, digests=ANEW))
+    assert found.exit_code != VERIFIED
+
+
+def test_a_run_in_which_our_controller_is_known_is_not_a_strangers(tmp_path):
+    """Whose parameters are on record is judged by them, whatever its terms are called."""
+    ours = tmp_path / "ours.mcap"
+    record_offline(PLAN, ours)
+    taken = (step._replace(controller="stranger") for step in steps(PLAN))
+    record_steps(PLAN, taken, tmp_path / "renamed.mcap", ("stranger",))
+    verdict = verify(Recording.open(tmp_path / "renamed.mcap"))
+    assert verdict.exit_code == UNJUDGED
+    assert verdict.obstacles == ["no known controller's state is recorded (found: stranger)"]
+    assert verify(Recording.open(ours)).exit_code == VERIFIED
+
+
+def test_the_origin_names_who_gave_the_commands(strangers, tmp_path):
+    said = {"controller": "somebody"}
+    found = verify(copied(strangers, tmp_path / "else.mcap", provenance=said, digests=ANEW))
+    assert found.exit_code == DIVERGES
+    assert any("origin: controller is 'somebody'" in line for line in found.contradictions)
