@@ -38,7 +38,10 @@ setup(
         (f"share/{name}/ros2_control", sorted(glob("ros2_control/*"))),
     ],
     zip_safe=False,
-    extras_require={"test": ["pytest"]},  # `colcon test` looks here for what runs the tests
+    extras_require={
+        "test": ["pytest"],  # `colcon test` looks here for what runs the tests
+        "gym": ["gymnasium"],
+    },
     entry_points={
         "console_scripts": [
             "bare_pair = trunk_experiments.executables:bare_pair",
