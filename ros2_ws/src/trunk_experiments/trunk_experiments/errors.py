@@ -35,6 +35,14 @@ class ExecutableError(TrunkError):
     """A node's executable that is not installed."""
 
 
+class NotInstalledError(TrunkError, ImportError):
+    """An optional library that is not installed, and how to install it."""
+
+
+class ActionError(TrunkError, ValueError):
+    """An action that an environment cannot take: its value, what is allowed."""
+
+
 class BenchError(TrunkError):
     """A library is missing, or its results differ from ours."""
 

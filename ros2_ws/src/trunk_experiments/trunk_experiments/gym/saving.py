@@ -1,0 +1,95 @@
+"""An episode as a recording: its plan is run again with its actions, as every offline run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from trunk_control.decide import NO_TERMS, Answer
+from trunk_control.pid import Gains, PidState, Terms, limited, pid_update
+from trunk_control.reference import reference_at
+from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.units import step_count
+from trunk_sim.simulation import DivergedError, Simulation
+
+from ..plans.plan import RunPlan
+from ..runs.offline import Step, disturbance_source
+from ..runs.offline_recording import record_steps
+from .task import Drawn, Task
+
+POLICY = "policy"  # who answers, in the recording
+
+
+def save_episode(
+    task: Task,
+    drawn: Drawn,
+    actions: Sequence[Floats],
+    states: int | None,
+    path: Path,
+    overwrite: bool,
+) -> Path:
+    """Write an episode; ``states``: how many it has, if it is not over.
+
+    One whose plant diverged is marked as incomplete. Raises OSError.
+    """
+    plan = task.plan_of(drawn, states)
+    with suppress(DivergedError):  # as in the environment: the file says so
+        record_steps(plan, policy_steps(task, plan, actions), path, (POLICY,), overwrite)
+    return path
+
+
+def policy_steps(task: Task, plan: RunPlan, actions: Sequence[Floats]) -> Iterator[Step]:
+    """Yield the steps of an episode of a plan under these actions.
+
+    The last state's command is the last action's, which is held: nobody has answered that state.
+    Raises DivergedError where the plant diverged.
+    """
+    simulation = Simulation(plan.simulator)
+    disturbances = disturbance_source(plan)
+    last = step_count(plan.simulator.duration, plan.simulator.update_rate)
+    every = task.regular.common.update_every
+    policy = _Policy(task)
+    answer = Answer(True, 0.0, False, False, 0.0, NO_TERMS)
+    while True:
+        k, stamp_ns = simulation.step_index, simulation.stamp_ns
+        acting = disturbances(stamp_ns)
+        measured = simulation.measure(acting)
+        if k % every == 0 and k // every < len(actions):
+            answer = policy.answer(measured, actions[k // every])
+        else:
+            answer = answer._replace(fresh=False)
+        truth, falls = simulation.truth(), simulation.falls_now
+        yield Step(stamp_ns, truth, measured, acting, POLICY, answer, (), falls)
+        if simulation.ended_by_fall or k == last:
+            return
+        simulation.step(answer.effort, acting)
+
+
+class _Policy:
+    """What an action stands for, in CPython: the very functions that `kernel.command` calls."""
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        common = task.regular.common
+        self._law = common.law
+        self._state = PidState(effort=task.regular.effort)
+        self._dt, self._later = common.first_dt, common.dt
+
+    def answer(self, measured: JointSample, action: Floats) -> Answer:
+        """Return the answer to a measured state."""
+        reference = reference_at(measured.stamp_ns, self._task.regular.profile)
+        angle, rate = measured.position[1], measured.velocity[1]
+        given = [float(one) for one in action]
+        if self._task.by_gains:
+            self._state, terms = pid_update(
+                self._state, reference, angle, rate, self._dt, Gains(*given), self._law
+            )
+        else:
+            effort = limited(given[0], self._law)
+            terms = Terms(
+                reference - angle, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, given[0], effort, False
+            )
+        self._dt = self._later
+        return Answer(True, terms.effort, True, False, reference, terms)

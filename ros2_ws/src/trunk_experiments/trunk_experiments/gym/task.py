@@ -1,0 +1,179 @@
+"""What an environment's episodes are: a plan, the kind of action, the reward's weights, what is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import isfinite, pi
+from typing import NamedTuple
+
+import numpy as np
+
+from trunk_control.laws import CONTROLLERS
+from trunk_control.pid_law import PidConfig
+from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.units import seconds
+
+from ..batch.block import LONGEST, Regular, regular_run
+from ..errors import PlanError
+from ..plans.plan import RunPlan, make_plan
+from ..runs.offline import check
+from ..similar import did_you_mean
+
+ACTIONS = ("torque", "gains")
+SPREAD = (0.0, 0.1, 0.0, 0.1)  # m, rad, m/s, rad/s
+EFFORT_WEIGHT = 1e-5  # rad^2 / (N m)^2
+# Whose section of the parameters gives the reference, the rate, the limits and the PID's modes.
+CONTROLLER = CONTROLLERS[0]
+
+
+class Drawn(NamedTuple):
+    """What is drawn for an episode."""
+
+    initial: tuple[float, ...]  # m, rad, m/s, rad/s
+    sensor_seed: int
+    disturbance_seed: int
+
+
+@dataclass(frozen=True)
+class Task:
+    """What all episodes of an environment have in common."""
+
+    plan: RunPlan
+    regular: Regular  # the plan as a lane does it
+    by_gains: bool  # actions are the PID's gains; False: torques
+    low: Floats  # of an action
+    high: Floats
+    spread: tuple[float, ...]  # of the initial state: m, rad, m/s, rad/s
+    effort_weight: float  # rad^2 / (N m)^2
+
+    @property
+    def as_planned(self) -> Drawn:
+        """The plan's own initial state and seeds."""
+        plan = self.plan
+        noise_seed = 0 if plan.disturbance is None else plan.disturbance.noise_seed
+        return Drawn(tuple(plan.simulator.initial_state), plan.simulator.seed, noise_seed)
+
+    @property
+    def draws_disturbances(self) -> bool:
+        """True if the disturbance has noise, whose seed is drawn for each episode."""
+        return self.plan.disturbance is not None and self.plan.disturbance.noise_rms != 0.0
+
+    def draw(self, generator: np.random.Generator) -> Drawn:
+        """Return an episode's initial state ``plan + spread (2 u - 1)``, u uniform in [0, 1), and seeds.
+
+        From raw 64-bit integers, whose stream NumPy guarantees: the same bits on every machine.
+        """
+        raw: list[int] = [int(one) for one in generator.bit_generator.random_raw(6)]
+        initial = tuple(
+            middle + width * (2.0 * ((one >> 11) * 2.0**-53) - 1.0)
+            for middle, width, one in zip(self.as_planned.initial, self.spread, raw, strict=False)
+        )
+        return Drawn(initial, raw[4] >> 33, raw[5] >> 33)
+
+    def plan_of(self, drawn: Drawn, states: int | None = None) -> RunPlan:
+        """Return the plan of an episode, shortened to so many states; none of our controllers is in it."""
+        plan, (x, theta, x_dot, theta_dot) = self.plan, drawn.initial
+        disturbance = plan.disturbance
+        if disturbance is not None and self.draws_disturbances:
+            disturbance = replace(disturbance, noise_seed=drawn.disturbance_seed)
+        duration = plan.simulator.duration
+        if states is not None:
+            duration = seconds((states - 1) * plan.simulator.period_ns)
+        simulator = replace(
+            plan.simulator,
+            initial_position=(x, theta),
+            initial_velocity=(x_dot, theta_dot),
+            seed=drawn.sensor_seed,
+            duration=duration,
+        )
+        return replace(plan, simulator=simulator, disturbance=disturbance, controllers={})
+
+
+def make_task(
+    scenario: str = "demo",
+    *,
+    params: Sequence[str] = (),
+    settings: Sequence[str] = (),
+    duration: float | None = None,
+    rate: float | None = None,
+    action: str = "torque",
+    largest_gains: Sequence[float] | None = None,
+    spread: Sequence[float] = SPREAD,
+    effort_weight: float = EFFORT_WEIGHT,
+) -> Task:
+    """Return the task of an environment's options.
+
+    ``scenario``, ``params``, ``settings`` (NODE.PARAM=VALUE), ``duration`` [s] and ``rate`` [Hz] as in
+    ``trunk simulate --controller pid``. ``action``: "torque" or "gains"; ``largest_gains``: kp, ki, kd;
+    by default twice those of ``pid``. ``spread``: half-widths of what is drawn around the plan's initial x
+    [m], angle [rad] and their rates. A fall ends an episode unless simulator.fall.stop is set to false.
+    Raises PlanError, ParameterFileError or ParameterError.
+    """
+    if action not in ACTIONS:
+        raise PlanError(
+            f"action {action!r}: give one of {', '.join(ACTIONS)}{did_you_mean(str(action), ACTIONS)}"
+        )
+    everywhere: dict[str, object] = {"fall.stop": True}
+    everywhere |= {} if duration is None else {"duration": duration}
+    everywhere |= {} if rate is None else {"update_rate": rate}
+    plan = make_plan(
+        scenario, CONTROLLER, _texts("params", params), _texts("settings", settings), everywhere
+    )
+    check(plan)
+    regular = regular_run(plan)
+    if regular is None:
+        raise PlanError(
+            f"duration {plan.simulator.duration:g} s, active.times {list(plan.controller.active_times)}: "
+            f"an episode has at most {LONGEST} states, and no turns"
+        )
+    widths = _numbers("spread", spread, 4)
+    widest = abs(plan.simulator.initial_state.theta) + widths[1]
+    if plan.simulator.fall_stop and widest > plan.simulator.fall_angle:
+        raise PlanError(
+            f"spread {list(widths)}: the initial angle is up to {widest:g} rad, beyond fall.angle "
+            f"({plan.simulator.fall_angle:g}): the trunk has fallen before it begins; give less"
+        )
+    (weight,) = _numbers("effort_weight", [effort_weight], 1)
+    low, high = _bounds(plan, action, largest_gains)
+    return Task(plan, regular, action == "gains", low, high, widths, weight)
+
+
+def lost(task: Task) -> float:
+    """Return the squared error [rad^2] that is charged for the rest of an episode that ended too early."""
+    return float(min(task.plan.simulator.fall_angle, pi) ** 2)
+
+
+def _bounds(
+    plan: RunPlan, action: str, largest_gains: Sequence[float] | None
+) -> tuple[Floats, Floats]:
+    config = plan.controller
+    assert isinstance(config, PidConfig)
+    if action == "gains":
+        given = [2.0 * one for one in config.gains] if largest_gains is None else largest_gains
+        return np.zeros(3), np.array(_numbers("largest_gains", given, 3))
+    if largest_gains is not None:
+        raise PlanError("largest_gains: it goes with action='gains' alone; leave it out")
+    limit = plan.simulator.max_effort
+    return (
+        np.array([max(-limit, config.u_clamp_min)]),
+        np.array([min(limit, config.u_clamp_max)]),
+    )
+
+
+def _texts(name: str, values: Sequence[str]) -> Sequence[str]:
+    if isinstance(values, str):
+        raise PlanError(f"{name} {values!r}: give a list, such as [{values!r}]")
+    return values
+
+
+def _numbers(name: str, values: Sequence[float], count: int) -> tuple[float, ...]:
+    """Return so many finite numbers of at least 0. Raises PlanError."""
+    try:
+        found = tuple(float(one) for one in values)
+    except (TypeError, ValueError):
+        found = ()
+    if len(found) != count or not all(isfinite(one) and one >= 0.0 for one in found):
+        what = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise PlanError(f"{name} {values!r}: give {what}, 0 or greater")
+    return found

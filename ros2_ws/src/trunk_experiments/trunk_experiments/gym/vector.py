@@ -1,0 +1,174 @@
+"""Many trunks as one Gymnasium vector environment, stepped side by side in compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from trunk_msgs_util.recording.joint_arrays import Floats
+
+from ..errors import PlanError
+from ..similar import did_you_mean
+from .balance import OPTIONS, space_of_actions, space_of_observations, wants_plan
+from .episodes import Episodes, Flags
+from .task import make_task
+
+MODES = {mode.value: mode for mode in AutoresetMode}
+
+Infos = dict[str, Any]
+
+
+class BalanceVectorEnv(VectorEnv[Floats, Floats, Any]):
+    """So many `BalanceEnv`, each with the same options; environment i of a seed s has the bits of seed s + i.
+
+    ``autoreset_mode``: "NextStep" (an episode that has ended begins anew in the next step, which takes no
+    action and gives no reward), "SameStep" (at once; the last observation and info are in ``final_obs``
+    and ``final_info``), or "Disabled" (``reset(options={"reset_mask": ...})`` begins some anew).
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenario: str = "demo",
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        **options: Any,
+    ) -> None:
+        """Raise PlanError for options that make no plan."""
+        if render_mode is not None:
+            raise PlanError(
+                f"render_mode {render_mode!r}: nothing is drawn; save an episode instead"
+            )
+        if not isinstance(num_envs, int) or num_envs < 1:
+            raise PlanError(f"num_envs {num_envs!r}: give 1 or more")
+        self.mode = _mode(autoreset_mode)
+        self.metadata = {"render_modes": [], "autoreset_mode": self.mode}
+        self.num_envs = num_envs
+        self.task = make_task(scenario, **options)
+        self.single_action_space = space_of_actions(self.task)
+        self.single_observation_space = space_of_observations()
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._episodes = Episodes(self.task, num_envs)
+        self._generators: list[np.random.Generator | None] = [None] * num_envs
+        self._over: Flags = np.zeros(num_envs, dtype=np.bool_)
+        self._begun: Flags = np.zeros(num_envs, dtype=np.bool_)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Floats, Infos]:
+        """Begin all episodes, or those of the option ``reset_mask``; ``as_planned`` as in `BalanceEnv`.
+
+        ``seed``: s for s, s + 1, ...; or one for each environment.
+        """
+        as_planned = wants_plan(options, (*OPTIONS, "reset_mask"))
+        mask = self._mask((options or {}).get("reset_mask"))
+        for i, one in enumerate(self._seeds(seed)):
+            if one is not None and mask[i]:
+                self._generators[i] = seeding.np_random(one)[0]
+        self._begin(mask, as_planned)
+        return self._episodes.observations(), self._infos(mask)
+
+    def step(self, actions: Floats) -> tuple[Floats, Floats, Flags, Flags, Infos]:
+        """Do one control period of every episode. Raises ActionError as `BalanceEnv`."""
+        if not self._begun.all():
+            raise ResetNeeded("step: reset the environments first")
+        over, episodes = self._over, self._episodes
+        if self.mode is AutoresetMode.DISABLED and over.any():
+            raise ResetNeeded(
+                f"step: the episode of environment {int(np.argmax(over))} has ended: reset it, by reset_mask"
+            )
+        episodes.advance(actions)
+        if over.any():
+            self._begin(over, False)
+        rewards, terminated, truncated = episodes.rewards, episodes.terminated, episodes.truncated
+        observations, infos = episodes.observations(), self._infos()
+        self._over = terminated | truncated
+        if self.mode is AutoresetMode.SAME_STEP and self._over.any():
+            observations, infos = self._begun_at_once(observations, infos)
+        return observations, rewards, terminated, truncated, infos
+
+    def _begun_at_once(self, last: Floats, told: Infos) -> tuple[Floats, Infos]:
+        """Begin the episodes that are over; return the first observations, and the last in the infos."""
+        over = self._over
+        finals = np.full(self.num_envs, None, dtype=object)
+        for i in np.flatnonzero(over):
+            finals[i] = last[i]
+        final_info = {name: np.zeros_like(value) for name, value in told.items()}
+        for name, value in told.items():
+            final_info[name][over] = value[over]
+        self._begin(over, False)
+        return self._episodes.observations(), {
+            "final_obs": finals,
+            "_final_obs": over.copy(),
+            "final_info": final_info,
+            "_final_info": over.copy(),
+            **self._infos(),
+        }
+
+    def _begin(self, mask: Flags, as_planned: bool) -> None:
+        """Begin the episodes of a mask anew."""
+        for i in np.flatnonzero(mask).tolist():
+            drawn = self.task.as_planned if as_planned else self.task.draw(self._generator(i))
+            self._episodes.begin(i, drawn)
+        self._over = self._over & ~mask
+        self._begun |= mask
+
+    def _generator(self, i: int) -> np.random.Generator:
+        found = self._generators[i]
+        if found is None:
+            found = self._generators[i] = seeding.np_random()[0]
+        return found
+
+    def _infos(self, mask: Flags | None = None) -> Infos:
+        """Return what `BalanceEnv` tells, an array each, and for whom."""
+        episodes = self._episodes
+        told: Infos = {
+            "step": episodes.steps[: self.num_envs].copy(),
+            "angle": episodes.angles,
+            "torque": episodes.torques,
+            "diverged": episodes.diverged,
+        }
+        there = np.ones(self.num_envs, dtype=np.bool_) if mask is None else mask
+        return told | {f"_{name}": there.copy() for name in told}
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int | np.integer):
+            return [int(seed) + i for i in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise PlanError(
+                f"reset: {len(seed)} seeds for {self.num_envs} environments: give as many"
+            )
+        return seed
+
+    def _mask(self, given: object) -> Flags:
+        if given is None:
+            return np.ones(self.num_envs, dtype=np.bool_)
+        mask = np.asarray(given)
+        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
+            raise PlanError(
+                f"reset: reset_mask has shape {mask.shape} and type {mask.dtype}; "
+                f"give {self.num_envs} flags, of which one is true"
+            )
+        return mask.copy()
+
+
+def _mode(given: str | AutoresetMode) -> AutoresetMode:
+    if isinstance(given, AutoresetMode):
+        return given
+    if given not in MODES:
+        raise PlanError(
+            f"autoreset_mode {given!r}: give one of {', '.join(MODES)}{did_you_mean(str(given), MODES)}"
+        )
+    return MODES[given]
