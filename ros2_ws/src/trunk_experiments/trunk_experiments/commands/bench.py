@@ -177,3 +177,22 @@ def sweep(rounds: int, as_json: bool) -> None:
     _show_side_by_side(
         rows, as_json, rounds, units, lambda row: (row.ours_s * 1e3, row.theirs_s * 1e3)
     )
+
+
+@command.command("gym")
+@_rounds(5)
+@click.option(
+    "--envs",
+    type=click.IntRange(1, 100_000),
+    default=1024,
+    show_default=True,
+    help="Environments side by side.",
+)
+@json_option()
+def gym(rounds: int, envs: int, as_json: bool) -> None:
+    """Compare our Gymnasium environment's steps per second and core with CartPole's."""
+    from ..bench.gym import bench_gym
+
+    rows = bench_gym(rounds, envs)
+    units = ("ours, 1/s", "CartPole, 1/s")
+    _show_side_by_side(rows, as_json, rounds, units, lambda row: (row.ours_hz, row.theirs_hz))
