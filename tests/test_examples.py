@@ -1,0 +1,61 @@
+"""The examples run, and say in one line what is wrong."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_msgs_util.recording.reader import Recording
+
+TRAIN = Path(__file__).parents[1] / "examples" / "train_linear_policy.py"
+SHORT = """/**:
+  ros__parameters: {update_rate: 200.0, substeps: 1, duration: 0.5}
+"""
+
+
+@pytest.fixture
+def train(tmp_path):
+    (tmp_path / "short.yaml").write_text(SHORT)
+
+    def run(*words):
+        command = [sys.executable, TRAIN, "--scenario", "short.yaml", *words]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    return run
+
+
+@pytest.mark.slow
+def test_a_policy_is_trained_saved_and_compared(train, tmp_path):
+    done = train("-o", "out", "--generations", "6", "--population", "16")
+    assert done.returncode == 0, done.stderr
+    medians = [float(line.split()[-1]) for line in done.stdout.splitlines() if "median" in line]
+    assert len(medians) == 6
+    assert medians[-1] > medians[0]
+    assert "policy.mcap: verified" in done.stdout
+    assert verify(Recording.open(tmp_path / "out" / "policy.mcap")).exit_code == VERIFIED
+    assert "ISE" in done.stdout
+    assert (tmp_path / "out" / "report.html").stat().st_size > 100_000
+    again = train("-o", "out")
+    assert again.returncode == 2
+    assert again.stderr.splitlines()[-1].endswith(
+        "--output out: it exists: name a folder that does not"
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--scenario", "fig5"], "no scenario 'fig5': give one of"),
+        (["--population", "1"], "--population 2 or more"),
+    ],
+)
+def test_a_wrong_argument_is_one_line_and_leaves_nothing(train, tmp_path, words, says):
+    done = train("-o", "out", *words)
+    assert done.returncode == 2
+    assert says in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "out").exists()
