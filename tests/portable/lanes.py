@@ -1,4 +1,4 @@
-"""Prints a SHA-256 of many runs in lanes: every state, reference and torque, and the metrics.
+"""Prints a SHA-256 of many runs in lanes: every state, reference and torque, the metrics; environments.
 
 NUMBA_CPU_NAME and NUMBA_CPU_FEATURES choose the instructions, and with them how many lanes go at a time.
 """
@@ -14,6 +14,8 @@ from trunk_control.laws import CONTROLLERS
 from trunk_experiments.batch.block import regular_run, run_block
 from trunk_experiments.batch.columns import LANES
 from trunk_experiments.batch.lanes import TRACED
+from trunk_experiments.gym.episodes import Episodes
+from trunk_experiments.gym.task import make_task
 from trunk_experiments.plans.plan import make_plan
 
 SETTINGS = (
@@ -21,6 +23,20 @@ SETTINGS = (
     "simulator.sensor.delay=0.002",
     "disturbance.sine.amplitude=0.3",
 )
+
+
+def environments() -> bytes:
+    """Return what environments give under random actions: torques, and a PID's gains."""
+    found = []
+    for action in ("torque", "gains"):
+        task = make_task("demo", settings=SETTINGS[:2], action=action)
+        episodes, generator = Episodes(task, 2 * LANES), np.random.default_rng(1)
+        for i in range(2 * LANES):
+            episodes.begin(i, task.draw(generator))
+        for _ in range(300):
+            episodes.advance(generator.uniform(task.low, task.high, (2 * LANES, len(task.low))))
+            found += [episodes.observations(), episodes.rewards, episodes.torques]
+    return b"".join(one.tobytes() for one in found)
 
 
 def main() -> None:
@@ -40,6 +56,7 @@ def main() -> None:
             digest.update(repr(one).encode())
             count += one is not None
         digest.update(trace.tobytes())
+    digest.update(environments())
     print(digest.hexdigest(), count)
 
 

@@ -159,6 +159,14 @@ def test_a_vector_of_environments_that_there_cannot_be(options, says):
         gymnasium.make_vec(ENVIRONMENT, vectorization_mode="vector_entry_point", **options)
 
 
+def test_a_plans_warnings_are_told_but_for_those_of_gains_that_nobody_uses():
+    with pytest.warns(UserWarning, match=r"reference\.value is 45 rad") as told:
+        gymnasium.make(
+            ENVIRONMENT, params=["pid_as_printed"], settings=["pid.reference.value=45"], rate=100.0
+        )
+    assert len(told) == 1
+
+
 def test_wrong_calls():
     env = gymnasium.make(ENVIRONMENT).unwrapped
     envs = gymnasium.make_vec(ENVIRONMENT, 2, "vector_entry_point")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.error import ResetNeeded
 from gymnasium.wrappers import TransformAction
 
 from trunk_experiments.errors import ActionError, PlanError
@@ -194,6 +195,8 @@ def test_a_diverged_episode_is_incomplete(tmp_path):
         *_, terminated, truncated, info = env.step(np.array([1e200]))
         assert not truncated
     assert info["diverged"]
+    with pytest.raises(ResetNeeded, match="the episode has ended"):
+        env.step(np.array([0.0]))
     recording = Recording.open(env.save(tmp_path / "episode.mcap"))
     assert recording.end["complete"] == "false"
     assert verify(recording).exit_code == UNJUDGED

@@ -59,9 +59,9 @@ def bench_gym(rounds: int = 5, count: int = 1024) -> list[GymRow]:
     torques = generator.uniform(-20.0, 20.0, (STEPS, count, 1))
     once = ["simulator.substeps=1"]
     return [
-        row("a PID by its gains, 1 RK4 step", gains, action="gains", settings=once),
-        row("a PID by its gains, 10 RK4 steps", gains, action="gains"),
-        row("random torques and falls, 1 RK4 step", torques, settings=once),
+        row("PID, 1 RK4 step", gains, action="gains", settings=once),
+        row("PID, 10 RK4 steps", gains, action="gains"),
+        row("torques, falls, 1 RK4", torques, settings=once),
     ]
 
 

@@ -12,6 +12,7 @@ from gymnasium import spaces
 from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..errors import PlanError
+from ..plans.plan import advice
 from .episodes import Episodes
 from .kernel import OBSERVED
 from .saving import save_episode
@@ -29,6 +30,15 @@ def space_of_observations() -> spaces.Space[Floats]:
     """Return the measured angle and rate, the reference, the hip's measured position and rate."""
     box = spaces.Box(-np.inf, np.inf, (OBSERVED,), dtype=np.float64)
     return cast("spaces.Space[Floats]", box)
+
+
+def told(task: Task) -> Task:
+    """Return the task, after Gymnasium's logger has told the plan's warnings."""
+    about_gains = set(advice(task.plan))  # which are the policy's to choose
+    for warning in task.plan.warnings:
+        if warning not in about_gains:
+            gymnasium.logger.warn(warning)
+    return task
 
 
 def wants_plan(options: dict[str, Any] | None, known: tuple[str, ...] = OPTIONS) -> bool:
@@ -56,19 +66,20 @@ class BalanceEnv(gymnasium.Env[Floats, Floats]):
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)
 
     def __init__(
-        self, scenario: str = "demo", render_mode: str | None = None, **options: Any
+        self, scenario: str | Path = "demo", render_mode: str | None = None, **options: Any
     ) -> None:
         """Raise PlanError for options that make no plan."""
         if render_mode is not None:
             raise PlanError(
                 f"render_mode {render_mode!r}: nothing is drawn; save an episode instead"
             )
-        self.task = make_task(scenario, **options)
+        self.task = told(make_task(scenario, **options))
         self.action_space = space_of_actions(self.task)
         self.observation_space = space_of_observations()
         self._episodes = Episodes(self.task, 1)
         self._drawn: Drawn | None = None
         self._actions: list[Floats] = []
+        self._over = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -77,7 +88,7 @@ class BalanceEnv(gymnasium.Env[Floats, Floats]):
         super().reset(seed=seed)
         as_planned = wants_plan(options)
         self._drawn = self.task.as_planned if as_planned else self.task.draw(self.np_random)
-        self._actions = []
+        self._actions, self._over = [], False
         self._episodes.begin(0, self._drawn)
         return self._episodes.observations()[0], self._info()
 
@@ -85,16 +96,15 @@ class BalanceEnv(gymnasium.Env[Floats, Floats]):
         """Do one control period. Raises ActionError for an action that is not finite, or of another shape."""
         if self._drawn is None:
             raise gymnasium.error.ResetNeeded("step: reset the environment first")
+        if self._over:
+            raise gymnasium.error.ResetNeeded("step: the episode has ended: reset the environment")
         episodes = self._episodes
         taken = episodes.advance(np.asarray(action, dtype=np.float64)[None])
         self._actions.append(taken[0].copy())
-        return (
-            episodes.observations()[0],
-            float(episodes.rewards[0]),
-            bool(episodes.terminated[0]),
-            bool(episodes.truncated[0]),
-            self._info(),
-        )
+        terminated, truncated = bool(episodes.terminated[0]), bool(episodes.truncated[0])
+        self._over = terminated or truncated
+        seen, reward = episodes.observations()[0], float(episodes.rewards[0])
+        return seen, reward, terminated, truncated, self._info()
 
     def _info(self) -> dict[str, Any]:
         episodes = self._episodes
@@ -112,6 +122,5 @@ class BalanceEnv(gymnasium.Env[Floats, Floats]):
         """
         if self._drawn is None or not self._actions:
             raise PlanError(f"save {path}: the episode has no step yet: step first")
-        over = self._episodes.terminated[0] or self._episodes.truncated[0]
-        states = None if over else int(self._episodes.steps[0]) + 1
+        states = None if self._over else int(self._episodes.steps[0]) + 1
         return save_episode(self.task, self._drawn, self._actions, states, Path(path), overwrite)

@@ -18,6 +18,7 @@ from ..batch.columns import LANES
 from ..batch.lanes import fill_disturbances, fill_references
 from ..errors import ActionError, PlanError
 from .kernel import (
+    APPLIED,
     COMMAND,
     DIVERGED,
     FELL,
@@ -25,7 +26,6 @@ from .kernel import (
     PID,
     REWARD,
     ROWS,
-    TORQUE,
     Course,
     Series,
     advance,
@@ -152,7 +152,7 @@ class Episodes:
     @property
     def torques(self) -> Floats:
         """The torques that were applied over the last period [count], N m."""
-        return self._row(TORQUE)
+        return self._row(APPLIED)
 
     @property
     def diverged(self) -> Flags:

@@ -25,7 +25,8 @@ PID = DT + 1  # the PID's state, 6
 MEASURED = PID + 6  # angle, rate, hip's position and rate: 4
 WANTED = MEASURED + 4  # the reference, rad
 TORQUE = WANTED + 1  # N m, within the actuator's limits
-BEFORE = TORQUE + 1  # the state before the step, 4
+APPLIED = TORQUE + 1  # N m, over the last period whose state was taken
+BEFORE = APPLIED + 1  # the state before the step, 4
 REWARD = BEFORE + 4
 FELL = REWARD + 1
 DIVERGED = FELL + 1
@@ -168,8 +169,9 @@ def settle(
     k += 1
     steps[first + lane] = k
     torque = cells[TORQUE * LANES + lane]
+    cells[APPLIED * LANES + lane] = torque
     error = reference[k] - state.theta
-    reward = -c.plant.period * (error * error + c.effort_weight * (torque * torque))
+    reward = -c.plant.period * (error * error + c.effort_weight * torque * torque)
     if c.fall_stop and beyond_fall(state, c.plant):
         cells[FELL * LANES + lane] = 1.0
         cells[OVER * LANES + lane] = 1.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import isfinite, pi
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -91,9 +92,9 @@ class Task:
 
 
 def make_task(
-    scenario: str = "demo",
+    scenario: str | Path = "demo",
     *,
-    params: Sequence[str] = (),
+    params: Sequence[str | Path] = (),
     settings: Sequence[str] = (),
     duration: float | None = None,
     rate: float | None = None,
@@ -118,7 +119,11 @@ def make_task(
     everywhere |= {} if duration is None else {"duration": duration}
     everywhere |= {} if rate is None else {"update_rate": rate}
     plan = make_plan(
-        scenario, CONTROLLER, _texts("params", params), _texts("settings", settings), everywhere
+        str(scenario),
+        CONTROLLER,
+        _texts("params", params),
+        _texts("settings", settings),
+        everywhere,
     )
     check(plan)
     regular = regular_run(plan)
@@ -161,10 +166,10 @@ def _bounds(
     )
 
 
-def _texts(name: str, values: Sequence[str]) -> Sequence[str]:
+def _texts(name: str, values: Sequence[str | Path]) -> Sequence[str]:
     if isinstance(values, str):
         raise PlanError(f"{name} {values!r}: give a list, such as [{values!r}]")
-    return values
+    return [str(one) for one in values]
 
 
 def _numbers(name: str, values: Sequence[float], count: int) -> tuple[float, ...]:

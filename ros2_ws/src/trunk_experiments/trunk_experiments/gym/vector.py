@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..errors import PlanError
 from ..similar import did_you_mean
-from .balance import OPTIONS, space_of_actions, space_of_observations, wants_plan
+from .balance import OPTIONS, space_of_actions, space_of_observations, told, wants_plan
 from .episodes import Episodes, Flags
 from .task import make_task
 
@@ -35,7 +36,7 @@ class BalanceVectorEnv(VectorEnv[Floats, Floats, Any]):
     def __init__(
         self,
         num_envs: int = 1,
-        scenario: str = "demo",
+        scenario: str | Path = "demo",
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
         **options: Any,
@@ -50,7 +51,7 @@ class BalanceVectorEnv(VectorEnv[Floats, Floats, Any]):
         self.mode = _mode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.mode}
         self.num_envs = num_envs
-        self.task = make_task(scenario, **options)
+        self.task = told(make_task(scenario, **options))
         self.single_action_space = space_of_actions(self.task)
         self.single_observation_space = space_of_observations()
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -97,14 +98,14 @@ class BalanceVectorEnv(VectorEnv[Floats, Floats, Any]):
             observations, infos = self._begun_at_once(observations, infos)
         return observations, rewards, terminated, truncated, infos
 
-    def _begun_at_once(self, last: Floats, told: Infos) -> tuple[Floats, Infos]:
+    def _begun_at_once(self, last: Floats, infos: Infos) -> tuple[Floats, Infos]:
         """Begin the episodes that are over; return the first observations, and the last in the infos."""
         over = self._over
         finals = np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(over):
             finals[i] = last[i]
-        final_info = {name: np.zeros_like(value) for name, value in told.items()}
-        for name, value in told.items():
+        final_info = {name: np.zeros_like(value) for name, value in infos.items()}
+        for name, value in infos.items():
             final_info[name][over] = value[over]
         self._begin(over, False)
         return self._episodes.observations(), {
@@ -132,14 +133,14 @@ class BalanceVectorEnv(VectorEnv[Floats, Floats, Any]):
     def _infos(self, mask: Flags | None = None) -> Infos:
         """Return what `BalanceEnv` tells, an array each, and for whom."""
         episodes = self._episodes
-        told: Infos = {
+        found: Infos = {
             "step": episodes.steps[: self.num_envs].copy(),
             "angle": episodes.angles,
             "torque": episodes.torques,
             "diverged": episodes.diverged,
         }
         there = np.ones(self.num_envs, dtype=np.bool_) if mask is None else mask
-        return told | {f"_{name}": there.copy() for name in told}
+        return found | {f"_{name}": there.copy() for name in found}
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
         if seed is None:

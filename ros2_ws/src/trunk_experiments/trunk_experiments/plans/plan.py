@@ -233,7 +233,7 @@ def _checked(plan: RunPlan) -> RunPlan:
             )
     check_joints(plan)
     check_turns(plan)
-    return with_values(plan, warnings=(*plan.warnings, *_advice(plan), *large_angles(plan.configs)))
+    return with_values(plan, warnings=(*plan.warnings, *advice(plan), *large_angles(plan.configs)))
 
 
 def check_joints(plan: RunPlan) -> None:
@@ -265,8 +265,8 @@ def check_turns(plan: RunPlan) -> None:
             )
 
 
-def _advice(plan: RunPlan) -> Iterable[str]:
-    """Warn if the derivative gain is close to the sampled loop's bound, or above it.
+def advice(plan: RunPlan) -> Iterable[str]:
+    """Yield a warning if the derivative gain is close to the sampled loop's bound, or above it.
 
     ``Kd h < 2 m l^2 M / (M + m)``: one sample's torque must not overcorrect the rate that it damps.
     """
