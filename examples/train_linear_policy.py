@@ -14,18 +14,22 @@ from __future__ import annotations
 import argparse
 import subprocess
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
 from trunk_experiments.gym import ENVIRONMENT
 from trunk_msgs_util.errors import TrunkError
+
+Floats: TypeAlias = NDArray[np.float64]
 
 ELITE = 0.2  # share of a generation that the next one is drawn around
 WIDTHS = np.array([50.0, 10.0, 50.0, 5.0, 5.0])  # of the first: per rad, rad/s, rad, m, m/s
 
 
-def returns(envs: gymnasium.vector.VectorEnv, weights: np.ndarray, seed: int) -> np.ndarray:
+def returns(envs: Any, weights: Floats, seed: int) -> Floats:
     """Return the sum of rewards of an episode with each set of weights [environments, 5]."""
     seen, _ = envs.reset(seed=[seed] * envs.num_envs)
     total, running = np.zeros(envs.num_envs), np.ones(envs.num_envs, dtype=bool)
@@ -37,7 +41,7 @@ def returns(envs: gymnasium.vector.VectorEnv, weights: np.ndarray, seed: int) ->
     return total
 
 
-def train(scenario: str, generations: int, population: int, seed: int) -> np.ndarray:
+def train(scenario: str, generations: int, population: int, seed: int) -> Floats:
     """Return the mean weights of the last generation's best."""
     envs = gymnasium.make_vec(ENVIRONMENT, population, "vector_entry_point", scenario=scenario)
     generator = np.random.default_rng(seed)
@@ -53,9 +57,9 @@ def train(scenario: str, generations: int, population: int, seed: int) -> np.nda
     return mean
 
 
-def saved(scenario: str, weights: np.ndarray, path: Path) -> float:
+def saved(scenario: str, weights: Floats, path: Path) -> float:
     """Save the scenario's own episode with these weights as a recording; return the sum of its rewards."""
-    env = gymnasium.make(ENVIRONMENT, scenario=scenario)
+    env: Any = gymnasium.make(ENVIRONMENT, scenario=scenario)
     seen, _ = env.reset(options={"as_planned": True})
     total, over = 0.0, False
     while not over:

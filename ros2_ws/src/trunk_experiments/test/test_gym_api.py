@@ -17,6 +17,7 @@ import trunk_experiments.gym
 from trunk_experiments.errors import NotInstalledError, PlanError
 from trunk_experiments.gym import ENVIRONMENT
 from trunk_experiments.gym.episodes import MOST_BYTES
+from trunk_msgs_util.parameters.declarations import ParameterError
 
 OPTIONS = {
     "torque": {},
@@ -119,6 +120,7 @@ WRONG = {
         {"spread": (0, 1.5, 0, 0)},
         r"the initial angle is up to 2\.0\d* rad, beyond fall\.angle",
     ),
+    "far": ({"spread": (1e7, 0, 0, 0)}, r"parameter 'initial\.position': .* is not allowed"),
     "weight": ({"effort_weight": "much"}, r"effort_weight \['much'\]: give a finite number"),
     "text": ({"settings": "pid.gains.p=1"}, r"settings 'pid\.gains\.p=1': give a list"),
     "endless": ({"duration": 0.0}, "duration is 0"),
@@ -131,7 +133,7 @@ WRONG = {
 @pytest.mark.parametrize(("options", "says"), WRONG.values(), ids=WRONG)
 def test_options_that_make_no_environment_are_refused_in_one_line(options, says):
     for make in (gymnasium.make, gymnasium.make_vec):
-        with pytest.raises(PlanError, match=says) as caught:
+        with pytest.raises((PlanError, ParameterError), match=says) as caught:
             make(ENVIRONMENT, **options)
         assert "\n" not in str(caught.value)
 

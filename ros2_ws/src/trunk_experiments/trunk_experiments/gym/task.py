@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import isfinite, pi
+from math import copysign, isfinite, pi
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
-from trunk_control.laws import CONTROLLERS
-from trunk_control.pid_law import PidConfig
+from trunk_control.pid_law import LAW, PidConfig
+from trunk_msgs_util.parameters.declarations import build, values_of
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds
+from trunk_sim.config import SimulatorConfig
 
 from ..batch.block import LONGEST, Regular, regular_run
 from ..errors import PlanError
@@ -25,7 +26,7 @@ ACTIONS = ("torque", "gains")
 SPREAD = (0.0, 0.1, 0.0, 0.1)  # m, rad, m/s, rad/s
 EFFORT_WEIGHT = 1e-5  # rad^2 / (N m)^2
 # Whose section of the parameters gives the reference, the rate, the limits and the PID's modes.
-CONTROLLER = CONTROLLERS[0]
+CONTROLLER = LAW.name
 
 
 class Drawn(NamedTuple):
@@ -133,12 +134,7 @@ def make_task(
             f"an episode has at most {LONGEST} states, and no turns"
         )
     widths = _numbers("spread", spread, 4)
-    widest = abs(plan.simulator.initial_state.theta) + widths[1]
-    if plan.simulator.fall_stop and widest > plan.simulator.fall_angle:
-        raise PlanError(
-            f"spread {list(widths)}: the initial angle is up to {widest:g} rad, beyond fall.angle "
-            f"({plan.simulator.fall_angle:g}): the trunk has fallen before it begins; give less"
-        )
+    _check_spread(plan.simulator, widths)
     (weight,) = _numbers("effort_weight", [effort_weight], 1)
     low, high = _bounds(plan, action, largest_gains)
     return Task(plan, regular, action == "gains", low, high, widths, weight)
@@ -149,11 +145,25 @@ def lost(task: Task) -> float:
     return float(min(task.plan.simulator.fall_angle, pi) ** 2)
 
 
+def _check_spread(simulator: SimulatorConfig, widths: tuple[float, ...]) -> None:
+    """Raise PlanError or ParameterError for initial states in which no episode can begin."""
+    x, theta, x_dot, theta_dot = (
+        middle + copysign(width, middle)
+        for middle, width in zip(simulator.initial_state, widths, strict=True)
+    )
+    farthest = {"initial.position": (x, theta), "initial.velocity": (x_dot, theta_dot)}
+    build(SimulatorConfig, {**values_of(simulator), **farthest})
+    if simulator.fall_stop and abs(theta) > simulator.fall_angle:
+        raise PlanError(
+            f"spread {list(widths)}: the initial angle is up to {abs(theta):g} rad, beyond fall.angle "
+            f"({simulator.fall_angle:g}): the trunk has fallen before it begins; give less"
+        )
+
+
 def _bounds(
     plan: RunPlan, action: str, largest_gains: Sequence[float] | None
 ) -> tuple[Floats, Floats]:
-    config = plan.controller
-    assert isinstance(config, PidConfig)
+    config = cast("PidConfig", plan.controller)
     if action == "gains":
         given = [2.0 * one for one in config.gains] if largest_gains is None else largest_gains
         return np.zeros(3), np.array(_numbers("largest_gains", given, 3))
