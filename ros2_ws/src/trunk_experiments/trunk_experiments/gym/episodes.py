@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from trunk_msgs_util.compiled import compiled, with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_sim.disturbances import Signals
-from trunk_sim.noise import noise_samples
+from trunk_sim.noise import fill, random_bits
 
 from ..batch.cells import STATE
 from ..batch.columns import LANES
@@ -101,7 +101,8 @@ class Episodes:
         self._history[0, :, episode] = drawn.initial
         self.steps[episode] = 0
         if self._noisy:
-            self._series.noise[episode] = noise_samples(drawn.sensor_seed, self.course.last + 1)
+            bits = random_bits(drawn.sensor_seed, 0, self.course.last + 1)
+            _quick(fill)(bits.reshape(-1), self._series.noise[episode].reshape(-1))
         if self.task.draws_disturbances:
             disturbance = self.task.plan_of(drawn).disturbance
             assert disturbance is not None
