@@ -43,6 +43,10 @@ class ActionError(TrunkError, ValueError):
     """An action that an environment cannot take: its value, what is allowed."""
 
 
+class LibraryError(TrunkError):
+    """A library that this needs is not installed: which one, and what brings it."""
+
+
 class BenchError(TrunkError):
     """A library is missing, or its results differ from ours."""
 

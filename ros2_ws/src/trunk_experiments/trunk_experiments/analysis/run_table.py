@@ -114,6 +114,11 @@ class RunTable:
         )
 
     @classmethod
+    def of_run(cls, run: RecordedRun) -> RunTable:
+        """Return all columns of a recorded run, ours or another robot's, as far as they are known."""
+        return cls.of_another_robot(run) if run.another_robot else cls.from_run(run)
+
+    @classmethod
     def of_another_robot(cls, run: RecordedRun) -> RunTable:
         """Return a run of a robot that is not ours, at the stamps of its states.
 

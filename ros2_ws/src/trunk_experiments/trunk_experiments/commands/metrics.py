@@ -7,10 +7,8 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.recording.reader import RecordingError
-
-from ..analysis.metrics import QUANTITIES, has_level, metrics, missing
-from ..analysis.run_table import RunTable
+from ..analysis.metrics import QUANTITIES, has_level, missing
+from ..analysis.recorded_metrics import recorded_metrics, table_and_metrics
 from ..console.common import json_option, print_table
 from ..console.reading import open_run, show_warnings
 from ..recorded.run import RecordedRun
@@ -23,7 +21,8 @@ def show_metrics(run: RecordedRun, title: str) -> None:
     for line in doubts.lines:
         click.echo(line)
     show_warnings(run.recording.further_warnings)
-    table, values = _values(run)
+    table, found = table_and_metrics(run)
+    values = found.as_dict()
     level = has_level(table)
     print_table(
         f"{title}, INCOMPLETE" if doubts.incomplete else title,
@@ -35,15 +34,6 @@ def show_metrics(run: RecordedRun, title: str) -> None:
     )
 
 
-def _values(run: RecordedRun) -> tuple[RunTable, dict[str, float | None]]:
-    # Only what metrics need: an hour at 1 kHz then takes a third of a GiB.
-    table = RunTable.from_run(run, only=("reference",))
-    try:
-        return table, metrics(table).as_dict()
-    except ValueError as error:
-        raise RecordingError(f"{run.path}: {error}") from None
-
-
 @click.command("metrics")
 @click.argument("run", type=click.Path(path_type=Path))
 @json_option("Print JSON; null if a quantity does not exist.")
@@ -52,7 +42,7 @@ def command(run: Path, as_json: bool) -> None:
     recorded = open_run(run)
     if as_json:
         show_warnings(recorded.recording.further_warnings)
-        values = {"doubts": doubts_of(recorded).as_values(), **_values(recorded)[1]}
+        values = {"doubts": doubts_of(recorded).as_values(), **recorded_metrics(recorded).as_dict()}
         click.echo(json.dumps(values, indent=2))
     else:
         show_metrics(recorded, f"{run.resolve().name}: true error e = reference - angle")

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import click
 
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.signing.keys import public_key, read_key
-from trunk_msgs_util.recording.signing.signature import signature_path
 from trunk_msgs_util.units import seconds
 
 from ..console.common import file_option, json_option
 from ..console.reading import progress_bar
 from ..errors import PlanError
-from ..replay.signed import check_signature, take_signature
+from ..replay.signed import judge_signature
 from ..replay.verdict import SignatureCheck
 from ..replay.verify import Verdict, describe, verify
 
@@ -64,15 +62,13 @@ def judged(run: Path, key: Path | None, signature: Path | None) -> Verdict:
     Raises KeyFileError, PlanError and RecordingError.
     """
     trusted = None if key is None else public_key(read_key(key), str(key))
-    file = signature or signature_path(run)
     if signature and not signature.exists() and not key:
         raise PlanError(f"--signature {signature}: it does not exist: give a file of trunk sign")
     with progress_bar(f"reading {run.resolve().name}") as tell:
         recording = Recording.open(run, tell)
     with progress_bar(f"recomputing {run.resolve().name}"):
         verdict = verify(recording)
-    if trusted or os.path.lexists(file):
-        take_signature(verdict, check_signature(recording, file, trusted, str(key)))
+    judge_signature(verdict, recording, trusted, str(key), signature)
     return verdict
 
 

@@ -108,18 +108,21 @@ def make_plan(
     scenario: str,
     controller: str,
     params: Sequence[str] = (),
-    settings: Sequence[str] = (),
+    settings: Sequence[str | Layer] = (),
     everywhere: Mapping[str, object] | None = None,
     namespace: str = "",
     swaps: Sequence[Swap] = (),
     others: Sequence[str] = (),
+    source: str = "the command line",
 ) -> RunPlan:
     """Return the plan of a run; later layers win: profile, scenario, params, ``everywhere``, settings.
 
     ``everywhere``: values for all nodes that declare them (``duration``, ``update_rate``).
+    ``settings``: single values, as ``NODE.PARAM=VALUE`` or as a layer of one section.
     ``namespace``: of all nodes, empty or "/name"; relative node names in the files belong to it.
     ``swaps``: who takes over when; they set every controller's ``active.times``.
-    ``others``: nodes that ``settings`` may name besides those of this run.
+    ``others``: nodes that ``settings`` may name besides those of this run. ``source`` names
+    ``everywhere`` in messages.
     Raises PlanError, ParameterFileError or ParameterError, each one line that says what to do.
     """
     if controller not in CONTROLLERS:
@@ -132,8 +135,8 @@ def make_plan(
     files = [read(find_file(name)) for name in params]
     layers += files
     if everywhere:
-        layers.append(Layer("the command line", (Section("/**", dict(everywhere)),)))
-    single = [parse_setting(text) for text in settings]
+        layers.append(Layer(source, (Section("/**", dict(everywhere)),)))
+    single = [one if isinstance(one, Layer) else parse_setting(one) for one in settings]
     layers += single
     check_names(layers, declared_names())
     taking = ("simulator", *turns, "disturbance", "recorder")

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.signing.keys import Ed25519PublicKey, fingerprint
-from trunk_msgs_util.recording.signing.signature import Signature, SignatureError, fits, read
+from trunk_msgs_util.recording.signing.signature import (
+    Signature,
+    SignatureError,
+    fits,
+    read,
+    signature_path,
+)
 
 from .verdict import ORIGIN, ORIGIN_SIGNED, SignatureCheck, Verdict
 
@@ -24,6 +31,22 @@ def check_signature(
     fault, other_content = _fault(recording, file, signature, key)
     told = fingerprint(key or signature.key)
     return SignatureCheck(str(file), trusted, told, fault, other_content)
+
+
+def judge_signature(
+    verdict: Verdict,
+    recording: Recording,
+    key: Ed25519PublicKey | None = None,
+    key_name: str = "",
+    file: Path | None = None,
+) -> None:
+    """Add the signature to a verdict if one is asked for by its ``key``, or lies beside the recording.
+
+    ``file``: where it is; None: the recording's name with ``.sig``.
+    """
+    file = file or signature_path(recording.path)
+    if key or os.path.lexists(file):
+        take_signature(verdict, check_signature(recording, file, key, key_name))
 
 
 def _fault(

@@ -27,6 +27,7 @@ SUFFIXES: dict[str, dict[str, Any]] = {  # and what keeps the date out of the fi
     ".svg": {"Date": None},
     ".pdf": {"CreationDate": None},
 }
+DPI = 150
 STYLE = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
@@ -67,10 +68,16 @@ def save(figure: Figure, path: Path) -> None:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise PlanError(f"{path}: a picture's name ends in one of {', '.join(SUFFIXES)}")
-    picture = BytesIO()  # matplotlib's writers do not say what went wrong with a file
+    picture = drawn(figure, suffix)  # matplotlib's writers do not say what went wrong with a file
+    with whole_file(path) as part:
+        part.write_bytes(picture)
+
+
+def drawn(figure: Figure, suffix: str) -> bytes:
+    """Return the picture in the format of one of `SUFFIXES`."""
+    picture = BytesIO()
     with rc_context(STYLE):
         figure.savefig(
-            picture, format=suffix[1:], dpi=150, metadata=SUFFIXES[suffix], facecolor="white"
+            picture, format=suffix[1:], dpi=DPI, metadata=SUFFIXES[suffix], facecolor="white"
         )
-    with whole_file(path) as part:
-        part.write_bytes(picture.getvalue())
+    return picture.getvalue()

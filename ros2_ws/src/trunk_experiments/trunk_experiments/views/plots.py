@@ -45,9 +45,14 @@ FIGURES = {
 }
 
 
-def overview(views: Sequence[RunView]) -> Figure:
-    """Return the overview of one run or several: angle, torque, gains, path, phase."""
-    names = [with_doubts(name, view) for name, view in zip(labels(views), views, strict=True)]
+def overview(views: Sequence[RunView], names: Sequence[str] | None = None) -> Figure:
+    """Return the overview of one run or several: angle, torque, gains, path, phase.
+
+    ``names``: of the runs in the legend; None: their files' and what makes them doubtful.
+    """
+    names = names or [
+        with_doubts(name, view) for name, view in zip(labels(views), views, strict=True)
+    ]
     with rc_context(STYLE):
         figure = Figure(figsize=(10.0, 10.8), layout="constrained")
         grid = figure.add_gridspec(4, 1, height_ratios=(1.4, 1.2, 1.15, 1.5))

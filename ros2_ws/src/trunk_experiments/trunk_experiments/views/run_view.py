@@ -93,7 +93,7 @@ class RunView:
         acting = run.joints(topics.DISTURBANCE).by_stamp()
         return cls(
             run=run,
-            table=RunTable.of_another_robot(run) if run.another_robot else RunTable.from_run(run),
+            table=RunTable.of_run(run),
             terms=run.joints(state).by_stamp(),
             disturbances=acting,
             controller_name=name,

@@ -1,0 +1,73 @@
+"""The library: load, plan, simulate, sweep, measure, verify and plot runs, in five lines or a notebook.
+
+::
+
+    import trunk_experiments.api as trunk
+
+    run = trunk.simulate(trunk.plan("fig8", "fuzzy_pid"))
+    print(trunk.metrics(run))
+    trunk.plot(run, fig=8).save("fig8.png")
+
+What ``__all__`` names is the contract; all else may change. SI units and radians; each mistake is a
+`TrunkError` of one line. Importing this loads neither numba, pyarrow, matplotlib, pandas nor ROS.
+Described in docs/api.md.
+"""
+
+from __future__ import annotations
+
+from trunk_msgs_util.errors import TrunkError
+from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_msgs_util.recording.topic import RecordingError
+from trunk_sim.simulation import DivergedError
+
+from ..errors import LibraryError, PlanError, StudyError, SweepError
+from ._metrics import Metrics, metrics
+from ._names import Parameter, controllers, parameter_files, parameters, scenarios, studies
+from ._picture import Picture, plot
+from ._plan import Plan, plan
+from ._run import Run, load, simulate
+from ._study import Contender, Study, Variation, draw, grid, read_study, study
+from ._sweep import Difference, Sweep, load_sweep, sweep
+from ._units import UNITS
+from ._verify import Checked, Verification, verify
+
+__all__ = [  # noqa: RUF022 (in the order in which docs/api.md describes them)
+    "plan",
+    "Plan",
+    "simulate",
+    "load",
+    "Run",
+    "metrics",
+    "Metrics",
+    "verify",
+    "Verification",
+    "Checked",
+    "plot",
+    "Picture",
+    "study",
+    "read_study",
+    "grid",
+    "draw",
+    "Contender",
+    "Variation",
+    "Study",
+    "sweep",
+    "load_sweep",
+    "Sweep",
+    "Difference",
+    "scenarios",
+    "controllers",
+    "parameter_files",
+    "studies",
+    "parameters",
+    "Parameter",
+    "UNITS",
+    "TrunkError",
+    "PlanError",
+    "ParameterError",
+    "StudyError",
+    "RecordingError",
+    "LibraryError",
+    "DivergedError",
+    "SweepError",
+]

@@ -1,0 +1,28 @@
+"""Frames of pandas, which is optional."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from ..errors import LibraryError
+from ._units import UNITS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def frame(columns: Mapping[str, Any], index: str) -> pd.DataFrame:
+    """Return columns as a frame with one of them as its index, their units in ``attrs["units"]``.
+
+    Raises LibraryError if pandas is not installed.
+    """
+    try:
+        import pandas as pd
+    except ImportError:
+        raise LibraryError(
+            "frame: pandas is not installed; it comes with: pip install -r requirements/notebook.txt"
+        ) from None
+    found = pd.DataFrame(dict(columns)).set_index(index)
+    found.attrs["units"] = {name: UNITS[name] for name in columns if name in UNITS}
+    return found

@@ -1,0 +1,63 @@
+"""`Picture`: runs drawn as in the paper, or all that a run has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..errors import PlanError
+from ._paths import AnyPath, output_path
+from ._run import Run, run_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_SUFFIXES = (".png", ".svg", ".pdf")
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A drawing; a notebook shows it. ``figure``: Matplotlib's, to change or add to."""
+
+    figure: Figure
+
+    def save(self, path: AnyPath, *, overwrite: bool = False) -> None:
+        """Write it as PNG, SVG or PDF by the path's suffix; the same runs give the same bytes.
+
+        Raises PlanError for another suffix, and for a file that exists, unless ``overwrite``.
+        """
+        from ..views.plot_style import save
+
+        save(self.figure, output_path(path, _SUFFIXES, overwrite))
+
+    def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+        """Return the picture, and its width in CSS pixels, of which an inch has 96."""
+        from ..views.plot_style import drawn
+
+        return drawn(self.figure, ".png"), {"width": round(96 * self.figure.get_figwidth())}
+
+
+def plot(
+    *runs: Run | AnyPath, fig: int | None = None, names: Sequence[str] | None = None
+) -> Picture:
+    """Draw one run, or several overlaid: `Run` objects, or recordings' paths.
+
+    ``fig``: lay it out like the paper's figure 6, 7, 8 or 9, angles over time; None: angle, torque, gains,
+    path and phase. ``names``: the runs' names in the legend, as many as runs.
+
+    Raises PlanError without a run, for another figure or number of names; RecordingError for what
+    cannot be read.
+    """
+    from ..views.plots import FIGURES, overview, paper_figure
+    from ..views.run_view import RunView
+
+    if not runs:
+        raise PlanError("plot: no run: give at least one")
+    if fig is not None and fig not in FIGURES:
+        raise PlanError(f"plot: fig is {fig!r}: one of {', '.join(map(str, FIGURES))} is needed")
+    if names is not None and (isinstance(names, str) or len(names) != len(runs)):
+        raise PlanError(f"plot: names {names!r}: {len(runs)} are needed, one for each run")
+    views = [RunView.read(run_of(run)._recorded) for run in runs]
+    told = None if names is None else [str(name) for name in names]
+    return Picture(overview(views, told) if fig is None else paper_figure(views, fig, told))

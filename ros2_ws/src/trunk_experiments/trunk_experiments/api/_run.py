@@ -1,0 +1,273 @@
+"""`Run`: a recorded run as arrays, with what the recording says about it."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import weakref
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from trunk_msgs_util.printable import printable
+
+from ..errors import PlanError
+from ._paths import AnyPath, output_path, path_of
+from ._plan import Plan
+from ._shown import html_table, keyed
+from ._units import COLUMNS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from trunk_msgs_util.parameters.declarations import Value
+    from trunk_msgs_util.recording.joint_arrays import Floats
+
+    from ..analysis.run_table import RunTable
+    from ..recorded.run import RecordedRun
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Run:
+    """A recorded run. Arrays [N + 1] have a row for each true state; NaN where the run has no value.
+
+    Made by `load` and `simulate`. The file is read on first use of a part; arrays cannot be written to.
+    Reading a part raises RecordingError for messages that cannot be read.
+    """
+
+    _recorded: RecordedRun
+
+    @cached_property
+    def _table(self) -> RunTable:
+        from ..analysis.run_table import RunTable
+
+        table = RunTable.of_run(self._recorded)
+        for name in COLUMNS:
+            getattr(table, name).flags.writeable = False
+        return table
+
+    @property
+    def path(self) -> Path:
+        """The recording; that of `simulate` without an output lasts as long as the run."""
+        return self._recorded.path
+
+    @property
+    def scenario(self) -> str:
+        """The scenario's name; empty if it was not recorded."""
+        return self._recorded.recording.provenance.get("scenario", "")
+
+    @property
+    def controllers(self) -> tuple[str, ...]:
+        """The controllers that were recorded, the first to act first."""
+        return tuple(self._recorded.controllers)
+
+    @property
+    def mode(self) -> str:
+        """``offline``, ``lockstep`` or ``real_time``; empty if it was not recorded."""
+        return self._recorded.mode
+
+    @property
+    def complete(self) -> bool:
+        """True if the recording was finished."""
+        return self._recorded.recording.complete
+
+    @property
+    def fell_at(self) -> float | None:
+        """When the trunk fell, in s; None if it did not."""
+        return self._doubts[1]
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why the numbers are not to be taken for the plan's, a line each: INCOMPLETE, FELL, LATE."""
+        return self._doubts[0]
+
+    @cached_property
+    def _doubts(self) -> tuple[tuple[str, ...], float | None]:
+        from ..replay.doubts import doubts_of
+
+        found = doubts_of(self._recorded, twin=False)
+        return tuple(found.lines), found.fell_at_s
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What could not be read, a line each."""
+        return tuple(self._recorded.recording.warnings)
+
+    @property
+    def parameters(self) -> Mapping[str, Mapping[str, Value]]:
+        """Every node's parameters at the start, in SI units and radians."""
+        return keyed(self._recorded.parameters)
+
+    @property
+    def provenance(self) -> Mapping[str, str]:
+        """What made the recording: versions, commit, host, mode, time."""
+        return keyed({"": self._recorded.recording.provenance})[""]
+
+    @property
+    def t(self) -> Floats:
+        """Simulated time in s."""
+        return self._table.t
+
+    @property
+    def x(self) -> Floats:
+        """The hip's position in m, true."""
+        return self._table.x
+
+    @property
+    def theta(self) -> Floats:
+        """The trunk's angle from the vertical in rad, true."""
+        return self._table.theta
+
+    @property
+    def x_dot(self) -> Floats:
+        """The hip's velocity in m/s, true."""
+        return self._table.x_dot
+
+    @property
+    def theta_dot(self) -> Floats:
+        """The trunk's angular velocity in rad/s, true."""
+        return self._table.theta_dot
+
+    @property
+    def theta_measured(self) -> Floats:
+        """The angle in rad as the controller saw it: noise, bias, delay and pulses included."""
+        return self._table.theta_measured
+
+    @property
+    def reference(self) -> Floats:
+        """The angle that was wanted, in rad."""
+        return self._table.reference
+
+    @property
+    def torque(self) -> Floats:
+        """The torque on the trunk in N m, applied from ``t[k]`` to ``t[k + 1]``."""
+        return self._table.torque
+
+    @property
+    def kp(self) -> Floats:
+        """The gain on the angle's error in N m/rad, of the controller's last update."""
+        return self._table.kp
+
+    @property
+    def ki(self) -> Floats:
+        """The gain on the error's integral in N m/(rad s)."""
+        return self._table.ki
+
+    @property
+    def kd(self) -> Floats:
+        """The gain on the error's rate in N m s/rad."""
+        return self._table.kd
+
+    @property
+    def alpha(self) -> Floats:
+        """Fuzzy-PID's inferred alpha, without a unit: Ki = Kp^2 / (alpha Kd)."""
+        return self._table.alpha
+
+    def __len__(self) -> int:
+        """Return the number of true states, N + 1."""
+        return len(self._table.t)
+
+    def arrays(self) -> dict[str, Floats]:
+        """Return all columns by name, each [N + 1]; `UNITS` has their units."""
+        return {name: getattr(self._table, name) for name in COLUMNS}
+
+    def frame(self) -> pd.DataFrame:
+        """Return all columns as a pandas DataFrame [N + 1] with the index ``t``; units in ``attrs``.
+
+        Raises LibraryError if pandas is not installed.
+        """
+        from ._frames import frame
+
+        arrays = self.arrays()
+        return frame(arrays, index="t")
+
+    def plan(self) -> Plan:
+        """Return the plan of this run, to `simulate` it again: changes while it ran are part of it.
+
+        Raises RecordingError if the recording lacks something that this needs.
+        """
+        from trunk_msgs_util.parameters.declarations import ParameterError
+        from trunk_msgs_util.recording.topic import RecordingError
+
+        try:
+            return Plan(self._recorded.plan())
+        except (PlanError, ParameterError) as error:
+            raise RecordingError(f"{self.path}: it cannot be run again: {error}") from None
+
+    def save(self, path: AnyPath, *, overwrite: bool = False) -> None:
+        """Copy the recording, byte for byte.
+
+        Raises PlanError for a file that exists, unless ``overwrite``, for another suffix than ``.mcap``, and
+        for a recording of several files.
+        """
+        from trunk_msgs_util.whole_file import whole_file
+
+        target = output_path(path, (".mcap",), overwrite, [self.path])
+        if self.path.is_dir():
+            raise PlanError(f"{self.path}: a folder: copy it as a whole, or load one of its files")
+        with whole_file(target) as part:
+            shutil.copyfile(self.path, part)
+
+    def __repr__(self) -> str:
+        facts = (self.scenario, ", ".join(self.controllers), self.mode)
+        told = ", ".join(one for one in facts if one)
+        return printable(f"Run({self.path.name}: {'; '.join((told, *self.doubts))})")
+
+    def _repr_html_(self) -> str:
+        facts = {
+            "recording": self.path.name,
+            "scenario": self.scenario,
+            "controllers": ", ".join(self.controllers),
+            "mode": self.mode,
+            "states": f"{len(self)}, to t = {self.t[-1]:g} s" if len(self) else "none",
+        }
+        rows = [*facts.items(), *(("doubt", line) for line in self.doubts)]
+        return html_table("Run", ("", ""), rows)
+
+
+def load(path: AnyPath) -> Run:
+    """Return a recorded run: an MCAP file, or a folder with ``metadata.yaml`` or a run in it.
+
+    Broken files are read as far as they are sound: see `Run.doubts` and `Run.warnings`.
+    Raises RecordingError for what is missing, cannot be read or is not MCAP.
+    """
+    from ..recorded.run import RecordedRun
+
+    return Run(RecordedRun.open(path_of(path, "recording")))
+
+
+def simulate(plan: Plan, *, output: AnyPath | None = None, overwrite: bool = False) -> Run:
+    """Run a plan without ROS and return the recording: the same bits as the graph in lock-step.
+
+    ``output``: the MCAP file to write; None: a temporary one that is deleted with the `Run`; `Run.save`
+    keeps it. ``overwrite``: replace it if it exists.
+
+    Raises PlanError for a plan that needs the graph or an output that cannot be written, and DivergedError
+    if the loop is unstable: an ``output`` then holds the run up to its last finite state.
+    """
+    from ..recorded.run import RecordedRun
+    from ..runs.offline_recording import record_offline
+
+    if not isinstance(plan, Plan):
+        raise PlanError(f"simulate: {plan!r} is not a plan: give what trunk.plan(...) returns")
+    if output is not None:
+        path = output_path(output, (".mcap",), overwrite)
+        record_offline(plan._plan, path, overwrite=overwrite)
+        return Run(RecordedRun.open(path))
+    folder = tempfile.mkdtemp(prefix="trunk_")
+    path = Path(folder) / f"{plan.scenario}_{'_'.join(plan.controllers)}.mcap"
+    try:
+        record_offline(plan._plan, path)
+        run = Run(RecordedRun.open(path))
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    weakref.finalize(run, shutil.rmtree, folder, True)
+    return run
+
+
+def run_of(value: Run | AnyPath) -> Run:
+    """Return a run, or the one that is recorded at a path."""
+    return value if isinstance(value, Run) else load(value)

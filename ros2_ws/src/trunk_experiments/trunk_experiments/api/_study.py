@@ -1,0 +1,192 @@
+"""`Study`: which runs a sweep makes, from names, overrides and what varies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal
+
+import yaml
+
+from ..errors import StudyError
+from ._paths import AnyPath, path_of
+from ._values import mapping_of, names_of, number_of, plain
+
+if TYPE_CHECKING:
+    from ..study.study import Study as InternalStudy
+
+How = Literal["value", "factor", "offset"]
+Distribution = Literal["uniform", "loguniform", "normal", "integers", "choice"]
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One controller of a study: its node, with parameter files and overrides of its own."""
+
+    node: str
+    params: AnyPath | Sequence[AnyPath] = ()
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Variation:
+    """What varies in a study, as its file says it. Made by `grid` and `draw`."""
+
+    entry: Mapping[str, Any]
+
+
+@dataclass(frozen=True, repr=False)
+class Study:
+    """Which runs a sweep makes. Made by `study` and `read_study`."""
+
+    _study: InternalStudy
+
+    @property
+    def text(self) -> str:
+        """The study as the YAML file that `trunk sweep` takes."""
+        return self._study.text
+
+    @property
+    def runs(self) -> int:
+        """How many runs there are in all: grid points, times draws, times controllers."""
+        return self._study.total
+
+    @property
+    def controllers(self) -> tuple[str, ...]:
+        """The controllers' labels."""
+        return tuple(one.label for one in self._study.contenders)
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """The names of what varies: columns of the results."""
+        return tuple(one.name for one in self._study.variables)
+
+    def __repr__(self) -> str:
+        return (
+            f"Study({self._study.scenario}: {self.runs} runs of {', '.join(self.controllers)} "
+            f"over {', '.join(self.variables)})"
+        )
+
+
+def grid(parameter: str | Sequence[str], values: Sequence[Any], *, how: How = "value") -> Variation:
+    """Return a variation over given values; all grids of a study are combined.
+
+    ``parameter``: ``"NODE.PARAM"`` or ``"NODE.PARAM[INDEX]"``, or several that vary together; the node
+    ``controller`` is whichever runs. ``values``: numbers (a NumPy array will do), texts or bools.
+    ``how``: the value replaces the parameter, is a factor of it, or is added to it as an offset.
+    """
+    return _variation(parameter, how, {"values": plain(values)})
+
+
+def draw(
+    parameter: str | Sequence[str],
+    distribution: Distribution,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    mean: float | None = None,
+    std: float | None = None,
+    values: Sequence[Any] | None = None,
+    how: How = "value",
+) -> Variation:
+    """Return a variation that is drawn for each run, from a stream of its own.
+
+    ``distribution``: ``uniform``, ``loguniform`` or ``integers`` need ``low`` and ``high``, ``normal`` needs
+    ``mean`` and ``std`` (``low`` and ``high`` cut it off), ``choice`` needs ``values``. All in the
+    parameter's unit, unless ``how`` is ``factor``; else as for `grid`.
+    """
+    given = {"low": low, "high": high, "mean": mean, "std": std, "values": values}
+    told = {name: plain(value) for name, value in given.items() if value is not None}
+    return _variation(parameter, how, {"distribution": distribution, **told})
+
+
+def _variation(parameter: str | Sequence[str], how: How, rest: Mapping[str, Any]) -> Variation:
+    entry = {"parameter": plain(parameter), "as": how, **rest}
+    return Variation(MappingProxyType(entry))
+
+
+def study(
+    scenario: AnyPath,
+    controllers: Sequence[str] | Mapping[str, Contender],
+    vary: Mapping[str, Variation],
+    *,
+    params: AnyPath | Sequence[AnyPath] = (),
+    overrides: Mapping[str, Any] = MappingProxyType({}),
+    duration: float | None = None,
+    rate: float | None = None,
+    runs: int = 1,
+    seed: int = 1,
+) -> Study:
+    """Return a study. What is drawn is the same for all controllers and at all points of the grid.
+
+    ``scenario``, ``params``, ``overrides``, ``duration`` in s, ``rate`` in Hz: as for `plan`, of all runs.
+    ``controllers``: some of `controllers`, or labels of your own with a `Contender` each.
+    ``vary``: by a name for the results' column, what varies, made by `grid` and `draw`.
+    ``runs``: draws at each point of the grid. ``seed``: of the draws.
+
+    Raises StudyError: one line with the place, the value, and what is allowed. Parameters' names and bounds
+    are checked by `sweep`, before its first run.
+    """
+    contenders: Any = plain(controllers)
+    if isinstance(controllers, Mapping):
+        contenders = {str(label): _contender(one) for label, one in controllers.items()}
+    tree = {
+        "scenario": str(path_of(scenario, "scenario")),
+        "controllers": contenders,
+        "params": names_of(params, "params"),
+        "set": _overrides(overrides),
+        "rate": number_of(rate, "rate"),
+        "duration": number_of(duration, "duration"),
+        "runs": plain(runs),
+        "seed": plain(seed),
+        "vary": {str(name): _entry(name, one) for name, one in mapping_of(vary, "vary").items()},
+    }
+    return Study(_parsed({name: value for name, value in tree.items() if value is not None}))
+
+
+def read_study(name: AnyPath) -> Study:
+    """Return the study in a YAML file, by path or one of `studies`. Raises StudyError."""
+    from ..study.file import read_study as read
+
+    return Study(read(str(path_of(name, "study"))))
+
+
+def _parsed(tree: Mapping[str, Any]) -> InternalStudy:
+    """Return the study of a file's content, by the one check that there is."""
+    from ..study.file import parse_study
+
+    try:
+        text = yaml.dump(dict(tree), Dumper=_WithoutAliases, sort_keys=False, allow_unicode=True)
+    except yaml.YAMLError as error:
+        raise StudyError(f"study: {' '.join(str(error).split())}") from None
+    return parse_study(text, "study")
+
+
+class _WithoutAliases(yaml.SafeDumper):
+    """Writes a value that occurs twice twice: studies' files have no aliases."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _overrides(value: Mapping[str, Any]) -> dict[str, Any]:
+    return {str(name): plain(one) for name, one in mapping_of(value, "overrides").items()}
+
+
+def _contender(one: Contender) -> dict[str, Any]:
+    if not isinstance(one, Contender):
+        raise StudyError(
+            f"controllers: {one!r} is not a contender: give trunk.Contender('pid', ...)"
+        )
+    return {
+        "node": one.node,
+        "params": names_of(one.params, "params"),
+        "set": _overrides(one.overrides),
+    }
+
+
+def _entry(name: str, one: Variation) -> dict[str, Any]:
+    if not isinstance(one, Variation):
+        raise StudyError(f"vary: {name}: {one!r}: give trunk.grid(...) or trunk.draw(...)")
+    return dict(one.entry)

@@ -1,0 +1,227 @@
+"""`Sweep`: the results of a study's runs, as columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from trunk_msgs_util.printable import printable
+
+from ..errors import PlanError, StudyError
+from ._paths import AnyPath, output_path, path_of
+from ._picture import Picture
+from ._shown import html_table
+from ._study import Study
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from numpy.typing import NDArray
+
+    from trunk_msgs_util.recording.joint_arrays import Floats
+
+    from ..study.results import Results
+
+Progress = Callable[[int, int], None]
+_SHOWN = ("iae", "steady_state_error_rms_deg", "peak_torque")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A metric of ``first`` minus that of ``second``, over the draws in which both have it: ``pairs``.
+
+    ``low`` and ``high`` bound the mean at 95 %, in the metric's unit; low > high if there are too few pairs.
+    ``smaller``: the fraction of the pairs in which the first's value is smaller; a tie counts half.
+    ``verdict``: what the interval shows, in words.
+    """
+
+    metric: str
+    first: str
+    second: str
+    pairs: int
+    mean: float
+    low: float
+    high: float
+    smaller: float
+    verdict: str
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Sweep:
+    """The results of a sweep: columns [runs], a row for each run. Made by `sweep` and `load_sweep`.
+
+    Columns: ``run``, ``controller``, ``point`` of the grid, ``draw``, ``seed``, what varies, ``status``
+    (``ok``, ``diverged``, ``refused``), ``reason``, ``diverged_at_s`` and the metrics by name.
+    """
+
+    _results: Results
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns' names."""
+        return tuple(self._results.table.column_names)
+
+    @property
+    def controllers(self) -> tuple[str, ...]:
+        """The controllers' labels, in the study's order."""
+        return self._results.controllers
+
+    @property
+    def fallen(self) -> Floats:
+        """1.0 where the trunk went beyond 90 deg or the plant diverged, 0.0 where not, NaN where refused."""
+        return self._results.fallen
+
+    def __len__(self) -> int:
+        """Return the number of runs."""
+        return int(self._results.table.num_rows)
+
+    def __getitem__(self, column: str) -> NDArray[Any]:
+        """Return a column [runs]: whole numbers, float64 with NaN where there is no value, or texts.
+
+        Raises StudyError for a name that no column has.
+        """
+        import numpy as np
+        import pyarrow as pa
+
+        table = self._results.table
+        if column in table.column_names:
+            values = table[column]
+            if pa.types.is_string(values.type) or pa.types.is_boolean(values.type):
+                return np.array(values.to_pylist(), dtype=object)
+            if pa.types.is_integer(values.type) and not values.null_count:
+                return np.asarray(values.to_numpy())
+        return self._results.column(column)
+
+    def of(self, controller: str) -> Sweep:
+        """Return one controller's rows. Raises StudyError for one that is not in the study."""
+        if controller not in self.controllers:
+            raise StudyError(
+                f"no controller {controller!r} in the sweep: one of {', '.join(self.controllers)}"
+            )
+        return replace(self, _results=self._results.of(controller))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return all columns by name, each [runs]; `UNITS` has the units of the metrics."""
+        return {name: self[name] for name in self.columns}
+
+    def frame(self) -> pd.DataFrame:
+        """Return all columns as a pandas DataFrame with the index ``run``; metrics' units in ``attrs``.
+
+        Raises LibraryError if pandas is not installed.
+        """
+        from ._frames import frame
+
+        return frame(self.arrays(), index="run")
+
+    def compare(self, metrics: Sequence[str] = ()) -> tuple[Difference, ...]:
+        """Return the differences of each two controllers over the same draws, with 95 % intervals.
+
+        ``metrics``: by name; empty: all. Angles and errors are compared by their magnitude.
+        Raises StudyError for one controller alone, and for a metric that there is not.
+        """
+        from ..study.compare import compare_study
+        from ..study.results import METRICS
+
+        found = compare_study(self._results, tuple(metrics) or METRICS)
+        return tuple(Difference(**asdict(one), verdict=one.verdict) for one in found)
+
+    def map(self, x: str, y: str, metric: str = "iae", *, floquet: bool = False) -> Picture:
+        """Draw a metric over two grids of the study, a panel for each controller; grey: most runs fell.
+
+        ``floquet``: draw where the linearised loop loses its stability, too, which takes longer.
+        Raises StudyError for a name that is not a grid of numbers.
+        """
+        from ..study.map import draw, panels
+
+        if x == y:
+            raise StudyError(f"map: x and y are both {x!r}: give two grids")
+        found = panels(self._results, metric, (x, y), floquet)
+        return Picture(draw(found, metric, (x, y), f"{len(self)} runs"))
+
+    def save(self, path: AnyPath, *, overwrite: bool = False) -> None:
+        """Write the results as Parquet, for `load_sweep`, `trunk map` and `trunk compare --study`.
+
+        Raises PlanError for a file that exists, unless ``overwrite``, or whose name is not ``.parquet``.
+        """
+        import pyarrow.parquet as pq
+
+        from trunk_msgs_util.whole_file import whole_file
+
+        with whole_file(output_path(path, (".parquet",), overwrite)) as part:
+            pq.write_table(self._results.table, part, compression="zstd")
+
+    def __repr__(self) -> str:
+        fallen = int((self.fallen == 1.0).sum())
+        told = f"{len(self)} runs of {', '.join(self.controllers)}; {fallen} fell"
+        return printable(f"Sweep({'; '.join((told, *self.warnings))})")
+
+    def _repr_html_(self) -> str:
+        rows = [self._row(name) for name in self.controllers]
+        header = ("controller", "runs", "fell", *(f"{name}, median" for name in _SHOWN))
+        return html_table("Sweep", header, rows)
+
+    def _row(self, controller: str) -> tuple[str, ...]:
+        import numpy as np
+
+        one = self.of(controller)
+        found = [values[~np.isnan(values)] for values in (one[name] for name in _SHOWN)]
+        medians = [f"{np.median(values):.4g}" if len(values) else "" for values in found]
+        return controller, str(len(one)), str(int((one.fallen == 1.0).sum())), *medians
+
+
+def sweep(
+    study: Study,
+    *,
+    output: AnyPath | None = None,
+    overwrite: bool = False,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> Sweep:
+    """Run a study by compiled code, with the bits of `simulate`, and return the metrics of its runs.
+
+    ``output``: the Parquet file to write, as ``trunk sweep`` does; one that was interrupted resumes.
+    None: nothing is kept on disk. ``jobs``: processes; with more than one a script needs
+    ``if __name__ == "__main__":`` around the call, as for `multiprocessing`.
+    ``progress``: called with the number of finished runs and that of all.
+
+    The first sweep of a version compiles for some seconds. Raises StudyError for a study that is not
+    possible, before its first run, and SweepError if a process was killed.
+    """
+    if not isinstance(study, Study):
+        raise PlanError(f"sweep: {study!r} is not a study: give what trunk.study(...) returns")
+    if isinstance(jobs, bool) or not isinstance(jobs, int) or not 1 <= jobs <= 1024:
+        raise PlanError(f"sweep: jobs is {jobs!r}: a whole number from 1 to 1024 is needed")
+    if output is not None:
+        return _swept(study, output_path(output, (".parquet",), overwrite), jobs, progress)
+    with TemporaryDirectory(prefix="trunk_") as folder:
+        found = _swept(study, Path(folder) / "sweep.parquet", jobs, progress)
+    return replace(found, _results=replace(found._results, path=Path("the sweep")))
+
+
+def _swept(study: Study, path: Path, jobs: int, progress: Progress | None) -> Sweep:
+    from ..study.results import Results
+    from ..study.sweep import Sweep as Sweeping
+    from ..study.sweep import processes
+
+    sweeping = Sweeping(study._study, path)
+    done = sweeping.start()
+
+    def tell(runs: int) -> None:
+        nonlocal done
+        done += runs
+        if progress is not None:
+            progress(done, study.runs)
+
+    sweeping.run(processes(max(1, min(jobs, len(sweeping.missing)))), tell)
+    sweeping.finish()
+    return Sweep(Results.read(path), tuple(sweeping.warnings))
+
+
+def load_sweep(path: AnyPath) -> Sweep:
+    """Return the results in a Parquet file of `sweep` or ``trunk sweep``. Raises StudyError."""
+    from ..study.results import Results
+
+    return Sweep(Results.read(path_of(path, "results")))

@@ -1,0 +1,63 @@
+"""Parameter values as callers give them: Python's, NumPy's, by ``NODE.PARAM``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from trunk_msgs_util.parameters.files import Layer, Section
+
+from ..errors import PlanError
+from ..plans.nodes import CONTROLLERS, NODES
+from ..similar import did_you_mean
+from ._paths import AnyPath, path_of
+
+
+def plain(value: Any) -> Any:
+    """Return a value of Python's own types for one of NumPy's; a tuple becomes a list."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return [plain(one) for one in value] if isinstance(value, list | tuple) else value
+
+
+def layers_of(overrides: Mapping[str, object], acting: Sequence[str]) -> list[Layer]:
+    """Return a layer for each override; ``acting``: the controllers of the run.
+
+    Raises PlanError for a name that is not ``NODE.PARAM``, and for a node that is not in the run.
+    """
+    layers = []
+    nodes = [name for name in NODES if name not in CONTROLLERS or name in acting]
+    for target, value in mapping_of(overrides, "overrides").items():
+        node, dot, name = str(target).partition(".")
+        if not dot or not name or node not in NODES:
+            raise PlanError(
+                f"overrides: {target!r}: NODE.PARAM is needed, NODE one of {', '.join(nodes)}"
+                f"{did_you_mean(node, nodes) if dot else ''}"
+            )
+        if node not in nodes:
+            raise PlanError(
+                f"overrides: {target!r}: {node} is not in this run: give one of {', '.join(nodes)}"
+            )
+        layers.append(Layer(f"overrides: {target}", (Section(node, {name: plain(value)}),)))
+    return layers
+
+
+def mapping_of(value: Any, what: str) -> Mapping[str, Any]:
+    """Return a mapping. Raises PlanError, naming what it is for, if the value is none."""
+    if not isinstance(value, Mapping):
+        raise PlanError(f"{what} {value!r}: a mapping is needed, such as {{'NODE.PARAM': value}}")
+    return value
+
+
+def names_of(value: AnyPath | Sequence[AnyPath], what: str) -> list[str]:
+    """Return names or paths as texts, one alone as a list of one. Raises PlanError for anything else."""
+    found: Sequence[Any] = value if isinstance(value, list | tuple) else [value]
+    return [str(path_of(one, what)) for one in found]
+
+
+def number_of(value: Any, what: str) -> Any:
+    """Return a number as Python's own, None or a text as it is. Raises PlanError for anything else."""
+    value = plain(value)
+    if isinstance(value, bool) or not isinstance(value, int | float | str | None):
+        raise PlanError(f"{what} {value!r}: a number is needed")
+    return value

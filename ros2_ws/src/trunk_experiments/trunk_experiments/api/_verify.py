@@ -1,0 +1,102 @@
+"""`Verification`: whether a recording follows from itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, cast
+
+from trunk_msgs_util.printable import printable
+
+from ._paths import AnyPath, path_of
+from ._run import Run, run_of
+from ._shown import html_table
+
+Word = Literal["verified", "diverges", "cannot be judged", "not signed"]
+
+
+@dataclass(frozen=True)
+class Checked:
+    """One kind of recomputation: ``steps`` were made, ``diverging`` of them differ.
+
+    ``first``: the first difference: topic, stamp, both values, how far apart in ULPs.
+    """
+
+    name: str
+    steps: int
+    diverging: int
+    first: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, repr=False)
+class Verification:
+    """What a recording's recomputation found.
+
+    ``verdict``: in a word or two. ``judged``: which part of the run, in words. ``checked``: what was
+    recomputed. ``reasons``: why it is not verified, a line each; empty if it is. ``not_judged``: what no
+    check looks at. ``notes``: what else there is to know, a signature among it.
+    """
+
+    verdict: Word
+    judged: str
+    checked: tuple[Checked, ...]
+    reasons: tuple[str, ...]
+    not_judged: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def verified(self) -> bool:
+        """True if every command and, where time was exact, every state follows, bit by bit."""
+        return self.verdict == "verified"
+
+    @property
+    def steps(self) -> int:
+        """How many steps were recomputed, of all kinds."""
+        return sum(one.steps for one in self.checked)
+
+    def __repr__(self) -> str:
+        told = [self.verdict, *([self.judged] if self.judged else []), *self.reasons]
+        return printable(f"Verification({'; '.join(told)})")
+
+    def _repr_html_(self) -> str:
+        rows: list[tuple[str, str]] = [("judged", self.judged)] if self.judged else []
+        rows += [
+            (one.name, f"{one.steps} steps, {one.diverging or 'none'} diverging")
+            for one in self.checked
+        ]
+        rows += [("reason", line) for line in self.reasons]
+        rows += [("not judged", line) for line in self.not_judged]
+        rows += [("note", line) for line in self.notes]
+        return html_table(f"Verification: {self.verdict}", ("", ""), rows)
+
+
+def verify(run: Run | AnyPath, *, key: AnyPath | None = None) -> Verification:
+    """Recompute every command of a recording and, where time was exact, every state.
+
+    ``key``: the file of the public Ed25519 key that must have signed it; None: a signature that lies
+    beside the recording counts, whoever made it.
+
+    Raises RecordingError for what cannot be read, and another `TrunkError` for a key that is none.
+    """
+    from trunk_msgs_util.recording.signing.keys import public_key, read_key
+
+    from ..replay.signed import judge_signature
+    from ..replay.verify import describe, verdict_on
+
+    file = None if key is None else path_of(key, "key")
+    trusted = None if file is None else public_key(read_key(file), str(file))
+    recorded = run_of(run)._recorded
+    found = verdict_on(recorded)
+    judge_signature(found, recorded.recording, trusted, str(file))
+    return Verification(
+        cast("Word", found.word),
+        found.judged,
+        tuple(
+            Checked(
+                part.name, part.steps, part.wrong_steps, tuple(describe(one) for one in part.first)
+            )
+            for part in found.parts
+        ),
+        tuple(found.reasons),
+        tuple(found.unjudged),
+        tuple(found.notes),
+    )
