@@ -1,4 +1,4 @@
-"""Generated tables of README.md and docs/recording.md; ``scripts/update_readme.sh`` inserts them."""
+"""Generated parts of README.md and docs/*.md; ``scripts/update_readme.sh`` inserts them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from pathlib import Path
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 
+from . import api
+from .api._reference import reference
 from .commands.params import markdown
 from .plans.files import shipped_files
 from .plans.nodes import NODES
@@ -54,7 +56,13 @@ def files_table() -> str:
     return "\n".join(lines)
 
 
+def api_reference() -> str:
+    """Return the public names of the library with their signatures."""
+    return reference(api)
+
+
 _SECTIONS = {
+    "api": api_reference,
     "topics": topics_table,
     "events": events_table,
     "parameters": parameters_tables,

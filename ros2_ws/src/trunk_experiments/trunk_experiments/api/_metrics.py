@@ -25,7 +25,7 @@ class Metrics(analysis.Metrics):
         peak_torque                    largest magnitude of the torque              N m
         theta_min_deg, theta_max_deg   smallest and largest angle                   deg
 
-    ``as_dict()`` gives them by name, ``print`` a table with units.
+    Made by `metrics`. ``as_dict()`` gives them by name, ``print`` a table with units.
     """
 
     def _rows(self) -> list[tuple[str, str, str]]:

@@ -16,7 +16,10 @@ from ..similar import did_you_mean
 
 @dataclass(frozen=True)
 class Parameter:
-    """What a node declares of one parameter; ``fixed``: it cannot change while a node runs."""
+    """What a node declares of one parameter. Made by `parameters`.
+
+    ``default`` is in ``unit``, SI; ``fixed``: it cannot change while a node runs.
+    """
 
     name: str
     default: Value

@@ -18,7 +18,10 @@ _SUFFIXES = (".png", ".svg", ".pdf")
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawing; a notebook shows it. ``figure``: Matplotlib's, to change or add to."""
+    """A drawing; a notebook shows it. Made by `plot` and `Sweep.map`.
+
+    ``figure``: Matplotlib's, to change or add to.
+    """
 
     figure: Figure
 

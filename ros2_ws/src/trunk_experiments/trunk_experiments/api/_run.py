@@ -162,7 +162,7 @@ class Run:
 
     @property
     def alpha(self) -> Floats:
-        """Fuzzy-PID's inferred alpha, without a unit: Ki = Kp^2 / (alpha Kd)."""
+        """Without a unit: Kp^2 / (Ki Kd), which Fuzzy-PID infers."""
         return self._table.alpha
 
     def __len__(self) -> int:

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from ..study.results import Results
 
-Progress = Callable[[int, int], None]
 _SHOWN = ("iae", "steady_state_error_rms_deg", "peak_torque")
 
 
@@ -32,7 +31,8 @@ _SHOWN = ("iae", "steady_state_error_rms_deg", "peak_torque")
 class Difference:
     """A metric of ``first`` minus that of ``second``, over the draws in which both have it: ``pairs``.
 
-    ``low`` and ``high`` bound the mean at 95 %, in the metric's unit; low > high if there are too few pairs.
+    Made by `Sweep.compare`. ``low`` and ``high`` bound the mean at 95 %, in the metric's unit; low > high
+    if there are too few pairs.
     ``smaller``: the fraction of the pairs in which the first's value is smaller; a tie counts half.
     ``verdict``: what the interval shows, in words.
     """
@@ -54,6 +54,7 @@ class Sweep:
 
     Columns: ``run``, ``controller``, ``point`` of the grid, ``draw``, ``seed``, what varies, ``status``
     (``ok``, ``diverged``, ``refused``), ``reason``, ``diverged_at_s`` and the metrics by name.
+    ``warnings``: of the plans, a line each.
     """
 
     _results: Results
@@ -178,7 +179,7 @@ def sweep(
     output: AnyPath | None = None,
     overwrite: bool = False,
     jobs: int = 1,
-    progress: Progress | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Sweep:
     """Run a study by compiled code, with the bits of `simulate`, and return the metrics of its runs.
 
@@ -201,7 +202,9 @@ def sweep(
     return replace(found, _results=replace(found._results, path=Path("the sweep")))
 
 
-def _swept(study: Study, path: Path, jobs: int, progress: Progress | None) -> Sweep:
+def _swept(
+    study: Study, path: Path, jobs: int, progress: Callable[[int, int], None] | None
+) -> Sweep:
     from ..study.results import Results
     from ..study.sweep import Sweep as Sweeping
     from ..study.sweep import processes

@@ -18,7 +18,7 @@ Word = Literal["verified", "diverges", "cannot be judged", "not signed"]
 class Checked:
     """One kind of recomputation: ``steps`` were made, ``diverging`` of them differ.
 
-    ``first``: the first difference: topic, stamp, both values, how far apart in ULPs.
+    Made by `verify`. ``first``: the first difference: topic, stamp, both values, how far apart in ULPs.
     """
 
     name: str
@@ -31,9 +31,10 @@ class Checked:
 class Verification:
     """What a recording's recomputation found.
 
-    ``verdict``: in a word or two. ``judged``: which part of the run, in words. ``checked``: what was
-    recomputed. ``reasons``: why it is not verified, a line each; empty if it is. ``not_judged``: what no
-    check looks at. ``notes``: what else there is to know, a signature among it.
+    Made by `verify`. ``verdict``: ``verified``, ``diverges``, ``cannot be judged`` or ``not signed``.
+    ``judged``: which part of the run, in words. ``checked``: what was recomputed. ``reasons``: why it is
+    not verified, a line each; empty if it is. ``not_judged``: what no check looks at. ``notes``: what else
+    there is to know, a signature among it.
     """
 
     verdict: Word

@@ -58,21 +58,24 @@ def scenario_layers(scenario: str) -> list[Layer]:
     )
 
 
-def parse_setting(text: str) -> Layer:
-    """Return the layer that ``NODE.PARAM=VALUE`` stands for; VALUE is YAML. Raises PlanError."""
+def parse_setting(text: str, told: str = "--set") -> Layer:
+    """Return the layer that ``NODE.PARAM=VALUE`` stands for; VALUE is YAML. Raises PlanError.
+
+    ``told``: what it was given by, for messages.
+    """
     target, equals, value_text = text.partition("=")
     shown = text if len(text) <= 80 else text[:77] + "..."
     node, dot, name = target.partition(".")
     if not equals or not dot or node not in NODES:
         raise PlanError(
-            f"--set {shown!r}: NODE.PARAM=VALUE is needed, NODE one of {', '.join(NODES)}"
+            f"{told} {shown!r}: NODE.PARAM=VALUE is needed, NODE one of {', '.join(NODES)}"
             f"{did_you_mean(node, NODES) if equals and dot else ''}"
         )
     try:
         value = load(value_text)
     except YamlTextError as error:
-        raise PlanError(f"--set {shown!r}: the value cannot be read: {error}") from None
+        raise PlanError(f"{told} {shown!r}: the value cannot be read: {error}") from None
     if isinstance(value, str):
         with suppress(ValueError):
             value = float(value)  # "inf" is a number to the user, but not to YAML
-    return Layer(f"--set {text}", (Section(node, {name: value}),))
+    return Layer(f"{told} {text}", (Section(node, {name: value}),))

@@ -10,6 +10,7 @@ from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.parameters.files import ParameterFileError
 
 from ..errors import PlanError, StudyError
+from ..plans.files import parse_setting
 from ..plans.plan import RunPlan, make_plan
 from .checks import check_contender, check_durations, check_repetition, check_variable, mistake
 from .study import Contender, Study
@@ -96,7 +97,10 @@ def _base(study: Study, contender: Contender, settings: list[str]) -> Base:
             study.scenario,
             contender.node,
             [*study.params, *contender.params],
-            [*study.settings, *contender.settings, *settings, *more],
+            [
+                parse_setting(text, "set")
+                for text in (*study.settings, *contender.settings, *settings, *more)
+            ],
             {name: value for name, value in everywhere.items() if value is not None},
             others=[one.node for one in study.contenders],
         )

@@ -1,0 +1,235 @@
+"""The library gives what the command gives, refuses in one line, and cannot be changed by accident."""
+
+from __future__ import annotations
+
+import gc
+import json
+import subprocess
+import sys
+from dataclasses import FrozenInstanceError
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import trunk_experiments.api as trunk
+from trunk_experiments.commands import export, metrics
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.runs.offline_recording import record_offline
+
+LISTED = {"trunk_mass": trunk.grid("simulator.plant.trunk_mass", np.array([0.4, 0.6]))}
+
+
+@pytest.fixture(scope="module")
+def run():
+    return trunk.simulate(trunk.plan("fig8", "pid", duration=1.3))
+
+
+@pytest.fixture(scope="module")
+def swept():
+    vary = {
+        "mass": trunk.draw("simulator.plant.trunk_mass", "uniform", low=0.3, high=0.8),
+        "speed": trunk.grid("simulator.initial.velocity[0]", [0.5, 1.0]),
+    }
+    return trunk.sweep(trunk.study("fig8", ["pid", "fuzzy_pid"], vary, duration=2.5, runs=3))
+
+
+def test_importing_it_loads_nothing_large_and_no_ros():
+    large = ["numba", "pyarrow", "matplotlib", "scipy", "pandas", "rclpy", "click", "cryptography"]
+    code = f"import sys, trunk_experiments.api; print([n for n in {large} if n in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_a_simulated_run_is_the_recording_that_the_command_makes(run, tmp_path):
+    plan = make_plan("fig8", "pid", everywhere={"duration": 1.3})
+    record_offline(plan, tmp_path / "run.mcap")
+    told = CliRunner().invoke(metrics.command, [str(tmp_path / "run.mcap"), "--json"])
+    values = json.loads(told.stdout)
+    found = trunk.metrics(run).as_dict()
+    assert {name: values.get("metrics", values)[name] for name in found} == found
+    loaded = trunk.load(tmp_path / "run.mcap")
+    for name, column in loaded.arrays().items():
+        assert column.tobytes() == run.arrays()[name].tobytes(), name
+    CliRunner().invoke(export.command, [str(loaded.path), "--npz", str(tmp_path / "run.npz")])
+    archive = np.load(tmp_path / "run.npz")
+    assert set(archive) == set(loaded.arrays())
+    assert all(archive[n].tobytes() == c.tobytes() for n, c in loaded.arrays().items())
+
+
+def test_every_column_has_a_unit_and_is_an_attribute(run):
+    columns = run.arrays()
+    assert [name for name in columns if name not in trunk.UNITS] == []
+    assert all(getattr(run, name) is column for name, column in columns.items())
+    assert {len(column) for column in columns.values()} == {len(run)} == {1301}
+    assert set(trunk.metrics(run).as_dict()) <= set(trunk.UNITS)
+
+
+def test_overrides_win_over_files_and_take_what_numpy_has():
+    table = ["B B B B B B B"] * 7
+    plan = trunk.plan(
+        "fig8",
+        params=["fuzzy_zhao_1993", "profile_practical"],
+        overrides={
+            "fuzzy_pid.rules.kd": table,
+            "simulator.initial.position": np.array([0.0, 0.1]),
+            "simulator.sensor.seed": np.int64(7),
+            "simulator.max_effort": np.float64(np.inf),
+        },
+        rate=np.float64(500.0),
+    )
+    told = plan.parameters
+    assert told["fuzzy_pid"]["rules.kd"] == tuple(table)
+    assert told["simulator"]["initial.position"] == (0.0, 0.1)
+    assert (told["simulator"]["sensor.seed"], told["simulator"]["max_effort"]) == (7, np.inf)
+    assert plan.rate == told["fuzzy_pid"]["update_rate"] == 500.0
+
+
+def test_controllers_take_turns():
+    plan = trunk.plan("fig6", "pid", swaps=[(0.5, "fuzzy_pid")], duration=1.0)
+    run = trunk.simulate(plan)
+    assert plan.controllers == run.controllers == ("pid", "fuzzy_pid")
+    assert np.ptp(run.alpha[:500]) == 0.0 < np.ptp(run.alpha[500:])
+
+
+def test_a_run_is_run_again_from_its_recording(run):
+    again = trunk.simulate(run.plan())
+    assert again.torque.tobytes() == run.torque.tobytes()
+    assert trunk.verify(again).verified
+
+
+def test_a_temporary_recording_goes_with_its_run(tmp_path):
+    short = trunk.simulate(trunk.plan("fig6", duration=0.1))
+    path = short.path
+    short.save(tmp_path / "kept.mcap")
+    assert path.read_bytes() == (tmp_path / "kept.mcap").read_bytes()
+    del short
+    gc.collect()
+    assert not path.parent.exists()
+
+
+def test_a_run_that_diverges_raises_and_leaves_what_there_was(tmp_path):
+    plan = trunk.plan("fig6", "pid", overrides={"pid.gains.d": 1e9}, duration=1.0)
+    assert "unstable" in repr(plan)
+    with pytest.raises(trunk.DivergedError):
+        trunk.simulate(plan, output=tmp_path / "run.mcap")
+    assert trunk.load(tmp_path / "run.mcap").doubts[0].startswith("INCOMPLETE")
+
+
+def test_nothing_can_be_changed(run, swept):
+    with pytest.raises(ValueError, match="read-only"):
+        run.theta[0] = 1.0
+    with pytest.raises(TypeError):
+        run.parameters["pid"]["gains.p"] = 1.0
+    for one in (run, trunk.metrics(run), trunk.verify(run), swept, run.plan()):
+        with pytest.raises(FrozenInstanceError):
+            one.anything = 1
+
+
+def test_a_verdict_names_what_differs_and_who_signed(run, tmp_path):
+    found = trunk.verify(run)
+    assert (found.verified, found.verdict, found.reasons) == (True, "verified", ())
+    assert found.steps == sum(one.steps for one in found.checked) > 2600
+    key = tmp_path / "key.pub"
+    key.write_text(
+        "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIE3gnQfZ0nMOZ3mJ8bRRs3zXf5cU6TxQh8N4dH4FWg0R\n"
+    )
+    unsigned = trunk.verify(run, key=key)
+    assert (unsigned.verdict, unsigned.verified) == ("not signed", False)
+    assert unsigned.reasons[0].startswith("not signed by")
+
+
+def test_a_picture_is_shown_and_written(run, tmp_path):
+    picture = trunk.plot(run, run, fig=8, names=["one", "other"])
+    data, told = picture._repr_png_()
+    assert data.startswith(b"\x89PNG")
+    assert told == {"width": 768}
+    picture.save(tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes() == data
+    texts = {text.get_text() for text in picture.figure.legends[0].get_texts()}
+    assert {"one", "other"} <= texts
+    overview = trunk.plot(run, names=["mine"]).figure
+    assert "mine" in {text.get_text() for text in overview.legends[0].get_texts()}
+
+
+def test_a_row_of_a_sweep_is_the_run_that_simulate_makes(swept):
+    row = {name: column[7] for name, column in swept.arrays().items()}
+    overrides = {
+        "simulator.plant.trunk_mass": row["mass"],
+        "simulator.initial.velocity": [row["speed"], 0.0],
+    }
+    plan = trunk.plan("fig8", row["controller"], overrides=overrides, duration=2.5)
+    single = trunk.metrics(trunk.simulate(plan)).as_dict()
+    assert {name: row[name] for name in single} == {
+        name: pytest.approx(np.nan, nan_ok=True) if value is None else value
+        for name, value in single.items()
+    }
+
+
+def test_a_sweep_can_be_kept_and_loaded(swept, tmp_path):
+    assert len(swept) == 12
+    swept.save(tmp_path / "a.parquet")
+    loaded = trunk.load_sweep(tmp_path / "a.parquet")
+    assert loaded.columns == swept.columns
+    for name in swept.columns:
+        np.testing.assert_array_equal(loaded[name], swept[name])
+    assert loaded["controller"].tolist() == ["pid", "fuzzy_pid"] * 6
+    assert loaded["run"].dtype == np.int64
+    assert (loaded.of("pid")["iae"] == swept["iae"][::2]).all()
+
+
+def test_a_sweep_into_a_file_is_that_of_the_study_s_text(tmp_path):
+    study = trunk.study("fig6", ["pid"], LISTED, duration=0.5)
+    (tmp_path / "study.yaml").write_text(study.text)
+    told = []
+    trunk.sweep(study, output=tmp_path / "a.parquet", progress=lambda *done: told.append(done))
+    trunk.sweep(trunk.read_study(tmp_path / "study.yaml"), output=tmp_path / "b.parquet")
+    assert (tmp_path / "a.parquet").read_bytes() == (tmp_path / "b.parquet").read_bytes()
+    assert told == [(2, 2)]
+
+
+def test_controllers_are_compared_over_the_same_draws(swept):
+    (fell, iae) = swept.compare(["iae"])
+    assert (fell.metric, iae.metric, iae.first, iae.second) == ("fallen", "iae", "pid", "fuzzy_pid")
+    assert iae.low <= iae.mean <= iae.high or iae.verdict == "too few pairs"
+
+
+def test_two_grids_make_a_map():
+    vary = {**LISTED, "speed": trunk.grid("simulator.initial.velocity[0]", [0.5, 1.0])}
+    swept = trunk.sweep(trunk.study("fig6", ["pid"], vary, duration=0.5))
+    panel = swept.map("trunk_mass", "speed").figure.axes[0]
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("trunk_mass", "speed")
+
+
+def test_frames_have_units(run, swept):
+    pandas = pytest.importorskip("pandas")
+    frame = run.frame()
+    assert isinstance(frame, pandas.DataFrame)
+    assert (frame.index.name, frame.attrs["units"]["torque"]) == ("t", "N m")
+    assert frame["theta"].to_numpy().tobytes() == run.theta.tobytes()
+    assert swept.frame().loc[7, "controller"] == "fuzzy_pid"
+
+
+def test_without_pandas_one_line_says_what_brings_it(run, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(trunk.LibraryError, match=r"pip install -r requirements/notebook\.txt"):
+        run.frame()
+
+
+def test_what_a_recording_says_is_not_markup(hostile_run):
+    path, words = hostile_run
+    run = trunk.load(path)
+    assert run.scenario in words
+    for shown in (run._repr_html_(), trunk.verify(run)._repr_html_()):
+        assert "<script" not in shown
+        assert "<img" not in shown
+
+
+def test_names_are_listed_with_a_line_about_each():
+    assert trunk.scenarios()["fig8"].startswith("The paper's Fig. 8")
+    assert trunk.controllers()["fuzzy_pid"] == "Fuzzy-PID"
+    assert "pid_as_printed" in trunk.parameter_files()
+    assert "robustness" in trunk.studies()
+    mass = {one.name: one for one in trunk.parameters("simulator")}["plant.trunk_mass"]
+    assert (mass.default, mass.unit, mass.fixed) == (0.5, "kg", False)
+    assert "> 0" in mass.allowed

@@ -1,0 +1,150 @@
+"""Whatever a caller gives wrongly, the library refuses in one line of its own family."""
+
+from __future__ import annotations
+
+import pytest
+
+import trunk_experiments.api as trunk
+
+ONE = {"mass": trunk.grid("simulator.plant.trunk_mass", [0.4])}
+
+
+def study(**changed):
+    given = {"scenario": "fig6", "controllers": ["pid"], "vary": ONE, "duration": 0.2}
+    return trunk.study(**{**given, **changed})
+
+
+MISTAKES = {
+    "scenario": (lambda: trunk.plan("fig88"), "no scenario 'fig88'.*did you mean 'fig8'"),
+    "no name": (lambda: trunk.plan(8), "scenario 8 is not a path"),
+    "controller": (lambda: trunk.plan("fig8", "pidd"), "no controller 'pidd'.*did you mean 'pid'"),
+    "file": (lambda: trunk.plan("fig8", params="pid_as"), "no parameter file 'pid_as'"),
+    "files": (lambda: trunk.plan("fig8", params=[3]), "params 3 is not a path"),
+    "texts": (lambda: trunk.plan("fig8", overrides=["pid.gains.p=1"]), "a mapping is needed"),
+    "target": (
+        lambda: trunk.plan("fig8", overrides={"simulatr.plant.length": 1.0}),
+        "overrides: 'simulatr.plant.length': NODE.PARAM is needed.*did you mean 'simulator'",
+    ),
+    "other node": (
+        lambda: trunk.plan("fig8", overrides={"pid.gains.p": 1.0}),
+        "overrides: 'pid.gains.p': pid is not in this run: give one of simulator",
+    ),
+    "parameter": (
+        lambda: trunk.plan("fig8", overrides={"simulator.plant.lenght": 1.0}),
+        "overrides: simulator.plant.lenght: .*did you mean 'plant.length'",
+    ),
+    "value": (
+        lambda: trunk.plan("fig8", overrides={"simulator.plant.length": -1.0}),
+        "overrides: simulator.plant.length: .* -1.0 is not allowed: double, > 0",
+    ),
+    "kind": (
+        lambda: trunk.plan("fig8", overrides={"simulator.plant.length": {"a": 1}}),
+        "plant.length: .* is not allowed",
+    ),
+    "rule": (
+        lambda: trunk.plan("fig8", overrides={"fuzzy_pid.rules.kd": ["B B B"] * 7}),
+        "rules.kd: .* is not allowed",
+    ),
+    "duration": (lambda: trunk.plan("fig8", duration=-1.0), "duration or rate: .*duration': -1.0"),
+    "rate": (lambda: trunk.plan("fig8", rate=[1.0]), r"rate \[1.0\]: a number is needed"),
+    "swap": (lambda: trunk.plan("fig8", swaps=["4:pid"]), "swaps: '4:pid': a time in s and"),
+    "swap's controller": (
+        lambda: trunk.plan("fig8", swaps=[(4.0, "pd")]),
+        "swaps: .*did you mean 'pid'",
+    ),
+    "no plan": (lambda: trunk.simulate("fig8"), "simulate: 'fig8' is not a plan"),
+    "endless": (
+        lambda: trunk.simulate(trunk.plan("fig8", duration=0.0)),
+        "duration is 0: an offline run needs an end",
+    ),
+    "no recording": (lambda: trunk.load("nothing.mcap"), "nothing.mcap"),
+    "no path": (lambda: trunk.metrics(3), "recording 3 is not a path"),
+    "no runs": (trunk.plot, "plot: no run"),
+    "figure": (lambda: trunk.plot("a.mcap", fig=3), "fig is 3: one of 6, 7, 8, 9"),
+    "names": (lambda: trunk.plot("a.mcap", names="ab"), "names 'ab': 1 are needed"),
+    "no study": (lambda: trunk.sweep("robustness"), "sweep: 'robustness' is not a study"),
+    "study's name": (lambda: trunk.read_study("robust"), "no study 'robust'.*did you mean"),
+    "jobs": (lambda: trunk.sweep(study(), jobs=0), "jobs is 0: a whole number from 1 to 1024"),
+    "vary": (lambda: study(vary={"m": [0.4]}), r"vary: m: \[0.4\]: give trunk.grid"),
+    "column": (lambda: study(vary={"iae 2": ONE["mass"]}), "vary.iae 2: is not a column name"),
+    "runs": (lambda: study(runs=0.5), "runs: is 0.5: a whole number"),
+    "contender": (lambda: study(controllers={"a": "pid"}), "controllers: 'pid' is not a contender"),
+    "no controller": (lambda: study(controllers=["pidd"]), "controllers.pidd"),
+    "object": (
+        lambda: study(vary={"m": trunk.grid("simulator.plant.length", [object()])}),
+        "study: ",
+    ),
+    "distribution": (
+        lambda: study(vary={"m": trunk.draw("simulator.plant.length", "uniform", low=1.0)}),
+        "vary.m: distribution uniform: high is missing",
+    ),
+    "unknown parameter": (
+        lambda: trunk.sweep(study(vary={"m": trunk.grid("simulator.plant.lenght", [1.0])})),
+        "did you mean 'plant.length'",
+    ),
+    "study's override": (
+        lambda: trunk.sweep(study(overrides={"simulator.plant.lenght": 1.0})),
+        "study: pid: set simulator.plant.lenght=1.0: .*did you mean 'plant.length'",
+    ),
+    "study's target": (
+        lambda: trunk.sweep(study(overrides={"simulatr.plant.length": 1.0})),
+        "study: pid: set 'simulatr.plant.length=1.0': NODE.PARAM=VALUE is needed",
+    ),
+    "results": (lambda: trunk.load_sweep("nothing.parquet"), "there is no such file"),
+    "column of results": (lambda: trunk.sweep(study())["iaee"], "no column 'iaee': one of run"),
+    "one of results": (lambda: trunk.sweep(study()).of("lqr"), "no controller 'lqr'.*one of pid"),
+    "map": (lambda: trunk.sweep(study()).map("mass", "mass"), "x and y are both 'mass'"),
+    "node": (lambda: trunk.parameters("simulatr"), "no node 'simulatr'.*did you mean 'simulator'"),
+}
+
+
+@pytest.mark.parametrize(("call", "says"), MISTAKES.values(), ids=MISTAKES)
+def test_a_mistake_is_one_line(call, says, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(trunk.TrunkError, match=says) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+    assert "--" not in str(caught.value), "a word of the command line"
+    assert list(tmp_path.iterdir()) == []
+
+
+WRITERS = {
+    "run.mcap": lambda path, **more: trunk.simulate(short(), output=path, **more),
+    "copy.mcap": lambda path, **more: trunk.simulate(short()).save(path, **more),
+    "plan.yaml": lambda path, **more: short().save(path, **more),
+    "picture.png": lambda path, **more: trunk.plot(trunk.simulate(short())).save(path, **more),
+    "sweep.parquet": lambda path, **more: trunk.sweep(study(), output=path, **more),
+    "results.parquet": lambda path, **more: trunk.sweep(study()).save(path, **more),
+}
+
+
+def short():
+    return trunk.plan("fig6", "pid", duration=0.1)
+
+
+@pytest.mark.parametrize(("name", "write"), WRITERS.items(), ids=WRITERS)
+def test_nothing_writes_over_a_file_unasked(name, write, tmp_path):
+    path = tmp_path / name
+    path.write_text("mine")
+    with pytest.raises(trunk.PlanError, match="it exists: give another name, or overwrite=True"):
+        write(path)
+    assert path.read_text() == "mine"
+    write(path, overwrite=True)
+    assert path.read_bytes() != b"mine"
+    for wrong, says in (
+        (tmp_path / "a.txt", "ends in"),
+        (tmp_path / "no" / name, "no folder"),
+        (tmp_path, "is a folder"),
+        (7, "not a path"),
+    ):
+        with pytest.raises(trunk.PlanError, match=says):
+            write(wrong)
+    assert [one.name for one in tmp_path.iterdir()] == [name]
+
+
+def test_a_recording_is_not_copied_over_itself(tmp_path):
+    run = trunk.simulate(short(), output=tmp_path / "run.mcap")
+    before = run.path.read_bytes()
+    with pytest.raises(trunk.PlanError, match="is read by"):
+        run.save(tmp_path / "run.mcap", overwrite=True)
+    assert run.path.read_bytes() == before

@@ -1,0 +1,116 @@
+"""The public names with their signatures and docstrings, as docs/api.md lists them."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from types import FunctionType
+from typing import Any
+
+
+def reference(module: Any) -> str:
+    """Return all that a module's ``__all__`` names, as Markdown."""
+    return "\n\n".join(_entry(name, getattr(module, name)) for name in module.__all__)
+
+
+def _entry(name: str, value: Any) -> str:
+    if isinstance(value, FunctionType):
+        return f"### `{name}`\n\n{_code(_signature(name, value))}\n\n{_text(value)}"
+    if not isinstance(value, type):
+        return f"### `{name}`\n\nA constant: units by the name of a column or metric; empty: without a unit."
+    if issubclass(value, Exception):
+        bases = ", ".join(base.__name__ for base in value.__bases__)
+        return f"### `{name}`\n\n{_code(f'class {name}({bases})')}\n\n{_text(value)}"
+    parts = [f"### `{name}`", _text(value)]
+    attributes = list(_attributes(value))
+    if attributes:
+        wide = any(what for _, _, what in attributes)  # else the class says what they are
+        rows = [f"| `{n}` | `{kind}` |" + f" {what} |" * wide for n, kind, what in attributes]
+        head = ["| attribute | type |" + " what |" * wide, "|---|---|" + "---|" * wide]
+        parts.append("\n".join([*head, *rows]))
+    if is_dataclass(value) and "Made by" not in (value.__doc__ or ""):
+        parts.insert(1, _code(_signature(name, value.__init__)))
+    parts += [
+        f"{_code(_signature(f'{name}.{one}', method))}\n\n{_text(method)}"
+        for one, method in _methods(value)
+    ]
+    return "\n\n".join(parts)
+
+
+def _members(kind: type) -> Iterator[tuple[str, Any]]:
+    """Yield what a class and its bases define, in order, but names that are private or special."""
+    found: dict[str, Any] = {}
+    for base in reversed(kind.__mro__[:-1]):
+        found |= vars(base)
+    for name, value in found.items():
+        if not name.startswith("_") or name in ("__len__", "__getitem__"):
+            yield name, value
+
+
+def _attributes(kind: type) -> Iterator[tuple[str, str, str]]:
+    for one in fields(kind) if is_dataclass(kind) else ():
+        if not one.name.startswith("_"):
+            yield one.name, str(one.type).replace("|", r"\|"), ""
+    for name, value in _members(kind):
+        if isinstance(value, property):
+            returned = inspect.get_annotations(value.fget)["return"]  # type: ignore[arg-type]
+            yield name, returned.replace("|", r"\|"), _text(value).replace("\n", " ")
+
+
+def _methods(kind: type) -> Iterator[tuple[str, Any]]:
+    return ((name, value) for name, value in _members(kind) if isinstance(value, FunctionType))
+
+
+class _Verbatim:
+    """Shown as it is written, without quotation marks."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __repr__(self) -> str:
+        return self.text
+
+
+def _signature(name: str, function: Any) -> str:
+    """Return a signature as it is written, whatever the version of Python."""
+    signature = inspect.signature(function)
+    shown = [
+        one.replace(
+            annotation=_Verbatim(one.annotation),
+            default=_Verbatim("{}")
+            if isinstance(one.default, Mapping) or "factory" in repr(one.default)
+            else one.default,
+        )
+        for one in signature.parameters.values()
+        if one.name != "self"
+    ]
+    text = signature.replace(parameters=shown, return_annotation=inspect.Signature.empty)
+    returned = signature.return_annotation
+    return f"{name}{text}" + (f" -> {returned}" if returned not in (None, "None") else "")
+
+
+def _code(signature: str) -> str:
+    """Return a signature as code, one parameter a line where it is long."""
+    if len(signature) > 100:
+        head, _, rest = signature.partition("(")
+        inner, _, tail = rest.rpartition(")")
+        lines = "".join(f"    {one},\n" for one in _split(inner))
+        signature = f"{head}(\n{lines}){tail}"
+    return f"```text\n{signature}\n```"
+
+
+def _split(parameters: str) -> list[str]:
+    """Return parameters one by one: split at commas that are not in brackets."""
+    found, depth = [""], 0
+    for character in parameters:
+        depth += (character in "[(") - (character in "])")
+        if character == "," and depth == 0:
+            found.append("")
+        else:
+            found[-1] += character
+    return [one.strip() for one in found]
+
+
+def _text(value: Any) -> str:
+    return (inspect.getdoc(value) or "").replace("``", "`").replace("::\n\n", "")
