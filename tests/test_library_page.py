@@ -1,0 +1,138 @@
+"""docs/api.md: its code runs as printed, a type checker passes it, and its list of names is the contract."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import trunk_experiments.api as trunk
+from trunk_experiments.api._reference import reference
+
+PAGE = Path(__file__).parents[1] / "docs" / "api.md"
+BLOCKS = re.findall(
+    r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+)
+SCRIPT = "".join(BLOCKS)
+CHANGED = (
+    "the public names or signatures of trunk_experiments.api are not those in docs/api.md. If that is "
+    "meant: run scripts/update_readme.sh, and tell users in CHANGELOG.md"
+)
+
+
+def test_the_contract_is_the_checked_in_list():
+    listed = PAGE.read_text(encoding="utf-8").split("<!-- generated: api -->\n")[1]
+    assert listed.split("\n<!-- end -->")[0] == reference(trunk), CHANGED
+    assert re.findall(r"^### `(\w+)`", listed, re.MULTILINE) == trunk.__all__
+
+
+def one(path: str, more: int = 1) -> str:
+    """Return one."""
+
+
+def without_a_parameter(path: str) -> str:
+    """Return one."""
+
+
+def with_another_default(path: str, more: int = 2) -> str:
+    """Return one."""
+
+
+def with_another_type(path: str, more: float = 1) -> str:
+    """Return one."""
+
+
+def with_another_result(path: str, more: int = 1) -> bytes:
+    """Return one."""
+
+
+class Two:
+    """Two."""
+
+    @property
+    def size(self) -> int:
+        """The size in m."""
+
+    def scaled(self, factor: float) -> Two:
+        """Return it larger."""
+
+
+class WithoutTheProperty(Two):
+    """Two."""
+
+    size = None
+
+
+class WithAnotherMethod(Two):
+    """Two."""
+
+    def scaled(self, factor: float, more: float) -> Two:
+        """Return it larger."""
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        *((one, other) for other in (without_a_parameter, with_another_default)),
+        *((one, other) for other in (with_another_type, with_another_result, Two)),
+        *((Two, other) for other in (WithoutTheProperty, WithAnotherMethod)),
+    ],
+    ids=lambda value: value.__name__,
+)
+def test_a_changed_contract_is_noticed(before, after):
+    here, there = (SimpleNamespace(__all__=["a"], a=value) for value in (before, after))
+    assert reference(here) == reference(here) != reference(there)
+
+
+def test_every_public_name_says_what_it_is():
+    undocumented = [
+        name
+        for name in trunk.__all__
+        if name != "UNITS" and not (getattr(trunk, name).__doc__ or "").strip()
+    ]
+    assert undocumented == []
+
+
+@pytest.mark.slow
+def test_the_page_s_code_runs_as_printed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    exec(compile(SCRIPT, str(PAGE), "exec"), {"__name__": "docs"})
+    told = capsys.readouterr().out
+    for printed in re.findall(r"print\(.*\)  # (.+)$", SCRIPT, re.MULTILINE):
+        pattern = ".*".join(map(re.escape, printed.split("...")))
+        assert printed.startswith("a table") or re.search(pattern, told), printed
+    assert {path.name for path in tmp_path.iterdir()} == {"mine.mcap", "fig8.png"}
+
+
+MISUSE = """
+run.theta.nothing
+trunk.plan(8)
+trunk.metrics(run).iae + "text"
+trunk.plot(run, figure=8)
+plan.scenario = "fig7"
+"""
+
+
+@pytest.mark.slow
+def test_a_strict_type_checker_sees_the_types_of_a_user_s_script(tmp_path):
+    """With nothing but what `source scripts/env.sh` sets: the packages bring their types (py.typed)."""
+    script = tmp_path / "script.py"
+    script.write_text(f"{SCRIPT}\nreveal_type(run.theta)\nreveal_type(results.compare())\n{MISUSE}")
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(tmp_path), script.name],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    lines = done.stdout.splitlines()
+    revealed = [line for line in lines if "Revealed type" in line]
+    assert "float64" in revealed[0]
+    assert "Difference" in revealed[1]
+    first = script.read_text().count("\n", 0, script.read_text().index(MISUSE)) + 2
+    found = {int(line.split(":")[1]) for line in lines if ": error:" in line}
+    assert found == set(range(first, first + 5)), done.stdout + done.stderr
