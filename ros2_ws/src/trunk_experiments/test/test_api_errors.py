@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
+from types import SimpleNamespace
+
 import pytest
 
 import trunk_experiments.api as trunk
@@ -52,6 +56,13 @@ MISTAKES = {
         lambda: trunk.plan("fig8", swaps=[(4.0, "pd")]),
         "swaps: .*did you mean 'pid'",
     ),
+    "swaps": (lambda: trunk.plan("fig8", swaps=3), "swaps 3: a list is needed"),
+    "null": (lambda: trunk.load("a\0b"), "is not a path"),
+    "too long": (lambda: short().save("x" * 300 + ".yaml"), "File name too long"),
+    "folder of results": (lambda: trunk.load_sweep("."), "a folder: give a Parquet file"),
+    "nodes": (lambda: trunk.parameters(["pid"]), r"no node \['pid'\]"),
+    "one name": (lambda: trunk.plot("a.mcap", names=3), "names 3: 1 are needed"),
+    "varied": (lambda: study(vary=[ONE]), "vary .*: a mapping is needed"),
     "no plan": (lambda: trunk.simulate("fig8"), "simulate: 'fig8' is not a plan"),
     "endless": (
         lambda: trunk.simulate(trunk.plan("fig8", duration=0.0)),
@@ -98,6 +109,10 @@ MISTAKES = {
 }
 
 
+def short():
+    return trunk.plan("fig6", "pid", duration=0.1)
+
+
 @pytest.mark.parametrize(("call", "says"), MISTAKES.values(), ids=MISTAKES)
 def test_a_mistake_is_one_line(call, says, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -109,27 +124,29 @@ def test_a_mistake_is_one_line(call, says, tmp_path, monkeypatch):
 
 
 WRITERS = {
-    "run.mcap": lambda path, **more: trunk.simulate(short(), output=path, **more),
-    "copy.mcap": lambda path, **more: trunk.simulate(short()).save(path, **more),
-    "plan.yaml": lambda path, **more: short().save(path, **more),
-    "picture.png": lambda path, **more: trunk.plot(trunk.simulate(short())).save(path, **more),
-    "sweep.parquet": lambda path, **more: trunk.sweep(study(), output=path, **more),
-    "results.parquet": lambda path, **more: trunk.sweep(study()).save(path, **more),
+    "run.mcap": lambda path, made, **more: trunk.simulate(short(), output=path, **more),
+    "copy.mcap": lambda path, made, **more: made.run.save(path, **more),
+    "plan.yaml": lambda path, made, **more: short().save(path, **more),
+    "picture.png": lambda path, made, **more: made.picture.save(path, **more),
+    "sweep.parquet": lambda path, made, **more: trunk.sweep(study(), output=path, **more),
+    "results.parquet": lambda path, made, **more: made.results.save(path, **more),
 }
 
 
-def short():
-    return trunk.plan("fig6", "pid", duration=0.1)
+@pytest.fixture(scope="module")
+def made():
+    run = trunk.simulate(short())
+    return SimpleNamespace(run=run, picture=trunk.plot(run), results=trunk.sweep(study()))
 
 
 @pytest.mark.parametrize(("name", "write"), WRITERS.items(), ids=WRITERS)
-def test_nothing_writes_over_a_file_unasked(name, write, tmp_path):
+def test_nothing_writes_over_a_file_unasked(name, write, made, tmp_path):
     path = tmp_path / name
     path.write_text("mine")
     with pytest.raises(trunk.PlanError, match="it exists: give another name, or overwrite=True"):
-        write(path)
+        write(path, made)
     assert path.read_text() == "mine"
-    write(path, overwrite=True)
+    write(path, made, overwrite=True)
     assert path.read_bytes() != b"mine"
     for wrong, says in (
         (tmp_path / "a.txt", "ends in"),
@@ -138,8 +155,19 @@ def test_nothing_writes_over_a_file_unasked(name, write, tmp_path):
         (7, "not a path"),
     ):
         with pytest.raises(trunk.PlanError, match=says):
-            write(wrong)
+            write(wrong, made)
     assert [one.name for one in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize(("name", "write"), WRITERS.items(), ids=WRITERS)
+def test_a_full_disk_is_one_line_and_leaves_no_file(name, write, made, tmp_path, monkeypatch):
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(trunk.PlanError, match=f"output .*{name}: No space left on device"):
+        write(tmp_path / name, made)
+    assert not (tmp_path / name).exists()
 
 
 def test_a_recording_is_not_copied_over_itself(tmp_path):

@@ -56,7 +56,7 @@ def parameters(node: str) -> tuple[Parameter, ...]:
 
     Raises PlanError for another name.
     """
-    if node not in NODES:
+    if not isinstance(node, str) or node not in NODES:
         raise PlanError(
             f"no node {node!r}: give one of {', '.join(NODES)}{did_you_mean(str(node), NODES)}"
         )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..errors import PlanError
-from ._paths import AnyPath, output_path
+from ._paths import AnyPath, output_path, writing
 from ._run import Run, run_of
 
 if TYPE_CHECKING:
@@ -32,7 +32,9 @@ class Picture:
         """
         from ..views.plot_style import save
 
-        save(self.figure, output_path(path, _SUFFIXES, overwrite))
+        target = output_path(path, _SUFFIXES, overwrite)
+        with writing(target):
+            save(self.figure, target)
 
     def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
         """Return the picture, and its width in CSS pixels, of which an inch has 96."""
@@ -59,7 +61,7 @@ def plot(
         raise PlanError("plot: no run: give at least one")
     if fig is not None and fig not in FIGURES:
         raise PlanError(f"plot: fig is {fig!r}: one of {', '.join(map(str, FIGURES))} is needed")
-    if names is not None and (isinstance(names, str) or len(names) != len(runs)):
+    if names is not None and (not isinstance(names, list | tuple) or len(names) != len(runs)):
         raise PlanError(f"plot: names {names!r}: {len(runs)} are needed, one for each run")
     views = [RunView.read(run_of(run)._recorded) for run in runs]
     told = None if names is None else [str(name) for name in names]

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import Any
 
 from trunk_msgs_util.parameters.declarations import Value, values_of
 from trunk_msgs_util.printable import printable
 
+from ..errors import PlanError
+from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import Swap
 from ..similar import did_you_mean
-from ._paths import AnyPath, output_path, path_of
+from ._paths import AnyPath, output_path, path_of, writing
 from ._shown import html_table, keyed
 from ._values import layers_of, names_of, number_of
-
-if TYPE_CHECKING:
-    from typing import Any
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,7 +66,9 @@ class Plan:
 
         Raises PlanError for a file that exists, unless ``overwrite``, or whose name is not ``.yaml``.
         """
-        self._plan.write_parameters(output_path(path, (".yaml", ".yml"), overwrite))
+        target = output_path(path, (".yaml", ".yml"), overwrite)
+        with writing(target):
+            self._plan.write_parameters(target)
 
     def _facts(self) -> dict[str, str]:
         facts = {
@@ -108,7 +110,7 @@ def plan(
     Raises PlanError, ParameterError or another `TrunkError`: one line with the name, its value, and what is
     allowed.
     """
-    turns = [_swap(one) for one in swaps]
+    turns = _swaps(swaps)
     acting = [str(controller), *(turn.controller for turn in turns)]
     everywhere = {
         name: value
@@ -130,13 +132,15 @@ def plan(
     return Plan(made)
 
 
+def _swaps(swaps: Any) -> list[Swap]:
+    """Return swaps. Raises PlanError for what is no sequence of them."""
+    if not isinstance(swaps, list | tuple):
+        raise PlanError(f"swaps {swaps!r}: a list is needed, such as [(4.0, 'pid')]")
+    return [_swap(one) for one in swaps]
+
+
 def _swap(pair: Any) -> Swap:
     """Return a swap. Raises PlanError unless it is a time and a controller's name."""
-    from math import isfinite
-
-    from ..errors import PlanError
-    from ..plans.nodes import CONTROLLERS
-
     time, name = pair if isinstance(pair, tuple | list) and len(pair) == 2 else (None, None)
     time = number_of(time, "swaps: time")
     if not isinstance(time, int | float) or not isfinite(time) or name not in CONTROLLERS:

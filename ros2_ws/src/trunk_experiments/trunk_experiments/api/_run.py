@@ -11,10 +11,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.printable import printable
+from trunk_msgs_util.recording.topic import RecordingError
 
 from ..errors import PlanError
-from ._paths import AnyPath, output_path, path_of
+from ._paths import AnyPath, output_path, path_of, writing
 from ._plan import Plan
 from ._shown import html_table, keyed
 from ._units import COLUMNS
@@ -188,9 +190,6 @@ class Run:
 
         Raises RecordingError if the recording lacks something that this needs.
         """
-        from trunk_msgs_util.parameters.declarations import ParameterError
-        from trunk_msgs_util.recording.topic import RecordingError
-
         try:
             return Plan(self._recorded.plan())
         except (PlanError, ParameterError) as error:
@@ -207,8 +206,15 @@ class Run:
         target = output_path(path, (".mcap",), overwrite, [self.path])
         if self.path.is_dir():
             raise PlanError(f"{self.path}: a folder: copy it as a whole, or load one of its files")
-        with whole_file(target) as part:
+        with writing(target), whole_file(target) as part:
             shutil.copyfile(self.path, part)
+
+    def _states(self) -> str:
+        """Return how many there are, in words, also for a recording that cannot be read as a whole."""
+        try:
+            return f"{len(self)}, to t = {self.t[-1]:g} s"
+        except (RecordingError, IndexError) as error:
+            return f"none: {error}"
 
     def __repr__(self) -> str:
         facts = (self.scenario, ", ".join(self.controllers), self.mode)
@@ -221,7 +227,7 @@ class Run:
             "scenario": self.scenario,
             "controllers": ", ".join(self.controllers),
             "mode": self.mode,
-            "states": f"{len(self)}, to t = {self.t[-1]:g} s" if len(self) else "none",
+            "states": self._states(),
         }
         rows = [*facts.items(), *(("doubt", line) for line in self.doubts)]
         return html_table("Run", ("", ""), rows)
@@ -254,12 +260,15 @@ def simulate(plan: Plan, *, output: AnyPath | None = None, overwrite: bool = Fal
         raise PlanError(f"simulate: {plan!r} is not a plan: give what trunk.plan(...) returns")
     if output is not None:
         path = output_path(output, (".mcap",), overwrite)
-        record_offline(plan._plan, path, overwrite=overwrite)
+        with writing(path):
+            record_offline(plan._plan, path, overwrite=overwrite)
         return Run(RecordedRun.open(path))
-    folder = tempfile.mkdtemp(prefix="trunk_")
+    with writing(Path(tempfile.gettempdir())):
+        folder = tempfile.mkdtemp(prefix="trunk_")
     path = Path(folder) / f"{plan.scenario}_{'_'.join(plan.controllers)}.mcap"
     try:
-        record_offline(plan._plan, path)
+        with writing(path):
+            record_offline(plan._plan, path)
         run = Run(RecordedRun.open(path))
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)

@@ -140,7 +140,7 @@ def study(
         "duration": number_of(duration, "duration"),
         "runs": plain(runs),
         "seed": plain(seed),
-        "vary": {str(name): _entry(name, one) for name, one in mapping_of(vary, "vary").items()},
+        "vary": {str(name): _entry(name, one) for name, one in _varied(vary).items()},
     }
     return Study(_parsed({name: value for name, value in tree.items() if value is not None}))
 
@@ -171,7 +171,14 @@ class _WithoutAliases(yaml.SafeDumper):
 
 
 def _overrides(value: Mapping[str, Any]) -> dict[str, Any]:
-    return {str(name): plain(one) for name, one in mapping_of(value, "overrides").items()}
+    found = mapping_of(value, "overrides", "{'NODE.PARAM': value}")
+    return {str(name): plain(one) for name, one in found.items()}
+
+
+def _varied(value: Mapping[str, Variation]) -> Mapping[str, Variation]:
+    return mapping_of(
+        value, "vary", "{'mass': trunk.grid('simulator.plant.trunk_mass', [0.4, 0.6])}"
+    )
 
 
 def _contender(one: Contender) -> dict[str, Any]:

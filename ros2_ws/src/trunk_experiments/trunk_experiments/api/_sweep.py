@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from trunk_msgs_util.printable import printable
 
 from ..errors import PlanError, StudyError
-from ._paths import AnyPath, output_path, path_of
+from ._paths import AnyPath, output_path, path_of, writing
 from ._picture import Picture
 from ._shown import html_table
 from ._study import Study
@@ -151,7 +151,8 @@ class Sweep:
 
         from trunk_msgs_util.whole_file import whole_file
 
-        with whole_file(output_path(path, (".parquet",), overwrite)) as part:
+        target = output_path(path, (".parquet",), overwrite)
+        with writing(target), whole_file(target) as part:
             pq.write_table(self._results.table, part, compression="zstd")
 
     def __repr__(self) -> str:
@@ -210,7 +211,8 @@ def _swept(
     from ..study.sweep import processes
 
     sweeping = Sweeping(study._study, path)
-    done = sweeping.start()
+    with writing(path):
+        done = sweeping.start()
 
     def tell(runs: int) -> None:
         nonlocal done
@@ -218,8 +220,9 @@ def _swept(
         if progress is not None:
             progress(done, study.runs)
 
-    sweeping.run(processes(max(1, min(jobs, len(sweeping.missing)))), tell)
-    sweeping.finish()
+    with writing(path):
+        sweeping.run(processes(max(1, min(jobs, len(sweeping.missing)))), tell)
+        sweeping.finish()
     return Sweep(Results.read(path), tuple(sweeping.warnings))
 
 

@@ -14,10 +14,12 @@ from ._paths import AnyPath, path_of
 
 
 def plain(value: Any) -> Any:
-    """Return a value of Python's own types for one of NumPy's; a tuple becomes a list."""
+    """Return a value of Python's own types for one of NumPy's; a sequence becomes a list."""
     if hasattr(value, "tolist"):
         return value.tolist()
-    return [plain(one) for one in value] if isinstance(value, list | tuple) else value
+    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        return [plain(one) for one in value]
+    return value
 
 
 def layers_of(overrides: Mapping[str, object], acting: Sequence[str]) -> list[Layer]:
@@ -27,7 +29,7 @@ def layers_of(overrides: Mapping[str, object], acting: Sequence[str]) -> list[La
     """
     layers = []
     nodes = [name for name in NODES if name not in CONTROLLERS or name in acting]
-    for target, value in mapping_of(overrides, "overrides").items():
+    for target, value in mapping_of(overrides, "overrides", "{'NODE.PARAM': value}").items():
         node, dot, name = str(target).partition(".")
         if not dot or not name or node not in NODES:
             raise PlanError(
@@ -42,10 +44,10 @@ def layers_of(overrides: Mapping[str, object], acting: Sequence[str]) -> list[La
     return layers
 
 
-def mapping_of(value: Any, what: str) -> Mapping[str, Any]:
+def mapping_of(value: Any, what: str, such_as: str) -> Mapping[str, Any]:
     """Return a mapping. Raises PlanError, naming what it is for, if the value is none."""
     if not isinstance(value, Mapping):
-        raise PlanError(f"{what} {value!r}: a mapping is needed, such as {{'NODE.PARAM': value}}")
+        raise PlanError(f"{what} {value!r}: a mapping is needed, such as {such_as}")
     return value
 
 
