@@ -16,6 +16,7 @@ import trunk_experiments.api as trunk
 from trunk_experiments.commands import export, metrics
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.recording.writer import RecordingWriter
 
 LISTED = {"trunk_mass": trunk.grid("simulator.plant.trunk_mass", np.array([0.4, 0.6]))}
 
@@ -223,6 +224,39 @@ def test_what_a_recording_says_is_not_markup(hostile_run):
     for shown in (run._repr_html_(), trunk.verify(run)._repr_html_()):
         assert "<script" not in shown
         assert "<img" not in shown
+
+
+def test_a_recording_without_states_can_still_be_looked_at(tmp_path):
+    with RecordingWriter(tmp_path / "empty.mcap") as writer:
+        writer.finish(complete=True, reason="finished")
+    run = trunk.load(tmp_path / "empty.mcap")
+    assert "ground_truth" in run._repr_html_()
+    with pytest.raises(trunk.RecordingError, match="ground_truth"):
+        run.arrays()
+
+
+UNGUARDED = """
+import trunk_experiments.api as trunk
+
+vary = {"m": trunk.grid("simulator.plant.trunk_mass", [0.4, 0.6])}
+path = "study.yaml"
+with open(path, "w") as file:
+    file.write(trunk.study("fig6", ["pid"], vary, duration=0.1).text + "block: 1\\n")
+try:
+    trunk.sweep(trunk.read_study(path), jobs=2)
+except trunk.SweepError as error:
+    print(error)
+"""
+
+
+@pytest.mark.slow
+def test_processes_of_a_script_without_a_guard_are_explained(tmp_path):
+    (tmp_path / "script.py").write_text(UNGUARDED)
+    done = subprocess.run(
+        [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert 'if __name__ == "__main__":' in done.stdout
+    assert done.stdout.count("\n") == 1
 
 
 def test_names_are_listed_with_a_line_about_each():

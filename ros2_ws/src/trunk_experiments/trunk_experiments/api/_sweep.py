@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from trunk_msgs_util.printable import printable
 
-from ..errors import PlanError, StudyError
+from ..errors import PlanError, StudyError, SweepError
 from ._paths import AnyPath, output_path, path_of, writing
 from ._picture import Picture
 from ._shown import html_table
@@ -24,6 +25,10 @@ if TYPE_CHECKING:
 
     from ..study.results import Results
 
+_KILLED = (
+    "sweep: a worker process ended: out of memory, or a script that lacks "
+    'if __name__ == "__main__": around the call; add that, or give jobs=1'
+)
 _SHOWN = ("iae", "steady_state_error_rms_deg", "peak_torque")
 
 
@@ -220,9 +225,14 @@ def _swept(
         if progress is not None:
             progress(done, study.runs)
 
-    with writing(path):
-        sweeping.run(processes(max(1, min(jobs, len(sweeping.missing)))), tell)
-        sweeping.finish()
+    try:
+        with writing(path):
+            sweeping.run(processes(max(1, min(jobs, len(sweeping.missing)))), tell)
+            sweeping.finish()
+    except SweepError as error:
+        if isinstance(error.__context__, BrokenProcessPool):
+            raise SweepError(_KILLED) from None
+        raise
     return Sweep(Results.read(path), tuple(sweeping.warnings))
 
 
