@@ -25,7 +25,8 @@ from ._metrics import Metrics, metrics
 from ._names import Parameter, controllers, parameter_files, parameters, scenarios, studies
 from ._picture import Picture, plot
 from ._plan import Plan, plan
-from ._run import Run, load, simulate
+from ._run import Run
+from ._simulate import load, simulate
 from ._study import Contender, Study, Variation, draw, grid, read_study, study
 from ._sweep import Difference, Sweep, load_sweep, sweep
 from ._units import UNITS

@@ -6,8 +6,9 @@ from dataclasses import dataclass, fields
 
 from ..analysis import metrics as analysis
 from ._paths import AnyPath
-from ._run import Run, run_of
+from ._run import Run
 from ._shown import html_table, text_table
+from ._simulate import run_of
 
 
 @dataclass(frozen=True)

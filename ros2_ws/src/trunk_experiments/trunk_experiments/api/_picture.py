@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from ..errors import PlanError
 from ._paths import AnyPath, output_path, writing
-from ._run import Run, run_of
+from ._run import Run
+from ._simulate import run_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
-import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +14,7 @@ from trunk_msgs_util.printable import printable
 from trunk_msgs_util.recording.topic import RecordingError
 
 from ..errors import PlanError
-from ._paths import AnyPath, output_path, path_of, writing
+from ._paths import AnyPath, output_path, writing
 from ._plan import Plan
 from ._shown import html_table, keyed
 from ._units import COLUMNS
@@ -182,8 +180,7 @@ class Run:
         """
         from ._frames import frame
 
-        arrays = self.arrays()
-        return frame(arrays, index="t")
+        return frame(self.arrays(), index="t")
 
     def plan(self) -> Plan:
         """Return the plan of this run, to `simulate` it again: changes while it ran are part of it.
@@ -231,52 +228,3 @@ class Run:
         }
         rows = [*facts.items(), *(("doubt", line) for line in self.doubts)]
         return html_table("Run", ("", ""), rows)
-
-
-def load(path: AnyPath) -> Run:
-    """Return a recorded run: an MCAP file, or a folder with ``metadata.yaml`` or a run in it.
-
-    Broken files are read as far as they are sound: see `Run.doubts` and `Run.warnings`.
-    Raises RecordingError for what is missing, cannot be read or is not MCAP.
-    """
-    from ..recorded.run import RecordedRun
-
-    return Run(RecordedRun.open(path_of(path, "recording")))
-
-
-def simulate(plan: Plan, *, output: AnyPath | None = None, overwrite: bool = False) -> Run:
-    """Run a plan without ROS and return the recording: the same bits as the graph in lock-step.
-
-    ``output``: the MCAP file to write; None: a temporary one that is deleted with the `Run`; `Run.save`
-    keeps it. ``overwrite``: replace it if it exists.
-
-    Raises PlanError for a plan that needs the graph or an output that cannot be written, and DivergedError
-    if the loop is unstable: an ``output`` then holds the run up to its last finite state.
-    """
-    from ..recorded.run import RecordedRun
-    from ..runs.offline_recording import record_offline
-
-    if not isinstance(plan, Plan):
-        raise PlanError(f"simulate: {plan!r} is not a plan: give what trunk.plan(...) returns")
-    if output is not None:
-        path = output_path(output, (".mcap",), overwrite)
-        with writing(path):
-            record_offline(plan._plan, path, overwrite=overwrite)
-        return Run(RecordedRun.open(path))
-    with writing(Path(tempfile.gettempdir())):
-        folder = tempfile.mkdtemp(prefix="trunk_")
-    path = Path(folder) / f"{plan.scenario}_{'_'.join(plan.controllers)}.mcap"
-    try:
-        with writing(path):
-            record_offline(plan._plan, path)
-        run = Run(RecordedRun.open(path))
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
-    weakref.finalize(run, shutil.rmtree, folder, True)
-    return run
-
-
-def run_of(value: Run | AnyPath) -> Run:
-    """Return a run, or the one that is recorded at a path."""
-    return value if isinstance(value, Run) else load(value)

@@ -8,8 +8,9 @@ from typing import Literal, cast
 from trunk_msgs_util.printable import printable
 
 from ._paths import AnyPath, path_of
-from ._run import Run, run_of
+from ._run import Run
 from ._shown import html_table
+from ._simulate import run_of
 
 Word = Literal["verified", "diverges", "cannot be judged", "not signed"]
 
