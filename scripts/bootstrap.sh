@@ -46,7 +46,7 @@ find_python() {
 # The build links to modules and data instead of copying them: only these trigger a rebuild.
 workspace_key() {
     local src=ros2_ws/src
-    { printf '%s\n' "$made" "$pins" $src/*/*/config/* $src/*/{launch,layouts,ros2_control,rviz}/*; cat $src/*/{package.xml,setup.py,setup.cfg}; } | sha256sum
+    { printf '%s\n' "$made" "$pins" "$(declare -f launcher)" $src/*/*/config/* $src/*/{launch,layouts,ros2_control,rviz}/*; cat $src/*/{package.xml,setup.py,setup.cfg}; } | sha256sum
 }
 
 up_to_date() {
@@ -115,6 +115,23 @@ install_pins() {
     rm .venv/.busy
 }
 
+# What starts an executable. sh reads the first line: a kernel takes no spaces and no long path there. SIGINT and
+# SIGTERM are blocked until the program can handle them: see early_signals.py. setuptools' own would look the
+# function up among all that is installed, which takes as long as the rest of `trunk --help`.
+launcher() { # PACKAGE NAME
+    cat <<END
+#!/bin/sh
+'''exec' $held"$venv_python" "\$0" "\$@"
+' '''
+import sys
+
+from $1.executables import $2
+
+if __name__ == "__main__":
+    sys.exit($2())
+END
+}
+
 build() {
     say 'building ros2_ws'
     local key script venv_python=$root/.venv/bin/python
@@ -126,12 +143,10 @@ build() {
             --event-handlers console_cohesion+ desktop_notification-
     ) >.venv/.log 2>&1 || { cat .venv/.log >&2; die 'ros2_ws could not be built, see above'; }
     find -L ros2_ws/install/*/share -type l -delete # colcon leaves links to data that is gone
-    # sh reads the first line: a kernel takes no spaces and no long path there. SIGINT and SIGTERM
-    # are blocked until the program can handle them: see early_signals.py.
     local held=''
     if env --block-signal=INT,TERM true 2>/dev/null; then held='env --block-signal=INT,TERM '; fi
     for script in ros2_ws/install/*/lib/trunk_*/*; do
-        sed -i "1c #!/bin/sh\\n'''exec' $held\"$venv_python\" \"\$0\" \"\$@\"\\n' '''" "$script"
+        launcher "$(basename "$(dirname "$script")")" "$(basename "$script")" >"$script"
     done
     ln -sfn ../../ros2_ws/install/trunk_experiments/lib/trunk_experiments/trunk .venv/bin/trunk
     printf '%s\n' "$key" >ros2_ws/install/.built

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import sys
 from importlib import import_module
-from importlib.metadata import version
 from typing import TextIO, cast
 
 import click
@@ -87,6 +86,8 @@ def _tell_unusable() -> None:
 
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
     if wanted:
+        from importlib.metadata import version  # as slow as all else that the overview needs
+
         click.echo(f"trunk {version('trunk_experiments')}")
         context.exit()
 
