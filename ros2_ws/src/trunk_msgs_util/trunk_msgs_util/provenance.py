@@ -1,15 +1,13 @@
-"""Where a run comes from: versions, commit, machine, time. Gathering it never fails."""
+"""Where a run comes from: versions, commit, machine, time. Gathering it never fails.
+
+Readers need only `ARITHMETIC`; what a run's writer needs is imported when it gathers.
+"""
 
 from __future__ import annotations
 
 import os
-import platform
-import subprocess
 from contextlib import suppress
-from datetime import datetime, timezone
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from xml.etree import ElementTree
 
 # How numbers are computed: sums, products, quotients and roots of IEEE 754 doubles, and the functions of
 # `elementary` and `noise`. A change of any bit is a new name.
@@ -24,6 +22,9 @@ _LIBRARIES = ("numpy", "numba", "mcap", "rosbags")
 
 def gather(**known: str) -> dict[str, str]:
     """Return what can be found out about code and machine; ``known`` (scenario, rmw ...) overrides it."""
+    import platform
+    from datetime import datetime, timezone
+
     found = {
         "started_utc": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "commit": _commit(),
@@ -39,6 +40,9 @@ def gather(**known: str) -> dict[str, str]:
 
 
 def _version(package: str) -> str:
+    from importlib.metadata import PackageNotFoundError, version
+    from xml.etree import ElementTree
+
     with suppress(PackageNotFoundError):
         return version(package)
     # A source tree that is not installed: its manifest has the version.
@@ -50,6 +54,8 @@ def _version(package: str) -> str:
 
 def _commit() -> str:
     """Return the commit of the checkout that tracks this file, with ``+dirty`` if changed."""
+    import subprocess
+
     here = Path(__file__).resolve()
 
     def git(*arguments: str) -> str:

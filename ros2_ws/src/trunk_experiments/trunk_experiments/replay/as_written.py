@@ -19,6 +19,7 @@ from trunk_msgs_util.recording import rosbag2
 from trunk_msgs_util.recording.digests import DIGESTS
 from trunk_msgs_util.recording.joint_state_cdr import MAX_TRAILING, JointStateLayout
 from trunk_msgs_util.recording.messages import head_field, unaligned
+from trunk_msgs_util.recording.own_records import END, LIBRARY, PROFILE, PROVENANCE
 from trunk_msgs_util.recording.schemas import (
     definition,
     deserialize,
@@ -28,7 +29,6 @@ from trunk_msgs_util.recording.schemas import (
     parse_parameter_event,
     serialize,
 )
-from trunk_msgs_util.recording.writer import END, LIBRARY, PROFILE, PROVENANCE
 from trunk_msgs_util.units import LAST_STAMP_NS, NANOSECONDS, seconds
 
 from ..plans.nodes import CONTROLLERS, NODES

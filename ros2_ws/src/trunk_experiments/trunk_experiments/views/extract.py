@@ -15,9 +15,9 @@ from trunk_msgs_util import topics as names
 from trunk_msgs_util.recording.file import RecordingFile
 from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.recording.messages import Messages, unaligned
+from trunk_msgs_util.recording.own_records import END, PROVENANCE
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.topic import STAMPED
-from trunk_msgs_util.recording.writer import END, PROVENANCE
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_msgs_util.whole_file import whole_file
 

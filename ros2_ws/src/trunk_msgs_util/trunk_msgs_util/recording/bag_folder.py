@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..yaml_text import YamlTextError, load
 from .limits import MAX_BAG_METADATA, MAX_NAME
 from .topic import RecordingError
 
@@ -72,6 +71,8 @@ def bag_folder(folder: Path) -> BagFolder:
 
 
 def _information(path: Path) -> dict[str, Any]:
+    from ..yaml_text import YamlTextError, load  # slow to import, and most recordings are files
+
     why = ""
     try:
         with path.open(encoding="utf-8") as file:

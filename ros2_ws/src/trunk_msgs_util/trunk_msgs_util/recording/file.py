@@ -25,8 +25,8 @@ from .blocks import (
 from .described import check_described, numbered, of_others
 from .digests import DIGESTS
 from .limits import MAX_METADATA, Budget, LimitError
+from .own_records import END, PROVENANCE
 from .topic import RecordingError, Topic
-from .writer import END, PROVENANCE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping

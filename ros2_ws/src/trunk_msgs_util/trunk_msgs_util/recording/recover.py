@@ -28,10 +28,10 @@ from .described import check_described, numbered
 from .digests import DIGESTS
 from .file import check_magic, size_of
 from .limits import Budget, LimitError
+from .own_records import END
 from .reader import RecordingError
 from .split import Content
 from .summary import Summary, read_summary
-from .writer import END
 
 LIBRARY = "trunk_msgs_util recover"
 _LOSSES = 20  # listed in the end record

@@ -1,6 +1,6 @@
 """ROS messages without ROS: definitions, and the few messages that an offline run builds.
 
-All from rosbags' store of Jazzy's types, loaded on first use.
+From rosbags' store of Jazzy's types, loaded on first use, and `run_cdr`, which most reading needs alone.
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
 
 from ..topics import DIAGNOSTIC_ARRAY_TYPE, PARAMETER_EVENT_TYPE
 from ..units import NANOSECONDS
+from . import run_cdr
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -61,6 +61,8 @@ class RunEvent(NamedTuple):
 
 @cache
 def _store() -> Typestore:
+    from rosbags.typesys import Stores, get_typestore
+
     return get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -186,6 +188,14 @@ def _values(parameters: list[Any]) -> dict[str, Value]:
 
 def parse_parameter_event(data: bytes) -> ParameterChange:
     """Return the content of a serialized ParameterEvent. Raises ValueError if malformed."""
+    found = run_cdr.parameter_event(data)
+    if found is not None:
+        return ParameterChange(
+            found.sec * NANOSECONDS + found.nanosec,
+            found.node,
+            {name: values[kind - 1] for name, kind, values in found.new if kind in _FIELDS},
+            {name: values[kind - 1] for name, kind, values in found.changed if kind in _FIELDS},
+        )
     message = deserialize(PARAMETER_EVENT_TYPE, data)
     return ParameterChange(
         stamp_of(message.stamp),
@@ -223,6 +233,10 @@ def event(
 
 def parse_event(data: bytes) -> RunEvent:
     """Return the content of a serialized DiagnosticArray. Raises ValueError if malformed or empty."""
+    found = run_cdr.diagnostic_array(data)
+    if found is not None:
+        stamp_ns = found.sec * NANOSECONDS + found.nanosec
+        return RunEvent(stamp_ns, found.name, found.message, dict(found.pairs), found.level)
     message = deserialize(DIAGNOSTIC_ARRAY_TYPE, data)
     if not message.status:
         raise ValueError("a DiagnosticArray without a status")

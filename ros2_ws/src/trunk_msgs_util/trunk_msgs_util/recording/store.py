@@ -12,8 +12,8 @@ from .bag_folder import METADATA, bag_folder
 from .digests import DIGESTS, RunningDigests, differing, uncoverable, uncovered
 from .file import RecordingFile, size_of
 from .glance import glance
+from .own_records import END, PROVENANCE
 from .topic import RecordingError, Topic
-from .writer import END, PROVENANCE
 
 if TYPE_CHECKING:
     from .file import Block

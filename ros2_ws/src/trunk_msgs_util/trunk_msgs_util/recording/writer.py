@@ -11,6 +11,7 @@ from mcap.writer import LIBRARY_IDENTIFIER
 
 from . import rosbag2
 from .digests import DIGESTS, RunningDigests
+from .own_records import END, PROFILE, PROVENANCE
 from .schemas import definition
 from .writing.chunked import ChunkedWriter
 from .writing.own_file import check_own, open_own
@@ -19,10 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from types import TracebackType
 
-PROVENANCE = "trunk_provenance"
-END = "trunk_end"
+__all__ = ["END", "PROVENANCE", "RecordingWriter"]
 
-PROFILE, LIBRARY = "ros2", "trunk_msgs_util mcap-python/"
 _LIBRARY = f"trunk_msgs_util {LIBRARY_IDENTIFIER}"
 _COMPRESSIONS = {"zstd": "zstd", "lz4": "lz4", "none": ""}
 

@@ -1,0 +1,81 @@
+"""Reading without a library: whatever it does read, rosbags reads the same."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trunk_msgs_util.recording import run_cdr, schemas
+
+texts = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=8)
+integers = st.integers(-(2**63), 2**63 - 1)
+elements = {
+    "bool": st.booleans(),
+    "integer": integers,
+    "double": st.floats(allow_nan=False),
+    "string": texts,
+}
+kinds = {
+    **elements,
+    **{f"{k} array": st.lists(e, max_size=3).map(tuple) for k, e in elements.items()},
+}
+settings = st.dictionaries(
+    texts, st.one_of(*(st.tuples(st.just(k), v) for k, v in kinds.items())), max_size=4
+)
+
+
+def event_of(told: dict[str, tuple[str, object]]) -> bytes:
+    values = {name: value for name, (_, value) in told.items()}
+    return schemas.parameter_event(7, "/pid", values, {}, {n: k for n, (k, _) in told.items()})
+
+
+def by_rosbags(monkeypatch: pytest.MonkeyPatch, parse, data: bytes) -> object:
+    with monkeypatch.context() as without:
+        without.setattr(run_cdr, "parameter_event", lambda _: None)
+        without.setattr(run_cdr, "diagnostic_array", lambda _: None)
+        try:
+            return repr(parse(data))  # repr: True == 1, 0.0 == -0.0
+        except ValueError:
+            return "refused"
+
+
+@given(settings)
+def test_parameters_need_no_library(told):
+    data = event_of(told)
+    assert run_cdr.parameter_event(data) is not None
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        assert repr(schemas.parse_parameter_event(data)) == by_rosbags(
+            monkeypatch, schemas.parse_parameter_event, data
+        )
+
+
+@given(texts, texts, st.dictionaries(texts, texts, max_size=4))
+def test_events_need_no_library(node, message, pairs):
+    data = schemas.event(7, node, message, pairs)
+    assert run_cdr.diagnostic_array(data) is not None
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        assert repr(schemas.parse_event(data)) == by_rosbags(monkeypatch, schemas.parse_event, data)
+
+
+@given(st.data())
+def test_damaged_bytes_are_judged_alike(data):
+    told = {"a": ("double array", (1.0,)), "b": ("string", "x"), "c": ("bool", True)}
+    parse, whole = data.draw(
+        st.sampled_from(
+            [
+                (schemas.parse_parameter_event, event_of(told)),
+                (schemas.parse_event, schemas.event(7, "/sim", "fell", {"angle": 1.6})),
+            ]
+        )
+    )
+    edited = bytearray(whole[: data.draw(st.integers(0, len(whole)))])
+    for _ in range(data.draw(st.integers(0, 3)) if edited else 0):
+        edited[data.draw(st.integers(0, len(edited) - 1))] = data.draw(st.integers(0, 255))
+    edited += data.draw(st.binary(max_size=5))
+    try:
+        found = repr(parse(bytes(edited)))
+    except ValueError:
+        found = "refused"
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        assert found == by_rosbags(monkeypatch, parse, bytes(edited))
