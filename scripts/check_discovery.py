@@ -29,7 +29,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from trunk_experiments.console.common import print_table
+from trunk_experiments.console.tables import print_table
 from trunk_msgs_util.node import middleware, qos
 
 TOPICS = 3  # each way

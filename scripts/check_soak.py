@@ -38,7 +38,7 @@ from trunk_experiments.bench.soak import (
     steps_of,
 )
 from trunk_experiments.bench.usage import resident_bytes
-from trunk_experiments.console.common import print_table
+from trunk_experiments.console.tables import print_table
 from trunk_experiments.errors import RunError
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import RunPlan, make_plan

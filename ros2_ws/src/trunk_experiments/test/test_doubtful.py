@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from trunk_experiments.cli import main
-from trunk_experiments.console.common import print_table
+from trunk_experiments.console.tables import print_table
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.turns import Swap

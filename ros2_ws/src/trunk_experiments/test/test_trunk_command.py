@@ -185,11 +185,3 @@ def test_every_verb_has_help():
     for verb in ("run", "simulate", "metrics", "info", "export", "verify", "diff", "params"):
         assert verb in listed
         assert "Usage" in trunk(verb, "--help").stdout
-
-
-def test_the_overview_imports_no_verb():
-    heavy = ("numpy", "rich", "rclpy", "trunk_experiments.console.common")
-    told = "import sys; from trunk_experiments import cli; sys.argv[1:] = ['--help']\n"
-    told += f"try: cli.main()\nexcept SystemExit: print([n for n in {heavy} if n in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "[]"

@@ -11,7 +11,8 @@ from typing import Any
 
 import click
 
-from ..console.common import FiniteRange, json_option, print_table
+from ..console.common import FiniteRange, json_option
+from ..console.tables import print_table
 
 
 @click.group("bench")

@@ -7,7 +7,8 @@ import click
 from trunk_control.laws import LawError, law_named, package_of
 from trunk_msgs_util.errors import EXIT_FAILED
 
-from ..console.common import Name, print_table
+from ..console.common import Name
+from ..console.tables import print_table
 from ..plans.nodes import CONTROLLERS, UNUSABLE
 
 

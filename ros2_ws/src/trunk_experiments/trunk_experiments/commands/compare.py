@@ -10,8 +10,8 @@ from pathlib import Path
 import click
 
 from ..analysis.metrics import QUANTITIES, Quantity
-from ..console.common import print_table
 from ..console.reading import open_views, show_warnings_of
+from ..console.tables import print_table
 from ..views.compare import Comparison, Row, compare
 
 _LONGEST = 20  # values of an array that are listed

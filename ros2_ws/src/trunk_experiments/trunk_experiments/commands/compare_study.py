@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from ..console.common import print_table
+from ..console.tables import print_table
 from ..study.compare import PairedDifference, compare_study
 from ..study.results import Results
 

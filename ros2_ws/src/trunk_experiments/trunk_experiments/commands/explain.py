@@ -11,8 +11,9 @@ import click
 
 from trunk_control.law import OUTCOME
 
-from ..console.common import json_option, print_table
+from ..console.common import json_option
 from ..console.reading import open_run, show_damage
+from ..console.tables import print_table
 from ..replay.explain import Explanation, explain
 
 

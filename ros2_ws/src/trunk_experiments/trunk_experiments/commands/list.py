@@ -11,8 +11,9 @@ import click
 
 from trunk_control.laws import law_named
 
-from ..console.common import json_option, print_table
+from ..console.common import json_option
 from ..console.reading import open_run
+from ..console.tables import print_table
 from ..errors import PlanError
 from ..plans.files import SCENARIOS, shipped_files
 from ..plans.nodes import CONTROLLERS, NODES

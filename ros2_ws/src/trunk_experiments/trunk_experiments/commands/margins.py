@@ -9,7 +9,7 @@ import click
 from trunk_control.pid import Gains
 from trunk_msgs_util.units import seconds
 
-from ..console.common import print_table
+from ..console.tables import print_table
 from ..plans.plan import RunPlan
 
 if TYPE_CHECKING:

@@ -9,8 +9,9 @@ import click
 
 from ..analysis.metrics import QUANTITIES, has_level, missing
 from ..analysis.recorded_metrics import recorded_metrics, table_and_metrics
-from ..console.common import json_option, print_table
+from ..console.common import json_option
 from ..console.reading import open_run, show_warnings
+from ..console.tables import print_table
 from ..recorded.run import RecordedRun
 from ..replay.doubts import doubts_of
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from ..console.common import print_table
 from ..console.outputs import check_folder
+from ..console.tables import print_table
 from ..console.terminal import console
 
 

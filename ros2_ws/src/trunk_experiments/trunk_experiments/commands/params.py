@@ -10,7 +10,8 @@ import click
 
 from trunk_msgs_util.parameters.declarations import Declaration, declarations
 
-from ..console.common import json_option, print_table
+from ..console.common import json_option
+from ..console.tables import print_table
 from ..plans.nodes import NODES
 
 

@@ -11,8 +11,8 @@ from rich.progress import BarColumn, Progress, TextColumn
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import middleware
 
-from ..console.common import files_read, markers_option, plan_of, plan_options
 from ..console.outputs import check_not_read, output_options
+from ..console.plan_options import files_read, markers_option, plan_of, plan_options
 from ..console.terminal import console
 from ..errors import PlanError
 from ..recorded.run import RecordedRun

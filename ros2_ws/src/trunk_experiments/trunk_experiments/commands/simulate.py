@@ -13,8 +13,8 @@ from click.core import ParameterSource
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.topic import RecordingError
 
-from ..console.common import files_read, markers_option, plan_of, plan_options
 from ..console.outputs import check_output, output_options
+from ..console.plan_options import files_read, markers_option, plan_of, plan_options
 from ..errors import PlanError
 
 if TYPE_CHECKING:

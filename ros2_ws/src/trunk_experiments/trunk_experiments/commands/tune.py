@@ -15,8 +15,9 @@ from trunk_msgs_util.parameters.declarations import Value, build, values_of
 from trunk_msgs_util.parameters.files import write
 
 from ..analysis.metrics import Metrics
-from ..console.common import FiniteRange, Function, Name, print_table
+from ..console.common import FiniteRange, Function, Name
 from ..console.outputs import check_output, output_options
+from ..console.tables import print_table
 from ..console.terminal import console
 from ..plans.nodes import CONTROLLERS, NODES
 from ..plans.plan import RunPlan, make_plan

@@ -6,11 +6,14 @@ Nothing is imported before a shell asks.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
 
 import click
-from click.shell_completion import CompletionItem
 
-Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+    Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
 def names_or_files(known: Callable[[], Iterable[str]]) -> Complete:
@@ -19,6 +22,8 @@ def names_or_files(known: Callable[[], Iterable[str]]) -> Complete:
     def complete(
         _context: click.Context, _parameter: click.Parameter, begun: str
     ) -> list[CompletionItem]:
+        from click.shell_completion import CompletionItem
+
         found = [CompletionItem(name) for name in known() if name.startswith(begun)]
         return found or [CompletionItem(begun, type="file")]
 

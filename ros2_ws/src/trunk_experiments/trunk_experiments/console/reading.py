@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from trunk_msgs_util.printable import printable
 from trunk_msgs_util.recording.reader import Recording
@@ -25,6 +25,17 @@ Tell = Callable[[int, int], None]
 @contextmanager
 def progress_bar(what: str) -> Iterator[Tell]:
     """Yield a function to call with the amount done and the total; a bar only on terminals."""
+    if not sys.stderr.isatty():
+        yield lambda _done, _of: None
+        return
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
     what = printable(what)
     screen = console(stderr=True)
     columns = (TextColumn(what), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())

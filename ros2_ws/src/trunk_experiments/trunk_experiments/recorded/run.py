@@ -1,4 +1,7 @@
-"""`RecordedRun`: a recording, loaded once for all that judge, measure, show or repeat the run."""
+"""`RecordedRun`: a recording, loaded once for all that judge, measure, show or repeat the run.
+
+What a run is planned with is imported where a recording is taken for a plan: metrics need none of it.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,10 @@ from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.parameters.declarations import ParameterError, Value, build
 from trunk_msgs_util.provenance import ARITHMETIC
 from trunk_msgs_util.recording.joint_arrays import JointArrays
@@ -21,10 +23,11 @@ from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
 from trunk_msgs_util.recording.series import Column, Series, joint_names, read_series, series_of
 from trunk_msgs_util.units import seconds
 
-from ..plans.nodes import CONTROLLERS, NODES, unknown_controllers
-from ..plans.plan import RunPlan
-from ..plans.timeline import Change, Timeline
 from .joint_table import JointTable
+
+if TYPE_CHECKING:
+    from ..plans.plan import RunPlan
+    from ..plans.timeline import Change, Timeline
 
 EXACT_MODES = (
     "lockstep",
@@ -91,7 +94,7 @@ class RecordedRun:
     def joined(self) -> Sequence[str]:
         """Controllers of the graph that may not have been planned: they gave parameters and came up."""
         up = {self.recording.relative(e.node) for e in self.events if e.message == Event.CONFIGURED}
-        return tuple(name for name in CONTROLLERS if name in up and name in self.parameters)
+        return tuple(name for name in _usable() if name in up and name in self.parameters)
 
     @cached_property
     def parameters(self) -> Mapping[str, Mapping[str, Value]]:
@@ -117,7 +120,7 @@ class RecordedRun:
     @cached_property
     def judgeable(self) -> Sequence[str]:
         """The controllers whose laws and parameters are known."""
-        return [n for n in self.controllers if n in CONTROLLERS and n in self.parameters]
+        return [n for n in self.controllers if n in _usable() and n in self.parameters]
 
     @cached_property
     def begin_ns(self) -> int:
@@ -195,6 +198,8 @@ class RecordedRun:
         Raises KeyError if it was not recorded, ParameterError if it cannot be used.
         """
         if node not in self._configs:
+            from ..plans.nodes import NODES
+
             self._configs[node] = build(NODES[node].config, self.parameters[node])
         return self._configs[node]
 
@@ -209,11 +214,13 @@ class RecordedRun:
         Raises RecordingError if the record does not tell the order: it holds other events
         of changed parameters than changes.
         """
+        from ..plans.timeline import Change
+
         name = self.recording.topic(node)
         changed = self.parameter_changes(node)
         # The plant's turns are pauses, in which simulated time stands still.
         wanted = (Event.RETUNED, Event.RESET) + (
-            (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP) if node in CONTROLLERS else ()
+            (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP) if node in _usable() else ()
         )
         events = [event for event in self.events if event.node == name and event.message in wanted]
         retuned = [event for event in events if event.message == Event.RETUNED]
@@ -246,6 +253,8 @@ class RecordedRun:
 
     def timeline(self, node: str) -> Timeline:
         """Return a node's configuration at the start and its changes during the run."""
+        from ..plans.timeline import Timeline
+
         return Timeline(self.config(node), self.changes(node))
 
     def plan(self) -> RunPlan:
@@ -253,10 +262,15 @@ class RecordedRun:
 
         Raises RecordingError if the recording lacks something that this needs.
         """
+        from trunk_msgs_util.parameters.config import RecorderConfig
+
+        from ..plans.nodes import unknown_controllers
+        from ..plans.plan import RunPlan
+
         if reason := self.cannot_be_recomputed():
             raise RecordingError(f"{self.path}: {reason}")
         controllers = self.controllers
-        if not controllers or not set(controllers) <= set(CONTROLLERS):
+        if not controllers or not set(controllers) <= set(_usable()):
             raise RecordingError(
                 f"{self.path}: it cannot be run again: "
                 f"{unknown_controllers(controllers) or 'no controller was recorded'}"
@@ -295,3 +309,10 @@ class RecordedRun:
                 if len(terms) and values.shape[1]:
                     found |= dict(zip(terms.stamps, values[:, 0].tolist(), strict=True))
         return found
+
+
+def _usable() -> tuple[str, ...]:
+    """Return the names of the controllers whose laws are known here."""
+    from ..plans.nodes import CONTROLLERS
+
+    return CONTROLLERS

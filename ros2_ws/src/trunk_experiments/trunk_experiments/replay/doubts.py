@@ -17,10 +17,6 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.units import seconds
-from trunk_sim.quick import act_for
-from trunk_sim.simulation import DivergedError
-
-from ..runs.offline import steps
 
 if TYPE_CHECKING:
     from ..recorded.run import RecordedRun
@@ -186,6 +182,11 @@ def moved_deg(run: RecordedRun) -> float | None:
 
     None if that cannot be simulated: a plan with parts that were not recorded, or a long one.
     """
+    from trunk_sim.quick import act_for
+    from trunk_sim.simulation import DivergedError
+
+    from ..runs.offline import steps
+
     truth = run.table(topics.GROUND_TRUTH)
     if len(truth) > LONGEST_TWIN:
         return None

@@ -1,0 +1,101 @@
+"""The options that make a plan, and the plan that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import click
+
+from ..plans.nodes import CONTROLLERS
+from ..plans.plan import RunPlan, make_plan
+from ..plans.turns import parse_swap
+from .common import Function, Name
+from .complete import names_or_files, parameter_files, scenarios
+
+
+def markers_option(function: Function) -> Function:
+    """Add ``--markers``, of the verbs that record."""
+    return click.option(
+        "--markers",
+        is_flag=True,
+        help="Record a picture too, for Foxglove's and RViz's 3-D views: markers, tf, robot_description.",
+    )(function)
+
+
+def plan_options(function: Function, required: bool = True) -> Function:
+    """Add the argument and options from which `plan_of` makes a plan."""
+    options = [
+        click.argument("scenario", required=required, shell_complete=names_or_files(scenarios)),
+        click.option(
+            "--controller",
+            default="fuzzy_pid",
+            show_default=True,
+            type=Name(CONTROLLERS),
+            help="The controller node.",
+        ),
+        click.option(
+            "--params",
+            multiple=True,
+            metavar="FILE",
+            help="A parameter file, by path or shipped name; repeatable, later ones win.",
+            shell_complete=names_or_files(parameter_files),
+        ),
+        click.option(
+            "--set",
+            "settings",
+            multiple=True,
+            metavar="NODE.PARAM=VALUE",
+            help="One value, overrides all files; repeatable.",
+        ),
+        click.option(
+            "--swap-at",
+            "swaps",
+            multiple=True,
+            metavar="T:CONTROLLER",
+            help="Another controller takes over at T s, without a jump in torque; repeatable.",
+        ),
+        click.option("--duration", type=float, metavar="S", help="Simulated time, s."),
+        click.option(
+            "--rate", type=float, metavar="HZ", help="update_rate of simulator and controller, Hz."
+        ),
+    ]
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def plan_of(
+    scenario: str,
+    controller: str,
+    params: Sequence[str],
+    settings: Sequence[str],
+    duration: float | None,
+    rate: float | None,
+    extra: Mapping[str, object] | None = None,
+    namespace: str = "",
+    swaps: Sequence[str] = (),
+) -> RunPlan:
+    """Return the plan for the options of `plan_options`, with ``extra`` for all nodes."""
+    everywhere: dict[str, object] = dict(extra or {})
+    if duration is not None:
+        everywhere["duration"] = duration
+    if rate is not None:
+        everywhere["update_rate"] = rate
+    plan = make_plan(
+        scenario,
+        controller,
+        params,
+        settings,
+        everywhere,
+        namespace,
+        [parse_swap(text) for text in swaps],
+    )
+    for warning in plan.warnings:
+        click.echo(f"trunk: warning: {warning}", err=True)
+    return plan
+
+
+def files_read(options: dict[str, Any]) -> list[str]:
+    """Return what the options of `plan_options` name: a scenario and parameter files, by path or name."""
+    return [name for name in (options.get("scenario"), *options.get("params", ())) if name]

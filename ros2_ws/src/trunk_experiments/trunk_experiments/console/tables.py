@@ -1,0 +1,112 @@
+"""Tables at a terminal and in a pipe: whole words, so that every name can be copied."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Sequence
+from shutil import get_terminal_size
+from textwrap import wrap
+
+import click
+from rich.cells import cell_len
+
+from trunk_msgs_util.printable import printable
+
+_SENTENCES = 32  # characters that a column of sentences needs; with less they stand below their row
+_EDGE = "  "  # before each row, and between columns
+_BELOW = " " * 6  # before a sentence that stands below its row
+_ENDLESS = 1 << 16  # columns where there is no terminal
+
+Cells = Sequence[Sequence[str]]
+
+
+def print_table(
+    title: str,
+    header: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    texts: int = 1,
+    sentences: bool = False,
+) -> None:
+    """Print a table: the first columns, of text, left, the others right; plain without a terminal.
+
+    No word is broken. Without a terminal each row is one line. On a terminal that is too narrow for all
+    columns, they follow in several tables, each beginning with the first one.
+    ``sentences``: the last column holds some; they stand below their row where there is no room beside it.
+    """
+    cells = [tuple(map(printable, row)) for row in (header, *rows)]
+    width = screen_width()
+    left = {*range(texts), *([len(header) - 1] if sentences else [])}
+    click.secho(printable(title), bold=True)
+    click.echo()
+    if sentences and _least(cells, range(len(header) - 1)) + _SENTENCES > width:
+        _print_with_sentences_below(cells[1:], width)
+        return
+    columns = [0]
+    for column in range(1, len(header)):
+        if len(columns) > 1 and _least(cells, [*columns, column]) > width:
+            _print_columns(cells, columns, left, width)
+            columns = [0]
+        columns.append(column)
+    _print_columns(cells, columns, left, width)
+
+
+def screen_width() -> int:
+    """Return the terminal's width; without a terminal a line may be as long as it likes."""
+    return get_terminal_size().columns if sys.stdout.isatty() else _ENDLESS
+
+
+def _least(cells: Cells, columns: Sequence[int]) -> int:
+    """Return the width that columns need if all but the first wrap between words."""
+    return sum(len(_EDGE) + _longest_word(cells, i) for i in columns)
+
+
+def _longest_word(cells: Cells, column: int) -> int:
+    texts = (row[column] for row in cells)
+    if column == 0:
+        return max(map(cell_len, texts))
+    return max((cell_len(word) for text in texts for word in text.split()), default=0)
+
+
+def _print_columns(cells: Cells, columns: Sequence[int], left: set[int], width: int) -> None:
+    widths = [max(cell_len(row[i]) for row in cells) for i in columns]
+    least = [_longest_word(cells, i) for i in columns]
+    while (excess := sum(widths) + len(_EDGE) * len(widths) - width) > 0:
+        gives = [w if w > lowest else 0 for w, lowest in zip(widths, least, strict=True)]
+        if not any(gives):
+            break
+        widest = gives.index(max(gives))
+        widths[widest] = max(least[widest], widths[widest] - excess)
+    for number, row in enumerate(cells):
+        wrapped = [
+            [row[i]] if i == 0 else wrap(row[i], w, break_long_words=False, break_on_hyphens=False)
+            for i, w in zip(columns, widths, strict=True)
+        ]
+        for line in range(max(1, *map(len, wrapped))):
+            texts = [lines[line] if line < len(lines) else "" for lines in wrapped]
+            padded = [
+                _padded(text, w, i in left)
+                for text, w, i in zip(texts, widths, columns, strict=True)
+            ]
+            click.echo((_EDGE + _EDGE.join(padded)).rstrip())
+        if number == 0:
+            click.echo(_EDGE + "-" * (sum(widths) + len(_EDGE) * (len(widths) - 1)))
+    click.echo()
+
+
+def _padded(text: str, width: int, left: bool) -> str:
+    space = " " * (width - cell_len(text))
+    return text + space if left else space + text
+
+
+def _print_with_sentences_below(rows: Cells, width: int) -> None:
+    widths = [max(map(cell_len, column)) for column in zip(*rows, strict=True)][:-1]
+    room = width - len(_BELOW)
+    for *values, sentence in rows:
+        texts = [_padded(text, w, left=True) for text, w in zip(values, widths, strict=True)]
+        line = (_EDGE + _EDGE.join(texts)).rstrip()
+        if cell_len(line) > width:  # without columns there may be room
+            line = _EDGE + _EDGE.join(filter(None, values))
+        click.echo(line)
+        for part in wrap(sentence, room, break_long_words=False, break_on_hyphens=False):
+            click.echo(_BELOW + part)
+    click.echo()
