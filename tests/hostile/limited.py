@@ -58,9 +58,7 @@ class Outcome(NamedTuple):
 
 
 def _is_ours(line: str) -> bool:
-    return line.startswith(
-        ("trunk: warning: ", "trunk: error: ", "Usage: ", "Try ", "Error: ")
-    ) or (not line.strip())
+    return line.startswith(("trunk: warning: ", "trunk: error: ")) or (not line.strip())
 
 
 def load() -> None:

@@ -166,7 +166,33 @@ def test_a_mistake_gives_one_line(arguments, code, says, tmp_path):
         arguments = (*arguments, "--rate", "250", "-o", "x.mcap")
     said = trunk(*arguments, code=code, cwd=tmp_path).stderr
     assert says in said
-    assert sum(line.startswith(("trunk: error", "Error")) for line in said.splitlines()) == 1
+    assert sum(line.startswith("trunk: error: ") for line in said.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("metrics",), "Missing argument 'RUN' (see trunk metrics --help)"),
+        (
+            ("metrics", "--jsn", "x"),
+            "No such option '--jsn'. Did you mean '--json'? (see trunk metrics --help)",
+        ),
+        (
+            ("compare", "--study"),
+            "Option '--study' requires an argument (see trunk compare --help)",
+        ),
+        (("list", "rnus"), "No such command 'rnus'. Did you mean 'runs'? (see trunk list --help)"),
+        (
+            ("simulate", "fig8", "--rate", "x"),
+            "Invalid value for '--rate': 'x' is not a valid float (see trunk simulate --help)",
+        ),
+        (("--nothing",), "No such option '--nothing' (see trunk --help)"),
+    ],
+    ids=lambda v: " ".join(v) if isinstance(v, tuple) else "",
+)
+def test_a_wrong_usage_is_one_line_that_says_what_to_do(arguments, says):
+    done = trunk(*arguments, code=2)
+    assert (done.stdout, done.stderr) == ("", f"trunk: error: {says}\n")
 
 
 def test_a_file_is_not_overwritten_unless_asked(tmp_path):

@@ -121,13 +121,16 @@ def main() -> None:
 
 def _run() -> None:
     try:
-        code = trunk(standalone_mode=False)  # what a verb passes to ctx.exit comes back as a value
+        # What a verb passes to ctx.exit comes back as a value.
+        code = trunk(prog_name="trunk", standalone_mode=False)
         sys.exit(code if isinstance(code, int) else 0)
     except click.exceptions.Exit as stop:
         sys.exit(stop.exit_code)
-    except click.ClickException as error:
+    except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         sys.exit(error.exit_code)
+    except click.ClickException as error:
+        sys.exit(_say(error, error.exit_code))
     except (click.Abort, KeyboardInterrupt):
         sys.exit("interrupted")
     except BrokenPipeError:
@@ -141,7 +144,18 @@ def _run() -> None:
 
 def _say(error: Exception, code: int) -> int:
     text = str(error)
+    if isinstance(error, click.ClickException):
+        text = _usage_text(error)
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         text = f"{error.filename}: {error.strerror}{_ADVICE.get(error.errno or 0, '')}"
     print(f"trunk: error: {' '.join(text.split())}", file=sys.stderr)
     return code
+
+
+def _usage_text(error: click.ClickException) -> str:
+    """Return click's message and where the verb's options are explained."""
+    text = error.format_message().rstrip(".")
+    if not isinstance(error, click.UsageError):
+        return text
+    verb = next((f"trunk {word}" for word in sys.argv[1:2] if word in _VERBS), "trunk")
+    return f"{text} (see {error.ctx.command_path if error.ctx else verb} --help)"
