@@ -75,7 +75,9 @@ def test_what_cannot_be_drawn_is_told(path, tmp_path):
     with pytest.raises(StudyError, match="'status' holds no numbers"):
         panels(results, "status", ("delay", "gain"), False)
     (tmp_path / "text.parquet").write_text("no parquet")
-    with pytest.raises(StudyError, match="not a Parquet file"):
+    with pytest.raises(
+        StudyError, match=r"text\.parquet: not a Parquet file: give the results of a trunk sweep$"
+    ):
         Results.read(tmp_path / "text.parquet")
     pq.write_table(pa.table({"a": [1]}), tmp_path / "other.parquet")
     with pytest.raises(StudyError, match="not written by trunk sweep"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -44,9 +45,9 @@ class Results:
         try:
             table = pq.read_table(path)
         except (pa.ArrowInvalid, pa.ArrowTypeError, OSError) as error:
-            raise StudyError(
-                f"{path}: not a Parquet file: {' '.join(str(error).split())}"
-            ) from None
+            number = getattr(error, "errno", None)
+            what = f"cannot be read: {os.strerror(number)}" if number else "not a Parquet file"
+            raise StudyError(f"{path}: {what}: give the results of a trunk sweep") from None
         told = table.schema.metadata or {}
         grid = _names(told.get(b"grid"))
         if (
