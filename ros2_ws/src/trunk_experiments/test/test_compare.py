@@ -146,3 +146,28 @@ def test_a_folder_that_is_given_as_a_dot_has_its_name(runs, tmp_path, monkeypatc
     monkeypatch.chdir(folder)
     assert labels([RunView.read(RecordedRun.open("."))]) == ["mine"]
     assert "mine: true error" in CliRunner().invoke(trunk, ["metrics", "."]).output
+
+
+@pytest.mark.parametrize(
+    ("scenario", "files", "differs"),
+    [
+        ("fig7", (), "controller.reference.value"),
+        ("fig8", (), "disturbance.pulse.start_times"),
+        ("fig6", ("plant_adult_trunk",), "simulator.plant.length"),
+    ],
+)
+def test_runs_of_different_tasks_are_not_ranked(short_run, runs, scenario, files, differs):
+    paths = [runs[0], short_run(scenario, "pid", files, duration=3.0)]
+    found = compare([RunView.read(RecordedRun.open(path)) for path in paths])
+    assert differs in found.tasks
+    assert not any(row.best for row in found.rows)
+    said = invoke(*paths)
+    assert said.startswith("NOT RANKED: the runs have different tasks: ")
+    assert "* " not in said
+    assert "**NOT RANKED" in invoke(*paths, "--markdown").splitlines()[0]
+    assert differs in json.loads(invoke(*paths, "--json"))["different_tasks"]
+
+
+def test_how_finely_time_is_cut_is_no_task(short_run, runs):
+    finer = short_run("fig6", "pid", duration=3.0, settings=("simulator.substeps=20",))
+    assert compare([RunView.read(RecordedRun.open(p)) for p in (runs[0], finer)]).tasks == ()

@@ -13,6 +13,7 @@ from ..analysis.metrics import QUANTITIES, Quantity
 from ..console.reading import open_views, show_warnings_of
 from ..console.tables import print_table
 from ..views.compare import Comparison, Row, compare
+from ..views.task import not_ranked
 
 _LONGEST = 20  # values of an array that are listed
 
@@ -32,7 +33,8 @@ def command(runs: tuple[Path, ...], study: Path | None, form: str | None) -> Non
     """Compare recorded runs: metrics, parameters, and where each diverges from the first.
 
     The best of a row, the smallest in magnitude, is marked; what never happened ranks last. A run that
-    fell, is incomplete, or did not keep real time is told first and is never the best.
+    fell, is incomplete, or did not keep real time is told first and is never the best. Of runs whose plant,
+    start, reference, disturbances or length differ none is.
     """
     if (study is None) == (not runs):
         raise click.UsageError("give RUN..., or --study OUT.parquet")
@@ -70,6 +72,7 @@ def as_values(found: Comparison) -> dict[str, object]:
         "doubts": {
             name: one.as_values() for name, one in zip(found.names, found.doubts, strict=True)
         },
+        "different_tasks": list(found.tasks),
         "metrics": {
             row.key: {
                 "unit": _quantity(row.key).unit,
@@ -142,19 +145,19 @@ def setting(value: object) -> str:
 
 
 def doubtful(found: Comparison) -> list[str]:
-    """Return a line for each doubt about a run."""
-    return [
+    """Return a line for each doubt about a run, and one if the runs are not ranked."""
+    lines = [
         f"{name}: {line}"
         for name, one in zip(found.names, found.doubts, strict=True)
         for line in one.lines
     ]
+    return [*filter(None, [not_ranked(found.tasks)]), *lines]
 
 
 def _show(found: Comparison) -> None:
+    told = "* best; doubtful runs are not ranked" if any(found.doubts) else "* best"
     print_table(
-        "metrics (* best; doubtful runs are not ranked)"
-        if any(found.doubts)
-        else "metrics (* best)",
+        f"metrics ({'not ranked' if found.tasks else told})",
         ("quantity", *found.names, "unit"),
         [
             (

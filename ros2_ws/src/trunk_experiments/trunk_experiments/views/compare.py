@@ -14,6 +14,7 @@ from ..recorded.run import RecordedRun
 from ..replay.diff import RunDiff, diff
 from ..replay.doubts import Doubts, doubts_of
 from .run_view import RunView, labels
+from .task import different_tasks
 
 if TYPE_CHECKING:
     from trunk_msgs_util.parameters.declarations import Value
@@ -37,6 +38,7 @@ class Comparison:
 
     names: tuple[str, ...]
     doubts: tuple[Doubts, ...]
+    tasks: tuple[str, ...]  # what makes the runs' tasks different, so that none is the best
     rows: tuple[Row, ...]
     parameters: Mapping[str, tuple[Value | None, ...]]
     diffs: tuple[RunDiff, ...]  # of the second run and the following against the first
@@ -69,8 +71,11 @@ def metrics_of(view: RunView) -> dict[str, float | None]:
         raise RecordingError(f"{view.path}: {error}; record a complete run") from None
 
 
-def metric_rows(views: Sequence[RunView], sound: Sequence[bool] | None = None) -> tuple[Row, ...]:
-    """Return the rows of the table of metrics; only ``sound`` runs can be best."""
+def metric_rows(
+    views: Sequence[RunView], doubts: Sequence[Doubts], tasks: Sequence[str]
+) -> tuple[Row, ...]:
+    """Return the rows of the table of metrics; no run in doubt is best, and none of different ``tasks``."""
+    sound = [not doubt and not tasks for doubt in doubts]
     found = [metrics_of(view) for view in views]
     levels = [has_level(view.table) for view in views]
     rows = []
@@ -110,10 +115,12 @@ def divergence(first: RecordedRun, other: RecordedRun) -> RunDiff:
 def compare(views: Sequence[RunView]) -> Comparison:
     """Compare runs; the divergence of the others is relative to the first."""
     found = [doubts_of(view.run) for view in views]
+    tasks = different_tasks(views)
     return Comparison(
         names=tuple(labels(views)),
         doubts=tuple(found),
-        rows=metric_rows(views, [not one for one in found]),
+        tasks=tasks,
+        rows=metric_rows(views, found, tasks),
         parameters=differing_parameters(views),
         diffs=tuple(divergence(views[0].run, view.run) for view in views[1:]),
     )

@@ -19,6 +19,7 @@ from ..replay.doubts import Doubts, doubts_of
 from .compare import Row, differing_parameters, metric_rows
 from .report_data import report_data, rule_use
 from .run_view import RunView, labels
+from .task import different_tasks
 
 _NOT_OURS = (
     "not judged: the states are another robot's; the angle is shown as measured, the torque as commanded, "
@@ -71,7 +72,7 @@ def make_report(views: Sequence[RunView]) -> Report:
     names = labels(views)
     doubts = [doubts_of(view.run) for view in views]
     try:
-        rows, reason = metric_rows(views, [not one for one in doubts]), ""
+        rows, reason = metric_rows(views, doubts, different_tasks(views)), ""
     except RecordingError as error:
         rows, reason = (), str(error)
     differing = differing_parameters(views) if len(views) > 1 else {}

@@ -1,0 +1,69 @@
+"""What a run's controller was asked to do. Runs of different tasks can be compared, but none is the best."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from trunk_msgs_util.parameters.declarations import declarations
+from trunk_sim.disturbance_config import DisturbanceConfig
+
+from ..plans.nodes import CONTROLLERS
+
+if TYPE_CHECKING:
+    from trunk_msgs_util.parameters.declarations import Value
+
+    from .run_view import RunView
+
+# Plant, start, measurement and length; not how finely time is cut, nor how the run was paced.
+_OF_SIMULATOR = (
+    "plant.",
+    "path.",
+    "hip.",
+    "initial.",
+    "sensor.",
+    "fall.",
+    "max_effort",
+    "duration",
+)
+_OF_CONTROLLER = ("reference.",)
+# Without the parameter a part of the disturbance does nothing, whatever its others are.
+_ACTS = {"pulse.": "pulse.start_times", "sine.": "sine.amplitude", "noise.": "noise.rms"}
+_LISTED = 4  # of the parameters that differ, in a line
+
+
+def different_tasks(views: Sequence[RunView]) -> tuple[str, ...]:
+    """Return the names (``role.name``) of what makes the runs' tasks different; none if they are the same.
+
+    By what was recorded: where that is no simulator's parameters, by the scenario's name.
+    """
+    tasks = [_task(view) for view in views]
+    names = sorted({name for task in tasks for name in task})
+    return tuple(name for name in names if any(t.get(name) != tasks[0].get(name) for t in tasks))
+
+
+def not_ranked(names: Sequence[str]) -> str:
+    """Return a line that says which parameters make the tasks different; empty if they are the same."""
+    if not names:
+        return ""
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return f"NOT RANKED: the runs have different tasks: {', '.join(names[:_LISTED])}{more}"
+
+
+def _task(view: RunView) -> Mapping[str, Value]:
+    simulator = view.parameters.get("simulator")
+    if simulator is None:
+        return {"scenario": view.recording.provenance.get("scenario", "")}
+    disturbance = {d.name: d.default for d in declarations(DisturbanceConfig).values()}
+    disturbance |= view.parameters.get("disturbance", {})
+    acting = tuple(part for part, name in _ACTS.items() if disturbance[name])
+    task = _chosen("simulator", simulator, _OF_SIMULATOR)
+    task |= _chosen("disturbance", disturbance, acting)
+    for node, values in view.parameters.items():
+        if node in CONTROLLERS:
+            task |= _chosen("controller", values, _OF_CONTROLLER)
+    return task
+
+
+def _chosen(role: str, values: Mapping[str, Value], begins: tuple[str, ...]) -> dict[str, Value]:
+    return {f"{role}.{name}": value for name, value in values.items() if name.startswith(begins)}
