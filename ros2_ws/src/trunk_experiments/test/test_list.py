@@ -8,10 +8,16 @@ import sys
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
+from trunk_experiments.analysis.metrics import metrics
+from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.cli import main
 from trunk_experiments.plans.files import SCENARIOS
 from trunk_experiments.plans.nodes import CONTROLLERS
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 
 
 @pytest.fixture
@@ -38,7 +44,7 @@ def test_runs(short_run, tmp_path, told, monkeypatch):
     rows = [line.split() for line in out.splitlines() if ".mcap" in line]
     assert sorted(row[0] for row in rows) == ["a/b/one.mcap", "two.mcap"]
     by_name = {row[0]: row for row in rows}
-    assert by_name["two.mcap"][1:5] == ["fig8", "pid", "offline", "FELL"]
+    assert by_name["two.mcap"][1:6] == ["fig8", "pid", "offline", "unjudged", "FELL"]
     assert "FELL" not in by_name["a/b/one.mcap"]
     found = json.loads(told("runs", "--json", "a")[1])
     assert [(one["path"], one["scenario"], one["error"]) for one in found] == [
@@ -46,6 +52,52 @@ def test_runs(short_run, tmp_path, told, monkeypatch):
     ]
     started = [one["started"] for one in json.loads(told("runs", "--json")[1])]
     assert started == sorted(started, reverse=True)
+
+
+def with_another_command(source, path):
+    """Copy a run with the last bit of one torque turned."""
+    with source.open("rb") as file, RecordingWriter(path) as writer:
+        writer.add_metadata(PROVENANCE, dict(Recording.open(source).provenance))
+        channels, commands = {}, 0
+        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            if channel.topic not in channels:
+                channels[channel.topic] = writer.channel(channel.topic, schema.name)
+            data = bytearray(message.data)
+            commands += channel.topic == "/effort_command"
+            data[-8] ^= channel.topic == "/effort_command" and commands == 100
+            times = (message.log_time, message.publish_time)
+            writer.write(channels[channel.topic], *times, bytes(data))
+
+
+def test_only_what_was_judged_has_a_verdict(short_run, tmp_path, told, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(short_run("fig6", "pid"), "good.mcap")
+    with_another_command(short_run("fig6", "pid"), Path("edited.mcap"))
+    assert {one["verdict"] for one in json.loads(told("runs", "--json")[1])} == {"unjudged"}
+    code, out, _ = told("runs", "--json", "--verify")
+    assert code == 1
+    verdicts = {one["path"]: one["verdict"] for one in json.loads(out)}
+    assert verdicts == {"good.mcap": "verified", "edited.mcap": "diverges"}
+    Path("edited.mcap").unlink()
+    code, out, _ = told("runs", "--verify")
+    assert code == 0
+    (row,) = (line.split() for line in out.splitlines() if "good.mcap" in line)
+    assert row[1:5] == ["fig6", "pid", "offline", "verified"]
+
+
+def test_the_main_metrics_are_those_of_the_run(short_run, tmp_path, told):
+    shutil.copy(short_run("fig6", "pid"), tmp_path / "one.mcap")
+    (found,) = json.loads(told("runs", "--json", tmp_path)[1])
+    assert found["metrics"].keys() == {
+        "overshoot_deg",
+        "settling_time_6deg_s",
+        "steady_state_error_mean_deg",
+        "steady_state_error_rms_deg",
+        "iae",
+    }
+    run = RecordedRun.open(tmp_path / "one.mcap")
+    values = metrics(RunTable.from_run(run)).as_dict()
+    assert found["metrics"] == {name: values[name] for name in found["metrics"]}
 
 
 def test_a_folder_with_metadata_is_one_run(short_run, tmp_path, told):

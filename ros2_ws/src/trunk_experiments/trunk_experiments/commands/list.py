@@ -9,16 +9,22 @@ from typing import Any, NamedTuple
 
 import click
 
-from trunk_control.laws import law_named
-
+from ..analysis.metrics import missing
 from ..console.common import json_option
 from ..console.reading import open_run
 from ..console.tables import print_table
 from ..errors import PlanError
-from ..plans.files import SCENARIOS, shipped_files
-from ..plans.nodes import CONTROLLERS, NODES
 
-_SHOWN = ("iae", "steady_state_error_rms_deg")
+# Of the metrics, as docs/paper.md judges by them: how a column is headed.
+_SHOWN = {
+    "overshoot_deg": "overshoot, °",
+    "settling_time_6deg_s": "settles ±6°, s",
+    "steady_state_error_mean_deg": "mean, °",
+    "steady_state_error_rms_deg": "RMS, °",
+    "iae": "IAE",
+}
+UNJUDGED = "unjudged"  # nobody has looked
+_REFUTED = ("diverges", "not signed")  # words of a verdict
 
 
 class ListedRun(NamedTuple):
@@ -29,6 +35,7 @@ class ListedRun(NamedTuple):
     scenario: str
     controllers: str
     mode: str
+    verdict: str  # of trunk verify, or UNJUDGED
     doubts: tuple[str, ...]  # the first words: FELL, LATE, INCOMPLETE
     metrics: dict[str, float | None]  # empty if there are none
     error: str = ""
@@ -54,8 +61,11 @@ def recordings_in(folder: Path) -> list[Path]:
     return list(found)
 
 
-def listed(path: Path) -> ListedRun:
-    """Return what a list says of a recording; what cannot be read is listed, too."""
+def listed(path: Path, judge: bool = False) -> ListedRun:
+    """Return what a list says of a recording; what cannot be read is listed, too.
+
+    ``judge``: recompute it, as trunk verify does; otherwise it is unjudged.
+    """
     from trunk_msgs_util.errors import TrunkError
 
     from ..analysis.metrics import metrics
@@ -67,7 +77,7 @@ def listed(path: Path) -> ListedRun:
         told = run.recording.provenance
         found = doubts_of(run, twin=False)
     except (TrunkError, OSError) as error:
-        return ListedRun(path, "", "", "", "", (), {}, str(error))
+        return ListedRun(path, "", "", "", "", "", (), {}, str(error))
     try:
         values = metrics(RunTable.from_run(run, only=("reference",))).as_dict()
     except (TrunkError, ValueError):
@@ -78,28 +88,46 @@ def listed(path: Path) -> ListedRun:
         told.get("scenario", ""),
         ", ".join(run.controllers),
         run.mode,
+        _verdict(path) if judge else UNJUDGED,
         tuple(line.split(":")[0] for line in found.lines),
         {name: values[name] for name in _SHOWN if name in values},
     )
 
 
+def _verdict(path: Path) -> str:
+    from trunk_msgs_util.errors import TrunkError
+
+    from ..replay.verdict import Verdict
+    from .verify import judged
+
+    try:
+        verdict = judged(path, None, None)
+    except (TrunkError, OSError):
+        return Verdict().word
+    return verdict.word
+
+
 @command.command("runs")
 @click.argument("folder", type=click.Path(path_type=Path), default=Path())
+@click.option("--verify", "judge", is_flag=True, help="Judge each, as trunk verify does.")
 @json_option()
-def runs(folder: Path, as_json: bool) -> None:
-    """List the recordings below FOLDER (by default this one), the newest first.
+@click.pass_context
+def runs(ctx: click.Context, folder: Path, judge: bool, as_json: bool) -> None:
+    """List the recordings below FOLDER (by default this one), the newest first, with their main metrics.
 
-    What makes a run doubtful stands before its numbers: FELL, LATE, INCOMPLETE.
+    What makes a run doubtful stands before its numbers: FELL, LATE, INCOMPLETE. The verdict is "unjudged"
+    without --verify; with it, the exit code is 1 if a run diverges.
     """
-    found = [listed(path) for path in recordings_in(folder)]
+    found = [listed(path, judge) for path in recordings_in(folder)]
     found.sort(key=lambda one: one.started, reverse=True)
     if as_json:
         click.echo(json.dumps([one.as_values() for one in found], indent=2))
-        return
-    for one in found:
-        if one.error:
-            click.echo(f"{one.path}: {one.error}", err=True)
-    _show(folder, [one for one in found if not one.error])
+    else:
+        for one in found:
+            if one.error:
+                click.echo(f"{one.path}: {one.error}", err=True)
+        _show(folder, [one for one in found if not one.error])
+    ctx.exit(int(any(one.verdict in _REFUTED for one in found)))
 
 
 def _show(folder: Path, found: Sequence[ListedRun]) -> None:
@@ -108,30 +136,36 @@ def _show(folder: Path, found: Sequence[ListedRun]) -> None:
         return
     print_table(
         f"recordings in {folder}",
-        ("run", "scenario", "controller", "mode", "doubts", "IAE", "RMS, °"),
+        ("run", "scenario", "controller", "mode", "verdict", "doubts", *_SHOWN.values()),
         [
             (
                 str(one.path.relative_to(folder) if one.path != folder else one.path),
                 one.scenario,
                 one.controllers,
                 one.mode,
+                one.verdict,
                 ", ".join(one.doubts),
-                *(_number(one.metrics.get(name)) for name in _SHOWN),
+                *(_metric(one, name) for name in _SHOWN),
             )
             for one in found
         ],
-        texts=5,
+        texts=6,
     )
 
 
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.4g}"
+def _metric(run: ListedRun, name: str) -> str:
+    if name not in run.metrics:
+        return ""
+    value = run.metrics[name]
+    return missing(name) if value is None else f"{value:.4g}"
 
 
 @command.command("scenarios")
 @json_option()
 def scenarios(as_json: bool) -> None:
     """List the shipped scenarios, with their files."""
+    from ..plans.files import SCENARIOS, shipped_files
+
     files = shipped_files()
     _pairs({name: str(files[name]) for name in SCENARIOS}, as_json)
 
@@ -140,6 +174,8 @@ def scenarios(as_json: bool) -> None:
 @json_option()
 def parameter_files(as_json: bool) -> None:
     """List the shipped parameter files."""
+    from ..plans.files import shipped_files
+
     _pairs({name: str(path) for name, path in shipped_files().items()}, as_json)
 
 
@@ -156,6 +192,10 @@ def studies(as_json: bool) -> None:
 @json_option()
 def controllers(as_json: bool) -> None:
     """List the controllers, with the commands that start them."""
+    from trunk_control.laws import law_named
+
+    from ..plans.nodes import CONTROLLERS, NODES
+
     _pairs(
         {
             name: f"{law_named(name).label}: ros2 run {NODES[name].package} {name}"
