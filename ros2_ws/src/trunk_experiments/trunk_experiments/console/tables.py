@@ -12,6 +12,8 @@ from rich.cells import cell_len
 
 from trunk_msgs_util.printable import printable
 
+from .terminal import print_title
+
 _SENTENCES = 32  # characters that a column of sentences needs; with less they stand below their row
 _EDGE = "  "  # before each row, and between columns
 _BELOW = " " * 6  # before a sentence that stands below its row
@@ -36,10 +38,9 @@ def print_table(
     cells = [tuple(map(printable, row)) for row in (header, *rows)]
     width = screen_width()
     left = {*range(texts), *([len(header) - 1] if sentences else [])}
-    click.secho(printable(title), bold=True)
-    click.echo()
+    print_title(title)
     if sentences and _least(cells, range(len(header) - 1)) + _SENTENCES > width:
-        _print_with_sentences_below(cells[1:], width)
+        _print_with_sentences_below(cells, width)
         return
     columns = [0]
     for column in range(1, len(header)):
@@ -78,7 +79,7 @@ def _print_columns(cells: Cells, columns: Sequence[int], left: set[int], width: 
         widths[widest] = max(least[widest], widths[widest] - excess)
     for number, row in enumerate(cells):
         wrapped = [
-            [row[i]] if i == 0 else wrap(row[i], w, break_long_words=False, break_on_hyphens=False)
+            [row[i]] if i == 0 else _wrapped(row[i], w)
             for i, w in zip(columns, widths, strict=True)
         ]
         for line in range(max(1, *map(len, wrapped))):
@@ -98,15 +99,29 @@ def _padded(text: str, width: int, left: bool) -> str:
     return text + space if left else space + text
 
 
-def _print_with_sentences_below(rows: Cells, width: int) -> None:
-    widths = [max(map(cell_len, column)) for column in zip(*rows, strict=True)][:-1]
-    room = width - len(_BELOW)
-    for *values, sentence in rows:
+def _print_with_sentences_below(cells: Cells, width: int) -> None:
+    widths = [max(map(cell_len, column)) for column in zip(*cells, strict=True)][:-1]
+    aligned = len(_EDGE) * len(widths) + sum(widths) <= width
+    for number, (*values, sentence) in enumerate(cells):
         texts = [_padded(text, w, left=True) for text, w in zip(values, widths, strict=True)]
-        line = (_EDGE + _EDGE.join(texts)).rstrip()
-        if cell_len(line) > width:  # without columns there may be room
-            line = _EDGE + _EDGE.join(filter(None, values))
-        click.echo(line)
-        for part in wrap(sentence, room, break_long_words=False, break_on_hyphens=False):
-            click.echo(_BELOW + part)
+        line = _EDGE.join(texts if aligned else filter(None, values)).rstrip()
+        for part in _wrapped(line, width, _EDGE, _BELOW):
+            click.echo(part)
+        if number == 0:
+            click.echo(_EDGE + "-" * (width - len(_EDGE)))
+            continue
+        for part in _wrapped(sentence, width, _BELOW, _BELOW):
+            click.echo(part)
     click.echo()
+
+
+def _wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]:
+    """Return a text as lines of whole words; ``first`` stands before the first, ``then`` before others."""
+    return wrap(
+        text,
+        width,
+        initial_indent=first,
+        subsequent_indent=then,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )

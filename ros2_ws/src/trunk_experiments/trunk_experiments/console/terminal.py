@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
-from trunk_msgs_util.printable import PrintableStream
+import click
+
+from trunk_msgs_util.printable import PrintableStream, printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -15,5 +17,13 @@ def console(stderr: bool = False) -> Console:
     """Return a console for stdout or stderr; text from elsewhere has to be made `printable` first."""
     from rich.console import Console
 
-    stream = sys.stderr if stderr else sys.stdout
-    return Console(file=stream.stream if isinstance(stream, PrintableStream) else stream)
+    return Console(file=_unfiltered(sys.stderr if stderr else sys.stdout))
+
+
+def print_title(title: str) -> None:
+    """Print a title, bold on terminals, and an empty line."""
+    click.secho(f"{printable(title)}\n", bold=True, file=_unfiltered(sys.stdout))
+
+
+def _unfiltered(stream: TextIO) -> TextIO:
+    return stream.stream if isinstance(stream, PrintableStream) else stream
