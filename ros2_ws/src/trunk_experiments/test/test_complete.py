@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+
 import pytest
 from click.shell_completion import ShellComplete
 
 from trunk_experiments.cli import trunk
+from trunk_experiments.runs.processes import find_executable
 
 
 @pytest.mark.parametrize(
@@ -20,6 +24,11 @@ from trunk_experiments.cli import trunk
         (["map"], "d", ["delay_gain"]),
         (["list"], "s", ["scenarios", "studies"]),
         (["simulat"], "f", []),
+        (["params"], "s", ["set", "show", "simulator"]),
+        (["params", "show"], "fuzzy_z", ["fuzzy_zhao_1993"]),
+        (["params", "set"], "fuzzy", ["fuzzy_pid"]),
+        (["params", "apply", "pid"], "pid_as", ["pid_as_printed"]),
+        (["params", "nothing"], "x", []),
     ],
 )
 def test_names(words, begun, found):
@@ -31,3 +40,25 @@ def test_names(words, begun, found):
 def test_anything_else_is_a_file(words):
     (item,) = ShellComplete(trunk, {}, "trunk", "_TRUNK_COMPLETE").get_completions(words, "./my")
     assert (item.type, item.value) == ("file", "./my")
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_each_shell_is_given_what_it_sources(shell):
+    trunk_path = find_executable("trunk_experiments", "trunk")
+    environment = {**os.environ, "_TRUNK_COMPLETE": f"{shell}_source"}
+    done = subprocess.run([trunk_path], env=environment, capture_output=True, text=True, check=True)
+    assert f"_TRUNK_COMPLETE={shell}_complete" in done.stdout
+
+
+def test_bash_completes_a_scenario(tmp_path):
+    trunk_path = find_executable("trunk_experiments", "trunk")
+    script = """
+        PATH=$1:$PATH
+        eval "$(_TRUNK_COMPLETE=bash_source trunk)"
+        COMP_WORDS=(trunk simulate fi) COMP_CWORD=2
+        _trunk_completion trunk
+        printf '%s\\n' "${COMPREPLY[@]}"
+    """
+    words = ["bash", "-c", script, "bash", str(trunk_path.parent)]
+    done = subprocess.run(words, capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stdout.split() == ["fig6", "fig7", "fig8", "fig9"]

@@ -33,3 +33,23 @@ def test_no_exception_comes_out_of_nowhere_into_the_compiler(monkeypatch, inside
     exec("def compile_it(): unwind(2)", code)
     with pytest.raises(expected):
         code["compile_it"]()
+
+
+@pytest.mark.parametrize(
+    ("verb", "code", "at_once"),
+    [("params", 1, True), ("params", 0, True), ("params", "told", False), ("verify", 1, False)],
+)
+def test_params_leaves_with_its_code_and_does_not_wait_for_libraries(
+    monkeypatch, verb, code, at_once
+):
+    def leave(number):
+        assert number == code
+        raise EndedError
+
+    monkeypatch.setattr(executables.os, "_exit", leave)
+    monkeypatch.setattr(sys, "argv", ["trunk", verb])
+    if at_once:
+        with pytest.raises(EndedError):
+            executables._leave(SystemExit(code))
+    else:
+        executables._leave(SystemExit(code))

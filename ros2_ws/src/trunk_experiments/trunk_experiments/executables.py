@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import time
+from contextlib import suppress
 from threading import Thread
 
 from trunk_msgs_util.node import early_signals
@@ -15,6 +16,9 @@ _SAID: list[bool] = []  # not empty: the one line is written
 _PATIENCE = 0.5  # s that a verb has to leave nothing half done
 # These start or talk to other processes, which are ended in order, and take the time for it.
 _WITH_OTHERS = {"run", "bench", "sweep", "map", "paper", "params", "tune"}
+
+# Nothing is left to be done when these are, and to unload rclpy takes as long as to talk to a node.
+_LEAVE_AT_ONCE = {"params"}
 
 bare_pair = early_signals.node("trunk_experiments.bench.bare_pair_node")
 composed = early_signals.node("trunk_experiments.runs.composed_node")
@@ -71,6 +75,17 @@ def _end_soon() -> None:
     Thread(target=watch, daemon=True).start()
 
 
+def _leave(stop: SystemExit) -> None:
+    """End the process with the code of a verb that is done; its output is written first."""
+    if set(sys.argv[1:2]) & _LEAVE_AT_ONCE and isinstance(stop.code, int):
+        with suppress(
+            OSError, ValueError
+        ):  # a reader that is gone; a stream that was closed for it
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(stop.code)
+
+
 def trunk() -> None:
     """Run the ``trunk`` command; Ctrl-C or SIGTERM at any time gives one line and code 130 or 143."""
     early_signals.end_by(_end)
@@ -82,6 +97,9 @@ def trunk() -> None:
         early_signals.end_by(_unwind)
         try:
             main()
+        except SystemExit as stop:
+            _leave(stop)
+            raise
         finally:
             early_signals.end_by(_end)
     except _Interrupted as interrupted:

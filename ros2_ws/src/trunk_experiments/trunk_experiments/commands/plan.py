@@ -10,7 +10,7 @@ import click
 
 from ..console.outputs import check_output, output_options
 from ..console.plan_options import files_read, plan_of, plan_options
-from ..plans.plan import checked_namespace
+from ..plans.given import checked_namespace
 from ..runs.launching import launch_nodes
 
 

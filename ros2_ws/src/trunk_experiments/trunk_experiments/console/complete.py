@@ -1,4 +1,4 @@
-"""What a shell completes besides files: scenarios, parameter files, studies.
+"""What a shell completes besides files: scenarios, parameter files, studies, nodes.
 
 Nothing is imported before a shell asks.
 """
@@ -49,3 +49,10 @@ def studies() -> Iterable[str]:
     from ..study.file import shipped_studies
 
     return shipped_studies()
+
+
+def nodes() -> Iterable[str]:
+    """Return the nodes' names as they are without a namespace."""
+    from ..plans.nodes import NODES
+
+    return NODES

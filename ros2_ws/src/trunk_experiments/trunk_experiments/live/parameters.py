@@ -10,6 +10,8 @@ import yaml
 from trunk_msgs_util.parameters.declarations import of_every_node, unknown_name
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
 
+from ..errors import PlanError
+
 
 class LiveChange(NamedTuple):
     """A parameter to which a file gives another value than the node has."""
@@ -30,9 +32,14 @@ def yaml_text(value: object) -> str:
     return text.removesuffix("...\n").strip()
 
 
-def full_name(node: str) -> str:
-    """Return a node's fully qualified name, from that or from one relative to the root."""
-    return "/" + node.strip("/")
+def full_name(node: str, namespace: str = "") -> str:
+    """Return a node's fully qualified name, from that or from one relative to a namespace (``/robot1``).
+
+    Raises PlanError for an absolute name with a namespace.
+    """
+    if namespace and node.startswith("/"):
+        raise PlanError(f"{node} with --namespace {namespace}: give {node.rpartition('/')[2]}")
+    return f"{namespace}/{node.strip('/')}"
 
 
 def said_of(node: str, layer: Layer, declared: Sequence[str]) -> dict[str, object]:

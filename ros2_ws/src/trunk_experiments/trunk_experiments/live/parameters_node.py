@@ -4,22 +4,40 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from math import inf
 from typing import Any
 
 import rclpy
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParametersAtomically,
+)
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.parameter_client import AsyncParameterClient
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from trunk_msgs_util.node import middleware
+from trunk_msgs_util.parameters.declarations import unknown_name
 
 from ..errors import LiveParametersError
+from ..similar import did_you_mean
 
-# A response sent before the server has matched the client is lost: the request is then repeated.
-_ASK_AGAIN_S = 1.0
+# Each client that DDS has to match takes time, so there are no others. DDS tells a node of clients in the
+# order of their making: once it has answered the last one, the others are known to it, too.
+_SERVICES = {
+    SetParametersAtomically: "set_parameters_atomically",
+    ListParameters: "list_parameters",
+    DescribeParameters: "describe_parameters",
+    GetParameters: "get_parameters",
+}
+# A response sent before the server has matched the client is lost: after so long the request is repeated.
+_ASK_AGAIN_S = {SetParametersAtomically: 1.0}
+_READ_AGAIN_S = 0.1
+_LOOK_S = 0.002  # nothing tells of a service that was found
 
 
 class LiveParameters:
@@ -36,16 +54,19 @@ class LiveParameters:
             f"trunk_params_{time.monotonic_ns()}",
             context=self._context,
             start_parameter_services=False,
+            enable_rosout=False,
         )
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._client = AsyncParameterClient(self._node, name)
+        self._clients = {
+            kind: self._node.create_client(kind, f"{name}/{service}")
+            for kind, service in _SERVICES.items()
+        }
 
     def __enter__(self) -> LiveParameters:
         """Wait for the node. Raises LiveParametersError naming the nodes that are running instead."""
         try:
-            if not self._until(self._client.services_are_ready):
-                raise LiveParametersError(self._absent())
+            self._ask(GetParameters)
             if self._names().count(self._name) > 1:
                 raise LiveParametersError(f"several nodes are named {self._name}: stop all but one")
         except BaseException:
@@ -60,18 +81,20 @@ class LiveParameters:
 
     def names(self) -> list[str]:
         """Return the names of the node's parameters."""
-        response = self._ask(lambda: self._client.list_parameters([], 0))
+        response = self._ask(ListParameters)
         return list(response.result.names)
 
     def values(self, names: Sequence[str]) -> dict[str, Any]:
-        """Return current values by name."""
-        response = self._ask(lambda: self._client.get_parameters(list(names)))
+        """Return current values by name. Raises LiveParametersError for names that the node does not have."""
+        response = self._ask(GetParameters, names=list(names))
+        if len(response.values) < len(names):
+            self._refuse_unknown(names)
         values = (parameter_value_to_python(value) for value in response.values)
         return dict(zip(names, values, strict=True))
 
     def fixed(self, names: Sequence[str]) -> list[str]:
         """Return the parameters that are read-only."""
-        response = self._ask(lambda: self._client.describe_parameters(list(names)))
+        response = self._ask(DescribeParameters, names=list(names))
         return [d.name for d in response.descriptors if d.read_only]
 
     def set_together(self, values: Mapping[str, Any]) -> None:
@@ -84,9 +107,18 @@ class LiveParameters:
                 raise LiveParametersError(
                     f"{self._name}: parameter {name!r}: {value!r} cannot be the value of a ROS 2 parameter"
                 ) from None
-        response = self._ask(lambda: self._client.set_parameters_atomically(parameters))
+        response = self._ask(SetParametersAtomically, parameters=parameters)
         if not response.result.successful:
             raise LiveParametersError(f"{self._name} refuses: {response.result.reason}")
+
+    def _refuse_unknown(self, names: Sequence[str]) -> None:
+        known = self.names()
+        told = "; ".join(
+            f"parameter {name!r}: {unknown_name(name, known)}"
+            for name in names
+            if name not in known
+        )
+        raise LiveParametersError(f"{self._name}: {told or 'a parameter without a value'}")
 
     def _names(self) -> list[str]:
         return [n for n in self._node.get_fully_qualified_node_names() if n != self._own_name()]
@@ -100,25 +132,27 @@ class LiveParameters:
         if self._name in names:
             return f"{self._name} does not answer within {self._timeout_s:g} s"
         there = ", ".join(names) or "none in this ROS domain"
-        return f"no node {self._name} within {self._timeout_s:g} s; running nodes: {there}"
+        meant = did_you_mean(self._name, names)
+        return f"no node {self._name} within {self._timeout_s:g} s; running nodes: {there}{meant}"
 
     def _until(self, condition: Callable[[], bool]) -> bool:
         deadline = time.monotonic() + self._timeout_s
         while not condition():
             if time.monotonic() > deadline:
                 return False
-            self._executor.spin_once(timeout_sec=0.02)
+            self._executor.spin_once(timeout_sec=_LOOK_S)
         return True
 
-    def _ask(self, call: Callable[[], Future]) -> Any:
+    def _ask(self, kind: Any, **fields: Any) -> Any:
+        client, again_s = self._clients[kind], _ASK_AGAIN_S.get(kind, _READ_AGAIN_S)
         futures: list[Future] = []
-        asked = -_ASK_AGAIN_S
+        asked = -inf
 
         def answered() -> bool:
             nonlocal asked
-            if time.monotonic() - asked > _ASK_AGAIN_S:
+            if time.monotonic() - asked > again_s and client.service_is_ready():
                 asked = time.monotonic()
-                futures.append(call())
+                futures.append(client.call_async(kind.Request(**fields)))
             return any(future.done() for future in futures)
 
         if not self._until(answered):

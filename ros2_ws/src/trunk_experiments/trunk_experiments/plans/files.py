@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 
 from trunk_msgs_util.parameters.files import Layer, Section, read
-from trunk_msgs_util.yaml_text import YamlTextError, load
 
 from ..errors import PlanError
 from ..similar import did_you_mean
+from .given import quoted, value_of
 from .nodes import NODES
 
 # The profile that a shipped scenario builds on.
@@ -64,18 +63,11 @@ def parse_setting(text: str, told: str = "--set") -> Layer:
     ``told``: what it was given by, for messages.
     """
     target, equals, value_text = text.partition("=")
-    shown = text if len(text) <= 80 else text[:77] + "..."
+    source, told = f"{told} {text}", f"{told} {quoted(text)}"
     node, dot, name = target.partition(".")
     if not equals or not dot or node not in NODES:
         raise PlanError(
-            f"{told} {shown!r}: NODE.PARAM=VALUE is needed, NODE one of {', '.join(NODES)}"
+            f"{told}: NODE.PARAM=VALUE is needed, NODE one of {', '.join(NODES)}"
             f"{did_you_mean(node, NODES) if equals and dot else ''}"
         )
-    try:
-        value = load(value_text)
-    except YamlTextError as error:
-        raise PlanError(f"{told} {shown!r}: the value cannot be read: {error}") from None
-    if isinstance(value, str):
-        with suppress(ValueError):
-            value = float(value)  # "inf" is a number to the user, but not to YAML
-    return Layer(f"{told} {text}", (Section(node, {name: value}),))
+    return Layer(source, (Section(node, {name: value_of(value_text, told)}),))

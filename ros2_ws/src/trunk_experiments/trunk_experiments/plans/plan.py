@@ -5,7 +5,6 @@ Offline runs and the graph use the same plan, so that both run the same.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from dataclasses import replace as with_values
@@ -183,22 +182,6 @@ def make_plan(
             warnings=tuple(warnings),
         )
     )
-
-
-def checked_namespace(text: str) -> str:
-    """Return a plan's namespace from a user's ``robot1`` or ``/robot1``; empty: none.
-
-    Raises PlanError.
-    """
-    if text in ("", "/"):
-        return ""
-    namespace = "/" + text.strip("/")
-    if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", namespace):
-        raise PlanError(
-            f"namespace {text!r} is not allowed: letters, digits and _, no digit first, "
-            "such as robot1 or left/robot1"
-        )
-    return namespace
 
 
 def _build(node: str, layers: Sequence[Layer], namespace: str) -> Any:

@@ -9,8 +9,9 @@ from pathlib import Path
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 
 from ..errors import PlanError
+from ..plans.given import checked_namespace
 from ..plans.nodes import CONTROLLERS, NODES
-from ..plans.plan import RunPlan, checked_namespace, make_plan
+from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import parse_swap
 
 RECORDER = "recorder"

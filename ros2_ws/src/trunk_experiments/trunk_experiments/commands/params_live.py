@@ -1,0 +1,98 @@
+"""``trunk params apply`` and ``set``: a running node's parameters, all at once or none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import click
+
+from ..console.complete import names_or_files, nodes, parameter_files
+
+_TIMEOUT = click.FloatRange(min=0.0, min_open=True, max=3600.0)
+
+
+def _live_options(function: Any) -> Any:
+    for option in (
+        click.option("--dry-run", is_flag=True, help="Show what differs; change nothing."),
+        click.option(
+            "--timeout",
+            type=_TIMEOUT,
+            default=5.0,
+            show_default=True,
+            metavar="S",
+            help="How long the node may take to be found, and to answer.",
+        ),
+        click.option("--namespace", default="", help="Namespace of the node, such as robot1."),
+    ):
+        function = option(function)
+    return function
+
+
+@click.command("apply")
+@click.argument("node", shell_complete=names_or_files(nodes))
+@click.argument("file", shell_complete=names_or_files(parameter_files))
+@_live_options
+def apply(node: str, file: str, namespace: str, timeout: float, dry_run: bool) -> None:
+    """Set the parameters of the running NODE to its values in FILE: all at once, or none.
+
+    NODE is a node's name, such as pid or /robot2/pid; FILE a parameter file, by path or shipped name.
+    """
+    from trunk_msgs_util.parameters.files import read
+
+    from ..errors import LiveParametersError
+    from ..live.parameters import differences, full_name, said_of
+    from ..plans.files import find_file
+    from ..plans.given import checked_namespace
+
+    layer, name = read(find_file(file)), full_name(node, checked_namespace(namespace))
+    from ..live.parameters_node import LiveParameters
+
+    with LiveParameters(name, timeout) as parameters:
+        said = said_of(name, layer, parameters.names())
+        present, fixed = parameters.values(list(said)), parameters.fixed(list(said))
+        changes = differences(said, present, fixed)
+        refused = [change for change in changes if change.fixed]
+        if refused and not dry_run:
+            listed = "; ".join(map(str, refused))
+            raise LiveParametersError(
+                f"{name}: {listed}: nothing is changed; leave it out, or start the node with {file}"
+            )
+        if changes and not dry_run:
+            parameters.set_together({change.name: change.new for change in changes})
+    _say(changes)
+
+
+@click.command("set")
+@click.argument("node", shell_complete=names_or_files(nodes))
+@click.argument("settings", nargs=-1, required=True, metavar="NAME=VALUE...")
+@_live_options
+def set_values(
+    node: str, settings: tuple[str, ...], namespace: str, timeout: float, dry_run: bool
+) -> None:
+    """Set parameters of the running NODE: all at once, or none.
+
+    NODE is a node's name, such as pid or /robot2/pid; VALUE is written as in a parameter file. What the node
+    refuses it says in its own words, and nothing has changed.
+    """
+    from ..live.parameters import differences, full_name
+    from ..plans.given import checked_namespace, settings_of
+
+    wanted: Mapping[str, object] = settings_of(settings)
+    name = full_name(node, checked_namespace(namespace))
+    from ..live.parameters_node import LiveParameters
+
+    with LiveParameters(name, timeout) as parameters:
+        present = parameters.values(list(wanted))
+        fixed = parameters.fixed(list(wanted)) if dry_run else ()
+        changes = differences(wanted, present, fixed)
+        if changes and not dry_run:
+            parameters.set_together({change.name: change.new for change in changes})
+    _say(changes)
+
+
+def _say(changes: list[Any]) -> None:
+    for change in changes:
+        click.echo(str(change))
+    if not changes:
+        click.echo("nothing to change")

@@ -1,0 +1,148 @@
+"""``trunk params show``: what a parameter file or a scenario sets, with units and rule tables."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import click
+
+from ..console.common import json_option
+from ..console.complete import names_or_files, parameter_files
+
+if TYPE_CHECKING:
+    from trunk_msgs_util.parameters.declarations import Declaration
+    from trunk_msgs_util.parameters.files import Layer, Section
+
+
+class Shown(NamedTuple):
+    """One value of a file: the nodes it is for, as written there, and what declares it, if anything does."""
+
+    nodes: str
+    name: str
+    value: object
+    source: str
+    declaration: Declaration | None
+
+
+@click.command("show")
+@click.argument("name", shell_complete=names_or_files(parameter_files))
+@json_option()
+def show(name: str, as_json: bool) -> None:
+    """Print what the parameter file NAME sets, by shipped name or path: paths, values, units, rule tables.
+
+    A scenario is shown with the profile that it builds on; later files win.
+    """
+    from trunk_msgs_util.parameters.files import ParameterFileError, check_names, read
+
+    from ..console.reading import show_warnings
+    from ..plans.files import SCENARIOS, find_file, scenario_layers
+    from ..plans.nodes import declared_names
+
+    layers = scenario_layers(name) if name in SCENARIOS else [read(find_file(name))]
+    found = shown(layers)
+    if as_json:
+        click.echo(
+            json.dumps({"files": [la.source for la in layers], "values": _values(found)}, indent=2)
+        )
+    else:
+        _print(layers, found)
+    try:
+        check_names(layers, declared_names())
+    except ParameterFileError as error:
+        show_warnings([str(error)])
+    show_warnings(_refused(found))
+
+
+def shown(layers: Iterable[Layer]) -> list[Shown]:
+    """Return each value of some layers, the last one where several set the same for the same nodes."""
+    found = {
+        (section.pattern, name): Shown(
+            section.pattern, name, value, layer.source, _declaration(section, name)
+        )
+        for layer in layers
+        for section in layer.sections
+        for name, value in section.values.items()
+    }
+    return list(found.values())
+
+
+def _declaration(section: Section, name: str) -> Declaration | None:
+    """Return what declares a parameter of a section: of the first of our nodes that has it."""
+    from trunk_msgs_util.parameters.declarations import declarations
+
+    from ..plans.nodes import NODES
+
+    for node, kind in NODES.items():
+        if section.last_token == node or section.matches(f"/{node}"):
+            declared = declarations(kind.config)
+            if name in declared:
+                return declared[name]
+    return None
+
+
+def _refused(found: Iterable[Shown]) -> Iterable[str]:
+    from trunk_msgs_util.parameters.declarations import ParameterError, check
+
+    for one in found:
+        if one.declaration is not None:
+            try:
+                check(one.declaration, one.value)
+            except ParameterError as error:
+                yield f"{one.source}: {one.nodes}: {error}"
+
+
+def _values(found: Iterable[Shown]) -> list[dict[str, object]]:
+    return [
+        {
+            "nodes": one.nodes,
+            "name": one.name,
+            "value": one.value,
+            "unit": one.declaration.unit if one.declaration else "",
+            "file": one.source,
+        }
+        for one in found
+    ]
+
+
+def _print(layers: list[Layer], found: list[Shown]) -> None:
+    from ..console.parameter_text import is_rule_table, rule_table_text, value_text
+    from ..console.tables import print_table
+    from ..console.terminal import print_title
+
+    for layer in layers:
+        click.echo(layer.source)
+        for line in _head(Path(layer.source)):
+            click.echo(f"  {line}")
+    click.echo()
+    for nodes in dict.fromkeys(one.nodes for one in found):
+        here = [one for one in found if one.nodes == nodes]
+        plain = [one for one in here if not is_rule_table(one.value)]
+        if plain:
+            rows = [
+                (
+                    one.name,
+                    value_text(one.value),
+                    one.declaration.unit if one.declaration else "",
+                    one.declaration.description if one.declaration else "",
+                )
+                for one in plain
+            ]
+            print_table(nodes, ("parameter", "value", "unit", "what"), rows, 3, sentences=True)
+        else:
+            print_title(nodes)
+        for one in here:
+            if is_rule_table(one.value):
+                click.echo(f"  {one.name}\n{rule_table_text(one.value)}\n")  # type: ignore[arg-type]
+
+
+def _head(path: Path) -> list[str]:
+    """Return a file's first lines of comment: what it is for."""
+    lines = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        lines.append(line.lstrip("# "))
+    return lines

@@ -1,0 +1,69 @@
+"""Parameters as text: values as in a parameter file, what is allowed, rule tables as in the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from textwrap import indent
+
+from trunk_control.rule_tables import INPUT_LABELS
+from trunk_msgs_util.parameters.declarations import Declaration
+
+_LONG = 24  # characters of an array that are listed whole
+
+
+def value_text(value: object) -> str:
+    """Return a value as it would be written in a parameter file."""
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(map(_one, value)) + "]"
+    return _one(value)
+
+
+def short_text(value: object) -> str:
+    """Return a value's text, or how many values there are where a line has no room for them."""
+    text = value_text(value)
+    if not isinstance(value, tuple | list) or len(text) <= _LONG:
+        return text
+    return f"({len(value)} values)"
+
+
+def allowed_text(declaration: Declaration) -> str:
+    """Return what is allowed besides the type: choices, or bounds; for an array, of each value."""
+    size = f"{declaration.length} values" if declaration.length is not None else ""
+    if declaration.longest is not None:
+        size = f"up to {declaration.longest} values"
+    each = ", ".join(declaration.choices) or declaration.bounds()
+    if declaration.kind == "bool":
+        each = "true, false"
+    return ", each ".join(filter(None, (size, each)))
+
+
+def is_rule_table(value: object) -> bool:
+    """Return True for rows of as many labels as there are rows."""
+    return (
+        isinstance(value, tuple | list)
+        and len(value) == len(INPUT_LABELS)
+        and all(isinstance(row, str) and len(row.split()) == len(value) for row in value)
+    )
+
+
+def rule_table_text(rows: Sequence[str]) -> str:
+    """Return a rule table with its labels: a row for each label of e, a column for each of e_dot."""
+    cells: list[Sequence[str]] = [("e \\ e_dot", *INPUT_LABELS)]
+    cells += [(label, *row.split()) for label, row in zip(INPUT_LABELS, rows, strict=True)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines = (
+        "  ".join(text.ljust(w) for text, w in zip(row, widths, strict=True)).rstrip()
+        for row in cells
+    )
+    return indent("\n".join(lines), " " * 4)
+
+
+def _one(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        text = f"{value:.6g}"
+        if text in ("inf", "-inf"):
+            return text.replace("inf", ".inf")
+        return text if any(c in text for c in ".e") else text + ".0"
+    return str(value) or '""'

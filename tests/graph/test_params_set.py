@@ -1,0 +1,88 @@
+"""``trunk params set``: some values in a running node, all or none, and what it says of mistakes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from rcl_interfaces.srv import GetParameters
+from rclpy.parameter import parameter_value_to_python
+
+from .peer import Peer
+from .processes import Children
+
+pytestmark = pytest.mark.graph
+
+Set = Callable[..., tuple[int, list[str], list[str]]]
+
+
+@pytest.fixture
+def set_values(children: Children) -> Set:
+    count = 0
+
+    def run(*arguments: object) -> tuple[int, list[str], list[str]]:
+        nonlocal count
+        count += 1
+        child = children.trunk("params", "set", *arguments, name=f"set-{count}")
+        code = child.wait()
+        assert "Traceback" not in child.stderr
+        return code, child.stdout.splitlines(), child.stderr.splitlines()
+
+    return run
+
+
+def values(peer: Peer, node: str, *names: str) -> list[object]:
+    response = peer.call(GetParameters, f"{node}/get_parameters", names=names)
+    return [parameter_value_to_python(value) for value in response.values]
+
+
+def test_values_are_set_in_one_transaction(children: Children, peer: Peer, set_values: Set) -> None:
+    pid = children.node("pid")
+    peer.until_up("pid")
+    gains = ("gains.p=70", "gains.d=9.5", "u_clamp_max=inf")
+    wanted = ["gains.p: 60.0 -> 70.0", "gains.d: 9.0 -> 9.5", "u_clamp_max: 100.0 -> .inf"]
+
+    assert set_values("pid", *gains, "--dry-run")[:2] == (0, wanted)
+    assert values(peer, "/pid", "gains.p") == [60.0]
+    assert set_values("pid", *gains) == (0, wanted, [])
+    assert values(peer, "/pid", "gains.p", "gains.d", "u_clamp_max") == [70.0, 9.5, float("inf")]
+    assert set_values("/pid", *gains)[:2] == (0, ["nothing to change"])
+    changed = [p.changed for p in peer.parameters if p.changed]
+    assert changed == [{"gains.p": 70.0, "gains.d": 9.5, "u_clamp_max": float("inf")}]
+
+    # All or none, in the node's words.
+    for settings, reason in (
+        (
+            ("gains.d=8", "gains.p=-1"),
+            "parameter 'gains.p': -1.0 is not allowed: double, >= 0 and <= 1e+09",
+        ),
+        (("gains.d=8", "u_clamp_max=-200"), "'u_clamp_max': -200.0 is not allowed: greater than"),
+        (("gains.d=8", "update_rate=300"), "'update_rate': 300.0 is not allowed: fixed at start"),
+        (("gains.d=8", "joint=3"), "parameter 'joint': 3 is not allowed: "),
+    ):
+        code, said, (line,) = set_values("pid", *settings)
+        assert (code, said) == (1, [])
+        assert line.startswith("trunk: error: /pid refuses: ")
+        assert reason in line
+    code, said, (line,) = set_values("pid", "gains.d=8", "gain.p=1")
+    assert (code, said) == (1, [])
+    assert line == (
+        "trunk: error: /pid: parameter 'gain.p': no such parameter; did you mean 'gains.p'?"
+    )
+    assert values(peer, "/pid", "gains.d") == [9.5]
+    assert pid.stop() == 0, pid.stderr
+
+
+def test_a_node_in_a_namespace_and_none(children: Children, peer: Peer, set_values: Set) -> None:
+    node = children.node("pid", "-r", "__ns:=/robot2")
+    peer.hear_run("/robot2")
+    peer.until_up("/robot2/pid")
+    assert set_values("pid", "gains.p=61", "--namespace", "robot2")[0] == 0
+    assert set_values("robot2/pid", "gains.p=62")[1] == ["gains.p: 61.0 -> 62.0"]
+    code, said, (line,) = set_values("pdi", "gains.p=1", "--namespace", "robot2", "--timeout", 3)
+    assert (code, said) == (1, [])
+    assert line.startswith("trunk: error: no node /robot2/pdi within 3 s; running nodes: ")
+    assert "did you mean '/robot2/pid'?" in line
+    code, _, (line,) = set_values("/robot2/pid", "gains.p=1", "--namespace", "robot2")
+    assert (code, "give pid" in line) == (2, True)
+    assert node.stop() == 0, node.stderr
