@@ -22,7 +22,20 @@ def _typos() -> Iterator[Case]:
     for option in (
         *("--hepl", "--jsno", "--forse", "--otput", "--ouput=x", "--contoller=pid", "--parms=x"),
         *("--lock-step", "--lockstp", "--durations=1", "--duraton=1", "--setting=a=b", "--seeds=1"),
-        *("--verson", "-j", "-f", "-O", "-v", "-x", "--", "---", "--=", "--no-such", "-oo", "-ojson"),
+        *(
+            "--verson",
+            "-j",
+            "-f",
+            "-O",
+            "-v",
+            "-x",
+            "--",
+            "---",
+            "--=",
+            "--no-such",
+            "-oo",
+            "-ojson",
+        ),
     ):
         if option != "--":
             yield Case("option", (option,))
@@ -55,7 +68,19 @@ def _outputs() -> Iterator[Case]:
     for option in ("-o", "--output"):
         for place in (
             *("{input}", "{kept}", "a.mcap", "b.mcap", "params.yaml", "study.yaml", "folder", "."),
-            *("..", "/", "", " ", "no/such/folder/x", "/proc/x", "/dev/full", "x", "x.", ".x", "x.txt"),
+            *(
+                "..",
+                "/",
+                "",
+                " ",
+                "no/such/folder/x",
+                "/proc/x",
+                "/dev/full",
+                "x",
+                "x.",
+                ".x",
+                "x.txt",
+            ),
             *("x.mcap.bak", "x.MCAP2", "a.mcap/x", "dangling", "loop", "x" * 300 + ".mcap"),
         ):
             yield Case("output", (option, place))

@@ -143,7 +143,9 @@ def main() -> int:
                 if wrong:
                     counts["wrong"] += 1
                     said = " | ".join(outcome.told.splitlines()[-2:])[:200]
-                    print(f"{wrong}: trunk {' '.join(map(repr, words_))}: exit {outcome.code}: {said}")
+                    print(
+                        f"{wrong}: trunk {' '.join(map(repr, words_))}: exit {outcome.code}: {said}"
+                    )
                 clean(folder, before)
                 if any(name in before for name in outcome.changed):
                     before = state_of(folder)

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from trunk_control.decide import NO_TERMS, Answer
+from trunk_control.decide import Answer
+from trunk_control.laws import law_named
 from trunk_control.pid import Gains, PidState, Terms, limited, pid_update
 from trunk_control.reference import reference_at
 from trunk_msgs_util.recording.joint_arrays import Floats
@@ -51,7 +52,7 @@ def policy_steps(task: Task, plan: RunPlan, actions: Sequence[Floats]) -> Iterat
     last = step_count(plan.simulator.duration, plan.simulator.update_rate)
     every = task.regular.common.update_every
     policy = _Policy(task)
-    answer = Answer(True, 0.0, False, False, 0.0, NO_TERMS)
+    answer = Answer(True, 0.0, False, False, 0.0, law_named("pid").no_terms)
     while True:
         k, stamp_ns = simulation.step_index, simulation.stamp_ns
         acting = disturbances(stamp_ns)
