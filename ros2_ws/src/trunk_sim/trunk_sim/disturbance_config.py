@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi
+from typing import Any
 
 from trunk_msgs_util.parameters.config import ManagedConfig
 from trunk_msgs_util.parameters.declarations import ParameterError, parameter
@@ -11,6 +12,22 @@ from trunk_msgs_util.units import nanoseconds, period_ns
 
 from .config import joints_parameter, update_rate_parameter
 from .disturbances import CHANNELS, Signals, noise_components
+
+_UNITS = tuple(zip(CHANNELS, ("N", "N m", "m", "rad"), strict=True))
+
+
+def _magnitude(signal: str, name: str, default: float, description: str, minimum: float) -> Any:
+    """Return the declaration of how much a signal does, in the unit of its channel."""
+    return parameter(
+        f"{signal}.{name}",
+        default,
+        description,
+        unit="N, N m, m or rad",
+        unit_by=f"{signal}.channel",
+        units=_UNITS,
+        minimum=minimum,
+        maximum=1e9,
+    )
 
 
 @dataclass(frozen=True)
@@ -38,20 +55,13 @@ class DisturbanceConfig(ManagedConfig):
     pulse_duration: float = parameter(
         "pulse.duration", 0.1, "How long each lasts", unit="s", minimum=0.0, maximum=1e6
     )
-    pulse_magnitude: float = parameter(
-        "pulse.magnitude",
-        100.0 * pi / 180.0,
-        "Their magnitude, in the channel's unit",
-        unit="N, N m, m or rad",
-        minimum=-1e9,
-        maximum=1e9,
+    pulse_magnitude: float = _magnitude(
+        "pulse", "magnitude", 100.0 * pi / 180.0, "Their magnitude, in the channel's unit", -1e9
     )
     sine_channel: str = parameter(
         "sine.channel", "hip_effort", "What the sine acts on", choices=CHANNELS
     )
-    sine_amplitude: float = parameter(
-        "sine.amplitude", 0.0, "Its amplitude", unit="N, N m, m or rad", minimum=-1e9, maximum=1e9
-    )
+    sine_amplitude: float = _magnitude("sine", "amplitude", 0.0, "Its amplitude", -1e9)
     sine_frequency: float = parameter(
         "sine.frequency", 1.0, "Its frequency", unit="Hz", minimum=0.0, maximum=1e5
     )
@@ -61,9 +71,7 @@ class DisturbanceConfig(ManagedConfig):
     noise_channel: str = parameter(
         "noise.channel", "trunk_effort", "What the noise acts on", choices=CHANNELS
     )
-    noise_rms: float = parameter(
-        "noise.rms", 0.0, "Its root mean square", unit="N, N m, m or rad", minimum=0.0, maximum=1e9
-    )
+    noise_rms: float = _magnitude("noise", "rms", 0.0, "Its root mean square", 0.0)
     noise_low: float = parameter(
         "noise.low_frequency", 0.5, "Lower end of its band", unit="Hz", minimum=0.0, maximum=1e5
     )

@@ -100,14 +100,14 @@ def lockstep(rounds: int, steps: int, as_json: bool) -> None:
 @_rounds(3)
 @click.option(
     "--rate",
-    type=FiniteRange(1.0, 1e5),
+    type=FiniteRange(1.0, 1e5, unit="Hz"),
     default=1000.0,
     show_default=True,
     help="Rate of the loops, Hz.",
 )
 @click.option(
     "--seconds",
-    type=FiniteRange(0.1, 3600.0),
+    type=FiniteRange(0.1, 3600.0, unit="s"),
     default=10.0,
     show_default=True,
     help="Length of each measurement.",
@@ -151,7 +151,7 @@ def core(rounds: int, as_json: bool) -> None:
 @_rounds(5)
 @click.option(
     "--duration",
-    type=FiniteRange(0.1, 1e5),
+    type=FiniteRange(0.1, 1e5, unit="s"),
     default=20.0,
     show_default=True,
     help="Length of the run without RUN, s.",

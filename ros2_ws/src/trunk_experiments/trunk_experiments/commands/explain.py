@@ -11,7 +11,7 @@ import click
 
 from trunk_control.law import OUTCOME
 
-from ..console.common import json_option
+from ..console.common import Number, json_option
 from ..console.reading import open_run, show_damage
 from ..console.tables import print_table
 from ..replay.explain import Explanation, explain
@@ -21,7 +21,7 @@ from ..replay.explain import Explanation, explain
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option(
     "--at",
-    type=float,
+    type=Number("s"),
     required=True,
     metavar="S",
     help="The instant, s; of another robot, since its first state.",

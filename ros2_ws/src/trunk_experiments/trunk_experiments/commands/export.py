@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from ..analysis.run_table import RunTable
+from ..console.common import Number
 from ..console.outputs import check_output
 from ..console.reading import open_run, show_damage
 from ..views.extract import window, write_mcap, write_npz, write_parquet
@@ -22,8 +23,8 @@ _FILE = click.Path(path_type=Path)
 @click.option("--npz", type=_FILE, help="NumPy archive: the same columns and alpha.")
 @click.option("--mcap", type=_FILE, help="MCAP: messages as they are, byte for byte.")
 @click.option("--force", is_flag=True, help="Replace files that exist.")
-@click.option("--from", "start", type=float, default=-inf, metavar="S", help="Start time, s.")
-@click.option("--to", "end", type=float, default=inf, metavar="S", help="End time, s.")
+@click.option("--from", "start", type=Number("s"), default=-inf, metavar="S", help="Start time, s.")
+@click.option("--to", "end", type=Number("s"), default=inf, metavar="S", help="End time, s.")
 @click.option(
     "--topics",
     multiple=True,

@@ -7,9 +7,10 @@ from typing import Any
 
 import click
 
+from ..console.common import FiniteRange
 from ..console.complete import names_or_files, nodes, parameter_files
 
-_TIMEOUT = click.FloatRange(min=0.0, min_open=True, max=3600.0)
+_TIMEOUT = FiniteRange(min=0.0, min_open=True, max=3600.0, unit="s")
 
 
 def _live_options(function: Any) -> Any:

@@ -48,7 +48,7 @@ def _options(function: Any) -> Any:
         ),
         click.option(
             "--rate",
-            type=FiniteRange(0.001, 1e6),
+            type=FiniteRange(0.001, 1e6, unit="Hz"),
             metavar="HZ",
             help="update_rate of the sampled loop, Hz.",
         ),
@@ -58,10 +58,11 @@ def _options(function: Any) -> Any:
     return function
 
 
-def _largest(name: str, default: float, text: str) -> Callable[[Function], Function]:
+def _largest(name: str, default: float, text: str, unit: str) -> Callable[[Function], Function]:
     """Add an option for a largest acceptable value; its range keeps the Riccati equation solvable."""
+    kind = FiniteRange(1e-6, 1e6, unit=unit)
     return click.option(
-        name, type=FiniteRange(1e-6, 1e6), default=default, show_default=True, help=text
+        name, type=kind, default=default, show_default=True, help=f"{text}, {unit}."
     )
 
 
@@ -92,7 +93,7 @@ def command() -> None:
     "--pole",
     "poles",
     multiple=True,
-    type=FiniteRange(-1e6, 0.0, max_open=True),
+    type=FiniteRange(-1e6, 0.0, max_open=True, unit="1/s"),
     metavar="1/S",
     help="Two or three, distinct, negative.",
 )
@@ -108,10 +109,10 @@ def poles_command(controller: str, poles: tuple[float, ...], **options: Any) -> 
 
 @command.command("lqr")
 @_options
-@_largest("--integral", 0.1, "Largest integral of the error, rad s.")
-@_largest("--angle", 6.0, "Largest error, deg.")
-@_largest("--speed", 1.0, "Largest rate of the error, rad/s.")
-@_largest("--torque", 5.0, "Largest torque, N m.")
+@_largest("--integral", 0.1, "Largest integral of the error", "rad s")
+@_largest("--angle", 6.0, "Largest error", "deg")
+@_largest("--speed", 1.0, "Largest rate of the error", "rad/s")
+@_largest("--torque", 5.0, "Largest torque", "N m")
 def lqr_command(integral: float, angle: float, speed: float, torque: float, **options: Any) -> None:
     """Solve the Riccati equation; weights are one over the square of the largest acceptable values."""
     from ..tuning.methods import by_lqr
@@ -125,19 +126,19 @@ def lqr_command(integral: float, angle: float, speed: float, torque: float, **op
 @_options
 @click.option(
     "--lag",
-    type=FiniteRange(0.0, 1e3),
+    type=FiniteRange(0.0, 1e3, unit="s"),
     required=True,
     help="Declared time constant of the actuator, s.",
 )
 @click.option(
     "--damping",
-    type=FiniteRange(0.0, 1e9),
+    type=FiniteRange(0.0, 1e9, unit="N m s/rad"),
     required=True,
     help="Declared damping of the joint, N m s/rad.",
 )
 @click.option(
     "--amplitude",
-    type=FiniteRange(1e-6, 1e6),
+    type=FiniteRange(1e-6, 1e6, unit="N m"),
     default=1.0,
     show_default=True,
     help="Amplitude of the relay, N m.",

@@ -5,26 +5,48 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import click
 
-from ..similar import did_you_mean
+from trunk_msgs_util.parameters.quantity import number_in
+from trunk_msgs_util.parameters.unit_symbols import UnitError
 
-if TYPE_CHECKING:
-    pass
+from ..similar import did_you_mean
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
+class Number(click.ParamType[float]):
+    """A number in a unit, or with another unit of the same dimension, as in ``100ms``."""
+
+    name = "float"
+
+    def __init__(self, unit: str) -> None:
+        self.unit = unit
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Return the number in the unit. Raises click.BadParameter if it cannot be read."""
+        try:
+            return number_in(value, self.unit)
+        except UnitError as error:
+            self.fail(f"{value!r}: {error}", param, ctx)
+
+
 class FiniteRange(click.FloatRange):
-    """A range of floats that excludes NaN and, whatever its ends, infinity."""
+    """A range of floats in a unit that excludes NaN and, whatever its ends, infinity."""
+
+    def __init__(self, *args: Any, unit: str = "", **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.unit = unit
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
         """Return the number. Raises click.BadParameter if it is not one or not in the range."""
-        number: float = super().convert(value, param, ctx)
+        number: float = super().convert(Number(self.unit).convert(value, param, ctx), param, ctx)
         if not isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
         return number

@@ -10,7 +10,7 @@ import click
 from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import parse_swap
-from .common import Function, Name
+from .common import Function, Name, Number
 from .complete import names_or_files, parameter_files, scenarios
 
 
@@ -46,7 +46,7 @@ def plan_options(function: Function, required: bool = True) -> Function:
             "settings",
             multiple=True,
             metavar="NODE.PARAM=VALUE",
-            help="One value, overrides all files; repeatable.",
+            help="One value, overrides all files, in SI units or such as 45deg; repeatable.",
         ),
         click.option(
             "--swap-at",
@@ -55,9 +55,14 @@ def plan_options(function: Function, required: bool = True) -> Function:
             metavar="T:CONTROLLER",
             help="Another controller takes over at T s, without a jump in torque; repeatable.",
         ),
-        click.option("--duration", type=float, metavar="S", help="Simulated time, s."),
         click.option(
-            "--rate", type=float, metavar="HZ", help="update_rate of simulator and controller, Hz."
+            "--duration", type=Number("s"), metavar="S", help="Simulated time, s, or such as 2min."
+        ),
+        click.option(
+            "--rate",
+            type=Number("Hz"),
+            metavar="HZ",
+            help="update_rate of simulator and controller, Hz, or such as 1kHz.",
         ),
     ]
     for option in reversed(options):

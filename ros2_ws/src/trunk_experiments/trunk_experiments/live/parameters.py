@@ -7,8 +7,16 @@ from typing import NamedTuple
 
 import yaml
 
-from trunk_msgs_util.parameters.declarations import of_every_node, unknown_name
+from trunk_msgs_util.parameters.declarations import (
+    ParameterError,
+    declarations,
+    of_every_node,
+    unknown_name,
+)
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
+from trunk_msgs_util.parameters.in_si import in_si
+
+from ..plans.nodes import NODES
 
 from ..errors import PlanError
 
@@ -45,8 +53,9 @@ def full_name(node: str, namespace: str = "") -> str:
 def said_of(node: str, layer: Layer, declared: Sequence[str]) -> dict[str, object]:
     """Return a file's values for a node (fully qualified name) that declares these parameters.
 
+    Numbers with units are in SI units then, if the node has the name of one of the project's.
     Raises ParameterFileError if no section applies to the node, and for an undeclared name in a section
-    that names the node; a wildcard section may be meant for other nodes.
+    that names the node (a wildcard section may be meant for other nodes), or a unit that does not fit.
     """
     sections = [section for section in layer.sections if section.matches(node)]
     if not sections:
@@ -59,7 +68,12 @@ def said_of(node: str, layer: Layer, declared: Sequence[str]) -> dict[str, objec
                     f"{layer.source}: {section.pattern}: parameter {name!r}: "
                     f"{unknown_name(name, declared)}"
                 )
-    return resolve(node, [layer], declared)
+    said = resolve(node, [layer], declared)
+    kind = NODES.get(node.rsplit("/", 1)[-1])
+    try:
+        return said if kind is None else in_si(declarations(kind.config), said)
+    except ParameterError as error:
+        raise ParameterFileError(f"{layer.source}: {node}: {error}") from None
 
 
 def differences(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from math import degrees, isfinite, pi
 from typing import Any
 
@@ -47,16 +47,24 @@ def not_taken(files: Iterable[Layer], taking: Sequence[str], namespace: str = ""
             )
 
 
-def large_angles(configs: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a warning for each angle of more than a turn: it was most likely meant in degrees."""
+def large_angles(
+    configs: Mapping[str, Any], with_units: Mapping[str, Collection[str]]
+) -> Iterator[str]:
+    """Yield a warning for each angle of more than a turn: it was most likely meant in degrees.
+
+    ``with_units``: by node, the parameters in whose values a unit is written: those are meant.
+    """
     for node, config in configs.items():
         values = values_of(config)
+        told = with_units.get(node, ())
         for name, declared in declarations(type(config)).items():
+            if name in told:
+                continue
             for value in _angles(name, declared.unit, values[name]):
                 if 2.0 * pi < abs(value) < 1e300 and values[name] != declared.default:
                     yield (
                         f"{node}: {name} is {value:g} rad, which is {degrees(value):.0f} degrees: "
-                        "angles are in radians"
+                        "plain angles are in radians (30 deg is read too)"
                     )
 
 

@@ -5,7 +5,7 @@ Offline runs and the graph use the same plan, so that both run the same.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from dataclasses import replace as with_values
 from math import inf
@@ -15,14 +15,12 @@ from typing import Any
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.schedule import active_at
 from trunk_msgs_util.parameters.config import RecorderConfig
-from trunk_msgs_util.parameters.declarations import ParameterError, build, declarations, values_of
+from trunk_msgs_util.parameters.declarations import values_of
 from trunk_msgs_util.parameters.files import (
     Layer,
-    ParameterFileError,
     Section,
     check_names,
     read,
-    resolve,
     write,
 )
 from trunk_msgs_util.units import seconds
@@ -33,7 +31,8 @@ from ..errors import PlanError
 from ..similar import did_you_mean
 from .doubtful import check_targets, large_angles, not_taken
 from .files import find_file, parse_setting, scenario_layers
-from .nodes import CONTROLLERS, NODES, declared_names
+from .layers import config_from, names_with_units
+from .nodes import CONTROLLERS, declared_names
 from .timeline import Change, Timeline
 from .turns import Swap, turns_of
 
@@ -143,8 +142,8 @@ def make_plan(
     warnings = [*not_taken([one.within(namespace) for one in files], taking, namespace)]
     layers = [layer.within(namespace) for layer in layers]
     name = Path(scenario).stem
-    simulator = _build("simulator", layers, namespace)
-    disturbance = _build("disturbance", layers, namespace)
+    simulator = config_from("simulator", layers, namespace)
+    disturbance = config_from("disturbance", layers, namespace)
     end = simulator.duration or inf
     warnings += [
         f"--swap-at {swap.time:g}:{swap.controller}: the run ends at {end:g} s, before that"
@@ -155,7 +154,7 @@ def make_plan(
     lockstep = simulator.lockstep
     controllers = {
         node: with_values(
-            _build(node, layers, namespace),
+            config_from(node, layers, namespace),
             lockstep=lockstep,
             **({"active_times": times} if swaps else {}),
         )
@@ -172,7 +171,7 @@ def make_plan(
             controllers=controllers,
             disturbance=disturbance if disturbance.active else None,
             recorder=with_values(
-                _build("recorder", layers, namespace),
+                config_from("recorder", layers, namespace),
                 controllers=tuple(turns),
                 scenario=name,
                 lockstep=lockstep,
@@ -180,29 +179,12 @@ def make_plan(
             ),
             namespace=namespace,
             warnings=tuple(warnings),
-        )
+        ),
+        {node: names_with_units(node, layers, namespace) for node in taking},
     )
 
 
-def _build(node: str, layers: Sequence[Layer], namespace: str) -> Any:
-    config = NODES[node].config
-    full_name = f"{namespace}/{node}"
-    try:
-        return build(config, resolve(full_name, layers, declarations(config)))
-    except ParameterError as error:
-        source = _source(full_name, error.name, layers)
-        raise ParameterFileError(f"{source}: {node}: {error}") from None
-
-
-def _source(node: str, name: str, layers: Sequence[Layer]) -> str:
-    """Return the layer that gave a node its value of a parameter."""
-    for layer in reversed(layers):
-        if any(s.matches(node) and name in s.values for s in layer.sections):
-            return layer.source
-    return "defaults"
-
-
-def _checked(plan: RunPlan) -> RunPlan:
+def _checked(plan: RunPlan, with_units: Mapping[str, Collection[str]]) -> RunPlan:
     plant = plan.simulator.update_rate
     for name, controller in plan.controllers.items():
         control = controller.update_rate
@@ -219,7 +201,9 @@ def _checked(plan: RunPlan) -> RunPlan:
             )
     check_joints(plan)
     check_turns(plan)
-    return with_values(plan, warnings=(*plan.warnings, *advice(plan), *large_angles(plan.configs)))
+    return with_values(
+        plan, warnings=(*plan.warnings, *advice(plan), *large_angles(plan.configs, with_units))
+    )
 
 
 def check_joints(plan: RunPlan) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from math import isfinite
 from typing import NamedTuple
+
+from trunk_msgs_util.parameters.quantity import number_in
+from trunk_msgs_util.parameters.unit_symbols import UnitError
 
 from ..errors import PlanError
 from .nodes import CONTROLLERS
@@ -39,12 +41,16 @@ def turns_of(first: str, swaps: Sequence[Swap]) -> dict[str, tuple[float, ...]]:
 
 
 def parse_swap(text: str) -> Swap:
-    """Return the swap that ``T:CONTROLLER`` stands for, T in s. Raises PlanError."""
+    """Return the swap that ``T:CONTROLLER`` stands for, T in s or with a unit. Raises PlanError."""
     time_text, colon, name = text.partition(":")
-    with suppress(ValueError):
-        time = float(time_text)
+    wrong = ""
+    try:
+        time = number_in(time_text, "s")
         if colon and name in CONTROLLERS and isfinite(time):
             return Swap(time, name)
+    except UnitError as error:
+        wrong = f"; T is {time_text!r}: {error}"
     raise PlanError(
-        f"swap at {text!r}: T:CONTROLLER is needed, T in s, CONTROLLER one of {', '.join(CONTROLLERS)}"
+        f"swap at {text!r}: T:CONTROLLER is needed, T in s, "
+        f"CONTROLLER one of {', '.join(CONTROLLERS)}{wrong}"
     )

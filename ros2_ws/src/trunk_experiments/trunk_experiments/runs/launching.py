@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from trunk_msgs_util.parameters.quantity import number_in
+from trunk_msgs_util.parameters.unit_symbols import UnitError
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 
 from ..errors import PlanError
@@ -14,6 +16,7 @@ from ..plans.nodes import CONTROLLERS, NODES
 from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import parse_swap
 
+_UNITS = {"speed": "", "rate": "Hz", "duration": "s"}  # of the arguments that are numbers
 RECORDER = "recorder"
 SIMULATOR = "simulator"
 
@@ -71,9 +74,9 @@ def flag(given: Mapping[str, str], name: str, default: bool = False) -> bool:
 
 def _number(given: Mapping[str, str], name: str) -> float:
     try:
-        return float(given[name])
-    except ValueError:
-        raise PlanError(f"{name}:={given[name]} is not allowed: a number is needed") from None
+        return number_in(given[name], _UNITS[name])
+    except UnitError as error:
+        raise PlanError(f"{name}:={given[name]} is not allowed: {error}") from None
 
 
 def _listed(text: str) -> list[str]:

@@ -40,7 +40,11 @@ def _shown(value: object) -> str:
 
 @dataclass(frozen=True)
 class Declaration:
-    """One parameter's declaration. ``kind`` is the type's name as ROS 2 prints it."""
+    """One parameter's declaration. ``kind`` is the type's name as ROS 2 prints it.
+
+    ``unit`` is written as in ``N m/(rad s)``, and for an array of fixed length as one for each element,
+    ``m, rad``, or one for all.
+    """
 
     name: str
     default: Value
@@ -55,6 +59,8 @@ class Declaration:
     length: int | None = None
     longest: int | None = None  # of an array without a fixed length
     fixed: bool = False  # cannot change after start
+    unit_by: str = ""  # the parameter whose value chooses the unit among ``units``
+    units: tuple[tuple[str, str], ...] = ()  # that value, and the unit
 
     def allowed(self) -> str:
         """Return what is allowed, as a readable phrase."""
@@ -120,7 +126,9 @@ def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
         except OverflowError:
             raise ParameterError(declaration.name, whole, declaration.allowed()) from None
     if type(value) is not {v: k for k, v in _KINDS.items()}[kind]:
-        raise ParameterError(declaration.name, whole, declaration.allowed())
+        raise ParameterError(
+            declaration.name, whole, declaration.allowed() + _plain(declaration, value)
+        )
     if isinstance(value, str):
         if declaration.choices and value not in declaration.choices:
             raise ParameterError(declaration.name, whole, declaration.allowed())
@@ -136,6 +144,17 @@ def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
     ):
         raise ParameterError(declaration.name, whole, declaration.allowed())
     return number
+
+
+def _plain(declaration: Declaration, value: object) -> str:
+    """Return, for a number with a unit, why it is not taken: ROS 2 knows no units."""
+    if not declaration.kind.startswith("double") or not isinstance(value, str):
+        return ""
+    from .quantity import looks_like_quantity  # only after a mistake: nodes do without it
+
+    if not looks_like_quantity(value):
+        return ""
+    return f"; only trunk reads units: give a plain number{' in ' * bool(declaration.unit)}{declaration.unit}"
 
 
 def check(declaration: Declaration, value: object) -> Value:

@@ -1,0 +1,50 @@
+"""One node's configuration from the layers of files and single values; units become SI here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from trunk_msgs_util.parameters.declarations import ParameterError, build, declarations
+from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
+from trunk_msgs_util.parameters.in_si import in_si, written_with_units
+
+from .nodes import NODES
+
+
+def config_from(node: str, layers: Sequence[Layer], namespace: str) -> Any:
+    """Return a node's configuration. Raises ParameterFileError naming the layer of a wrong value."""
+    config = NODES[node].config
+    full_name = f"{namespace}/{node}"
+    declared = declarations(config)
+    values = resolve(full_name, layers, declared)
+    try:
+        return build(config, in_si(declared, values))
+    except ParameterError as error:
+        source = _source(full_name, error.name, layers)
+        told = ""
+        if error.name in written_with_units(declared, values):
+            told = _written(values[error.name], error)
+        raise ParameterFileError(f"{source}: {node}: {error}{told}") from None
+
+
+def names_with_units(node: str, layers: Sequence[Layer], namespace: str) -> set[str]:
+    """Return the parameters of a node in whose values a unit is written."""
+    declared = declarations(NODES[node].config)
+    return written_with_units(declared, resolve(f"{namespace}/{node}", layers, declared))
+
+
+def _source(node: str, name: str, layers: Sequence[Layer]) -> str:
+    """Return the layer that gave a node its value of a parameter."""
+    for layer in reversed(layers):
+        if any(s.matches(node) and name in s.values for s in layer.sections):
+            return layer.source
+    return "defaults"
+
+
+def _written(value: object, error: ParameterError) -> str:
+    """Return what the file says, where the error shows it in SI units."""
+    text = str(value)
+    if isinstance(error.value, str) and error.value in text:
+        return ""
+    return f" (written {text if len(text) <= 60 else text[:57] + '...'})"

@@ -1,0 +1,85 @@
+"""Values as a user writes them, with units, as plain values in the unit of their declaration. Pure.
+
+A plain number is in the declared SI unit already; a text parameter is never read as a quantity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from .declarations import Declaration, ParameterError
+from .quantity import looks_like_quantity, read_quantity
+from .unit_symbols import UnitError
+
+
+def in_si(declared: Mapping[str, Declaration], values: Mapping[str, object]) -> dict[str, object]:
+    """Return a node's values with each number that has a unit in the declaration's SI unit.
+
+    Raises ParameterError for a unit that there is not, or of another dimension. Everything else is
+    returned as it is, for `declarations.build` to check.
+    """
+    written = written_with_units(declared, values)
+    if not written:
+        return dict(values)
+    complete = {**{name: one.default for name, one in declared.items()}, **values}
+    return {
+        name: _converted(declared[name], value, units_of(declared[name], complete))
+        if name in written
+        else value
+        for name, value in values.items()
+    }
+
+
+def written_with_units(
+    declared: Mapping[str, Declaration], values: Mapping[str, object]
+) -> set[str]:
+    """Return the names of the numeric parameters in whose values a unit is written."""
+    return {
+        name
+        for name, value in values.items()
+        if name in declared and any(map(_is_quantity, _numbers_in(declared[name], value)))
+    }
+
+
+def _numbers_in(declaration: Declaration, value: object) -> Sequence[object]:
+    """Return what may be a number with a unit: integers have none, texts are texts."""
+    if declaration.kind == "double array" and isinstance(value, list | tuple):
+        return value
+    return (value,) if declaration.kind == "double" else ()
+
+
+def _is_quantity(item: object) -> bool:
+    return isinstance(item, str) and looks_like_quantity(item)
+
+
+def units_of(
+    declaration: Declaration, values: Mapping[str, object] | None = None
+) -> tuple[tuple[str, ...], ...]:
+    """Return the units that each element may have, the last ones for all further elements.
+
+    ``values``: the node's; without them, or if they do not say which unit counts, each of
+    ``declaration.units`` may be meant.
+    """
+    if declaration.unit_by:
+        chosen = (values or {}).get(declaration.unit_by)
+        meant = tuple(unit for value, unit in declaration.units if value == chosen)
+        return (meant or tuple(unit for _, unit in declaration.units),)
+    if declaration.length is not None:
+        return tuple((unit,) for unit in declaration.unit.split(", "))
+    return ((declaration.unit,),)
+
+
+def _converted(declaration: Declaration, value: object, units: Sequence[Sequence[str]]) -> object:
+    def one(item: object, place: int | None = None) -> object:
+        if not isinstance(item, str) or not looks_like_quantity(item):
+            return item
+        try:
+            return read_quantity(item, *units[min(place or 0, len(units) - 1)])
+        except UnitError as error:
+            element = "" if place is None else f"element {place}: "
+            told = f" ({declaration.unit_by} chooses the unit)" if declaration.unit_by else ""
+            raise ParameterError(declaration.name, item, f"{element}{error}{told}") from None
+
+    if isinstance(value, list | tuple):
+        return [one(item, place) for place, item in enumerate(value)]
+    return one(value)

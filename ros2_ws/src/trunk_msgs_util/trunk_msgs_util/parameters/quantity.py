@@ -1,0 +1,124 @@
+"""A number with a unit, as text: ``45 deg``, ``100ms``, ``9.6N*m/rad``, in the unit that is asked for."""
+
+from __future__ import annotations
+
+import math
+import re
+from fractions import Fraction
+from typing import NamedTuple
+
+from .unit_symbols import Unit, UnitError, named, named_in, parse_unit
+
+_LONGEST = 100  # letters
+_LARGEST_EXPONENT = 400
+_QUANTITY = re.compile(
+    r"\s*([-+]?)(?:\.?(inf)(?=\s)|((?:\d+\.?\d*|\.\d+)(?:[eE]([-+]?\d+))?)(?![\d.]))\s*(\S.*)",
+    re.ASCII | re.DOTALL,
+)
+# Enough digits that no double of a number of 100 letters depends on the next ones.
+_PI = Fraction(
+    "3.1415926535897932384626433832795028841971693993751058209749445923078164062862089986280348253"
+    "421170679821480865132823066470938446095505822317253594081284811174502841027019385211055596446"
+)
+_OTHER = {"s": "ms", "m": "cm", "kg": "g", "Hz": "kHz", "N": "kN"}  # for examples
+
+
+class Quantity(NamedTuple):
+    """A number, exactly as written, and its unit."""
+
+    sign: int
+    digits: str  # without the sign; "inf"
+    unit: Unit
+
+    def within(self, unit: Unit) -> float:
+        """Return the number of these units, as the double nearest to the exact result.
+
+        Degrees in radians are ``math.radians(number)``, to the bit: what Python and NumPy give.
+        Raises UnitError for a number that is too large for a double.
+        """
+        digits = float(self.digits)
+        if math.isinf(digits) and self.digits == "inf":
+            return self.sign * digits
+        pi = self.unit.pi - unit.pi
+        scale = self.unit.scale / unit.scale
+        if pi == 1 and scale == Fraction(1, 180):
+            return self.sign * math.radians(digits)
+        try:
+            exact = Fraction(self.digits) * scale * _PI**pi
+            return self.sign * float(exact)
+        except OverflowError:
+            raise UnitError("it is larger than any double") from None
+
+
+def looks_like_quantity(text: str) -> bool:
+    """Return True for a text that begins with a number and is not one by itself."""
+    return _QUANTITY.match(text) is not None and not _is_plain(text)
+
+
+def _is_plain(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def parse_quantity(text: str) -> Quantity:
+    """Return a number with its unit. Raises UnitError."""
+    if len(text) > _LONGEST:
+        raise UnitError(f"it has {len(text)} letters: at most {_LONGEST} are read")
+    found = _QUANTITY.match(text)
+    if found is None:
+        raise UnitError("it is not a number with a unit, such as 100 ms")
+    sign, infinite, digits, exponent, unit = found.groups()
+    if exponent and abs(int(exponent)) > _LARGEST_EXPONENT:
+        raise UnitError("it is beyond what a double can hold")
+    return Quantity(-1 if sign == "-" else 1, infinite or digits, parse_unit(unit.strip()))
+
+
+def read_quantity(text: str, *units: str) -> float:
+    """Return a text's number in whichever of the units is of its dimension; empty: a ratio.
+
+    Raises UnitError: why the text is not allowed, and what is.
+    """
+    try:
+        found = parse_quantity(text)
+    except UnitError as error:
+        raise UnitError(f"{error}; {needed(*units)}") from None
+    for unit in units:
+        wanted = parse_unit(unit or "1")
+        if wanted.dimension == found.unit.dimension:
+            return found.within(wanted)
+    raise UnitError(f"it is {named(found.unit.dimension)}; {needed(*units)}")
+
+
+def number_in(text: str | float, unit: str) -> float:
+    """Return what was given for a number in a unit: a number, its text, or a text with a unit.
+
+    Raises UnitError.
+    """
+    if isinstance(text, str) and looks_like_quantity(text):
+        return read_quantity(text, unit)
+    try:
+        return float(text)
+    except ValueError:
+        raise UnitError(f"it is not a number; {needed(unit)}") from None
+
+
+def needed(*units: str) -> str:
+    """Return what is allowed, with examples: ``a time in s is needed, such as 5 s or 5 ms``."""
+    if not any(units):
+        return "a plain number is needed, or a percentage such as 50%"
+    names = [named_in(unit) for unit in units]
+    told = " or ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+    return f"{told} is needed, such as {' or '.join(_examples(units[0]))}"
+
+
+def _examples(unit: str) -> tuple[str, ...]:
+    """Return a value in the unit and, for a short unit or an angle, one in another."""
+    other = unit.replace("rad", "deg") if "rad" in unit else _OTHER.get(unit)
+    return tuple(
+        f"5{one.removeprefix('1')}" if one.startswith("1/") else f"5 {one}"
+        for one in (unit, other)
+        if one
+    )
