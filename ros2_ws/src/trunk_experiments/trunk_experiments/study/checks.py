@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from trunk_msgs_util.parameters.declarations import ParameterError, declarations, unknown_name
+from trunk_msgs_util.parameters.unit_symbols import UnitError
 
 from ..batch.limits import wrong_duration
 from ..errors import PlanError, StudyError
@@ -15,6 +16,7 @@ from ..runs.offline import check
 from .design import drawn_values
 from .study import Contender, Study, Target, Variable
 from .targets import Base, Bases, field_of, is_meant, kind_of, new_value
+from .units import check_units
 
 # If these are zero, the seed makes no difference.
 _NOISE = {
@@ -48,6 +50,10 @@ def check_variable(study: Study, v: Variable, contender: Contender, base: Base) 
             continue
         config = base.configs[kind_of(target, contender)]
         _check_target(study, v, contender, target, config)
+        try:
+            check_units(study, v, target, config)
+        except UnitError as error:
+            raise mistake(study, v, f"{target}: {error}") from None
         if v.how != "value" and not all(isinstance(value, int | float) for value in values):
             raise mistake(study, v, f"{target}: as {v.how}: numbers are needed")
         old = getattr(config, field_of(config, target.name))

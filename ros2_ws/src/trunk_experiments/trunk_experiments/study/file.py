@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,8 @@ from ..plans.nodes import CONTROLLERS
 from ..similar import did_you_mean
 from .draws import DISTRIBUTIONS, Distribution
 from .study import HOWS, MAX_RUNS, RESERVED, SPACINGS, Contender, Scalar, Study, Target, Variable
+from .tree import TreeReader, shown
+from .units import Units, units_for, written_in
 
 
 def shipped_studies() -> dict[str, Path]:
@@ -50,11 +51,8 @@ def parse_study(text: str, source: str) -> Study:
     return _Reader(source).study(tree, text)
 
 
-class _Reader:
-    """Turns a YAML tree into a study; keeps track of the place for errors."""
-
-    def __init__(self, source: str) -> None:
-        self.source = source
+class _Reader(TreeReader):
+    """Turns a YAML tree into a study."""
 
     def study(self, tree: object, text: str) -> Study:
         known = ("scenario", "controllers", "params", "set", "rate", "duration")
@@ -62,19 +60,20 @@ class _Reader:
         for key in ("scenario", "controllers", "vary"):
             if key not in found:
                 raise self.error(key, "missing: every study needs it")
+        contenders = self.contenders(found["controllers"])
         study = Study(
             source=self.source,
             text=text,
             scenario=self.text(found["scenario"], "scenario"),
-            contenders=self.contenders(found["controllers"]),
+            contenders=contenders,
             variables=tuple(
-                self.variable(str(name), entry)
+                self.variable(str(name), entry, contenders)
                 for name, entry in self.mapping(found["vary"], "vary").items()
             ),
             params=self.texts(found.get("params", []), "params"),
             settings=self.settings(found.get("set", {}), "set"),
-            rate=self.optional(found, "rate"),
-            duration=self.optional(found, "duration"),
+            rate=self.optional(found, "rate", "Hz"),
+            duration=self.optional(found, "duration", "s"),
             runs=self.integer(found.get("runs", 1), "runs", 1, 10_000_000),
             seed=self.integer(found.get("seed", 1), "seed", 0, 2**31 - 1),
             block=self.integer(found.get("block", Study.block), "block", 1, 100_000),
@@ -82,55 +81,6 @@ class _Reader:
         if study.total > MAX_RUNS:
             raise self.error("vary", f"{study.total} runs in all: at most {MAX_RUNS} are allowed")
         return study
-
-    def error(self, place: str, message: str) -> StudyError:
-        return StudyError(f"{self.source}: {place}: {message}")
-
-    def mapping(self, value: object, place: str, known: tuple[str, ...] = ()) -> dict[str, Any]:
-        if not isinstance(value, dict):
-            raise self.error(place, f"is {_shown(value)}: a mapping is needed")
-        for key in value:
-            if known and key not in known:
-                raise self.error(place, f"unknown key {key!r}: one of {', '.join(known)}")
-        return value
-
-    def text(self, value: object, place: str, choices: tuple[str, ...] = ()) -> str:
-        if not isinstance(value, str) or (choices and value not in choices):
-            raise self.error(
-                place, f"is {_shown(value)}: {', '.join(choices) or 'a text'} is needed"
-            )
-        return value
-
-    def texts(self, value: object, place: str) -> tuple[str, ...]:
-        items = [value] if isinstance(value, str) else value
-        if not isinstance(items, list) or not all(isinstance(item, str) for item in items):
-            raise self.error(place, f"is {_shown(value)}: a list of texts is needed")
-        return tuple(items)
-
-    def number(self, value: object, place: str) -> float:
-        if isinstance(value, str) and re.fullmatch(r"[-+.\deE]+", value):
-            try:
-                return float(value)  # "1e-3" is a number to the user, but not to YAML 1.1
-            except ValueError:
-                pass
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-            raise self.error(place, f"is {_shown(value)}: a finite number is needed")
-        return float(value)
-
-    def integer(self, value: object, place: str, low: int, high: int) -> int:
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise self.error(
-                place, f"is {_shown(value)}: a whole number from {low} to {high} is needed"
-            )
-        return value
-
-    def optional(self, found: Mapping[str, Any], key: str) -> float | None:
-        if key not in found:
-            return None
-        value = self.number(found[key], key)
-        if value <= 0.0:
-            raise self.error(key, f"is {value:g}: a number > 0 is needed")
-        return value
 
     def settings(self, value: object, place: str) -> tuple[str, ...]:
         found = self.mapping(value, place)
@@ -158,7 +108,7 @@ class _Reader:
             )
         return tuple(contenders)
 
-    def variable(self, name: str, entry: object) -> Variable:
+    def variable(self, name: str, entry: object, contenders: tuple[Contender, ...]) -> Variable:
         place = f"vary.{name}"
         if not re.fullmatch(r"[A-Za-z]\w*", name) or name in RESERVED:
             raise self.error(
@@ -170,9 +120,12 @@ class _Reader:
         targets = tuple(self.target(t, place) for t in self.texts(entry["parameter"], place))
         how = self.text(entry.get("as", "value"), f"{place}.as", HOWS)
         rest = {key: value for key, value in entry.items() if key not in ("parameter", "as")}
+        units = units_for(targets, how, contenders)
+        written = written_in(rest) if units else ()
         if "distribution" in rest:
-            return Variable(name, targets, how, distribution=self.distribution(rest, place))
-        return Variable(name, targets, how, self.values(rest, place))
+            drawn = self.distribution(rest, place, units)
+            return Variable(name, targets, how, distribution=drawn, written=written)
+        return Variable(name, targets, how, self.values(rest, place, units), written=written)
 
     def target(self, text: str, place: str) -> Target:
         nodes = ("simulator", "disturbance", "controller", *CONTROLLERS)
@@ -185,18 +138,18 @@ class _Reader:
             )
         return Target(match[1], match[2], None if match[3] is None else int(match[3]))
 
-    def values(self, entry: dict[str, Any], place: str) -> tuple[Scalar, ...]:
+    def values(self, entry: dict[str, Any], place: str, units: Units) -> tuple[Scalar, ...]:
         if "values" in entry:
             self.mapping(entry, place, ("values",))
             values = entry["values"]
             if not isinstance(values, list) or not values:
-                raise self.error(f"{place}.values", f"is {_shown(values)}: a list is needed")
-            return self.scalars(values, f"{place}.values")
+                raise self.error(f"{place}.values", f"is {shown(values)}: a list is needed")
+            return self.scalars(values, f"{place}.values", units)
         self.mapping(entry, place, ("values", "distribution", "from", "to", "steps", "spacing"))
         for key in ("from", "to", "steps"):
             if key not in entry:
                 raise self.error(place, "needs values, or from, to and steps, or a distribution")
-        low, high = (self.number(entry[key], f"{place}.{key}") for key in ("from", "to"))
+        low, high = (self.number(entry[key], f"{place}.{key}", units) for key in ("from", "to"))
         steps = self.integer(entry["steps"], f"{place}.steps", 1, 1_000_000)
         if self.text(entry.get("spacing", "linear"), f"{place}.spacing", SPACINGS) == "linear":
             return tuple(np.linspace(low, high, steps).tolist())
@@ -204,21 +157,7 @@ class _Reader:
             raise self.error(place, f"spacing log from {low:g} to {high:g}: both must be > 0")
         return tuple(np.geomspace(low, high, steps).tolist())
 
-    def scalars(self, values: list[object], place: str) -> tuple[Scalar, ...]:
-        found = tuple(self.scalar(value, place) for value in values)
-        kinds = {type(value) if isinstance(value, bool | str) else float for value in found}
-        if len(kinds) > 1:
-            raise self.error(place, f"is {_shown(values)}: all numbers, all texts or all bools")
-        return found
-
-    def scalar(self, value: object, place: str) -> Scalar:
-        if isinstance(value, bool | int):
-            return value
-        if isinstance(value, str) and not re.fullmatch(r"[-+]?[\d.]+[eE][-+]?\d+", value):
-            return value
-        return self.number(value, place)
-
-    def distribution(self, entry: dict[str, Any], place: str) -> Distribution:
+    def distribution(self, entry: dict[str, Any], place: str, units: Units) -> Distribution:
         kind = self.text(
             entry["distribution"], f"{place}.distribution", tuple(sorted(DISTRIBUTIONS))
         )
@@ -229,18 +168,13 @@ class _Reader:
                 raise self.error(place, f"distribution {kind}: {key} is missing")
         choices = entry.get("values", [])
         if not isinstance(choices, list) or ("values" in needed and not choices):
-            raise self.error(f"{place}.values", f"is {_shown(choices)}: a list is needed")
+            raise self.error(f"{place}.values", f"is {shown(choices)}: a list is needed")
         numbers = {
-            key: self.number(entry[key], f"{place}.{key}")
+            key: self.number(entry[key], f"{place}.{key}", units)
             for key in (*needed, *optional)
             if key in entry and key != "values"
         }
         try:
-            return Distribution(kind, self.scalars(choices, f"{place}.values"), **numbers)
+            return Distribution(kind, self.scalars(choices, f"{place}.values", units), **numbers)
         except DrawError as error:
             raise self.error(place, f"distribution {kind}: {error}") from None
-
-
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."

@@ -21,7 +21,7 @@ from ..errors import StudyError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 from .design import drawn_values
-from .study import Study
+from .study import Study, Variable
 from .targets import Base, Bases, Key, keys, structural
 
 
@@ -62,7 +62,7 @@ def bases_from(study: Study, text: str, source: str) -> Bases:
 def identity(study: Study, bases: Bases) -> dict[str, Any]:
     """Return, as JSON values, what determines a sweep's results: no file names, no comments."""
     told = {
-        "variables": [asdict(v) for v in study.variables],
+        "variables": [_plain(v) for v in study.variables],
         "controllers": [[c.label, c.node] for c in study.contenders],
         "runs": study.runs,
         "seed": study.seed,
@@ -94,6 +94,11 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
                         f"{after['controller']}: {node}.{name} was {was}, is now {value}"
                     )
     return "" if old.get("plans") == new["plans"] else "were made with other parameters"
+
+
+def _plain(v: Variable) -> dict[str, Any]:
+    """Return an entry as plain values; in which units it was written makes no difference."""
+    return {name: value for name, value in asdict(v).items() if name != "written"}
 
 
 def _hash(values: list[Any]) -> str:

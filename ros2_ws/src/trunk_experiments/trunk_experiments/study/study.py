@@ -35,6 +35,7 @@ class Variable:
     how: str  # value: replaces the parameter; factor: multiplies it; offset: is added to it
     values: tuple[Scalar, ...] = ()
     distribution: Distribution | None = None
+    written: tuple[str, ...] = ()  # its numbers with units, as in the file; the others are in SI
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ class Quantity(NamedTuple):
     sign: int
     digits: str  # without the sign; "inf"
     unit: Unit
+    written: str  # the unit
 
     def within(self, unit: Unit) -> float:
         """Return the number of these units, as the double nearest to the exact result.
@@ -36,18 +37,20 @@ class Quantity(NamedTuple):
         Degrees in radians are ``math.radians(number)``, to the bit: what Python and NumPy give.
         Raises UnitError for a number that is too large for a double.
         """
-        digits = float(self.digits)
-        if math.isinf(digits) and self.digits == "inf":
-            return self.sign * digits
+        if self.digits == "inf":
+            return self.sign * math.inf
         pi = self.unit.pi - unit.pi
         scale = self.unit.scale / unit.scale
-        if pi == 1 and scale == Fraction(1, 180):
-            return self.sign * math.radians(digits)
         try:
-            exact = Fraction(self.digits) * scale * _PI**pi
-            return self.sign * float(exact)
+            if pi == 1 and scale == Fraction(1, 180):
+                found = math.radians(float(self.digits))
+            else:
+                found = float(Fraction(self.digits) * scale * _PI**pi)
         except OverflowError:
-            raise UnitError("it is larger than any double") from None
+            found = math.inf
+        if math.isinf(found):
+            raise UnitError("it is larger than any double")
+        return self.sign * found
 
 
 def looks_like_quantity(text: str) -> bool:
@@ -73,7 +76,8 @@ def parse_quantity(text: str) -> Quantity:
     sign, infinite, digits, exponent, unit = found.groups()
     if exponent and abs(int(exponent)) > _LARGEST_EXPONENT:
         raise UnitError("it is beyond what a double can hold")
-    return Quantity(-1 if sign == "-" else 1, infinite or digits, parse_unit(unit.strip()))
+    unit = unit.strip()
+    return Quantity(-1 if sign == "-" else 1, infinite or digits, parse_unit(unit), unit)
 
 
 def read_quantity(text: str, *units: str) -> float:
@@ -89,7 +93,7 @@ def read_quantity(text: str, *units: str) -> float:
         wanted = parse_unit(unit or "1")
         if wanted.dimension == found.unit.dimension:
             return found.within(wanted)
-    raise UnitError(f"it is {named(found.unit.dimension)}; {needed(*units)}")
+    raise UnitError(f"it is {named(found.written)}; {needed(*units)}")
 
 
 def number_in(text: str | float, unit: str) -> float:

@@ -115,24 +115,14 @@ _NAMES = {
 }
 
 
-def named(dimension: Dimension) -> str:
-    """Return a dimension in words: ``a time``, or by its SI unit, ``a quantity in kg m^2/(s^3 rad)``."""
-    return _NAMES.get(dimension) or f"a quantity in {_in_si_units(dimension)}"
+def named(unit: str) -> str:
+    """Return what a unit measures: ``a time``, or ``a quantity in N m/rad``. Raises UnitError."""
+    return _NAMES.get(parse_unit(unit).dimension) or f"a quantity in {unit}"
 
 
 def named_in(unit: str) -> str:
-    """Return what a unit measures and the unit: ``a time in s``, ``a quantity in N m/rad``."""
+    """Return what a unit measures, and the unit: ``a time in s``. Raises UnitError."""
     return f"{_NAMES.get(parse_unit(unit).dimension, 'a quantity')} in {unit}"
-
-
-def _in_si_units(dimension: Dimension) -> str:
-    powers = list(zip(("kg", "m", "s", "rad"), dimension, strict=True))
-    above, below = (
-        [unit + (f"^{abs(n)}" if abs(n) > 1 else "") for unit, n in powers if n * sign > 0]
-        for sign in (1, -1)
-    )
-    divisor = f"({' '.join(below)})" if len(below) > 1 else "".join(below)
-    return (" ".join(above) or "1") + (f"/{divisor}" if divisor else "")
 
 
 @lru_cache(maxsize=256)
