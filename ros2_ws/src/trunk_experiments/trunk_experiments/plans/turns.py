@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import NamedTuple
 
-from trunk_msgs_util.parameters.quantity import number_in
-from trunk_msgs_util.parameters.unit_symbols import UnitError
+from trunk_msgs_util.parameters.in_si import number_in
+from trunk_msgs_util.parameters.quantity_text import UnitError
 
 from ..errors import PlanError
 from .nodes import CONTROLLERS

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from trunk_msgs_util.parameters.declarations import ParameterError, declarations, unknown_name
-from trunk_msgs_util.parameters.unit_symbols import UnitError
+from trunk_msgs_util.parameters.quantity_text import UnitError
 
 from ..batch.limits import wrong_duration
 from ..errors import PlanError, StudyError

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from trunk_msgs_util.parameters.quantity import looks_like_quantity
-from trunk_msgs_util.parameters.unit_symbols import UnitError
+from trunk_msgs_util.parameters.quantity_text import UnitError, looks_like_quantity
 
 from ..errors import StudyError
 from .study import Scalar

@@ -6,9 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from trunk_msgs_util.parameters.declarations import declarations, values_of
-from trunk_msgs_util.parameters.in_si import units_of
-from trunk_msgs_util.parameters.quantity import looks_like_quantity, read_quantity
-from trunk_msgs_util.parameters.unit_symbols import UnitError
+from trunk_msgs_util.parameters.in_si import read_quantity, units_of
+from trunk_msgs_util.parameters.quantity_text import UnitError, looks_like_quantity
 
 from ..plans.nodes import NODES
 from .study import Contender, Study, Target, Variable

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 from ..errors import TrunkError
 from ..values import Value as Value
+from .quantity_text import looks_like_quantity
 
 Config = TypeVar("Config")
 
@@ -150,8 +151,6 @@ def _plain(declaration: Declaration, value: object) -> str:
     """Return, for a number with a unit, why it is not taken: ROS 2 knows no units."""
     if not declaration.kind.startswith("double") or not isinstance(value, str):
         return ""
-    from .quantity import looks_like_quantity  # only after a mistake: nodes do without it
-
     if not looks_like_quantity(value):
         return ""
     return f"; only trunk reads units: give a plain number{' in ' * bool(declaration.unit)}{declaration.unit}"

@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from .declarations import Declaration, ParameterError
-from .quantity import looks_like_quantity, read_quantity
-from .unit_symbols import UnitError
+from .quantity_text import UnitError, looks_like_quantity
 
 
 def in_si(declared: Mapping[str, Declaration], values: Mapping[str, object]) -> dict[str, object]:
@@ -67,6 +66,24 @@ def units_of(
     if declaration.length is not None:
         return tuple((unit,) for unit in declaration.unit.split(", "))
     return ((declaration.unit,),)
+
+
+def number_in(text: str | float, unit: str) -> float:
+    """Return what was given for a number in a unit: a number, its text, or a text with a unit.
+
+    Raises UnitError.
+    """
+    try:
+        return float(text)
+    except ValueError:
+        return read_quantity(str(text), unit)
+
+
+def read_quantity(text: str, *units: str) -> float:
+    """Return `quantity.read_quantity`'s number; that module is loaded for the first one."""
+    from . import quantity
+
+    return quantity.read_quantity(text, *units)
 
 
 def _converted(declaration: Declaration, value: object, units: Sequence[Sequence[str]]) -> object:

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import math
-import re
 from fractions import Fraction
 from typing import NamedTuple
 
-from .unit_symbols import Unit, UnitError, named, named_in, parse_unit
+from .quantity_text import QUANTITY, UnitError
+from .unit_symbols import Unit, named, named_in, parse_unit
 
 _LONGEST = 100  # letters
 _LARGEST_EXPONENT = 400
-_QUANTITY = re.compile(
-    r"\s*([-+]?)(?:\.?(inf)(?=\s)|((?:\d+\.?\d*|\.\d+)(?:[eE]([-+]?\d+))?)(?![\d.]))\s*(\S.*)",
-    re.ASCII | re.DOTALL,
-)
-# Enough digits that no double of a number of 100 letters depends on the next ones.
+# Far more digits than the rounding of a result can depend on.
 _PI = Fraction(
     "3.1415926535897932384626433832795028841971693993751058209749445923078164062862089986280348253"
     "421170679821480865132823066470938446095505822317253594081284811174502841027019385211055596446"
@@ -53,26 +49,13 @@ class Quantity(NamedTuple):
         return self.sign * found
 
 
-def looks_like_quantity(text: str) -> bool:
-    """Return True for a text that begins with a number and is not one by itself."""
-    return _QUANTITY.match(text) is not None and not _is_plain(text)
-
-
-def _is_plain(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
 def parse_quantity(text: str) -> Quantity:
     """Return a number with its unit. Raises UnitError."""
     if len(text) > _LONGEST:
         raise UnitError(f"it has {len(text)} letters: at most {_LONGEST} are read")
-    found = _QUANTITY.match(text)
+    found = QUANTITY.match(text)
     if found is None:
-        raise UnitError("it is not a number with a unit, such as 100 ms")
+        raise UnitError("it is not a number, with or without a unit")
     sign, infinite, digits, exponent, unit = found.groups()
     if exponent and abs(int(exponent)) > _LARGEST_EXPONENT:
         raise UnitError("it is beyond what a double can hold")
@@ -94,19 +77,6 @@ def read_quantity(text: str, *units: str) -> float:
         if wanted.dimension == found.unit.dimension:
             return found.within(wanted)
     raise UnitError(f"it is {named(found.written)}; {needed(*units)}")
-
-
-def number_in(text: str | float, unit: str) -> float:
-    """Return what was given for a number in a unit: a number, its text, or a text with a unit.
-
-    Raises UnitError.
-    """
-    if isinstance(text, str) and looks_like_quantity(text):
-        return read_quantity(text, unit)
-    try:
-        return float(text)
-    except ValueError:
-        raise UnitError(f"it is not a number; {needed(unit)}") from None
 
 
 def needed(*units: str) -> str:

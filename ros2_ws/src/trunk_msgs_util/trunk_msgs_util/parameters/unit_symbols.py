@@ -13,16 +13,12 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import NamedTuple
 
-from ..errors import TrunkError
+from .quantity_text import UnitError
 
 _LONGEST = 60  # letters of a unit
 _TOKEN = re.compile(r"\s*(?:([A-Za-zµμ]+|[°%])|(\*\*|\^)\s*(-?\d+)|([²³])|([1*·×/()])|(\S))")
 _SUPERSCRIPTS = {"²": 2, "³": 3}
 _LARGEST_POWER = 9
-
-
-class UnitError(TrunkError):
-    """A value with a unit that cannot be used: what is wrong, and what to write."""
 
 
 class Dimension(NamedTuple):
