@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from trunk_experiments.cli import trunk
 from trunk_experiments.errors import PlanError
 from trunk_experiments.live.parameters import said_of
+from trunk_experiments.plans.files import parse_setting, shipped_files
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.turns import parse_swap
@@ -23,7 +24,7 @@ from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.parameters.declarations import ParameterError, declarations, values_of
 from trunk_msgs_util.parameters.files import ParameterFileError, parse, read
 from trunk_msgs_util.parameters.in_si import in_si, units_of
-from trunk_msgs_util.parameters.unit_symbols import Unit, parse_unit
+from trunk_msgs_util.parameters.unit_symbols import SYMBOLS, Unit, parse_unit
 
 NUMERIC = [
     (node, declaration)
@@ -132,6 +133,19 @@ def test_files_settings_and_options_take_units(tmp_path):
     assert plain.disturbance == plan.disturbance
 
 
+@given(
+    st.floats(allow_nan=False, allow_infinity=False),
+    st.sampled_from(["", " "]),
+    st.sampled_from([*SYMBOLS, "1/s^2", "/s^2", "N m/(rad s)", "N*m/rad", "N m s/rad"]),
+)
+def test_yaml_leaves_a_number_with_a_unit_as_text(number, space, unit):
+    text = f"{number!r}{space}{unit}"
+    (section,) = parse_setting(f"simulator.sensor.delay=[{text}]").sections
+    assert section.values == {"sensor.delay": [text]}
+    (section,) = parse_setting(f"simulator.sensor.delay={text}").sections
+    assert section.values == {"sensor.delay": text}
+
+
 def test_a_mistake_in_a_file_names_file_node_parameter_value_and_unit(tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text("simulator: {ros__parameters: {sensor.delay: 5 kg}}")
@@ -207,8 +221,6 @@ def test_a_file_for_a_running_node_takes_units():
 
 def test_shipped_files_are_plain_for_nodes():
     """They are given to nodes by --params-file as well, and ROS 2 knows no units."""
-    from trunk_experiments.plans.files import shipped_files
-
     for path in shipped_files().values():
         for section in read(path).sections:
             for node in (section.last_token,) if section.last_token in NODES else NODES:
