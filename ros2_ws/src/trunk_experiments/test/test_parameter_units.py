@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from trunk_experiments.cli import trunk
 from trunk_experiments.errors import PlanError
-from trunk_experiments.live.parameters import said_of
+from trunk_experiments.live.parameters import choosers_of, said_in_si
 from trunk_experiments.plans.files import parse_setting, shipped_files
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import make_plan
@@ -22,7 +22,7 @@ from trunk_experiments.plans.turns import parse_swap
 from trunk_experiments.runs.launching import ARGUMENTS, launch_plan
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.parameters.declarations import ParameterError, declarations, values_of
-from trunk_msgs_util.parameters.files import ParameterFileError, parse, read
+from trunk_msgs_util.parameters.files import ParameterFileError, read
 from trunk_msgs_util.parameters.in_si import in_si, units_of
 from trunk_msgs_util.parameters.unit_symbols import SYMBOLS, Unit, parse_unit
 
@@ -211,12 +211,22 @@ def test_options_of_verbs_take_units(tmp_path):
 
 
 def test_a_file_for_a_running_node_takes_units():
-    layer = parse("pid: {ros__parameters: {gains.p: 50 N m/rad, joint: 5 m}}", "mine.yaml")
-    declared = list(declarations(NODES["pid"].config))
-    assert said_of("/pid", layer, declared) == {"gains.p": 50.0, "joint": "5 m"}
-    wrong = parse("pid: {ros__parameters: {gains.p: 50 N m}}", "mine.yaml")
-    with pytest.raises(TrunkError, match=r"^mine\.yaml: /pid: parameter 'gains\.p': '50 N m'"):
-        said_of("/pid", wrong, declared)
+    said = {"gains.p": "50 N m/rad", "joint": "5 m"}
+    assert said_in_si("/pid", "mine.yaml", said, {}) == {"gains.p": 50.0, "joint": "5 m"}
+    assert said_in_si("/another/name", "mine.yaml", said, {}) == said
+    with pytest.raises(TrunkError, match=r"^mine\.yaml: /pid: parameter 'gains\.p': '50 N m' is"):
+        said_in_si("/pid", "mine.yaml", {"gains.p": "50 N m"}, {})
+
+
+def test_what_a_running_node_has_chooses_the_unit():
+    said = {"pulse.magnitude": "50 N", "sine.frequency": "1 Hz"}
+    assert choosers_of("/left/disturbance", said) == ["pulse.channel"]
+    present = {"pulse.channel": "hip_effort"}
+    assert said_in_si("/disturbance", "mine.yaml", said, present)["pulse.magnitude"] == 50.0
+    with pytest.raises(TrunkError, match="it is a force; an angle in rad is needed"):
+        said_in_si("/disturbance", "mine.yaml", said, {"pulse.channel": "trunk_position"})
+    both = {**said, "pulse.channel": "hip_effort"}
+    assert said_in_si("/disturbance", "mine.yaml", both, {"pulse.channel": "trunk_position"})
 
 
 def test_shipped_files_are_plain_for_nodes():

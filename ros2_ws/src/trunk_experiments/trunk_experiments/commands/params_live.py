@@ -42,7 +42,7 @@ def apply(node: str, file: str, namespace: str, timeout: float, dry_run: bool) -
     from trunk_msgs_util.parameters.files import read
 
     from ..errors import LiveParametersError
-    from ..live.parameters import differences, full_name, said_of
+    from ..live.parameters import choosers_of, differences, full_name, said_in_si, said_of
     from ..plans.files import find_file
     from ..plans.given import checked_namespace
 
@@ -51,7 +51,9 @@ def apply(node: str, file: str, namespace: str, timeout: float, dry_run: bool) -
 
     with LiveParameters(name, timeout) as parameters:
         said = said_of(name, layer, parameters.names())
-        present, fixed = parameters.values(list(said)), parameters.fixed(list(said))
+        present = parameters.values([*said, *choosers_of(name, said)])
+        fixed = parameters.fixed(list(said))
+        said = said_in_si(name, layer.source, said, present)
         changes = differences(said, present, fixed)
         refused = [change for change in changes if change.fixed]
         if refused and not dry_run:
@@ -76,7 +78,7 @@ def set_values(
     NODE is a node's name, such as pid or /robot2/pid; VALUE is written as in a parameter file. What the node
     refuses it says in its own words, and nothing has changed.
     """
-    from ..live.parameters import differences, full_name
+    from ..live.parameters import choosers_of, differences, full_name, said_in_si
     from ..plans.given import checked_namespace, settings_of
 
     wanted: Mapping[str, object] = settings_of(settings)
@@ -84,8 +86,9 @@ def set_values(
     from ..live.parameters_node import LiveParameters
 
     with LiveParameters(name, timeout) as parameters:
-        present = parameters.values(list(wanted))
+        present = parameters.values([*wanted, *choosers_of(name, wanted)])
         fixed = parameters.fixed(list(wanted)) if dry_run else ()
+        wanted = said_in_si(name, "params set", wanted, present)
         changes = differences(wanted, present, fixed)
         if changes and not dry_run:
             parameters.set_together({change.name: change.new for change in changes})

@@ -8,13 +8,14 @@ from typing import NamedTuple
 import yaml
 
 from trunk_msgs_util.parameters.declarations import (
+    Declaration,
     ParameterError,
     declarations,
     of_every_node,
     unknown_name,
 )
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
-from trunk_msgs_util.parameters.in_si import in_si
+from trunk_msgs_util.parameters.in_si import in_si, written_with_units
 
 from ..plans.nodes import NODES
 
@@ -53,9 +54,8 @@ def full_name(node: str, namespace: str = "") -> str:
 def said_of(node: str, layer: Layer, declared: Sequence[str]) -> dict[str, object]:
     """Return a file's values for a node (fully qualified name) that declares these parameters.
 
-    Numbers with units are in SI units then, if the node has the name of one of the project's.
     Raises ParameterFileError if no section applies to the node, and for an undeclared name in a section
-    that names the node (a wildcard section may be meant for other nodes), or a unit that does not fit.
+    that names the node; a wildcard section may be meant for other nodes.
     """
     sections = [section for section in layer.sections if section.matches(node)]
     if not sections:
@@ -68,12 +68,34 @@ def said_of(node: str, layer: Layer, declared: Sequence[str]) -> dict[str, objec
                     f"{layer.source}: {section.pattern}: parameter {name!r}: "
                     f"{unknown_name(name, declared)}"
                 )
-    said = resolve(node, [layer], declared)
-    kind = NODES.get(node.rsplit("/", 1)[-1])
+    return resolve(node, [layer], declared)
+
+
+def choosers_of(node: str, said: Mapping[str, object]) -> list[str]:
+    """Return the parameters of a node that choose the units of those that a file sets with units."""
+    declared = _declared(node)
+    written = written_with_units(declared, said)
+    chosen = (declared[name].unit_by for name in said if name in written)
+    return list(dict.fromkeys(filter(None, chosen)))
+
+
+def said_in_si(
+    node: str, source: str, said: Mapping[str, object], present: Mapping[str, object]
+) -> dict[str, object]:
+    """Return a file's values with numbers that have units in SI units.
+
+    That is for nodes with one of the project's names; what others get, they judge. ``present``: the node's
+    values, also of what `choosers_of` names. Raises ParameterFileError for a unit that does not fit.
+    """
     try:
-        return said if kind is None else in_si(declarations(kind.config), said)
+        return in_si(_declared(node), said, present)
     except ParameterError as error:
-        raise ParameterFileError(f"{layer.source}: {node}: {error}") from None
+        raise ParameterFileError(f"{source}: {node}: {error}") from None
+
+
+def _declared(node: str) -> Mapping[str, Declaration]:
+    kind = NODES.get(node.rsplit("/", 1)[-1])
+    return {} if kind is None else declarations(kind.config)
 
 
 def differences(

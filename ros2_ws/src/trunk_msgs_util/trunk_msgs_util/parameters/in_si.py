@@ -11,16 +11,22 @@ from .declarations import Declaration, ParameterError
 from .quantity_text import UnitError, looks_like_quantity
 
 
-def in_si(declared: Mapping[str, Declaration], values: Mapping[str, object]) -> dict[str, object]:
+def in_si(
+    declared: Mapping[str, Declaration],
+    values: Mapping[str, object],
+    present: Mapping[str, object] | None = None,
+) -> dict[str, object]:
     """Return a node's values with each number that has a unit in the declaration's SI unit.
 
+    ``present``: what a running node has for parameters that choose a unit, in place of the defaults.
     Raises ParameterError for a unit that there is not, or of another dimension. Everything else is
     returned as it is, for `declarations.build` to check.
     """
     written = written_with_units(declared, values)
     if not written:
         return dict(values)
-    complete = {**{name: one.default for name, one in declared.items()}, **values}
+    defaults = {name: one.default for name, one in declared.items()}
+    complete = {**defaults, **(present or {}), **values}
     return {
         name: _converted(declared[name], value, units_of(declared[name], complete))
         if name in written

@@ -92,7 +92,7 @@ SYMBOLS: dict[str, Unit] = {
 _WORDS = {
     "sec": "s", "second": "s", "msec": "ms", "minute": "min", "hour": "h", "hr": "h",
     "metre": "m", "meter": "m", "gram": "g", "kilogram": "kg", "kilo": "kg",
-    "degree": "deg", "grad": "deg", "radian": "rad", "turn": "rev", "revolution": "rev",
+    "degree": "deg", "radian": "rad", "turn": "rev", "revolution": "rev",
     "newton": "N", "hertz": "Hz", "cps": "Hz", "percent": "%",
 }  # fmt: skip
 _NAMES = {
