@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from rcl_interfaces.srv import GetParameters
-from rclpy.parameter import parameter_value_to_python
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.parameter import Parameter, parameter_value_to_python
 
 from .peer import Peer
 from .processes import Children
@@ -111,4 +111,33 @@ def test_mistakes_are_reported_in_one_line(
         assert (found, said) == (code, []), line
         for text in texts:
             assert text in line
+    assert node.stop() == 0, node.stderr
+
+
+def test_numbers_with_units_are_set_in_si(
+    children: Children, peer: Peer, apply: Apply, tmp_path: Path
+) -> None:
+    node = children.node("disturbance", "pulse.channel:=hip_effort")
+    peer.until_up("disturbance")
+    file = tmp_path / "mine.yaml"
+    file.write_text(
+        "disturbance:\n  ros__parameters: {pulse: {magnitude: 50 N, duration: 50 ms}}\n"
+    )
+    assert apply("disturbance", file)[0] == 0
+    assert values(peer, "disturbance", "pulse.magnitude", "pulse.duration") == [50.0, 0.05]
+    # The node's own channel chooses the unit.
+    file.write_text(
+        "disturbance:\n  ros__parameters: {pulse.magnitude: 5 deg, pulse.duration: 0.1}\n"
+    )
+    code, said, (line,) = apply("disturbance", file)
+    assert (code, said) == (2, [])
+    assert (
+        "/disturbance: parameter 'pulse.magnitude': '5 deg' is not allowed: it is an angle" in line
+    )
+    # By itself the node knows no units.
+    sent = Parameter("pulse.duration", value="50 ms").to_parameter_msg()
+    (result,) = peer.call(SetParameters, "/disturbance/set_parameters", parameters=[sent]).results
+    assert not result.successful
+    assert result.reason.endswith("only trunk reads units: give a plain number in s")
+    assert values(peer, "disturbance", "pulse.duration") == [0.05]
     assert node.stop() == 0, node.stderr
