@@ -107,6 +107,7 @@ REFUSED = {
     "an angular speed is no frequency": ("60rpm", "Hz", "it is an angular speed; a frequency"),
     "a ratio is no time": ("50%", "s", "it is a ratio; a time"),
     "a unit where there is none": ("5 s", "", "a plain number is needed, or a percentage"),
+    "a declared unit that is not known": ("5 V", "V", "does not convert to 'V': give a plain"),
     "a word": ("5 seconds", "s", "there is no unit 'seconds' (did you mean 's'?); a time in s"),
     "another case": ("5 KHZ", "Hz", "no unit 'KHZ' (did you mean 'kHz'?)"),
     "something else": ("5 parsecs", "m", "there is no unit 'parsecs'; a length in m is needed"),

@@ -68,15 +68,23 @@ def read_quantity(text: str, *units: str) -> float:
 
     Raises UnitError: why the text is not allowed, and what is.
     """
+    asked = [_declared(unit) for unit in units]
     try:
         found = parse_quantity(text)
     except UnitError as error:
         raise UnitError(f"{error}; {needed(*units)}") from None
-    for unit in units:
-        wanted = parse_unit(unit or "1")
-        if wanted.dimension == found.unit.dimension:
-            return found.within(wanted)
+    for unit in asked:
+        if unit.dimension == found.unit.dimension:
+            return found.within(unit)
     raise UnitError(f"it is {named(found.written)}; {needed(*units)}")
+
+
+def _declared(unit: str) -> Unit:
+    """Return the unit of a declaration; a controller from another package may have any."""
+    try:
+        return parse_unit(unit or "1")
+    except UnitError:
+        raise UnitError(f"trunk does not convert to {unit!r}: give a plain number") from None
 
 
 def needed(*units: str) -> str:
