@@ -17,7 +17,6 @@ from trunk_msgs_util.parameters.declarations import (
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
 from trunk_msgs_util.parameters.in_si import in_si, written_with_units
 
-from ..plans.nodes import NODES
 
 from ..errors import PlanError
 
@@ -73,6 +72,8 @@ def said_of(node: str, layer: Layer, declared: Sequence[str]) -> dict[str, objec
 
 def choosers_of(node: str, said: Mapping[str, object]) -> list[str]:
     """Return the parameters of a node that choose the units of those that a file sets with units."""
+    if not _have_text(said):  # as usual: then nothing is looked up
+        return []
     declared = _declared(node)
     written = written_with_units(declared, said)
     chosen = (declared[name].unit_by for name in said if name in written)
@@ -87,13 +88,26 @@ def said_in_si(
     That is for nodes with one of the project's names; what others get, they judge. ``present``: the node's
     values, also of what `choosers_of` names. Raises ParameterFileError for a unit that does not fit.
     """
+    if not _have_text(said):
+        return dict(said)
     try:
         return in_si(_declared(node), said, present)
     except ParameterError as error:
         raise ParameterFileError(f"{source}: {node}: {error}") from None
 
 
+def _have_text(said: Mapping[str, object]) -> bool:
+    """Return True if a value is, or holds, a text: that may be a number with a unit."""
+    return any(
+        isinstance(one, str)
+        for value in said.values()
+        for one in (value if isinstance(value, list | tuple) else [value])
+    )
+
+
 def _declared(node: str) -> Mapping[str, Declaration]:
+    from ..plans.nodes import NODES
+
     kind = NODES.get(node.rsplit("/", 1)[-1])
     return {} if kind is None else declarations(kind.config)
 
