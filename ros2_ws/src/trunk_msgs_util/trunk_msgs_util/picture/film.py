@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from math import isfinite
 
 from ..samples import JointSample
 from ..topics import MARKERS, ROBOT_DESCRIPTION, TF
 from ..units import NANOSECONDS
 from . import messages
-from .shapes import FAR, Geometry, Scene, shapes
+from .shapes import Geometry, Scene, is_drawn, shapes
 from .urdf import urdf
 
 RATE = 30.0  # Hz
@@ -59,7 +58,7 @@ class Film:
         if scene is None:
             return
         yield MARKERS, messages.markers(shapes(self._geometry, scene), log_ns)
-        if abs(scene.x) <= FAR and isfinite(scene.theta):
+        if is_drawn(self._geometry, scene):
             yield TF, messages.transforms(self._geometry, scene.x, scene.theta, log_ns)
 
 

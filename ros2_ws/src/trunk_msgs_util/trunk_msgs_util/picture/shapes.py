@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from math import cos, floor, isfinite, sin, tanh
 
+from ..elementary import LARGEST_ANGLE
 from ..mechanics import Body, path_height
 
 _BODY = Body()
@@ -97,9 +98,15 @@ class Scene:
     trunk_disturbed: bool = False
 
 
+def is_drawn(geometry: Geometry, scene: Scene) -> bool:
+    """Return True if a scene has a place: not too far, and where the sine of its path is known."""
+    along = abs(geometry.wavenumber) * (abs(scene.x) + _PATH_REACH + _PATH_STEP)
+    return abs(scene.x) <= FAR and along <= LARGEST_ANGLE and isfinite(scene.theta)
+
+
 def shapes(geometry: Geometry, scene: Scene) -> list[Shape]:
-    """Return the picture, always the same shapes in the same order; empty without a finite position."""
-    if not (abs(scene.x) <= FAR and isfinite(scene.theta)):  # the outlines of nothing
+    """Return the picture, always the same shapes in the same order; empty where it `is_drawn` not."""
+    if not is_drawn(geometry, scene):  # the outlines of nothing
         return [replace(shape, points=()) for shape in shapes(geometry, Scene(0.0, 0.0))]
     hip = geometry.hip(scene.x)
     mass = geometry.mass(scene.x, scene.theta)
