@@ -85,6 +85,7 @@ def test_only_what_should_be_equal_is_told_in_ulps(tmp_path):
         ("pid/state", "position[kd]", " N m s/rad"),
         ("pid/state", "position[alpha]", ""),
         ("pid/state", "position[i_term]", " N m"),
+        ("own/state", "position[adapted]", ""),
     ],
 )
 def test_differences_of_other_plans_have_their_unit(topic, field, unit):

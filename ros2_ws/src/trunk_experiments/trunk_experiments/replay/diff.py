@@ -41,7 +41,7 @@ _UNITS_OF_TERMS = {
     "kp": "N m/rad",
     "ki": "N m/(rad s)",
     "kd": "N m s/rad",
-    "alpha": "",
+    **dict.fromkeys(("p_term", "i_term", "d_term", "unsaturated", "effort"), "N m"),
 }
 
 
@@ -155,7 +155,7 @@ def _unit(topic: str, field: str, hip: str) -> str:
     """Return the unit of a value, with the space before it: ``position[trunk]`` of a state is in rad."""
     quantity, _, name = field.removesuffix("]").partition("[")
     if topics.is_controller_state(topic):
-        unit = _UNITS_OF_TERMS.get(name, "N m")
+        unit = _UNITS_OF_TERMS.get(name, "")  # nothing is known of a law's own terms
     else:
         unit = _UNITS[quantity][name == hip]
     return f" {unit}" if unit else ""
