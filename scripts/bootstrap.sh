@@ -119,22 +119,25 @@ install_pins() {
 # SIGTERM are blocked until the program can handle them: see early_signals.py. setuptools' own would look the
 # function up among all that is installed, which takes as long as the rest of `trunk --help`.
 launcher() { # PACKAGE NAME
+    local target
+    target=$(sed -n '/^\[console_scripts\]/,/^\[/s/^'"$2"' = //p' "ros2_ws/build/$1/$1.egg-info/entry_points.txt")
+    [[ $target == *:* ]] || die "package $1 does not say what its executable $2 calls"
     cat <<END
 #!/bin/sh
 '''exec' $held"$venv_python" "\$0" "\$@"
 ' '''
 import sys
 
-from $1.executables import $2
+from ${target%:*} import ${target#*:} as main
 
 if __name__ == "__main__":
-    sys.exit($2())
+    sys.exit(main())
 END
 }
 
 build() {
     say 'building ros2_ws'
-    local key script venv_python=$root/.venv/bin/python
+    local key script text venv_python=$root/.venv/bin/python
     key=$(workspace_key)
     rm -f ros2_ws/install/.built
     (
@@ -146,7 +149,8 @@ build() {
     local held=''
     if env --block-signal=INT,TERM true 2>/dev/null; then held='env --block-signal=INT,TERM '; fi
     for script in ros2_ws/install/*/lib/trunk_*/*; do
-        launcher "$(basename "$(dirname "$script")")" "$(basename "$script")" >"$script"
+        text=$(launcher "$(basename "$(dirname "$script")")" "$(basename "$script")")
+        printf '%s\n' "$text" >"$script"
     done
     ln -sfn ../../ros2_ws/install/trunk_experiments/lib/trunk_experiments/trunk .venv/bin/trunk
     printf '%s\n' "$key" >ros2_ws/install/.built
