@@ -7,6 +7,8 @@ from dataclasses import replace
 import pytest
 
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded import run
+from trunk_experiments.replay import verify as verify_module
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_experiments.runs.offline import steps
 from trunk_experiments.runs.offline_recording import record_offline, record_steps
@@ -76,8 +78,18 @@ def test_a_run_in_which_our_controller_is_known_is_not_a_strangers(tmp_path):
     record_steps(PLAN, taken, tmp_path / "renamed.mcap", ("stranger",))
     verdict = verify(Recording.open(tmp_path / "renamed.mcap"))
     assert verdict.exit_code == UNJUDGED
-    assert verdict.obstacles == ["no known controller's state is recorded (found: stranger)"]
+    assert verdict.obstacles == ["stranger is not known here: install the package that has it"]
     assert verify(Recording.open(ours)).exit_code == VERIFIED
+
+
+def test_a_law_that_is_not_installed_is_not_a_stranger(tmp_path, monkeypatch):
+    """Its parameters are on record: with its package its commands can be judged."""
+    record_offline(PLAN, tmp_path / "ours.mcap")
+    for module in (run, verify_module):
+        monkeypatch.setattr(module, "CONTROLLERS", ())
+    verdict = verify(Recording.open(tmp_path / "ours.mcap"))
+    assert verdict.exit_code == UNJUDGED
+    assert not verdict.parts
 
 
 def test_the_origin_names_who_gave_the_commands(strangers, tmp_path):

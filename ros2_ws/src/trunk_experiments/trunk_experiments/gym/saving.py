@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 from trunk_control.decide import Answer
-from trunk_control.laws import law_named
-from trunk_control.pid import Gains, PidState, Terms, limited, pid_update
+from trunk_control.law import LawTerms
+from trunk_control.pid import Gains, PidState, limited, pid_update
 from trunk_control.reference import reference_at
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.samples import JointSample
@@ -21,6 +22,15 @@ from ..runs.offline_recording import record_steps
 from .task import Drawn, Task
 
 POLICY = "policy"  # who answers, in the recording
+
+
+class TorqueTerms(NamedTuple):
+    """What is recorded of a policy that gives torques; one that gives gains has the PID's terms."""
+
+    error: float  # rad
+    unsaturated: float  # N m, the action
+    effort: float  # N m, within the controller's limits
+    held: bool
 
 
 def save_episode(
@@ -52,7 +62,7 @@ def policy_steps(task: Task, plan: RunPlan, actions: Sequence[Floats]) -> Iterat
     last = step_count(plan.simulator.duration, plan.simulator.update_rate)
     every = task.regular.common.update_every
     policy = _Policy(task)
-    answer = Answer(True, 0.0, False, False, 0.0, law_named("pid").no_terms)
+    answer = Answer(True, 0.0, False, False, 0.0, TorqueTerms(0.0, 0.0, 0.0, False))
     while True:
         k, stamp_ns = simulation.step_index, simulation.stamp_ns
         acting = disturbances(stamp_ns)
@@ -83,14 +93,13 @@ class _Policy:
         reference = reference_at(measured.stamp_ns, self._task.regular.profile)
         angle, rate = measured.position[1], measured.velocity[1]
         given = [float(one) for one in action]
+        terms: LawTerms
         if self._task.by_gains:
             self._state, terms = pid_update(
                 self._state, reference, angle, rate, self._dt, Gains(*given), self._law
             )
         else:
             effort = limited(given[0], self._law)
-            terms = Terms(
-                reference - angle, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, given[0], effort, False
-            )
+            terms = TorqueTerms(reference - angle, given[0], effort, False)
         self._dt = self._later
         return Answer(True, terms.effort, True, False, reference, terms)

@@ -112,11 +112,14 @@ class RecordedRun:
 
     @cached_property
     def another_controller(self) -> bool:
-        """True if somebody whose law is not known gave an offline run's commands: the plant's inputs."""
-        told = set(self.controllers) & set(self.parameters)  # a law that is not installed here
-        ours = told or {*self.controllers, *self.parameters} & set(_usable())
+        """True if somebody without a law gave an offline run's commands: they are the plant's inputs.
+
+        A law has parameters on record, whether or not its package is installed here.
+        """
+        known = set(_usable()) & {*self.controllers, *self.parameters}
+        lawful = known or set(self.controllers) & set(self.parameters)
         plant = "simulator" in self.parameters
-        return self.mode == "offline" and plant and bool(self.controllers) and not ours
+        return self.mode == "offline" and plant and bool(self.controllers) and not lawful
 
     @cached_property
     def judgeable(self) -> Sequence[str]:

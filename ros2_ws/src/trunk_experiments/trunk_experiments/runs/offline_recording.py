@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from trunk_control.decide import Answer, state_record
-from trunk_control.laws import law_named
+from trunk_control.law import names_of_record
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
@@ -190,9 +190,7 @@ class _OfflineRecorder:
             values = state_record(answer, step.measured.position[joints.index(joint)])
             self._sample(
                 topics.controller_state(step.controller),
-                JointSample(
-                    step.stamp_ns, law_named(step.controller).record_names, position=values
-                ),
+                JointSample(step.stamp_ns, names_of_record(answer.terms), position=values),
             )
 
     def _disturbance(self, stamp_ns: int) -> None:
