@@ -17,7 +17,6 @@ from trunk_msgs_util.parameters.declarations import (
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
 from trunk_msgs_util.parameters.in_si import in_si, written_with_units
 
-
 from ..errors import PlanError
 
 
