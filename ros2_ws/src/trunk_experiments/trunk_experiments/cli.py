@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import sys
+from contextlib import suppress
 from importlib import import_module
 from typing import TextIO, cast
 
@@ -68,7 +69,6 @@ class _Lazy(click.Group):
                 f"no verb {cmd_name!r}: trunk --help lists them all{did_you_mean(cmd_name, _VERBS)}"
             )
         module = import_module(f".commands.{_VERBS[cmd_name][0]}", __package__)
-        _tell_unusable()
         command: click.Command = module.command
         return command
 
@@ -116,13 +116,15 @@ def main() -> None:
     try:
         _run()
     finally:
+        with suppress(ValueError):  # stderr was closed for a reader that is gone
+            _tell_unusable()
         sys.stdout, sys.stderr = out, err
 
 
 def _run() -> None:
     try:
         # What a verb passes to ctx.exit comes back as a value.
-        code = trunk(prog_name="trunk", standalone_mode=False)
+        code = trunk(standalone_mode=False)
         sys.exit(code if isinstance(code, int) else 0)
     except click.exceptions.Exit as stop:
         sys.exit(stop.exit_code)
@@ -157,5 +159,8 @@ def _usage_text(error: click.ClickException) -> str:
     text = error.format_message().rstrip(".")
     if not isinstance(error, click.UsageError):
         return text
-    verb = next((f"trunk {word}" for word in sys.argv[1:2] if word in _VERBS), "trunk")
-    return f"{text} (see {error.ctx.command_path if error.ctx else verb} --help)"
+    if error.ctx is not None:
+        words = error.ctx.command_path.split()[1:]  # the program may have been started by any name
+    else:
+        words = [word for word in sys.argv[1:2] if word in _VERBS]
+    return f"{text} (see {' '.join(['trunk', *words, '--help'])})"

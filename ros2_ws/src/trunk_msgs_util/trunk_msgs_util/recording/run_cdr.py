@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _HEAD = b"\x00\x01\x00\x00"  # CDR, little-endian, no options
+_ODD = "not plainly as ROS 2 writes it"
 _STAMP, _COUNT = struct.Struct("<iI"), struct.Struct("<I")
 _INTEGER, _DOUBLE = struct.Struct("<q"), struct.Struct("<d")
 
@@ -38,16 +39,12 @@ class Parameters(NamedTuple):
     changed: list[tuple[str, int, tuple[Any, ...]]]
 
 
-class _OddError(Exception):
-    """Not plainly as ROS 2 writes it."""
-
-
 class _Cursor:
     """A place in a message; numbers are aligned to their size, counted from after the head."""
 
     def __init__(self, data: bytes) -> None:
         if data[:4] != _HEAD:
-            raise _OddError
+            raise ValueError(_ODD)
         self._data = data
         self._at = 4
 
@@ -64,7 +61,7 @@ class _Cursor:
     def truth(self) -> bool:
         found = self.byte()
         if found > 1:
-            raise _OddError
+            raise ValueError(_ODD)
         return bool(found)
 
     def integer(self) -> int:
@@ -77,7 +74,7 @@ class _Cursor:
         count = self.number(_COUNT, 4)
         end = self._at + count
         if not count or end > len(self._data) or self._data[end - 1]:
-            raise _OddError
+            raise ValueError(_ODD)
         found = self._data[self._at : end - 1].decode()
         self._at = end
         return found
@@ -85,7 +82,7 @@ class _Cursor:
     def several(self, one: Callable[[], Any]) -> list[Any]:
         count = self.number(_COUNT, 4)
         if count > len(self._data) - self._at:  # each takes a byte or more
-            raise _OddError
+            raise ValueError(_ODD)
         return [one() for _ in range(count)]
 
     def parameter(self) -> tuple[str, int, tuple[Any, ...]]:
@@ -96,7 +93,7 @@ class _Cursor:
 
     def end(self) -> None:
         if self._at != len(self._data):
-            raise _OddError
+            raise ValueError(_ODD)
 
 
 def diagnostic_array(data: bytes) -> Status | None:
@@ -111,7 +108,7 @@ def diagnostic_array(data: bytes) -> Status | None:
         cursor.text()  # hardware_id
         pairs = cursor.several(lambda: (cursor.text(), cursor.text()))
         cursor.end()
-    except (_OddError, struct.error, IndexError, UnicodeDecodeError):
+    except (ValueError, struct.error, IndexError):
         return None
     return Status(sec, nanosec, level, name, message, pairs)
 
@@ -124,6 +121,6 @@ def parameter_event(data: bytes) -> Parameters | None:
         node = cursor.text()
         new, changed, _ = (cursor.several(cursor.parameter) for _ in range(3))
         cursor.end()
-    except (_OddError, struct.error, IndexError, UnicodeDecodeError):
+    except (ValueError, struct.error, IndexError):
         return None
     return Parameters(sec, nanosec, node, new, changed)
