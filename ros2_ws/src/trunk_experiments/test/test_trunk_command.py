@@ -184,7 +184,10 @@ def test_a_mistake_gives_one_line(arguments, code, says, tmp_path):
         (("list", "rnus"), "No such command 'rnus'. Did you mean 'runs'? (see trunk list --help)"),
         (
             ("simulate", "fig8", "--rate", "x"),
-            "Invalid value for '--rate': 'x' is not a valid float (see trunk simulate --help)",
+            (
+                "Invalid value for '--rate': 'x': it is not a number, with or without a unit; a frequency in Hz "
+                "is needed, such as 5 Hz or 5 kHz (see trunk simulate --help)"
+            ),
         ),
         (("--nothing",), "No such option '--nothing' (see trunk --help)"),
     ],
