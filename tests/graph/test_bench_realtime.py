@@ -22,7 +22,7 @@ def test_every_row(children: Children) -> None:
     assert bench.wait() in (0, 1), bench.stderr  # 1: a goal was missed, on a busy machine
     children.none_left()
     assert bench.stdout, bench.stderr
-    rows = json.loads(bench.stdout)
+    rows = json.loads(bench.stdout)["rows"]
     assert [(row["loop"], row["measure"]) for row in rows] == [
         (loop, measure) for loop in LOOPS for measure in MEASURES
     ]

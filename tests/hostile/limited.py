@@ -58,7 +58,7 @@ class Outcome(NamedTuple):
 
 
 def _is_ours(line: str) -> bool:
-    return line.startswith(("trunk: warning: ", "trunk: error: ")) or (not line.strip())
+    return line.startswith("trunk: ") or not line.strip()
 
 
 def load() -> None:

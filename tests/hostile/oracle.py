@@ -106,7 +106,7 @@ def wrong(path: Path, info: str, metrics: str, table: Path | None) -> list[str]:
         if read_back != expected:
             found.append("export has other angles than rosbags")
     if metrics and not limited:
-        most = json.loads(metrics)["theta_max_deg"]
+        most = json.loads(metrics)["metrics"]["theta_max_deg"]
         if angles and most != degrees(max(angle for _, angle in angles)):
             found.append(f"metrics: the largest angle is {most}")
     return found

@@ -1,10 +1,14 @@
 from __future__ import annotations
 
+import shutil
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
 
+from trunk_experiments.cli import main
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
@@ -61,3 +65,47 @@ def hostile_run(short_run, tmp_path):
     """Return a recording full of markup, in a file named like markup, and the words in it."""
     path = tmp_path / "<img src=x onerror=alert(4)>.mcap"
     return write_hostile(short_run("fig8", "fuzzy_pid"), path), WORDS
+
+
+STUDY = """
+scenario: fig6
+params: profile_practical
+rate: 200
+duration: 2.5
+controllers: [pid, lqr]
+set: {simulator.hip.mode: prescribed, simulator.path.amplitude: 0.03}
+vary:
+  delay: {parameter: simulator.sensor.delay, values: [0.0, 0.3]}
+  gain: {parameter: pid.gains.p, as: factor, values: [1.0, 1.5]}
+"""
+
+
+@pytest.fixture
+def command_says(monkeypatch, capfd):
+    """Return a function that runs ``trunk`` and returns its exit code, stdout and stderr.
+
+    What processes and libraries print is in them, too.
+    """
+
+    def run(*words):
+        monkeypatch.setattr(sys, "argv", ["trunk", *map(str, words)])
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as stop:
+            main()
+        captured = capfd.readouterr()
+        return stop.value.code or 0, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def recordings_here(tmp_path, monkeypatch, short_run):
+    """Go to a folder with two runs that fell, a sound one, two broken files and a study."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(short_run("fig8", "pid"), "a.mcap")
+    shutil.copy(short_run("fig8", "fuzzy_pid"), "b.mcap")
+    shutil.copy(short_run("fig6", "lqr"), "sound.mcap")
+    Path("cut.mcap").write_bytes(Path("a.mcap").read_bytes()[:-40_000])
+    Path("broken.mcap").write_bytes(b"nothing")
+    Path("study.yaml").write_text(STUDY)
+    return tmp_path

@@ -65,9 +65,10 @@ def whole(short_run, tmp_path_factory):
 
 
 def refused(code, out, err, path):
-    """Assert that a file was refused in one clear line."""
+    """Assert that a file was refused in one clear line, and with --json in a document, too."""
     *_, last = err.splitlines()
-    assert (code, out) == (2, "")
+    assert code == 2
+    assert not out or json.loads(out)["error"] in last
     assert err.count("trunk: error: ") == 1
     assert last.startswith("trunk: error: ")
     assert str(path) in last
@@ -81,7 +82,7 @@ def judge(trunk, path, whole):
     if code:
         refused(code, out, err, path)
         return False, err
-    assert json.loads(out)["theta_max_deg"] <= 180.0
+    assert json.loads(out)["metrics"]["theta_max_deg"] <= 180.0
     joints = Recording.open(path).joints(TRUTH)
     _, expected, _ = whole
     n = len(joints)
@@ -92,7 +93,7 @@ def judge(trunk, path, whole):
         refused(code, out, said, path)
         assert lines
         return False, err
-    complete = json.loads(out)["complete"]
+    complete = json.loads(out)["doubts"]["complete"]
     if not lines:  # no warning, so nothing is missing
         assert complete
         assert n == len(expected)
@@ -230,9 +231,9 @@ def test_doubled_topics_and_messages_count_once(whole, trunk, tmp_path, short_ru
     assert code == 0
     assert "recorded by foreign" in err
     twice = json.loads(out)
-    assert twice.pop("doubts")["complete"] is False
-    assert single.pop("doubts")["complete"] is True
-    assert twice == single
+    assert twice["doubts"]["complete"] is False
+    assert single["doubts"]["complete"] is True
+    assert twice["metrics"] == single["metrics"]
     code, out, _ = trunk("doctor", path)
     assert code == 1
     assert f"{TRUTH}, t = 0 s: the stamp appears twice" in out

@@ -89,7 +89,7 @@ def test_where_runs_diverge(runs, found, short_run):
 
 def test_json(runs):
     values = json.loads(invoke(*runs, "--json"))
-    assert values["runs"] == ["fig6-pid", "fig6-fuzzy_pid"]
+    assert [run["name"] for run in values["runs"]] == ["fig6-pid", "fig6-fuzzy_pid"]
     assert values["metrics"]["iae"]["best"] == ["fig6-pid"]
     assert values["first_divergence"]["fig6-fuzzy_pid"]["stamp_ns"] == 0
     assert values["parameters"]["controller"] == ["pid", "fuzzy_pid"]

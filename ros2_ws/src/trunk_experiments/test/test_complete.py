@@ -22,7 +22,7 @@ from trunk_experiments.runs.processes import find_executable
         (["plan", "fig8", "--params"], "pid_as", ["pid_as_printed"]),
         (["sweep"], "r", ["robustness"]),
         (["map"], "d", ["delay_gain"]),
-        (["list"], "s", ["scenarios", "studies"]),
+        (["list"], "s", ["scenarios", "schemas", "studies"]),
         (["simulat"], "f", []),
         (["params"], "s", ["set", "show", "simulator"]),
         (["params", "show"], "fuzzy_z", ["fuzzy_zhao_1993"]),

@@ -142,7 +142,7 @@ def test_a_fall_stands_first(tmp_path, told):
         code, out, _ = told(verb, path)
         assert (code, out.splitlines()[0]) == (0, "FELL: at t = 0 s, 30 degrees")
         values = json.loads(told(verb, "--json", path)[1])
-        assert values["doubts"]["fell_at_s"] == 0.0
+        assert values["doubts"]["fell"] == 0.0
     told_of = told("plot", path, "-o", tmp_path / "a.png")[2]
     assert "FELL: at t = 0 s" in told_of
 
@@ -155,7 +155,11 @@ def test_such_runs_are_never_the_best(short_run, tmp_path, told):
     found = json.loads(told("compare", "--json", late, sound, cut)[1])
     assert {name for one in found["metrics"].values() for name in one["best"]} == {sound.stem}
     found = json.loads(told("compare", "--json", late, sound, cut, down)[1])
-    assert [one["late_steps"] for one in found["doubts"].values()] == [1, 0, 0, 0]
+    assert {name for one in found["metrics"].values() for name in one["best"]} <= {sound.stem}
+    doubts = [one["doubts"] for one in found["runs"]]
+    assert [one["late"] and one["late"]["steps"] for one in doubts] == [1, None, 0, None]
+    assert [one["complete"] for one in doubts] == [True, True, False, True]
+    assert [one["fell"] for one in doubts] == [None, None, None, 0.0]
     out = told("compare", late, sound, cut, down)[1].splitlines()
     assert out[0].startswith("NOT RANKED: ")
     assert [line.split(":")[0] + ":" + line.split(":")[1] for line in out[1:4]] == [
@@ -180,14 +184,28 @@ def test_words():
         "FELL: at t = 1.06 s, -93 degrees",
         f"LATE: real time was not kept, 35 of 10000 steps late; {moved}",
     ]
-    assert found.as_values() == {
+    assert found.as_values("diverges") == {
         "complete": False,
+        "reason": "the disk is full",
         "ends_at_s": 0.5,
         "planned_s": 10.0,
-        "fell_at_s": 1.06,
-        "late_steps": 35,
-        "late_moved_deg": 140.2,
+        "fell": 1.06,
+        "fell_angle_deg": -93.2,
+        "late": {"steps": 35, "of": 10_000, "moved_deg": 140.2},
+        "judged": "diverges",
     }
+    assert Doubts().as_values() == {
+        "complete": True,
+        "reason": None,
+        "ends_at_s": None,
+        "planned_s": None,
+        "fell": None,
+        "fell_angle_deg": None,
+        "late": None,
+        "judged": None,
+    }
+    in_time = {"steps": 0, "of": 500, "moved_deg": 0.0}
+    assert Doubts(steps=500, moved_deg=0.0).as_values()["late"] == in_time
 
 
 def cut(source: Path, path: Path) -> Path:

@@ -46,12 +46,15 @@ def test_runs(short_run, tmp_path, told, monkeypatch):
     by_name = {row[0]: row for row in rows}
     assert by_name["two.mcap"][1:6] == ["fig8", "pid", "offline", "unjudged", "FELL"]
     assert "FELL" not in by_name["a/b/one.mcap"]
-    found = json.loads(told("runs", "--json", "a")[1])
-    assert [(one["path"], one["scenario"], one["error"]) for one in found] == [
-        ("a/b/one.mcap", "fig6", "")
+    found = json.loads(told("runs", "--json", "a")[1])["runs"]
+    assert [(one["file"], one["scenario"], one["error"]) for one in found] == [
+        ("a/b/one.mcap", "fig6", None)
     ]
-    started = [one["started"] for one in json.loads(told("runs", "--json")[1])]
+    found = json.loads(told("runs", "--json")[1])["runs"]
+    started = [one["started"] or "" for one in found]
     assert started == sorted(started, reverse=True)
+    assert found[-1]["file"] == "broken.mcap"
+    assert (found[-1]["error"] in err, found[-1]["doubts"]) == (True, None)
 
 
 def with_another_command(source, path):
@@ -106,8 +109,8 @@ def test_a_folder_with_metadata_is_one_run(short_run, tmp_path, told):
     for i in range(2):
         shutil.copy(short_run("fig8", "pid"), bag / f"part{i}.mcap")
     (bag / "metadata.yaml").write_text("")
-    (found,) = json.loads(told("runs", "--json", tmp_path)[1])
-    assert found["path"] == str(bag)
+    (found,) = json.loads(told("runs", "--json", tmp_path)[1])["runs"]
+    assert found["file"] == str(bag)
 
 
 def test_nothing_and_nowhere(tmp_path, told):
@@ -123,12 +126,14 @@ def test_nothing_and_nowhere(tmp_path, told):
         ("controllers", set(CONTROLLERS)),
         ("studies", {"delay_gain", "limit_pulse", "robustness"}),
         ("files", {*SCENARIOS, "pid_as_printed"}),
+        ("schemas", {"metrics-1", "error-1"}),
     ],
 )
 def test_what_is_shipped(told, what, names):
     code, out, _ = told(what)
     assert code == 0
-    found = json.loads(told(what, "--json")[1])
+    document = json.loads(told(what, "--json")[1])
+    found = document["controllers" if what == "controllers" else "files"]
     assert [line.split()[0] for line in out.splitlines()] == list(found)
     assert names <= found.keys()
     if what != "controllers":

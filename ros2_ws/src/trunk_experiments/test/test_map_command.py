@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from rich.console import Console
 
 from trunk_experiments.cli import trunk
-from trunk_experiments.console import reading
+from trunk_experiments.console import progress
 
 STUDY = """
 scenario: fig6
@@ -94,7 +94,8 @@ def test_a_terminal_shows_the_progress(here, monkeypatch):
     def terminal(**_):
         return Console(file=screen, force_terminal=True, width=100)
 
-    monkeypatch.setattr(reading, "console", terminal)
+    monkeypatch.setattr(progress, "console", terminal)
+    monkeypatch.setattr(progress, "_on_terminal", lambda: True)
     done, told = run("mine.yaml")
     assert done.exit_code == 0, told
     for text in ("runs", "Floquet multipliers", "100%"):

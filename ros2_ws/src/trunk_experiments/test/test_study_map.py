@@ -168,7 +168,7 @@ def test_compare_prints(path, form):
     assert done.exit_code == 0, done.output
     assert "fallen" in done.output
     if form == "--json":
-        assert json.loads(done.output)[0]["metric"] == "fallen"
+        assert json.loads(done.output)["differences"][0]["metric"] == "fallen"
 
 
 def test_compare_takes_runs_or_a_study(path):

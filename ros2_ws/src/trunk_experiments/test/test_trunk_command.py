@@ -92,7 +92,7 @@ def test_simulate_and_metrics_reproduce_the_reference_table(run, expected, tmp_p
     scenario, controller, params = run
     path = tmp_path / "run.mcap"
     trunk("simulate", scenario, "--controller", controller, "--params", params, "-o", path)
-    values = json.loads(trunk("metrics", path, "--json").stdout)
+    values = json.loads(trunk("metrics", path, "--json").stdout)["metrics"]
     for key, wanted in zip(KEYS, expected, strict=True):
         if wanted is None:
             assert values[key] is None
@@ -102,7 +102,7 @@ def test_simulate_and_metrics_reproduce_the_reference_table(run, expected, tmp_p
 
 def test_metrics_have_the_documented_keys(fig7):
     found = json.loads(trunk("metrics", fig7, "--json").stdout)
-    assert list(found) == ["doubts", *(field.name for field in fields(Metrics))]
+    assert list(found["metrics"]) == [field.name for field in fields(Metrics)]
 
 
 def test_export_writes_a_row_per_state_in_full_precision(fig7, tmp_path):
@@ -121,7 +121,7 @@ def test_export_writes_a_row_per_state_in_full_precision(fig7, tmp_path):
 
 def test_info_shows_the_content(fig7):
     found = json.loads(trunk("info", fig7, "--json").stdout)
-    assert found["complete"] is True
+    assert found["doubts"]["complete"] is True
     assert found["topics"]["/joint_states"]["messages"] == 10001
     assert found["provenance"]["scenario"] == "fig7"
     assert "/pid" in found["nodes"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import sys
 from contextlib import suppress
 from importlib import import_module
@@ -10,9 +9,11 @@ from typing import TextIO, cast
 
 import click
 
-from trunk_msgs_util.errors import EXIT_USAGE, TrunkError
+from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
 from trunk_msgs_util.printable import PrintableStream
 
+from .console.document import ERROR, documents_alone, json_asked, write_json
+from .console.mistakes import line_of, say, tell
 from .errors import PlanError, tell_warnings_plainly
 from .similar import did_you_mean
 
@@ -42,16 +43,6 @@ _VERBS = {
     "tune": ("tune", "Compute gains, their margins, and write them as a parameter file."),
     "map": ("map", "Draw a study's stability and performance over two parameters."),
     "bench": ("bench", "Measure speed, as ratios in one run."),
-}
-
-_ELSEWHERE = ": give a writable place"
-_ADVICE = {
-    errno.ENOSPC: ": free some space, or give another place",
-    errno.EDQUOT: ": free some space, or give another place",
-    errno.EROFS: _ELSEWHERE,
-    errno.EACCES: _ELSEWHERE,
-    errno.EPERM: _ELSEWHERE,
-    errno.ENOTDIR: ": part of this path is a file; give another place",
 }
 
 
@@ -114,7 +105,8 @@ def main() -> None:
     sys.stdout, sys.stderr = (cast(TextIO, PrintableStream(stream)) for stream in (out, err))
     tell_warnings_plainly()
     try:
-        _run()
+        with documents_alone():
+            _run()
     finally:
         with suppress(ValueError):  # stderr was closed for a reader that is gone
             _tell_unusable()
@@ -123,34 +115,40 @@ def main() -> None:
 
 def _run() -> None:
     try:
-        # What a verb passes to ctx.exit comes back as a value.
-        code = trunk(standalone_mode=False)
-        sys.exit(code if isinstance(code, int) else 0)
-    except click.exceptions.Exit as stop:
-        sys.exit(stop.exit_code)
-    except click.exceptions.NoArgsIsHelpError as error:
-        error.show()
-        sys.exit(error.exit_code)
-    except click.ClickException as error:
-        sys.exit(_say(error, error.exit_code))
-    except (click.Abort, KeyboardInterrupt):
-        sys.exit("interrupted")
+        code = _code()
     except BrokenPipeError:
         sys.stderr.close()  # the reader of the pipe is gone: nothing more to print
-        sys.exit(1)
-    except TrunkError as error:
-        sys.exit(_say(error, error.exit_code))
-    except OSError as error:
-        sys.exit(_say(error, EXIT_USAGE))
+        code = 1
+    sys.exit(code)
 
 
-def _say(error: Exception, code: int) -> int:
-    text = str(error)
-    if isinstance(error, click.ClickException):
-        text = _usage_text(error)
-    if isinstance(error, OSError) and error.filename is not None and error.strerror:
-        text = f"{error.filename}: {error.strerror}{_ADVICE.get(error.errno or 0, '')}"
-    print(f"trunk: error: {' '.join(text.split())}", file=sys.stderr)
+def _code() -> int:
+    """Run the verb; return the exit code. What went wrong is said on stderr."""
+    try:
+        # What a verb passes to ctx.exit comes back as a value.
+        code = trunk(prog_name="trunk", standalone_mode=False)
+        return code if isinstance(code, int) else 0
+    except click.exceptions.Exit as stop:
+        return stop.exit_code
+    except click.exceptions.NoArgsIsHelpError as error:
+        error.show()
+        return _failed("a command is missing", error.exit_code)
+    except click.ClickException as error:
+        return _failed(say(_usage_text(error)), error.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        print("interrupted", file=sys.stderr)
+        return EXIT_FAILED
+    except BrokenPipeError:
+        raise
+    except (TrunkError, OSError) as error:
+        return _failed(line_of(error), tell(error))
+
+
+def _failed(why: str, code: int) -> int:
+    """Tell a program that asked for JSON why there is no result; return the exit code."""
+    if json_asked():
+        with suppress(OSError):  # it has gone, or its disk is full: the line is on stderr
+            write_json(ERROR, {"error": why, "exit_code": code})
     return code
 
 

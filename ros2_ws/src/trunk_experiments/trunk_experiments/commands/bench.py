@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
@@ -11,7 +10,8 @@ from typing import Any
 
 import click
 
-from ..console.common import FiniteRange, json_option
+from ..console.common import FiniteRange
+from ..console.document import json_option, write_json
 from ..console.tables import print_table
 
 
@@ -39,7 +39,8 @@ def _show(
 ) -> None:
     """Print rows of a benchmark, each with its goal; end with exit code 1 where one was missed."""
     if as_json:
-        click.echo(json.dumps([asdict(row) for row in rows], indent=2))
+        benchmark = click.get_current_context().info_name
+        write_json("bench-1", {"benchmark": benchmark, "rows": [asdict(row) for row in rows]})
     else:
         words = {None: "", True: "met", False: "MISSED"}
         print_table(
@@ -76,7 +77,7 @@ def _show_side_by_side(
     show_default=True,
     help="Steps in each run.",
 )
-@json_option()
+@json_option("bench-1")
 def lockstep(rounds: int, steps: int, as_json: bool) -> None:
     """Lock-step loops against a bare pair of rclpy processes that echo the same messages."""
     from ..bench.lockstep import bench_lockstep
@@ -112,7 +113,7 @@ def lockstep(rounds: int, steps: int, as_json: bool) -> None:
     show_default=True,
     help="Length of each measurement.",
 )
-@json_option()
+@json_option("bench-1")
 def realtime(rounds: int, rate: float, seconds: float, as_json: bool) -> None:
     """Jitter and latency in real time against a bare rclpy timer and echo."""
     from ..bench.realtime import bench_realtime
@@ -134,7 +135,7 @@ def realtime(rounds: int, rate: float, seconds: float, as_json: bool) -> None:
 
 @command.command("core")
 @_rounds(7)
-@json_option()
+@json_option("bench-1")
 def core(rounds: int, as_json: bool) -> None:
     """One fuzzy evaluation against pyfuzzylite's, one PID update against simple-pid's."""
     from ..bench.core import bench_core
@@ -156,7 +157,7 @@ def core(rounds: int, as_json: bool) -> None:
     show_default=True,
     help="Length of the run without RUN, s.",
 )
-@json_option()
+@json_option("bench-1")
 def read(run: Path | None, rounds: int, duration: float, as_json: bool) -> None:
     """Compare reading RUN, or a simulated run, with rosbags; the arrays must be equal."""
     from ..bench.read import bench_read
@@ -168,7 +169,7 @@ def read(run: Path | None, rounds: int, duration: float, as_json: bool) -> None:
 
 @command.command("sweep")
 @_rounds(3)
-@json_option()
+@json_option("bench-1")
 def sweep(rounds: int, as_json: bool) -> None:
     """Compiled closed-loop runs against MuJoCo's and scikit-fuzzy's; many runs; two cores."""
     from ..bench.sweep import bench_sweep
@@ -189,7 +190,7 @@ def sweep(rounds: int, as_json: bool) -> None:
     show_default=True,
     help="Environments side by side.",
 )
-@json_option()
+@json_option("bench-1")
 def gym(rounds: int, envs: int, as_json: bool) -> None:
     """Compare our Gymnasium environment's steps per second and core with CartPole's."""
     from ..bench.gym import bench_gym

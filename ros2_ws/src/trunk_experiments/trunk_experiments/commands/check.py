@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import click
 
 from trunk_control.laws import LawError, law_named, package_of
 from trunk_msgs_util.errors import EXIT_FAILED
 
 from ..console.common import Name
+from ..console.document import json_option, write_json
 from ..console.tables import print_table
 from ..plans.nodes import CONTROLLERS, UNUSABLE
+
+if TYPE_CHECKING:
+    from ..conformance import Check, Finding
 
 
 @click.group("check")
@@ -19,26 +26,60 @@ def command() -> None:
 
 @command.command("controller")
 @click.argument("name", type=Name((*CONTROLLERS, *UNUSABLE)))
+@json_option("check-1")
 @click.pass_context
-def controller(ctx: click.Context, name: str) -> None:
+def controller(ctx: click.Context, name: str, as_json: bool) -> None:
     """Apply the conformance kit to a registered controller; exit code 1 if anything is found."""
     from ..conformance import CHECKS, findings_of
 
     if name in UNUSABLE:
         raise LawError(UNUSABLE[name])
-    rows, lines = [], []
-    for check in CHECKS:
-        found = findings_of(name, check)
-        kept = not any(not one.note for one in found)
-        rows.append((check.name, "kept" if kept else "NOT KEPT", check.asserts))
-        lines += [("note: " if one.note else "") + one.line() for one in found]
-    law = law_named(name)
+    done = [(check, findings_of(name, check)) for check in CHECKS]
+    if as_json:
+        write_json("check-1", as_values(name, done))
+    else:
+        _show(name, done)
+    if not all(kept(found) for _, found in done):
+        ctx.exit(EXIT_FAILED)
+
+
+def kept(found: Sequence[Finding]) -> bool:
+    """Return True if there is nothing but notes."""
+    return all(one.note for one in found)
+
+
+def as_values(name: str, done: Sequence[tuple[Check, Sequence[Finding]]]) -> dict[str, object]:
+    """Return the checks of a controller and what they found as plain values."""
+    return {
+        "controller": name,
+        "label": law_named(name).label,
+        "package": package_of(name),
+        "kept": all(kept(found) for _, found in done),
+        "checks": [
+            {
+                "name": check.name,
+                "asserts": check.asserts,
+                "kept": kept(found),
+                "findings": [
+                    {key: value for key, value in one._asdict().items() if key != "check"}
+                    for one in found
+                ],
+            }
+            for check, found in done
+        ],
+    }
+
+
+def _show(name: str, done: Sequence[tuple[Check, Sequence[Finding]]]) -> None:
+    rows = [
+        (check.name, "kept" if kept(found) else "NOT KEPT", check.asserts) for check, found in done
+    ]
+    count = sum(kept(found) for _, found in done)
     print_table(
-        f"{law.label} ({package_of(name)}): {sum(row[1] == 'kept' for row in rows)} of {len(rows)} kept",
+        f"{law_named(name).label} ({package_of(name)}): {count} of {len(rows)} kept",
         ("check", "", "asserts"),
         rows,
     )
-    for line in lines:
-        click.echo(line)
-    if any(row[1] != "kept" for row in rows):
-        ctx.exit(EXIT_FAILED)
+    for _, found in done:
+        for one in found:
+            click.echo(("note: " if one.note else "") + one.line())

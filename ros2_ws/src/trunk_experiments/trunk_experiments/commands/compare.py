@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
 from ..analysis.metrics import QUANTITIES, Quantity
+from ..console.document import json_option, write_json
 from ..console.reading import open_views, show_warnings_of
 from ..console.tables import print_table
 from ..views.compare import Comparison, Row, compare
@@ -26,10 +27,10 @@ _LONGEST = 20  # values of an array that are listed
     metavar="OUT.parquet",
     help="Compare the controllers of a sweep instead, over the same draws.",
 )
-@click.option("--json", "form", flag_value="json", help="Print JSON.")
+@json_option("compare-1", "compare-study-1")
 @click.option("--csv", "form", flag_value="csv", help="Print the metrics as CSV.")
 @click.option("--markdown", "form", flag_value="markdown", help="Print Markdown tables.")
-def command(runs: tuple[Path, ...], study: Path | None, form: str | None) -> None:
+def command(runs: tuple[Path, ...], study: Path | None, form: str | None, as_json: bool) -> None:
     """Compare recorded runs: metrics, parameters, and where each diverges from the first.
 
     The best of a row, the smallest in magnitude, is marked; what never happened ranks last. A run that
@@ -38,17 +39,19 @@ def command(runs: tuple[Path, ...], study: Path | None, form: str | None) -> Non
     """
     if (study is None) == (not runs):
         raise click.UsageError("give RUN..., or --study OUT.parquet")
+    if as_json and form:
+        raise click.UsageError(f"--json and --{form}: give one of them")
     if study is not None:
         from .compare_study import show
 
-        show(study, form)
+        show(study, form, as_json)
         return
     views = open_views(runs)
     found = compare(views)
-    if form is not None:
+    if as_json or form is not None:
         show_warnings_of(views)
-    if form == "json":
-        click.echo(json.dumps(as_values(found), indent=2, ensure_ascii=False))
+    if as_json:
+        write_json("compare-1", as_values(found, [view.path for view in views]))
     elif form == "csv":
         click.echo(as_csv(found), nl=False)
     elif form == "markdown":
@@ -65,13 +68,13 @@ def divergences(found: Comparison) -> list[tuple[str, str]]:
     return [(name, d.describe()) for name, d in zip(found.names[1:], found.diffs, strict=True)]
 
 
-def as_values(found: Comparison) -> dict[str, object]:
-    """Return a comparison as plain values; ``best`` holds names of runs."""
+def as_values(found: Comparison, files: Sequence[Path]) -> dict[str, object]:
+    """Return a comparison of the runs in some files as plain values; ``best`` holds names of runs."""
     return {
-        "runs": list(found.names),
-        "doubts": {
-            name: one.as_values() for name, one in zip(found.names, found.doubts, strict=True)
-        },
+        "runs": [
+            {"name": name, "file": file, "doubts": one.as_values()}
+            for name, file, one in zip(found.names, files, found.doubts, strict=True)
+        ],
         "different_tasks": list(found.tasks),
         "metrics": {
             row.key: {

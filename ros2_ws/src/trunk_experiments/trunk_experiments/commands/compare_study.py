@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from dataclasses import asdict, fields
 from math import isfinite
 from pathlib import Path
 
 import click
 
+from ..console.document import write_json
 from ..console.tables import print_table
 from ..study.compare import PairedDifference, compare_study
 from ..study.results import Results
@@ -18,11 +18,12 @@ from ..study.results import Results
 HEADER = ("metric", "first - second", "pairs", "mean", "95 % interval", "smaller", "")
 
 
-def show(path: Path, form: str | None) -> None:
+def show(path: Path, form: str | None, as_json: bool) -> None:
     """Print the differences between a sweep's controllers as a table, JSON, CSV or Markdown."""
     found = compare_study(Results.read(path))
-    if form == "json":
-        click.echo(json.dumps([as_values(d) for d in found], indent=2, ensure_ascii=False))
+    if as_json:
+        differences = [as_values(d) for d in found]
+        write_json("compare-study-1", {"study": path, "differences": differences})
     elif form == "csv":
         text = io.StringIO()
         writer = csv.DictWriter(

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
-from ..console.common import json_option
-from ..console.reading import open_run, show_damage
+from ..console.document import json_option, write_json
+from ..console.reading import open_run, run_values, show_damage
 from ..replay.diff import diff
 
 
 @click.command("diff")
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
-@json_option()
+@json_option("diff-1")
 @click.pass_context
 def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
     """Compare two recorded runs topic by topic, by stamp, bit by bit.
@@ -28,6 +27,7 @@ def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
     found = diff(first, second)
     if as_json:
         values = {
+            "runs": [run_values(first), run_values(second)],
             "identical": found.identical,
             "same_plan": found.same_plan,
             "messages_compared": found.compared,
@@ -37,7 +37,7 @@ def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
             "provenance": found.provenance,
             "record": found.record,
         }
-        click.echo(json.dumps(values, indent=2))
+        write_json("diff-1", values)
         ctx.exit(0 if found.identical else 1)
     if found.first is None:
         click.echo(f"identical: {found.compared} messages, bit for bit")

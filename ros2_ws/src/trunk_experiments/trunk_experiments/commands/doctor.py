@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 
 import click
 
-from ..console.common import json_option
-from ..console.reading import progress_bar
-from ..replay.doctor import ERROR, INFO, WARNING, Finding, examine
+from trunk_msgs_util.recording.reader import Recording
+
+from ..console.document import json_option, write_json
+from ..console.reading import reading, run_values
+from ..recorded.run import RecordedRun
+from ..replay.doctor import ERROR, INFO, WARNING, Finding, findings
 
 FINE, FINDINGS = 0, 1
 
@@ -22,21 +24,20 @@ def exit_code(found: list[Finding]) -> int:
 
 @click.command("doctor")
 @click.argument("run", type=click.Path(path_type=Path))
-@json_option()
+@json_option("doctor-1")
 @click.pass_context
 def command(context: click.Context, run: Path, as_json: bool) -> None:
     """Report what is wrong with a recording: checksums, indexes, stamps, gaps, values, digests.
 
     Exit code: 0 nothing wrong, 1 findings, 2 unreadable.
     """
-    with progress_bar(f"examining {run.resolve().name}") as tell:
-        found = examine(run, tell)
+    with reading(run, "examining") as tell:
+        recorded = RecordedRun(Recording.open(run, tell))
+        found = findings(recorded)
     code = exit_code(found)
     if as_json:
         shown = [asdict(finding) for finding in found]
-        click.echo(
-            json.dumps({"file": str(run), "fine": code == FINE, "findings": shown}, indent=2)
-        )
+        write_json("doctor-1", {**run_values(recorded), "fine": code == FINE, "findings": shown})
     else:
         for finding in found:
             click.echo(f"{finding.severity:7}  {finding.describe()}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from math import degrees, isfinite
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,9 @@ import click
 
 from trunk_control.law import OUTCOME
 
-from ..console.common import Number, json_option
-from ..console.reading import open_run, show_damage
+from ..console.common import Number
+from ..console.document import json_option, write_json
+from ..console.reading import open_run, run_values, show_damage
 from ..console.tables import print_table
 from ..replay.explain import Explanation, explain
 
@@ -26,7 +26,7 @@ from ..replay.explain import Explanation, explain
     metavar="S",
     help="The instant, s; of another robot, since its first state.",
 )
-@json_option("Print JSON; null for an infinite limit.")
+@json_option("explain-1")
 @click.pass_context
 def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
     """Explain why the controller of a recorded run commanded this torque at this instant.
@@ -38,14 +38,14 @@ def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
     show_damage(recorded)
     found = explain(recorded, at)
     if as_json:
-        click.echo(json.dumps(as_values(found), indent=2))
+        write_json("explain-1", {**run_values(recorded), **as_values(found)})
     else:
         _show(found)
     ctx.exit(0 if found.agrees or found.rounded_otherwise else 1)
 
 
 def as_values(found: Explanation) -> dict[str, Any]:
-    """Return an explanation as plain values."""
+    """Return an explanation as plain values; None for an infinite limit."""
     return {
         "asked_s": found.asked,
         "update_s": found.update,
@@ -58,6 +58,7 @@ def as_values(found: Explanation) -> dict[str, Any]:
         "disturbance": found.disturbance._asdict(),
         "rules": [rule._asdict() for rule in found.rules],
         "terms": found.terms._asdict(),
+        "units": dict(found.units),
         "by_model": found.by_model,
         "limits": [bound if isfinite(bound) else None for bound in found.limits],
         "limited": found.limited,

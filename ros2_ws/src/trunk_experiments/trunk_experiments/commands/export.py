@@ -9,8 +9,9 @@ import click
 
 from ..analysis.run_table import RunTable
 from ..console.common import Number
+from ..console.document import json_option, write_json
 from ..console.outputs import check_output
-from ..console.reading import open_run, show_damage
+from ..console.reading import open_run, run_values, show_damage
 from ..views.extract import window, write_mcap, write_npz, write_parquet
 
 _FILE = click.Path(path_type=Path)
@@ -31,6 +32,7 @@ _FILE = click.Path(path_type=Path)
     metavar="TOPIC",
     help="For --mcap: only this topic; repeatable.",
 )
+@json_option("export-1")
 def command(
     run: Path,
     csv: Path | None,
@@ -41,6 +43,7 @@ def command(
     start: float,
     end: float,
     topics: tuple[str, ...],
+    as_json: bool,
 ) -> None:
     """Write a recorded run as CSV, Parquet, NumPy archive or MCAP; SI units and radians.
 
@@ -57,6 +60,7 @@ def command(
             check_output(output, (f".{suffix}",), force, [run], f"--{suffix}")
     recorded = open_run(run)
     show_damage(recorded)
+    written: list[dict[str, object]] = []
     if csv or parquet or npz:
         table = window(RunTable.from_run(recorded), start, end)
         if csv:
@@ -66,7 +70,13 @@ def command(
         if npz:
             write_npz(table, npz)
         for output in filter(None, (csv, parquet, npz)):
-            click.echo(f"{output}: {len(table.t)} rows")
+            written.append({"file": output, "rows": len(table.t), "messages": None})
     if mcap:
         count = write_mcap(recorded.recording, mcap, start, end, topics)
-        click.echo(f"{mcap}: {count} messages")
+        written.append({"file": mcap, "rows": None, "messages": count})
+    if as_json:
+        write_json("export-1", {**run_values(recorded), "outputs": written})
+        return
+    for one in written:
+        what = "messages" if one["rows"] is None else "rows"
+        click.echo(f"{one['file']}: {one[what]} {what}")

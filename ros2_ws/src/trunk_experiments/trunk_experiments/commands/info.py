@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,8 +13,8 @@ from trunk_msgs_util import topics as names
 from trunk_msgs_util.recording.reader import Recording, Topic
 from trunk_msgs_util.units import seconds
 
-from ..console.common import json_option
-from ..console.reading import progress_bar, show_warnings
+from ..console.document import json_option, write_json
+from ..console.reading import reading, run_values, show_warnings
 from ..recorded.run import RecordedRun
 from ..replay.doubts import doubts_of
 
@@ -29,21 +28,16 @@ def summary(recording: Recording) -> dict[str, Any]:
     Gaps are between log times. ``checked`` is False if a long file was judged only by its indexes;
     a size is then None if messages differ in theirs.
     """
-    doubts = doubts_of(RecordedRun(recording), twin=False, whole=recording.checked)
     return {
-        "file": str(recording.path),
         "files": [str(path) for path in recording.files],
         "bytes": recording.size,
-        "complete": recording.complete,
         "checked": recording.checked,
         "end": recording.end,
         "warnings": recording.warnings,
         "recorded_by": recording.library,
         "duration_s": _duration(recording),
         "scenario": recording.provenance.get("scenario"),
-        "controller": ", ".join(recording.controllers) or None,
-        "fell_at_s": doubts.fell_at_s,
-        "doubts": doubts,
+        "controllers": recording.controllers,
         "provenance": recording.provenance,
         "nodes": sorted(recording.parameters()),
         "topics": {
@@ -126,28 +120,29 @@ def _state(found: dict[str, Any]) -> str:
 
 @click.command("info")
 @click.argument("run", type=click.Path(path_type=Path))
-@json_option()
+@json_option("info-1")
 def command(run: Path, as_json: bool) -> None:
     """Show what is in a recording, an MCAP file or a rosbag2 folder, and whether it is whole.
 
     Long files are judged by their indexes, in an instant.
     """
-    with progress_bar(f"reading {run.resolve().name}") as tell:
+    with reading(run) as tell:
         recording = Recording.glance(run, tell)
+    doubts = doubts_of(RecordedRun(recording), twin=False, whole=recording.checked)
     found = summary(recording)
     if as_json:
-        click.echo(json.dumps({**found, "doubts": found["doubts"].as_values()}, indent=2))
+        write_json("info-1", {**run_values(RecordedRun(recording), doubts), **found})
         return
-    for line in found["doubts"].lines:
+    for line in doubts.lines:
         click.echo(line)
     show_warnings(recording.further_warnings)
     files = f" in {len(found['files'])} files" if len(found["files"]) > 1 else ""
-    click.echo(f"{run}: {_state(found)}" if found["complete"] else f"{run}")
+    click.echo(f"{run}: {_state(found)}" if recording.complete else f"{run}")
     overview = {
         "size": _size(found["bytes"]) + files,
         "duration": "?" if found["duration_s"] is None else f"{found['duration_s']:.10g} s",
         "scenario": found["scenario"] or "?",
-        "controller": found["controller"] or "none",
+        "controller": ", ".join(found["controllers"]) or "none",
         "parameters of": ", ".join(found["nodes"]) or "no node",
         "recorded by": found["recorded_by"] or "?",
     }

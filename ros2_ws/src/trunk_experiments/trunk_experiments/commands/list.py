@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
 from ..analysis.metrics import missing
-from ..console.common import json_option
+from ..console.document import json_option, schemas, write_json
 from ..console.reading import open_run
 from ..console.tables import print_table
 from ..errors import PlanError
+
+if TYPE_CHECKING:
+    from ..replay.doubts import Doubts
 
 # Of the metrics, as docs/paper.md judges by them: how a column is headed.
 _SHOWN = {
@@ -33,21 +35,36 @@ class ListedRun(NamedTuple):
     path: Path
     started: str  # UTC; empty if unknown
     scenario: str
-    controllers: str
+    controllers: tuple[str, ...]
     mode: str
     verdict: str  # of trunk verify, or UNJUDGED
-    doubts: tuple[str, ...]  # the first words: FELL, LATE, INCOMPLETE
+    doubts: Doubts | None  # None: it cannot be read
     metrics: dict[str, float | None]  # empty if there are none
     error: str = ""
 
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What makes it doubtful: FELL, LATE, INCOMPLETE."""
+        return tuple(line.split(":")[0] for line in self.doubts.lines) if self.doubts else ()
+
     def as_values(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
-        return {**self._asdict(), "path": str(self.path)}
+        judged = None if self.verdict == UNJUDGED else self.verdict
+        return {
+            "file": self.path,
+            "doubts": None if self.doubts is None else self.doubts.as_values(judged),
+            "started": self.started or None,
+            "scenario": self.scenario or None,
+            "controllers": self.controllers,
+            "mode": self.mode or None,
+            "metrics": self.metrics,
+            "error": self.error or None,
+        }
 
 
 @click.group("list")
 def command() -> None:
-    """List recorded runs, or what is shipped: scenarios, parameter files, studies, controllers."""
+    """List recorded runs, or what is shipped: scenarios, files, studies, controllers, schemas."""
 
 
 def recordings_in(folder: Path) -> list[Path]:
@@ -77,7 +94,7 @@ def listed(path: Path, judge: bool = False) -> ListedRun:
         told = run.recording.provenance
         found = doubts_of(run, twin=False)
     except (TrunkError, OSError) as error:
-        return ListedRun(path, "", "", "", "", "", (), {}, str(error))
+        return ListedRun(path, "", "", (), "", "", None, {}, str(error))
     try:
         values = metrics(RunTable.from_run(run, only=("reference",))).as_dict()
     except (TrunkError, ValueError):
@@ -86,10 +103,10 @@ def listed(path: Path, judge: bool = False) -> ListedRun:
         path,
         told.get("started_utc", ""),
         told.get("scenario", ""),
-        ", ".join(run.controllers),
+        tuple(run.controllers),
         run.mode,
         _verdict(path) if judge else UNJUDGED,
-        tuple(line.split(":")[0] for line in found.lines),
+        found,
         {name: values[name] for name in _SHOWN if name in values},
     )
 
@@ -101,7 +118,7 @@ def _verdict(path: Path) -> str:
     from .verify import judged
 
     try:
-        verdict = judged(path, None, None)
+        _, verdict = judged(path, None, None)
     except (TrunkError, OSError):
         return Verdict().word
     return verdict.word
@@ -110,7 +127,7 @@ def _verdict(path: Path) -> str:
 @command.command("runs")
 @click.argument("folder", type=click.Path(path_type=Path), default=Path())
 @click.option("--verify", "judge", is_flag=True, help="Judge each, as trunk verify does.")
-@json_option()
+@json_option("list-runs-1")
 @click.pass_context
 def runs(ctx: click.Context, folder: Path, judge: bool, as_json: bool) -> None:
     """List the recordings below FOLDER (by default this one), the newest first, with their main metrics.
@@ -121,7 +138,7 @@ def runs(ctx: click.Context, folder: Path, judge: bool, as_json: bool) -> None:
     found = [listed(path, judge) for path in recordings_in(folder)]
     found.sort(key=lambda one: one.started, reverse=True)
     if as_json:
-        click.echo(json.dumps([one.as_values() for one in found], indent=2))
+        write_json("list-runs-1", {"runs": [one.as_values() for one in found]})
     else:
         for one in found:
             if one.error:
@@ -141,10 +158,10 @@ def _show(folder: Path, found: Sequence[ListedRun]) -> None:
             (
                 str(one.path.relative_to(folder) if one.path != folder else one.path),
                 one.scenario,
-                one.controllers,
+                ", ".join(one.controllers),
                 one.mode,
                 one.verdict,
-                ", ".join(one.doubts),
+                ", ".join(one.words),
                 *(_metric(one, name) for name in _SHOWN),
             )
             for one in found
@@ -161,53 +178,73 @@ def _metric(run: ListedRun, name: str) -> str:
 
 
 @command.command("scenarios")
-@json_option()
+@json_option("list-files-1")
 def scenarios(as_json: bool) -> None:
     """List the shipped scenarios, with their files."""
     from ..plans.files import SCENARIOS, shipped_files
 
     files = shipped_files()
-    _pairs({name: str(files[name]) for name in SCENARIOS}, as_json)
+    _files({name: files[name] for name in SCENARIOS}, as_json)
 
 
 @command.command("files")
-@json_option()
+@json_option("list-files-1")
 def parameter_files(as_json: bool) -> None:
     """List the shipped parameter files."""
     from ..plans.files import shipped_files
 
-    _pairs({name: str(path) for name, path in shipped_files().items()}, as_json)
+    _files(shipped_files(), as_json)
 
 
 @command.command("studies")
-@json_option()
+@json_option("list-files-1")
 def studies(as_json: bool) -> None:
     """List the shipped studies."""
     from ..study.file import shipped_studies
 
-    _pairs({name: str(path) for name, path in shipped_studies().items()}, as_json)
+    _files(shipped_studies(), as_json)
+
+
+@command.command("schemas")
+@json_option("list-files-1")
+def json_schemas(as_json: bool) -> None:
+    """List the JSON Schemas of what verbs print with --json."""
+    _files(schemas(), as_json)
 
 
 @command.command("controllers")
-@json_option()
+@json_option("list-controllers-1")
 def controllers(as_json: bool) -> None:
     """List the controllers, with the commands that start them."""
     from trunk_control.laws import law_named
 
     from ..plans.nodes import CONTROLLERS, NODES
 
-    _pairs(
+    if as_json:
+        found = {
+            name: {
+                "label": law_named(name).label,
+                "command": ["ros2", "run", NODES[name].package, name],
+            }
+            for name in CONTROLLERS
+        }
+        write_json("list-controllers-1", {"controllers": found})
+        return
+    _show_pairs(
         {
             name: f"{law_named(name).label}: ros2 run {NODES[name].package} {name}"
             for name in CONTROLLERS
-        },
-        as_json,
+        }
     )
 
 
-def _pairs(values: dict[str, str], as_json: bool) -> None:
+def _files(found: Mapping[str, Path], as_json: bool) -> None:
     if as_json:
-        click.echo(json.dumps(values, indent=2))
-        return
+        write_json("list-files-1", {"files": found})
+    else:
+        _show_pairs({name: str(path) for name, path in found.items()})
+
+
+def _show_pairs(values: dict[str, str]) -> None:
     width = max(map(len, values))
     click.echo("\n".join(f"{name:{width}}  {text}" for name, text in values.items()))

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isnan
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from ..console.complete import names_or_files, studies
+from ..console.document import json_option, write_json
 from ..console.outputs import check_output, output_options
-from ..console.reading import progress_bar
+from ..console.progress import progress_bar
 from ..errors import PlanError
-from .sweep import run_sweep
+from .sweep import ended, run_sweep
+
+if TYPE_CHECKING:
+    from trunk_msgs_util.recording.joint_arrays import Floats
+
+    from ..study.map import Panel
 
 
 @click.command("map")
@@ -30,6 +38,7 @@ from .sweep import run_sweep
     help="The column to show as colour.",
 )
 @click.option("--no-floquet", is_flag=True, help="Leave out the line of the Floquet multipliers.")
+@json_option("map-1")
 def command(
     source: str,
     output: Path | None,
@@ -38,6 +47,7 @@ def command(
     y: str | None,
     metric: str,
     no_floquet: bool,
+    as_json: bool,
 ) -> None:
     """Draw a sweep's results over two of its grid's variables, a panel per controller.
 
@@ -56,17 +66,32 @@ def command(
     target = output or path.with_suffix(".png")
     check_output(target, tuple(SUFFIXES), force, [source])
     if not swept:
-        _sweep(source, path, (x, y), metric)
+        click.echo(_sweep(source, path, (x, y), metric), err=as_json)
     results = Results.read(path)
     axes = choose_axes(results.grid, x, y, str(path))
     with progress_bar("Floquet multipliers") as tell:
         found = panels(results, metric, axes, not no_floquet, tell)
     save(draw(found, metric, axes, f"{path.stem}: {len(results.table)} runs"), target)
+    if as_json:
+        values = {
+            "results": path,
+            "output": target,
+            "runs": len(results.table),
+            "metric": metric,
+            "x": axes[0],
+            "y": axes[1],
+            "panels": [panel_values(panel) for panel in found],
+        }
+        write_json("map-1", values)
+        return
     click.echo(f"{target}: {len(found)} controllers over {axes[0]} and {axes[1]}")
 
 
-def _sweep(source: str, path: Path, wanted: tuple[str | None, str | None], metric: str) -> None:
-    """Sweep a study into a file. Raises PlanError before the first run if it cannot give a map."""
+def _sweep(source: str, path: Path, wanted: tuple[str | None, str | None], metric: str) -> str:
+    """Sweep a study into a file; return a line on how its runs ended.
+
+    Raises PlanError before the first run if it cannot give a map.
+    """
     from ..study.file import read_study
     from ..study.map import check_mappable
     from ..study.sweep import Sweep
@@ -75,7 +100,24 @@ def _sweep(source: str, path: Path, wanted: tuple[str | None, str | None], metri
         raise PlanError(f"{path}: it exists: give it in place of {source}, or delete it")
     study = read_study(source)
     check_mappable(study, choose_axes([v.name for v in study.grid], *wanted, source), metric)
-    run_sweep(Sweep(study, path))
+    sweep = Sweep(study, path)
+    return ended(sweep, run_sweep(sweep))
+
+
+def panel_values(panel: Panel) -> dict[str, object]:
+    """Return a panel as plain values: rows along y, columns along x; None where no run has a value."""
+    return {
+        "controller": panel.controller,
+        "x": panel.x.tolist(),
+        "y": panel.y.tolist(),
+        "values": _rows(panel.values),
+        "fallen": _rows(panel.fallen),
+        "growth": None if panel.growth is None else _rows(panel.growth),
+    }
+
+
+def _rows(values: Floats) -> list[list[float | None]]:
+    return [[None if isnan(value) else value for value in row] for row in values.tolist()]
 
 
 def choose_axes(grid: Sequence[str], x: str | None, y: str | None, source: str) -> tuple[str, str]:

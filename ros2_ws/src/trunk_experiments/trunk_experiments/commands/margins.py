@@ -1,8 +1,9 @@
-"""The margins of a sampled loop, as ``trunk tune`` prints them."""
+"""The margins of a sampled loop, as ``trunk tune`` tells them."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -13,40 +14,67 @@ from ..console.tables import print_table
 from ..plans.plan import RunPlan
 
 if TYPE_CHECKING:
-    from ..tuning.linear import Linear
+    from ..tuning.linear import Linear, Margins
 
 
-def print_margins(plan: RunPlan, config: Any, plant: Linear | None = None) -> None:
-    """Print the margins of a controller's configuration around a plan's plant, or another linear one.
+class LoopMargins(NamedTuple):
+    """The margins of the loop with some gains; None where it is unstable."""
 
-    A fuzzy gain box is shown corner by corner; a law without gains has no margins of this kind.
+    at: str  # which gains
+    margins: Margins | None
+    radius: float  # spectral radius of the sampled loop
+
+    def as_values(self) -> dict[str, object]:
+        """Return plain values, for JSON."""
+        return {
+            "at": self.at,
+            "stable": self.margins is not None,
+            "spectral_radius": self.radius,
+            "margins": self.margins and self.margins._asdict(),
+        }
+
+
+def margins_of(plan: RunPlan, config: Any, plant: Linear | None = None) -> list[LoopMargins]:
+    """Return the margins of a controller's configuration around a plan's plant, or another linear one.
+
+    Of a fuzzy gain box corner by corner; a law without gains has no margins of this kind.
     """
     if not (hasattr(config, "gains") or hasattr(config, "alpha_centers")):
-        click.echo(f"no margins: {plan.controller_name} tells no gains to linearise with")
-        return
+        return []
     from ..tuning.linear import LinearLoop, linearise, margins
 
     linear = plant or linearise(plan.simulator.body)
     if plan.controller_name == "computed_torque":
         linear = linear._replace(a=0.0, b=1.0)
     corners = {"gains": config.gains} if hasattr(config, "gains") else _corners(config)
-    rows = []
+    found = []
     for label, gains in corners.items():
         loop = LinearLoop(
             linear, gains, seconds(plan.controller.period_ns), config.derivative_mode == "rate"
         )
-        if not loop.stable:
-            rows.append((label, "UNSTABLE", f"spectral radius {loop.radius():.4g}", "", "", ""))
+        found.append(LoopMargins(label, margins(loop) if loop.stable else None, loop.radius()))
+    return found
+
+
+def print_margins(plan: RunPlan, found: Sequence[LoopMargins]) -> None:
+    """Print margins as a table."""
+    if not found:
+        click.echo(f"no margins: {plan.controller_name} tells no gains to linearise with")
+        return
+    rows = []
+    for one in found:
+        m = one.margins
+        if m is None:
+            rows.append((one.at, "UNSTABLE", f"spectral radius {one.radius:.4g}", "", "", ""))
             continue
-        m = margins(loop)
         rows.append(
             (
-                label,
+                one.at,
                 f"{m.gain_down:.3g} to {m.gain_up:.3g}",
                 f"{m.phase_deg:.1f}",
                 f"{m.modulus:.3f}",
                 f"{1e3 * m.delay:.4g}",
-                f"{loop.radius():.6f}",
+                f"{one.radius:.6f}",
             )
         )
     print_table(

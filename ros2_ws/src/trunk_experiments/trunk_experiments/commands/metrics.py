@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
 from ..analysis.metrics import QUANTITIES, has_level, missing
 from ..analysis.recorded_metrics import recorded_metrics, table_and_metrics
-from ..console.common import json_option
-from ..console.reading import open_run, show_warnings
+from ..console.document import json_option, write_json
+from ..console.reading import Values, open_run, run_values, show_warnings
 from ..console.tables import print_table
 from ..recorded.run import RecordedRun
 from ..replay.doubts import doubts_of
@@ -35,15 +34,19 @@ def show_metrics(run: RecordedRun, title: str) -> None:
     )
 
 
+def metrics_values(run: RecordedRun) -> Values:
+    """Return what a document says of a run and its metrics, with the twin in lock-step."""
+    return {**run_values(run, doubts_of(run)), "metrics": recorded_metrics(run).as_dict()}
+
+
 @click.command("metrics")
 @click.argument("run", type=click.Path(path_type=Path))
-@json_option("Print JSON; null if a quantity does not exist.")
+@json_option("metrics-1")
 def command(run: Path, as_json: bool) -> None:
     """Print a recorded run's metrics."""
     recorded = open_run(run)
     if as_json:
         show_warnings(recorded.recording.further_warnings)
-        values = {"doubts": doubts_of(recorded).as_values(), **recorded_metrics(recorded).as_dict()}
-        click.echo(json.dumps(values, indent=2))
+        write_json("metrics-1", metrics_values(recorded))
     else:
         show_metrics(recorded, f"{run.resolve().name}: true error e = reference - angle")

@@ -9,6 +9,7 @@ import click
 
 from trunk_control.laws import REGISTERED
 
+from ..console.document import json_option, write_json
 from ..errors import PlanError
 from ..plans.nodes import OTHERS
 
@@ -28,7 +29,8 @@ def command() -> None:
     default=Path(),
     help="The folder to make it in; otherwise this one.",
 )
-def controller(name: str, path: Path) -> None:
+@json_option("new-1")
+def controller(name: str, path: Path, as_json: bool) -> None:
     """Make the package NAME: a sliding-mode controller to change into your own."""
     from ..templates import controller_package
 
@@ -44,6 +46,12 @@ def controller(name: str, path: Path) -> None:
         raise PlanError(f"{folder} exists: choose another name or --path, nothing was written")
     if not path.is_dir():
         raise PlanError(f"{path}: there is no such folder: make it, or give another --path")
+    files, law, readme = [], folder / name / "law.py", folder / "README.md"
     for file in controller_package(name, folder):
-        click.echo(file)
-    click.echo(f"next: see {folder / 'README.md'}; the law is {folder / name / 'law.py'}")
+        files.append(file)
+        if not as_json:
+            click.echo(file)
+    if as_json:
+        write_json("new-1", {"folder": folder, "files": files, "law": law, "readme": readme})
+    else:
+        click.echo(f"next: see {readme}; the law is {law}")

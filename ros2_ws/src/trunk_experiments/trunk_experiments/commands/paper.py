@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+from ..console.document import json_option, write_json
 from ..console.outputs import check_folder
+from ..console.progress import steps_told
 from ..console.tables import print_table
-from ..console.terminal import console
+
+if TYPE_CHECKING:
+    from ..paper.reproduction import Reproduction
 
 
 @click.command("paper")
@@ -25,21 +30,33 @@ from ..console.terminal import console
     is_flag=True,
     help="Run each figure in the ROS 2 graph as well (lock-step, composed) and compare the bits.",
 )
+@json_option("paper-1")
 @click.pass_context
-def command(context: click.Context, output: Path, force: bool, graph: bool) -> None:
+def command(context: click.Context, output: Path, force: bool, graph: bool, as_json: bool) -> None:
     """Reproduce Figs 6 to 9 and judge the paper's claims by the numbers.
 
     Exit code 1 if a graph run's bits differ from the offline run's, or an erratum is not shown.
     """
     from ..paper.report import write_report
+    from ..paper.reproduction import as_json as paper_values
     from ..paper.reproduction import reproduce
 
     check_folder(output, force)
     output.mkdir(parents=True, exist_ok=True)
-    with console(stderr=True).status("starting") as status:
-        result = reproduce(output, graph, status.update)
-        status.update("drawing")
+    with steps_told() as tell:
+        result = reproduce(output, graph, tell)
+        tell("drawing")
         report = write_report(result, output)
+    shown = sum(shown for _, shown, _ in result.errata)
+    if as_json:
+        write_json("paper-1", {"folder": output, "report": report, **paper_values(result)})
+    else:
+        _show(result, report, graph)
+    if result.differing or shown < len(result.errata):
+        context.exit(1)
+
+
+def _show(result: Reproduction, report: Path, graph: bool) -> None:
     print_table(
         "claims of the paper, by our runs",
         ("claim", "figure", "paper's profile", "practical profile"),
@@ -54,5 +71,3 @@ def command(context: click.Context, output: Path, force: bool, graph: bool) -> N
     shown = sum(shown for _, shown, _ in result.errata)
     click.echo(f"errata shown by a computation: {shown} of {len(result.errata)}")
     click.echo(f"report: {report}")
-    if result.differing or shown < len(result.errata):
-        context.exit(1)

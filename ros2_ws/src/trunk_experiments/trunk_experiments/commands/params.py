@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import Any
 
 import click
 
-from ..console.common import json_option
+from ..console.document import json_option, write_json
 from .params_live import apply, set_values
 from .params_show import show
 
@@ -56,7 +55,7 @@ def _listing_options(function: Any) -> Any:
     function = click.option("--markdown", "as_markdown", is_flag=True, help="Print Markdown.")(
         function
     )
-    return json_option()(function)
+    return json_option("params-1")(function)
 
 
 @click.group(
@@ -118,7 +117,7 @@ def _list(nodes: Sequence[str], as_json: bool, as_markdown: bool) -> None:
     from ..plans.nodes import NODES
 
     if as_json:
-        click.echo(json.dumps({name: _values(NODES[name].config) for name in nodes}, indent=2))
+        write_json("params-1", {"nodes": {name: _values(NODES[name].config) for name in nodes}})
         return
     for name in nodes:
         if as_markdown:
@@ -148,9 +147,7 @@ def _values(config: type[Any]) -> dict[str, Any]:
     return {
         d.name: {
             "type": d.kind,
-            "default": d.default
-            if d.default not in (float("inf"), float("-inf"))
-            else str(d.default),
+            "default": d.default,
             "unit": d.unit,
             "allowed": d.allowed(),
             "description": d.description,

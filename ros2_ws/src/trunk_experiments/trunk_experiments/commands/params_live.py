@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..console.common import FiniteRange
 from ..console.complete import names_or_files, nodes, parameter_files
+from ..console.document import json_option, write_json
+
+if TYPE_CHECKING:
+    from ..live.parameters import LiveChange
 
 _TIMEOUT = FiniteRange(min=0.0, min_open=True, max=3600.0, unit="s")
 
@@ -24,6 +28,7 @@ def _live_options(function: Any) -> Any:
             metavar="S",
             help="How long the node may take to be found, and to answer.",
         ),
+        json_option("params-apply-1"),
         click.option("--namespace", default="", help="Namespace of the node, such as robot1."),
     ):
         function = option(function)
@@ -34,7 +39,9 @@ def _live_options(function: Any) -> Any:
 @click.argument("node", shell_complete=names_or_files(nodes))
 @click.argument("file", shell_complete=names_or_files(parameter_files))
 @_live_options
-def apply(node: str, file: str, namespace: str, timeout: float, dry_run: bool) -> None:
+def apply(
+    node: str, file: str, namespace: str, timeout: float, dry_run: bool, as_json: bool
+) -> None:
     """Set the parameters of the running NODE to its values in FILE: all at once, or none.
 
     NODE is a node's name, such as pid or /robot2/pid; FILE a parameter file, by path or shipped name.
@@ -63,7 +70,7 @@ def apply(node: str, file: str, namespace: str, timeout: float, dry_run: bool) -
             )
         if changes and not dry_run:
             parameters.set_together({change.name: change.new for change in changes})
-    _say(changes)
+    _say(name, changes, dry_run, as_json)
 
 
 @click.command("set")
@@ -71,7 +78,12 @@ def apply(node: str, file: str, namespace: str, timeout: float, dry_run: bool) -
 @click.argument("settings", nargs=-1, required=True, metavar="NAME=VALUE...")
 @_live_options
 def set_values(
-    node: str, settings: tuple[str, ...], namespace: str, timeout: float, dry_run: bool
+    node: str,
+    settings: tuple[str, ...],
+    namespace: str,
+    timeout: float,
+    dry_run: bool,
+    as_json: bool,
 ) -> None:
     """Set parameters of the running NODE: all at once, or none.
 
@@ -92,10 +104,15 @@ def set_values(
         changes = differences(wanted, present, fixed)
         if changes and not dry_run:
             parameters.set_together({change.name: change.new for change in changes})
-    _say(changes)
+    _say(name, changes, dry_run, as_json)
 
 
-def _say(changes: list[Any]) -> None:
+def _say(node: str, changes: Sequence[LiveChange], dry_run: bool, as_json: bool) -> None:
+    parent = click.get_current_context().parent
+    if as_json or (parent is not None and parent.params["as_json"]):  # trunk params --json set
+        told = [change._asdict() for change in changes]
+        write_json("params-apply-1", {"node": node, "applied": not dry_run, "changes": told})
+        return
     for change in changes:
         click.echo(str(change))
     if not changes:

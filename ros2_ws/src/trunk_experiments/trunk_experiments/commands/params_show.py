@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from ..console.common import json_option
 from ..console.complete import names_or_files, parameter_files
+from ..console.document import json_option, write_json
 
 if TYPE_CHECKING:
     from trunk_msgs_util.parameters.declarations import Declaration
@@ -29,7 +28,7 @@ class Shown(NamedTuple):
 
 @click.command("show")
 @click.argument("name", shell_complete=names_or_files(parameter_files))
-@json_option()
+@json_option("params-show-1")
 def show(name: str, as_json: bool) -> None:
     """Print what the parameter file NAME sets, by shipped name or path: paths, values, units, rule tables.
 
@@ -44,9 +43,8 @@ def show(name: str, as_json: bool) -> None:
     layers = scenario_layers(name) if name in SCENARIOS else [read(find_file(name))]
     found = shown(layers)
     if as_json:
-        click.echo(
-            json.dumps({"files": [la.source for la in layers], "values": _values(found)}, indent=2)
-        )
+        files = [layer.source for layer in layers]
+        write_json("params-show-1", {"files": files, "values": _values(found)})
     else:
         _print(layers, found)
     try:

@@ -8,8 +8,9 @@ from typing import Any
 
 import click
 
+from ..console.document import json_option, write_json
 from ..console.outputs import check_output, output_options
-from ..console.plan_options import files_read, plan_of, plan_options
+from ..console.plan_options import files_read, plan_of, plan_options, plan_values
 from ..plans.given import checked_namespace
 from ..runs.launching import launch_nodes
 
@@ -21,8 +22,14 @@ from ..runs.launching import launch_nodes
     "--lockstep", is_flag=True, help="Step when every node has answered: the same bits each time."
 )
 @click.option("--namespace", default="", help="Namespace of all nodes, such as robot1.")
+@json_option("plan-1")
 def command(
-    output: Path | None, force: bool, lockstep: bool, namespace: str, **options: Any
+    output: Path | None,
+    force: bool,
+    lockstep: bool,
+    namespace: str,
+    as_json: bool,
+    **options: Any,
 ) -> None:
     """Write the parameter file of a run of SCENARIO, and print how to start each of its nodes.
 
@@ -34,6 +41,12 @@ def command(
     )
     plan = plan_of(**options, extra=everywhere, namespace=checked_namespace(namespace))
     plan.write_parameters(target)
-    for node in launch_nodes(plan, target):
-        words = ("ros2", "run", node.package, node.executable, "--ros-args", *node.ros_arguments)
+    commands = [
+        ("ros2", "run", node.package, node.executable, "--ros-args", *node.ros_arguments)
+        for node in launch_nodes(plan, target)
+    ]
+    if as_json:
+        write_json("plan-1", {"output": target, **plan_values(plan), "commands": commands})
+        return
+    for words in commands:
         click.echo(shlex.join(words))

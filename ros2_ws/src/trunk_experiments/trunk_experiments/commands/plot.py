@@ -6,8 +6,9 @@ from pathlib import Path
 
 import click
 
+from ..console.document import json_option, write_json
 from ..console.outputs import check_output, default_name, output_options
-from ..console.reading import open_views, show_warnings, show_warnings_of
+from ..console.reading import open_views, run_values, show_warnings, show_warnings_of
 
 
 @click.command("plot")
@@ -21,7 +22,10 @@ from ..console.reading import open_views, show_warnings, show_warnings_of
     type=click.IntRange(6, 9),
     help="Lay it out like the paper's figure: only the angles, in one axes.",
 )
-def command(runs: tuple[Path, ...], output: Path | None, force: bool, number: int | None) -> None:
+@json_option("plot-1")
+def command(
+    runs: tuple[Path, ...], output: Path | None, force: bool, number: int | None, as_json: bool
+) -> None:
     """Draw one recorded run, or several overlaid, as PNG, SVG or PDF."""
     from ..replay.doubts import doubts_of
     from ..views.plot_style import SUFFIXES, save
@@ -30,11 +34,16 @@ def command(runs: tuple[Path, ...], output: Path | None, force: bool, number: in
     default = Path(f"fig{number}.png") if number else default_name(runs[0], ".png")
     target = check_output(output or default, tuple(SUFFIXES), force, runs)
     views = open_views(runs)
-    for view in views:
-        show_warnings(f"{view.path}: {line}" for line in doubts_of(view.run, twin=False).lines)
+    doubts = [doubts_of(view.run, twin=False) for view in views]
+    for view, found in zip(views, doubts, strict=True):
+        show_warnings(f"{view.path}: {line}" for line in found.lines)
         scenario = view.recording.provenance.get("scenario")
         if number and scenario != f"fig{number}":
             show_warnings([f"{view.path}: its scenario is {scenario!r}, not 'fig{number}'"])
     show_warnings_of(views)
     save(paper_figure(views, number) if number else overview(views), target)
+    if as_json:
+        told = [run_values(view.run, one) for view, one in zip(views, doubts, strict=True)]
+        write_json("plot-1", {"output": target, "runs": told})
+        return
     click.echo(f"{target}: {len(views)} run{'s' if len(views) > 1 else ''}")

@@ -6,19 +6,28 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.progress import BarColumn, Progress, TextColumn
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import middleware
 
+from ..console.document import json_option, write_json
+from ..console.mistakes import line_of, tell
 from ..console.outputs import check_not_read, output_options
-from ..console.plan_options import files_read, markers_option, plan_of, plan_options
+from ..console.plan_options import (
+    files_read,
+    markers_option,
+    plan_of,
+    plan_options,
+    plan_values,
+)
+from ..console.progress import progress_bar
+from ..console.reading import show_warnings, written_values
 from ..console.terminal import console
-from ..errors import PlanError
+from ..errors import PlanError, RunError
 from ..recorded.run import RecordedRun
 from ..runs.files import RunFiles
 from ..runs.graph import run_graph
-from .metrics import show_metrics
+from .metrics import metrics_values, show_metrics
 
 
 @click.command("run")
@@ -41,6 +50,7 @@ from .metrics import show_metrics
     metavar="FACTOR",
     help="Pace of a lock-step run, as a multiple of real time.  [default: as fast as possible]",
 )
+@json_option("run-1")
 def command(
     output: Path | None,
     force: bool,
@@ -48,6 +58,7 @@ def command(
     composed: bool,
     markers: bool,
     speed: float,
+    as_json: bool,
     **options: Any,
 ) -> None:
     """Run SCENARIO in the ROS 2 graph: simulator, controller, disturbance, recorder.
@@ -76,28 +87,44 @@ def command(
         f"at {plan.simulator.update_rate:g} Hz, {'lock-step' if lockstep else 'real time'}",
         highlight=False,
     )
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.1f} of {task.total:g} s"),
-        console=screen,
-        transient=True,
-        disable=not screen.is_terminal,
-    ) as progress:
-        task = progress.add_task("running", total=plan.simulator.duration)
-        recording = run_graph(
-            plan, files, lambda t: progress.update(task, completed=t), composed=composed
-        )
-    _verdict(files, RecordedRun(recording))
+    duration = plan.simulator.duration
+    told = {**plan_values(plan), "lockstep": lockstep, "parameters": files.parameters}
+    try:
+        with progress_bar("running") as done:
+            recording = run_graph(
+                plan,
+                files,
+                lambda t: done(t, duration, f"{t:.1f} of {duration:g} s"),
+                composed=composed,
+            )
+    except RunError as error:
+        if not as_json:
+            raise
+        failed = {**written_values(files.recording), "commands": None, "metrics": None}
+        write_json("run-1", {**failed, **told, "failure": line_of(error)})
+        click.get_current_context().exit(tell(error))
+    run = RecordedRun(recording)
+    if as_json:
+        write_json("run-1", {**_values(run), **told, "failure": None})
+    else:
+        _show(files, run)
+    if not recording.complete:
+        click.get_current_context().exit(1)
 
 
-def _verdict(files: RunFiles, run: RecordedRun) -> None:
+def _values(run: RecordedRun) -> dict[str, object]:
+    show_warnings(run.recording.further_warnings)
+    return {
+        **metrics_values(run),
+        "states": run.count(topics.GROUND_TRUTH),
+        "commands": run.count(topics.EFFORT_COMMAND),
+    }
+
+
+def _show(files: RunFiles, run: RecordedRun) -> None:
     show_metrics(run, "metrics of the run (true error)")
     states, commands = run.count(topics.GROUND_TRUTH), run.count(topics.EFFORT_COMMAND)
-    complete = run.recording.complete
-    whole = "complete: " if complete else ""  # what is missing stands first
+    whole = "complete: " if run.recording.complete else ""  # what is missing stands first
     click.echo(f"{whole}{states} states, {commands} commands recorded")
     click.echo(f"recording: {files.recording}")
     click.echo(f"parameters: {files.parameters}")
-    if not complete:
-        raise SystemExit(1)

@@ -18,6 +18,7 @@ from trunk_msgs_util.recording.signing.keys import (
     write_new_key,
 )
 from trunk_msgs_util.recording.signing.signature import (
+    Signature,
     SignatureError,
     read,
     sign,
@@ -27,8 +28,11 @@ from trunk_msgs_util.recording.signing.signature import (
 from trunk_msgs_util.whole_file import whole_file
 
 from ..console.common import file_option
+from ..console.document import json_option, write_json
 from ..console.outputs import check_output
+from ..console.reading import run_values
 from ..errors import NotSignedError, PlanError
+from ..recorded.run import RecordedRun
 from ..replay.verify import VERIFIED, Verdict, verify
 
 
@@ -49,6 +53,7 @@ from ..replay.verify import VERIFIED, Verdict, verify
     "--new-key",
     help="Make a key pair, FILE and FILE.pub, instead of signing.",
 )
+@json_option("sign-1", "sign-key-1")
 def command(
     run: Path | None,
     key: Path | None,
@@ -56,6 +61,7 @@ def command(
     force: bool,
     unverified: bool,
     new_key: Path | None,
+    as_json: bool,
 ) -> None:
     """Sign a recording's content with an Ed25519 key, into a file beside it.
 
@@ -65,7 +71,7 @@ def command(
     if new_key is not None:
         if run or key or output or force or unverified:
             raise click.UsageError("--new-key FILE makes a key and takes nothing else")
-        _make_key(new_key)
+        _make_key(new_key, as_json)
         return
     if run is None or key is None:
         raise click.UsageError("give RUN and --key FILE, or --new-key FILE to make a key")
@@ -76,12 +82,22 @@ def command(
     _check_content(recording)
     verdict = verify(recording)
     _check_verdict(run, verdict, unverified)
-    _write(target, recording, signer, force)
+    signature = _write(target, recording, signer, force)
+    if as_json:
+        told = {"signature": target, "fingerprint": signature.fingerprint}
+        judged = run_values(RecordedRun(recording), judged=verdict.word)
+        write_json("sign-1", {**judged, **told, "reasons": verdict.reasons})
+    else:
+        click.echo(f"{target}: signed by {signature.fingerprint}")
 
 
-def _make_key(path: Path) -> None:
+def _make_key(path: Path, as_json: bool) -> None:
     public = write_new_key(path)
     told = fingerprint(public_key(read_key(public), str(public)))
+    if as_json:
+        made = {"private_key": path, "public_key": public, "fingerprint": told}
+        write_json("sign-key-1", made)
+        return
     click.echo(f"{path}: private key, not encrypted; keep it secret (ssh-keygen -p -f encrypts it)")
     click.echo(f"{public}: public key {told}, for those who verify")
 
@@ -137,8 +153,8 @@ def _check_verdict(run: Path, verdict: Verdict, unverified: bool) -> None:
     click.echo(f"trunk: warning: {why}: signed all the same", err=True)
 
 
-def _write(target: Path, recording: Recording, key: Ed25519PrivateKey, force: bool) -> None:
+def _write(target: Path, recording: Recording, key: Ed25519PrivateKey, force: bool) -> Signature:
     signature = sign(recording.digested, key)
     with whole_file(target, overwrite=force) as part:
         part.write_text(to_text(signature), encoding="ascii")
-    click.echo(f"{target}: signed by {signature.fingerprint}")
+    return signature

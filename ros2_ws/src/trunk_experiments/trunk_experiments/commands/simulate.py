@@ -12,13 +12,19 @@ from click.core import ParameterSource
 
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.topic import RecordingError
+from trunk_sim.simulation import DivergedError
 
+from ..console.document import json_option, write_json
+from ..console.mistakes import line_of, tell
 from ..console.outputs import check_output, output_options
-from ..console.plan_options import files_read, markers_option, plan_of, plan_options
+from ..console.plan_options import files_read, markers_option, plan_of, plan_options, plan_values
 from ..errors import PlanError
 
 if TYPE_CHECKING:
     from ..plans.plan import RunPlan
+
+
+_LONG = 100_000  # states, which take seconds
 
 
 @click.command("simulate")
@@ -31,35 +37,51 @@ if TYPE_CHECKING:
     metavar="RUN.mcap",
     help="Repeat a recorded run from its recording; in place of SCENARIO.",
 )
-def command(output: Path, force: bool, like: Path | None, markers: bool, **options: Any) -> None:
+@json_option("simulate-1")
+def command(
+    output: Path,
+    force: bool,
+    like: Path | None,
+    markers: bool,
+    as_json: bool,
+    **options: Any,
+) -> None:
     """Run SCENARIO without ROS: same functions, files, topics and schemas.
 
     SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.
     """
-    from ..console.reading import open_run
+    from ..console.reading import open_run, written_values
 
     if like is not None:
         _check_alone(click.get_current_context())
     inputs: list[str | Path] = [*files_read(options)]
     check_output(output, (".mcap",), force, inputs if like is None else [*inputs, like])
-    if like is not None:
-        try:
+    if like is None and options["scenario"] is None:
+        raise PlanError("give a SCENARIO, or --like RUN.mcap")
+    try:
+        if like is None:
+            plan = plan_of(**options, extra={"markers": True} if markers else {})
+        else:
             plan = open_run(like).plan()
             plan = replace(plan, recorder=replace(plan.recorder, markers=markers))
-            states = recorded(plan, output, force)
-        except (PlanError, ParameterError) as error:
-            raise RecordingError(f"{like}: it cannot be run again: {error}") from None
-    elif options["scenario"] is None:
-        raise PlanError("give a SCENARIO, or --like RUN.mcap")
-    else:
-        plan = plan_of(**options, extra={"markers": True} if markers else {})
-        states = recorded(plan, output, force)
-    click.echo(f"{output}: {states} states, {plan.scenario}, {plan.turns}")
+        states, diverged = recorded(plan, output, force)
+    except (PlanError, ParameterError) as error:
+        if like is None:
+            raise
+        raise RecordingError(f"{like}: it cannot be run again: {error}") from None
+    if as_json:
+        failure = None if diverged is None else line_of(diverged)
+        told = {**written_values(output), **plan_values(plan), "failure": failure}
+        write_json("simulate-1", told)
+    elif diverged is None:
+        click.echo(f"{output}: {states} states, {plan.scenario}, {plan.turns}")
+    if diverged is not None:
+        click.get_current_context().exit(tell(diverged))
 
 
 def _check_alone(context: click.Context) -> None:
     """Raise PlanError for what --like would ignore: the recording has the whole run."""
-    for name in context.params.keys() - {"output", "force", "like", "markers"}:
+    for name in context.params.keys() - {"output", "force", "like", "markers", "as_json"}:
         if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
             given = {"settings": "--set", "swaps": "--swap-at", "scenario": "SCENARIO"}
             raise PlanError(
@@ -68,10 +90,13 @@ def _check_alone(context: click.Context) -> None:
             )
 
 
-def recorded(plan: RunPlan, output: Path, force: bool) -> int:
-    """Run a plan into a file, with a progress bar; return the number of states."""
-    from ..console.reading import progress_bar
+def recorded(plan: RunPlan, output: Path, force: bool) -> tuple[int, DivergedError | None]:
+    """Run a plan into a file, telling how far it is; return the number of states, or why it diverged."""
+    from ..console.progress import progress_bar
     from ..runs.offline_recording import record_offline
 
-    with progress_bar(f"simulating {plan.scenario}") as tell:
-        return record_offline(plan, output, overwrite=force, progress=tell)
+    with progress_bar(f"simulating {plan.scenario}", _LONG) as tell_done:
+        try:
+            return record_offline(plan, output, overwrite=force, progress=tell_done), None
+        except DivergedError as error:
+            return 0, error

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from ..console.complete import names_or_files, studies
+from ..console.document import json_option, write_json
 from ..console.outputs import check_output, output_options
-from ..console.reading import progress_bar
+from ..console.progress import progress_bar
 
 if TYPE_CHECKING:
     from ..study.sweep import Sweep
@@ -30,8 +32,15 @@ if TYPE_CHECKING:
     help="Run the blocks on an existing Dask cluster; needs requirements/cluster.txt.",
 )
 @click.option("--check", is_flag=True, help="Only check the study and say what it would run.")
+@json_option("sweep-1")
 def command(
-    study: str, output: Path, force: bool, jobs: int | None, scheduler: str | None, check: bool
+    study: str,
+    output: Path,
+    force: bool,
+    jobs: int | None,
+    scheduler: str | None,
+    check: bool,
+    as_json: bool,
 ) -> None:
     """Run STUDY, a YAML file or a shipped study's name: grids and seeded draws over parameters.
 
@@ -45,13 +54,34 @@ def command(
     sweep = Sweep(read_study(study), output)
     if check:
         sweep.check()
-        click.echo(f"{study}: {sweep.study.total} runs in {sweep.blocks} blocks")
+        outcomes = None
+        told = f"{study}: {sweep.study.total} runs in {sweep.blocks} blocks"
     else:
-        run_sweep(sweep, jobs, scheduler)
+        outcomes = run_sweep(sweep, jobs, scheduler)
+        told = ended(sweep, outcomes)
+    if as_json:
+        values = {
+            "study": study,
+            "output": None if check else output,
+            "runs": sweep.study.total,
+            "blocks": sweep.blocks,
+            "outcomes": outcomes,
+        }
+        write_json("sweep-1", values)
+    else:
+        click.echo(told)
 
 
-def run_sweep(sweep: Sweep, jobs: int | None = None, scheduler: str | None = None) -> None:
-    """Run a sweep, or the rest of an interrupted one, with a progress bar; report how its runs ended."""
+def ended(sweep: Sweep, outcomes: Mapping[str, int]) -> str:
+    """Return a line on how a sweep's runs ended."""
+    told = ", ".join(f"{count} {name}" for name, count in outcomes.items())
+    return f"{sweep.output}: {sweep.study.total} runs: {told}"
+
+
+def run_sweep(
+    sweep: Sweep, jobs: int | None = None, scheduler: str | None = None
+) -> dict[str, int]:
+    """Run a sweep, or the rest of an interrupted one, telling how far it is; return how many ended how."""
     from ..study.sweep import outcome_counts, processes
 
     total = sweep.study.total
@@ -77,5 +107,4 @@ def run_sweep(sweep: Sweep, jobs: int | None = None, scheduler: str | None = Non
 
         sweep.run(runner, progress)
     sweep.finish()
-    told = ", ".join(f"{count} {name}" for name, count in outcome_counts(sweep.output).items())
-    click.echo(f"{sweep.output}: {total} runs: {told}")
+    return dict(outcome_counts(sweep.output))

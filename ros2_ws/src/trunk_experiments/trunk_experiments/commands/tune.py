@@ -4,24 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from math import inf, radians
+from math import radians
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.progress import BarColumn, Progress, TextColumn
-
-from trunk_control.pid import Gains
-from trunk_msgs_util.parameters.declarations import Value, build, values_of
-from trunk_msgs_util.parameters.files import write
 
 from ..analysis.metrics import Metrics
 from ..console.common import FiniteRange, Function, Name
+from ..console.document import json_option
 from ..console.outputs import check_output, output_options
-from ..console.tables import print_table
-from ..console.terminal import console
-from ..plans.nodes import CONTROLLERS, NODES
+from ..console.progress import progress_bar
+from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, make_plan
-from .margins import print_margins
+from .tuned import finish, finish_values, show_relay
 
 if TYPE_CHECKING:
     from ..tuning.linear import Linear
@@ -52,6 +47,7 @@ def _options(function: Any) -> Any:
             metavar="HZ",
             help="update_rate of the sampled loop, Hz.",
         ),
+        json_option("tune-1"),
     ]
     for option in reversed(options):
         function = option(function)
@@ -104,7 +100,7 @@ def poles_command(controller: str, poles: tuple[float, ...], **options: Any) -> 
     plan, plant = _linear(controller, options)
     if controller == "computed_torque":
         plant = plant._replace(a=0.0, b=1.0)  # what is left after inverse dynamics
-    _finish(plan, by_poles(plant, poles or (-12.0, -8.0, -2.0)), options)
+    finish(plan, by_poles(plant, poles or (-12.0, -8.0, -2.0)), options)
 
 
 @command.command("lqr")
@@ -119,7 +115,7 @@ def lqr_command(integral: float, angle: float, speed: float, torque: float, **op
 
     plan, plant = _linear("lqr", options)
     gains = by_lqr(plant, integral, radians(angle), speed, torque)
-    _finish(plan, gains, options, {"model.gravity_torque": plant.a / plant.b})
+    finish(plan, gains, options, {"model.gravity_torque": plant.a / plant.b})
 
 
 @command.command("relay")
@@ -154,16 +150,10 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
     plan, plant = _linear("pid", options)
     plant = plant._replace(c=damping * plant.b, lag=lag)
     found = relay(plant, amplitude)
-    print_table(
-        "relay experiment",
-        ("quantity", "relay", "Routh", "unit"),
-        [
-            ("Ku", f"{found.gain:.5g}", f"{found.exact_gain:.5g}", "N m/rad"),
-            ("Tu", f"{found.period:.5g}", f"{found.exact_period:.5g}", "s"),
-            ("amplitude", f"{found.amplitude:.5g}", "", "rad"),
-        ],
-    )
-    _finish(plan, ziegler_nichols(found.gain, found.period), options, plant=plant)
+    if not options["as_json"]:
+        show_relay(found)
+    gains = ziegler_nichols(found.gain, found.period)
+    finish(plan, gains, options, plant=plant, how={"relay": found._asdict()})
 
 
 @command.command("optimise")
@@ -192,27 +182,29 @@ def optimise_command(
 
     _check(options)
     plan = partial(_plan, controller, options["params"], options["settings"], options["rate"])
-    with Progress(
-        TextColumn("generation {task.completed} of {task.total}"),
-        BarColumn(),
-        TextColumn("best {task.fields[best]:.5g}"),
-        console=console(stderr=True),
-        transient=True,
-    ) as progress:
-        task = progress.add_task("", total=generations, best=inf)
+    with progress_bar("generations") as tell:
         found = search(
             [plan(scenario) for scenario in scenarios],
             metric,
             generations,
             population,
             seed,
-            lambda done, best: progress.update(task, completed=done, best=best),
+            lambda done, best: tell(done, generations, f"best {best:.5g}"),
         )
-    click.echo(
-        f"{metric}, mean over {', '.join(scenarios)}: {found.start_cost:.6g} before, "
-        f"{found.cost:.6g} after {found.runs} runs (seed {seed})"
-    )
-    _write(plan(scenarios[0]), found.values, options)
+    if not options["as_json"]:
+        click.echo(
+            f"{metric}, mean over {', '.join(scenarios)}: {found.start_cost:.6g} before, "
+            f"{found.cost:.6g} after {found.runs} runs (seed {seed})"
+        )
+    search_values = {
+        "metric": metric,
+        "scenarios": scenarios,
+        "before": found.start_cost,
+        "after": found.cost,
+        "runs": found.runs,
+        "seed": seed,
+    }
+    finish_values(plan(scenarios[0]), found.values, options, how={"search": search_values})
 
 
 def _linear(controller: str, options: dict[str, Any]) -> tuple[RunPlan, Linear]:
@@ -226,34 +218,3 @@ def _linear(controller: str, options: dict[str, Any]) -> tuple[RunPlan, Linear]:
 def _check(options: dict[str, Any]) -> None:
     if options["output"] is not None:
         check_output(options["output"], (".yaml", ".yml"), options["force"], options["params"])
-
-
-def _finish(
-    plan: RunPlan,
-    gains: Gains,
-    options: dict[str, Any],
-    others: dict[str, Value] | None = None,
-    plant: Linear | None = None,
-) -> None:
-    values: dict[str, Value] = {f"gains.{n}": getattr(gains, n) for n in "pid"}
-    _write(plan, {**values, **(others or {})}, options, plant)
-
-
-def _write(
-    plan: RunPlan, values: dict[str, Value], options: dict[str, Any], plant: Linear | None = None
-) -> None:
-    """Print the gains and their margins and write the file; refuse what the node would refuse."""
-    name = plan.controller_name
-    config = build(NODES[name].config, {**values_of(plan.controller), **values})
-    print_table(
-        name,
-        ("parameter", "value"),
-        [
-            (key, f"{value:.6g}" if isinstance(value, float) else str(value))
-            for key, value in values.items()
-        ],
-    )
-    print_margins(plan, config, plant)
-    if options["output"] is not None:
-        write(options["output"], {name: values})
-        click.echo(f"{options['output']}: for --params, or ros2 run … --ros-args --params-file")

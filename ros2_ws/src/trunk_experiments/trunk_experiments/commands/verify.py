@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
@@ -11,9 +10,12 @@ from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.signing.keys import public_key, read_key
 from trunk_msgs_util.units import seconds
 
-from ..console.common import file_option, json_option
-from ..console.reading import progress_bar
+from ..console.common import file_option
+from ..console.document import json_option, write_json
+from ..console.progress import progress_bar
+from ..console.reading import reading, run_values
 from ..errors import PlanError
+from ..recorded.run import RecordedRun
 from ..replay.signed import judge_signature
 from ..replay.verdict import SignatureCheck
 from ..replay.verify import Verdict, describe, verify
@@ -23,7 +25,7 @@ def as_values(verdict: Verdict) -> dict[str, object]:
     """Return a verdict as plain values."""
     return {
         "verdict": verdict.word,
-        "judged": verdict.judged,
+        "extent": verdict.judged or None,
         "parts": [
             {
                 "name": part.name,
@@ -56,20 +58,20 @@ def _signature_values(check: SignatureCheck | None) -> dict[str, object] | None:
     }
 
 
-def judged(run: Path, key: Path | None, signature: Path | None) -> Verdict:
-    """Return the verdict; a signature counts if it is asked for, or lies beside the recording.
+def judged(run: Path, key: Path | None, signature: Path | None) -> tuple[Recording, Verdict]:
+    """Return a recording and its verdict; a signature counts if asked for, or beside the recording.
 
     Raises KeyFileError, PlanError and RecordingError.
     """
     trusted = None if key is None else public_key(read_key(key), str(key))
     if signature and not signature.exists() and not key:
         raise PlanError(f"--signature {signature}: it does not exist: give a file of trunk sign")
-    with progress_bar(f"reading {run.resolve().name}") as tell:
+    with reading(run) as tell:
         recording = Recording.open(run, tell)
     with progress_bar(f"recomputing {run.resolve().name}"):
         verdict = verify(recording)
     judge_signature(verdict, recording, trusted, str(key), signature)
-    return verdict
+    return recording, verdict
 
 
 @click.command("verify")
@@ -83,7 +85,7 @@ def judged(run: Path, key: Path | None, signature: Path | None) -> Verdict:
     "--signature",
     help="The signature; otherwise RUN.sig, beside the recording.",
 )
-@json_option()
+@json_option("verify-1")
 @click.pass_context
 def command(
     ctx: click.Context, run: Path, key: Path | None, signature: Path | None, as_json: bool
@@ -93,9 +95,10 @@ def command(
     Exit code 0: verified; 1: something diverges, was altered, contradicts itself or is not signed by
     --key; 2: the run cannot be judged as a whole. What no check looks at is listed.
     """
-    verdict = judged(run, key, signature)
+    recording, verdict = judged(run, key, signature)
     if as_json:
-        click.echo(json.dumps(as_values(verdict), indent=2))
+        told = run_values(RecordedRun(recording), judged=verdict.word)
+        write_json("verify-1", {**told, **as_values(verdict)})
         ctx.exit(verdict.exit_code)
     click.echo(f"{run}: {verdict.word}")
     if verdict.signature and (verdict.signature.trusted or verdict.signature.refuted):

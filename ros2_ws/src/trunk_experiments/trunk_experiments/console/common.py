@@ -67,8 +67,3 @@ class Name(click.Choice[str]):
 def file_option(*names: str, help: str, metavar: str = "FILE") -> Callable[[Function], Function]:  # noqa: A002
     """Return an option whose value is a path."""
     return click.option(*names, type=click.Path(path_type=Path), metavar=metavar, help=help)
-
-
-def json_option(text: str = "Print JSON.") -> Callable[[Function], Function]:
-    """Return the option ``--json`` of a verb whose result can be printed for programs."""
-    return click.option("--json", "as_json", is_flag=True, help=text)

@@ -14,7 +14,9 @@ from typing import Any
 import click
 
 from ..errors import PlanError
+from .document import json_asked
 
+_STDOUT = (Path("/dev/stdout"), Path("/dev/fd/1"))
 FORCE = "Replace the file if it exists."
 
 
@@ -47,9 +49,11 @@ def check_output(
     ``inputs``: what the verb reads; names that are no files are ignored. /dev/stdout and the like are
     written to. Raises PlanError.
     """
-    if path.is_relative_to("/dev"):
-        return path
     told = f"{option} {path}"
+    if path.is_relative_to("/dev"):
+        if json_asked() and path in _STDOUT:
+            raise PlanError(f"{told}: with --json the document goes there: name a file")
+        return path
     if path.is_dir():
         raise PlanError(f"{told}: it is a folder: name a file")
     if suffixes and path.suffix.lower() not in suffixes:

@@ -101,6 +101,16 @@ def plan_of(
     return plan
 
 
+def plan_values(plan: RunPlan) -> dict[str, object]:
+    """Return what a document says of a plan; the duration is 0 for a run without an end."""
+    return {
+        "scenario": plan.scenario,
+        "controllers": list(plan.controllers),
+        "duration_s": plan.simulator.duration,
+        "update_rate_hz": plan.simulator.update_rate,
+    }
+
+
 def files_read(options: dict[str, Any]) -> list[str]:
     """Return what the options of `plan_options` name: a scenario and parameter files, by path or name."""
     return [name for name in (options.get("scenario"), *options.get("params", ())) if name]

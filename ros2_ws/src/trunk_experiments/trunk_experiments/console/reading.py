@@ -1,54 +1,62 @@
-"""Opening a recording for a verb: a progress bar on terminals, and warnings."""
+"""Opening a recording for a verb: progress, warnings, and what every document says of a run."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from trunk_msgs_util.printable import printable
+from trunk_msgs_util import topics
+from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.recording.reader import Recording
 
 from ..recorded.run import RecordedRun
-from .terminal import console
+from .progress import Tell, progress_bar
 
 if TYPE_CHECKING:
+    from ..replay.doubts import Doubts
     from ..views.run_view import RunView
 
-Tell = Callable[[int, int], None]
+Values = dict[str, Any]  # of a document
+_LONG = 100e6  # bytes, which take seconds to read
 
 
-@contextmanager
-def progress_bar(what: str) -> Iterator[Tell]:
-    """Yield a function to call with the amount done and the total; a bar only on terminals."""
-    if not sys.stderr.isatty():
-        yield lambda _done, _of: None
-        return
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    what = printable(what)
-    screen = console(stderr=True)
-    columns = (TextColumn(what), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    bar = Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal)
-    with bar:
-        task = bar.add_task(what, total=None)
-        yield lambda done, of: bar.update(task, completed=done, total=of)
+def reading(path: Path, verb: str = "reading") -> AbstractContextManager[Tell]:
+    """Tell how much of a recording has been read; a short one without a terminal makes no lines."""
+    return progress_bar(f"{verb} {path.resolve().name}", _LONG)
 
 
 def open_run(path: Path) -> RecordedRun:
     """Open a recorded run. Raises RecordingError."""
-    with progress_bar(f"reading {path.resolve().name}") as tell:
+    with reading(path) as tell:
         return RecordedRun(Recording.open(path, tell))
+
+
+def run_values(run: RecordedRun, doubts: Doubts | None = None, judged: str | None = None) -> Values:
+    """Return what a document says of a run: its file and its doubts.
+
+    Without ``doubts`` they are looked for here, without a twin in lock-step: null if they cannot be told.
+    """
+    from ..replay.doubts import doubts_of
+
+    if doubts is None:
+        try:
+            doubts = doubts_of(run, twin=False, whole=run.recording.checked)
+        except TrunkError:  # messages that cannot be read
+            return {"file": run.path, "doubts": None}
+    return {"file": run.path, "doubts": doubts.as_values(judged)}
+
+
+def written_values(path: Path) -> Values:
+    """Return `run_values` of a recording just written, and its number of states; null if unknown."""
+    if path.is_file():  # not a pipe, or /dev/null
+        with suppress(TrunkError):
+            run = RecordedRun(Recording.glance(path))
+            return {**run_values(run), "states": run.count(topics.GROUND_TRUTH)}
+    return {"file": path, "doubts": None, "states": None}
 
 
 def open_views(paths: Iterable[Path]) -> list[RunView]:

@@ -22,7 +22,7 @@ from trunk_msgs_util.units import seconds
 from ..plans.nodes import CONTROLLERS, NODES
 from ..recorded.run import RecordedRun
 
-__all__ = ["ERROR", "INFO", "WARNING", "Finding", "examine"]
+__all__ = ["ERROR", "INFO", "WARNING", "Finding", "examine", "findings"]
 
 _EXAMPLES = 3  # places listed for one kind of finding on one topic
 _GAP = 1.5  # periods between two messages: more is a gap

@@ -75,15 +75,19 @@ class Doubts:
             )
         return found
 
-    def as_values(self) -> dict[str, object]:
-        """Return plain values, for JSON."""
+    def as_values(self, judged: str | None = None) -> dict[str, object]:
+        """Return plain values, for JSON; ``judged``: the verdict, where somebody has recomputed the run."""
         return {
             "complete": not self.incomplete,
+            "reason": self.incomplete or None,
             "ends_at_s": self.ends_at_s,
             "planned_s": self.planned_s,
-            "fell_at_s": self.fell_at_s,
-            "late_steps": self.late,
-            "late_moved_deg": self.moved_deg,
+            "fell": self.fell_at_s,
+            "fell_angle_deg": self.fell_angle_deg,
+            "late": {"steps": self.late, "of": self.steps, "moved_deg": self.moved_deg}
+            if self.steps
+            else None,
+            "judged": judged,
         }
 
 

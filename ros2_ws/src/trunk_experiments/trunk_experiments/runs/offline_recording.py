@@ -75,6 +75,7 @@ def record_steps(
             reason = "the trunk has fallen" if fell else "finished"
             run.finished(reason)
             writer.finish(complete=True, reason=reason)
+            progress(run.states, states)
     if diverged is not None:
         raise diverged
     return run.states

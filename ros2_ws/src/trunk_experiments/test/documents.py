@@ -1,0 +1,65 @@
+"""What tests know of the documents that verbs write: which, their schemas, and whether a text is one."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import click
+import pytest
+
+from trunk_experiments.cli import trunk
+from trunk_experiments.console.document import JsonOption, schemas
+
+jsonschema = pytest.importorskip("jsonschema")
+referencing = pytest.importorskip("referencing")
+
+SHARED = "common-1"  # no document: the other schemas refer to it
+
+
+def leaves(command, context, words=()):
+    """Yield every command that can be given, with its words: of groups those that do something alone."""
+    if not isinstance(command, click.Group) or command.invoke_without_command:
+        yield words, command
+    if isinstance(command, click.Group):
+        inner = click.Context(command, parent=context, info_name=words[-1] if words else "trunk")
+        for name in command.list_commands(inner):
+            yield from leaves(command.get_command(inner, name), inner, (*words, name))
+
+
+def documents_of(command):
+    """Return the documents that a command's ``--json`` names, for each such option."""
+    return [p.documents for p in command.params if isinstance(p, JsonOption)]
+
+
+VERBS = dict(leaves(trunk, None))
+
+
+def validator(name):
+    """Return the checker of a document; ``common-1.json`` lies beside the schema, as in the package."""
+
+    def beside(uri):
+        text = schemas()[uri.removesuffix(".json")].read_text(encoding="utf-8")
+        return referencing.Resource.from_contents(json.loads(text))
+
+    schema = json.loads(schemas()[name].read_text(encoding="utf-8"))
+    registry = referencing.Registry(retrieve=beside)
+    return jsonschema.Draft202012Validator(schema, registry=registry)
+
+
+def strict(text: str) -> dict[str, Any]:
+    """Return the one document of a text, without what JSON does not have."""
+
+    def refuse(word):
+        raise AssertionError(f"{word} is not JSON")
+
+    found: dict[str, Any] = json.loads(text, parse_constant=refuse)
+    return found
+
+
+def checked(text: str, name: str) -> dict[str, Any]:
+    """Return the document of a text after holding it against its schema."""
+    document = strict(text)
+    assert document["schema"] == f"trunk/{name}"
+    validator(name).validate(document)
+    return document

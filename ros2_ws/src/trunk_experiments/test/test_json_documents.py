@@ -1,0 +1,143 @@
+"""Every verb's ``--json``: one document on stdout, as its schema says, whatever the verb finds."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from math import inf, nan
+
+import pytest
+
+from trunk_experiments.analysis.metrics import Metrics
+from trunk_experiments.bench import core, gym, lockstep, realtime, sweep
+from trunk_experiments.console.document import schemas
+from trunk_experiments.paper import report, reproduction
+from trunk_experiments.paper.errata import ERRATA
+from trunk_experiments.paper.runs import Run, cases
+
+from .documents import SHARED, VERBS, checked, documents_of
+
+ELSEWHERE = {"run-1", "params-apply-1"}  # tests/graph/test_json.py
+
+
+class Case:
+    """A command, the document that it writes, its exit code, and what has to be done before.
+
+    Where the code is None, it tells how fast this machine is.
+    """
+
+    def __init__(self, name, words, code=0, before=(), marks=()):
+        self.name, self.words, self.code, self.before = name, words.split(), code, before
+        self.param = pytest.param(self, id=words, marks=marks)
+
+
+SLOW = pytest.mark.slow
+SWEPT = ["sweep study.yaml -o out.parquet --jobs 1"]
+KEY = ["sign --new-key key"]
+CASES = [
+    Case("simulate-1", "simulate fig8 --controller pid --duration 0.1 -o new.mcap"),
+    Case("simulate-1", "simulate --like a.mcap -o again.mcap"),
+    Case("simulate-1", "simulate fig6 --controller pid --set pid.gains.d=1e6 -o new.mcap", 1),
+    Case("plan-1", "plan fig8 --lockstep"),
+    Case("metrics-1", "metrics a.mcap"),
+    Case("metrics-1", "metrics cut.mcap"),
+    Case("report-1", "report a.mcap b.mcap", marks=SLOW),
+    Case("compare-1", "compare a.mcap b.mcap cut.mcap"),
+    Case("compare-study-1", "compare --study out.parquet", before=SWEPT, marks=SLOW),
+    Case("explain-1", "explain b.mcap --at 1.06"),
+    Case("explain-1", "explain a.mcap --at 0.5"),
+    Case("plot-1", "plot a.mcap b.mcap -o x.svg"),
+    Case("diff-1", "diff a.mcap a.mcap"),
+    Case("diff-1", "diff a.mcap b.mcap", 1),
+    Case("diff-1", "diff a.mcap cut.mcap", 1),
+    Case("verify-1", "verify a.mcap"),
+    Case("verify-1", "verify cut.mcap", 2),
+    Case("verify-1", "verify a.mcap --key key.pub", 1, before=KEY),
+    Case("sign-1", "sign a.mcap --key key", before=KEY),
+    Case("sign-key-1", "sign --new-key mine"),
+    Case("info-1", "info a.mcap"),
+    Case("info-1", "info cut.mcap"),
+    Case("list-runs-1", "list runs"),
+    Case("list-runs-1", "list runs --verify"),
+    Case("list-files-1", "list scenarios"),
+    Case("list-files-1", "list files"),
+    Case("list-files-1", "list studies"),
+    Case("list-files-1", "list schemas"),
+    Case("list-controllers-1", "list controllers"),
+    Case("doctor-1", "doctor a.mcap"),
+    Case("doctor-1", "doctor cut.mcap", 1),
+    Case("recover-1", "recover a.mcap -o new.mcap"),
+    Case("recover-1", "recover cut.mcap -o new.mcap", 1),
+    Case("export-1", "export a.mcap --csv a.csv --parquet a.parquet --npz a.npz --mcap c.mcap"),
+    Case("params-1", "params"),
+    Case("params-1", "params fuzzy_pid"),
+    Case("params-show-1", "params show fig8"),
+    Case("params-show-1", "params show fuzzy_as_printed"),
+    Case("new-1", "new controller mine"),
+    Case("check-1", "check controller pid", marks=SLOW),
+    Case("sweep-1", "sweep study.yaml -o new.parquet --check"),
+    Case("sweep-1", "sweep study.yaml -o new.parquet --jobs 1", marks=SLOW),
+    Case("map-1", "map study.yaml", marks=SLOW),
+    Case("map-1", "map out.parquet --no-floquet", before=SWEPT, marks=SLOW),
+    Case("tune-1", "tune poles -o gains.yaml"),
+    Case("tune-1", "tune lqr"),
+    Case("tune-1", "tune relay --lag 0.01 --damping 1"),
+    Case("tune-1", "tune optimise --generations 1 --population 1", marks=SLOW),
+    Case(
+        "tune-1", "tune optimise --controller fuzzy_pid --generations 1 --population 1", marks=SLOW
+    ),
+    Case("paper-1", "paper -o paper"),
+    Case("bench-1", "bench read a.mcap --rounds 1", code=None),
+    Case("bench-1", "bench core"),
+    Case("bench-1", "bench sweep"),
+    Case("bench-1", "bench gym"),
+    Case("bench-1", "bench lockstep"),
+    Case("bench-1", "bench realtime"),
+]
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Let benchmarks and the paper be as short as can be: each has tests of its own."""
+    row = core.BenchRow("x", 1e-6, inf, nan, "", None)
+    monkeypatch.setattr(core, "bench_core", lambda rounds: [row])
+    side = gym.GymRow("x", 2.0, 1.0, 2.0, ">= 1", True)
+    monkeypatch.setattr(gym, "bench_gym", lambda rounds, envs: [side])
+    monkeypatch.setattr(sweep, "bench_sweep", lambda rounds: [row])
+    pace = lockstep.LockstepRow("x", 1e3, 0.5, "y", ">= 0.3", True)
+    monkeypatch.setattr(lockstep, "bench_lockstep", lambda rounds, steps: [pace])
+    jitter = realtime.RealtimeRow("x", "jitter", 1e-3, "s", None, "", None)
+    monkeypatch.setattr(realtime, "bench_realtime", lambda rate, seconds, rounds: [jitter])
+    monkeypatch.setattr(report, "_figure", lambda figure, folder: "data:image/png;base64,AA")
+    monkeypatch.setattr(reproduction, "reproduce", lambda folder, graph, say: reproduced())
+
+
+def reproduced():
+    """Return results of the paper's runs: one diverged, and the graph's have the same bits."""
+    values = Metrics(**{f.name: 1.0 for f in fields(Metrics)})
+    runs = {case: Run(case, values, 2.0) for case in cases()}
+    first = next(iter(runs))
+    runs[first] = Run(first, None, inf, "diverged")
+    graph = {case: replace(run, graph_differs="") for case, run in runs.items()}
+    return reproduction.Reproduction(
+        runs=runs,
+        graph=graph,
+        errata=[(ERRATA[0], True, "a < b")],
+        rates={"fig7": {1000.0: dict.fromkeys(reproduction.RATE_KEYS, 1.0), 250.0: None}},
+        literal={"none, derived": None, "pid, derived": values.as_dict()},
+    )
+
+
+@pytest.mark.parametrize("case", [case.param for case in CASES])
+def test_one_document_as_its_schema_says(case, recordings_here, command_says, short):
+    for words in case.before:
+        assert command_says(*words.split())[0] == 0
+    code, out, err = command_says(*case.words, "--json")
+    checked(out, case.name)
+    assert code in ((0, 1) if case.code is None else (case.code,)), err
+    assert "Traceback" not in err
+
+
+def test_every_document_has_a_schema_and_every_schema_a_verb():
+    named = {name for verb in VERBS.values() for (names,) in [documents_of(verb)] for name in names}
+    assert named | {SHARED, "error-1"} == set(schemas())
+    assert named == {case.name for case in CASES} | ELSEWHERE

@@ -1,0 +1,64 @@
+"""How far work is: a bar on a terminal, else a line for each tenth of what takes long."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+from rich.console import Console
+
+from trunk_experiments.console import progress
+from trunk_experiments.console.progress import progress_bar, steps_told
+
+
+def test_a_line_for_each_tenth(capsys):
+    with progress_bar("runs") as tell:
+        for done in range(1001):
+            tell(done, 1000, "best 0.5" if done == 1000 else "")
+    out, err = capsys.readouterr()
+    assert out == ""
+    *first, last = err.splitlines()
+    assert first == [f"trunk: runs: {percent} %" for percent in range(10, 100, 10)]
+    assert last == "trunk: runs: 100 %, best 0.5"
+
+
+@pytest.mark.parametrize(
+    ("of", "steps", "lines"),
+    [(99.0, 10, 0), (100.0, 10, 10), (100.0, 3, 3), (100.0, 1, 1), (0.0, 1, 0)],
+)
+def test_short_work_says_nothing_and_no_line_comes_twice(capsys, of, steps, lines):
+    with progress_bar("reading a", lines_from=100.0) as tell:
+        for step in range(1, steps + 1):
+            tell(of * step / steps, of)
+            tell(of * step / steps, of)
+    assert len(capsys.readouterr().err.splitlines()) == lines
+
+
+def test_what_a_file_is_called_does_not_act_on_a_log(capsys):
+    with progress_bar("reading \x1b[2J") as tell:
+        tell(1, 1)
+    with steps_told() as say:
+        say("run \x1b[2J")
+    assert "\x1b" not in capsys.readouterr().err
+
+
+def test_a_terminal_shows_a_bar(monkeypatch, capsys):
+    screen = io.StringIO()
+    monkeypatch.setattr(progress, "_on_terminal", lambda: True)
+    monkeypatch.setattr(
+        progress,
+        "console",
+        lambda **_: Console(file=screen, force_terminal=True, width=80),
+    )
+    with progress_bar("generations") as tell:
+        tell(3, 3, "best 0.5")
+    for text in ("generations", "100%", "best 0.5"):
+        assert text in screen.getvalue()
+    assert capsys.readouterr() == ("", "")
+
+
+def test_steps_by_their_names(capsys):
+    with steps_told() as say:
+        say("offline run 1 of 2")
+        say("drawing")
+    assert capsys.readouterr() == ("", "trunk: offline run 1 of 2\ntrunk: drawing\n")

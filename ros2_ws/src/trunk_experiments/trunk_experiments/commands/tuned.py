@@ -1,0 +1,86 @@
+"""What ``trunk tune`` tells of its result, and the parameter file that it writes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from trunk_control.pid import Gains
+from trunk_msgs_util.parameters.declarations import Value, build, values_of
+from trunk_msgs_util.parameters.files import write
+
+from ..console.document import write_json
+from ..console.tables import print_table
+from ..plans.nodes import NODES
+from ..plans.plan import RunPlan
+from .margins import margins_of, print_margins
+
+if TYPE_CHECKING:
+    from ..tuning.linear import Linear
+    from ..tuning.methods import Ultimate
+
+
+def finish(
+    plan: RunPlan,
+    gains: Gains,
+    options: dict[str, Any],
+    others: dict[str, Value] | None = None,
+    plant: Linear | None = None,
+    how: dict[str, object] | None = None,
+) -> None:
+    """Do as `finish_values` with the gains of a PID, and ``others``."""
+    values: dict[str, Value] = {f"gains.{n}": getattr(gains, n) for n in "pid"}
+    finish_values(plan, {**values, **(others or {})}, options, plant, how)
+
+
+def finish_values(
+    plan: RunPlan,
+    values: dict[str, Value],
+    options: dict[str, Any],
+    plant: Linear | None = None,
+    how: dict[str, object] | None = None,
+) -> None:
+    """Tell the gains and their margins and write the file; refuse what the node would refuse.
+
+    ``how``: what a document says of the method's own results, under its name.
+    """
+    name = plan.controller_name
+    config = build(NODES[name].config, {**values_of(plan.controller), **values})
+    found = margins_of(plan, config, plant)
+    if options["output"] is not None:
+        write(options["output"], {name: values})
+    if options["as_json"]:
+        told = {
+            "controller": name,
+            "output": options["output"],
+            "parameters": values,
+            "update_rate_hz": plan.controller.update_rate,
+            "margins": [one.as_values() for one in found],
+        }
+        write_json("tune-1", {**told, "relay": None, "search": None, **(how or {})})
+        return
+    print_table(
+        name,
+        ("parameter", "value"),
+        [
+            (key, f"{value:.6g}" if isinstance(value, float) else str(value))
+            for key, value in values.items()
+        ],
+    )
+    print_margins(plan, found)
+    if options["output"] is not None:
+        click.echo(f"{options['output']}: for --params, or ros2 run … --ros-args --params-file")
+
+
+def show_relay(found: Ultimate) -> None:
+    """Print a relay experiment as a table."""
+    print_table(
+        "relay experiment",
+        ("quantity", "relay", "Routh", "unit"),
+        [
+            ("Ku", f"{found.gain:.5g}", f"{found.exact_gain:.5g}", "N m/rad"),
+            ("Tu", f"{found.period:.5g}", f"{found.exact_period:.5g}", "s"),
+            ("amplitude", f"{found.amplitude:.5g}", "", "rad"),
+        ],
+    )

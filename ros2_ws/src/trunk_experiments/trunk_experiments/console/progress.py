@@ -1,0 +1,82 @@
+"""How far some work is, on stderr: a bar on a terminal, else plain lines, a few for long work."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+from trunk_msgs_util.printable import printable
+
+from .terminal import console
+
+_PER_LINE = 10  # percent
+
+
+class Tell(Protocol):
+    """Takes the amount done, the total, and a word on it."""
+
+    def __call__(self, done: float, of: float, note: str = "") -> None: ...
+
+
+@contextmanager
+def progress_bar(what: str, lines_from: float = 0.0) -> Iterator[Tell]:
+    """Yield a function to call with the amount done and the total.
+
+    Where stderr is no terminal, work of at least ``lines_from`` (in the unit of the amounts) is told by a
+    line for each tenth.
+    """
+    what = printable(what)
+    if not _on_terminal():
+        yield _Lines(what, lines_from)
+        return
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    screen = console(stderr=True)
+    columns = (
+        TextColumn(what),
+        BarColumn(),
+        TaskProgressColumn(),
+        TextColumn("{task.fields[note]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=screen, transient=True) as bar:
+        task = bar.add_task(what, total=None, note="")
+        yield lambda done, of, note="": bar.update(task, completed=done, total=of, note=note)
+
+
+@contextmanager
+def steps_told() -> Iterator[Callable[[str], None]]:
+    """Yield a function to call with the name of each next step of some work."""
+    if not _on_terminal():
+        yield lambda step: print(f"trunk: {printable(step)}", file=sys.stderr, flush=True)
+        return
+    with console(stderr=True).status("") as status:
+        yield lambda step: status.update(printable(step))
+
+
+def _on_terminal() -> bool:
+    return sys.stderr.isatty()
+
+
+class _Lines:
+    """Prints a line whenever another tenth is done."""
+
+    def __init__(self, what: str, lines_from: float) -> None:
+        self._what, self._from, self._told = what, lines_from, 0
+
+    def __call__(self, done: float, of: float, note: str = "") -> None:
+        if of <= 0.0 or of < self._from:
+            return
+        percent = _PER_LINE * int(100.0 / _PER_LINE * done / of)
+        if percent > self._told:
+            self._told = percent
+            more = f", {note}" if note else ""
+            print(f"trunk: {self._what}: {percent} %{more}", file=sys.stderr, flush=True)

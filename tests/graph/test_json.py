@@ -1,0 +1,70 @@
+"""Documents of verbs that talk to ROS 2: nothing else is on stdout, not even what Fast DDS prints."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ros2_ws.src.trunk_experiments.test.documents import checked
+
+from .peer import Peer
+from .processes import Child, Children
+
+pytestmark = pytest.mark.graph
+
+
+def document(child: Child, name: str) -> dict[str, Any]:
+    """Return the document of a verb that has ended."""
+    return checked((child.folder / f"{child.name}.out").read_text(), name)
+
+
+def test_a_run_in_real_time_says_how_many_steps_were_late(
+    children: Children, tmp_path: Path
+) -> None:
+    run = children.trunk("run", "demo", "--duration", 1, "--output", tmp_path / "a", "--json")
+    assert run.wait() == 0, run.stderr
+    found = document(run, "run-1")
+    assert found["failure"] is None
+    assert found["doubts"]["complete"] is True
+    assert found["doubts"]["late"]["of"] == found["states"] - 1 == 200
+    assert found["metrics"]["iae"] > 0.0
+
+
+def test_time_is_exact_in_lockstep(children: Children, tmp_path: Path) -> None:
+    words = ("--lockstep", "--composed", "--duration", 0.1)
+    run = children.trunk("run", "fig8", *words, "--output", tmp_path / "a", "--json")
+    assert run.wait() == 0, run.stderr
+    found = document(run, "run-1")
+    assert (found["states"], found["doubts"]["late"]) == (101, None)
+
+
+def test_a_run_that_is_stopped_is_an_answer(children: Children, peer: Peer, tmp_path: Path) -> None:
+    run = children.trunk("run", "demo", "--duration", 3600, "--output", tmp_path / "a", "--json")
+    peer.until_started(run)
+    run.send(signal.SIGINT)
+    assert run.wait() == 1, run.stderr
+    found = document(run, "run-1")
+    assert "stopped by SIGINT" in found["failure"]
+    assert run.stderr.splitlines()[-1] == f"trunk: error: {found['failure']}"
+    assert found["doubts"]["complete"] is False
+    assert found["metrics"] is None
+
+
+def test_parameters_of_a_running_node(children: Children, peer: Peer) -> None:
+    pid = children.node("pid")
+    peer.until_up("pid")
+    words = ("pid", "pid_as_printed", "--json")
+    for count, applied in enumerate((False, True)):
+        dry = () if applied else ("--dry-run",)
+        child = children.trunk("params", "apply", *words, *dry, name=f"apply-{count}")
+        assert child.wait() == 0, child.stderr
+        found = document(child, "params-apply-1")
+        assert (found["node"], found["applied"]) == ("/pid", applied)
+        changes = {change["name"]: change for change in found["changes"]}
+        assert (changes["gains.d"]["old"], changes["gains.d"]["new"]) == (9.0, 400.0)
+    child = children.trunk("params", "--json", "apply", "pid", "pid_as_printed", name="again")
+    assert child.wait() == 0, child.stderr
+    assert document(child, "params-apply-1")["changes"] == []
+    assert pid.stop() == 0, pid.stderr
