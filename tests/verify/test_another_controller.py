@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
+from trunk_experiments.plans import nodes
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.recorded import run
 from trunk_experiments.replay import verify as verify_module
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_experiments.runs.offline import steps
@@ -85,7 +85,7 @@ def test_a_run_in_which_our_controller_is_known_is_not_a_strangers(tmp_path):
 def test_a_law_that_is_not_installed_is_not_a_stranger(tmp_path, monkeypatch):
     """Its parameters are on record: with its package its commands can be judged."""
     record_offline(PLAN, tmp_path / "ours.mcap")
-    for module in (run, verify_module):
+    for module in (nodes, verify_module):
         monkeypatch.setattr(module, "CONTROLLERS", ())
     verdict = verify(Recording.open(tmp_path / "ours.mcap"))
     assert verdict.exit_code == UNJUDGED
