@@ -26,6 +26,7 @@ from trunk_msgs_util.errors import TrunkError
 Floats: TypeAlias = NDArray[np.float64]
 
 ELITE = 0.2  # share of a generation that the next one is drawn around
+UNTIL_A_FALL = ["--set", "simulator.fall.stop=true"]  # as the environment's episodes
 WIDTHS = np.array([50.0, 10.0, 50.0, 5.0, 5.0])  # of the first: per rad, rad/s, rad, m, m/s
 
 
@@ -92,7 +93,7 @@ def main() -> None:
         parser.error(str(error))
     report = given.output / "report.html"
     for words in (
-        ["simulate", given.scenario, "--controller", "fuzzy_pid", "-o", fuzzy],
+        ["simulate", given.scenario, *UNTIL_A_FALL, "--controller", "fuzzy_pid", "-o", fuzzy],
         ["verify", policy],
         ["compare", policy, fuzzy],
         ["report", policy, fuzzy, "-o", report],

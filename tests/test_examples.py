@@ -38,6 +38,7 @@ def test_a_policy_is_trained_saved_and_compared(train, tmp_path):
     assert "policy.mcap: verified" in done.stdout
     assert verify(Recording.open(tmp_path / "out" / "policy.mcap")).exit_code == VERIFIED
     assert "ISE" in done.stdout
+    assert "metrics (* best)" in done.stdout, "the same task"
     assert (tmp_path / "out" / "report.html").stat().st_size > 100_000
     again = train("-o", "out")
     assert again.returncode == 2

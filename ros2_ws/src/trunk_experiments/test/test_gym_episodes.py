@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import gymnasium
 import numpy as np
 import pytest
@@ -11,8 +13,12 @@ from gymnasium.wrappers import TransformAction
 from trunk_experiments.errors import ActionError, PlanError
 from trunk_experiments.gym import ENVIRONMENT
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verify
 from trunk_experiments.runs.offline import steps
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_experiments.views.run_view import RunView
+from trunk_experiments.views.task import different_tasks
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.reader import Recording
 
@@ -243,3 +249,18 @@ def test_what_is_no_action_is_refused_and_changes_nothing(action, says):
     other = made(**SHORT)
     other.reset(seed=1)
     assert bits(env.step(np.array([1.0]))[0]) == bits(other.step(np.array([1.0]))[0])
+
+
+def test_an_episode_is_ranked_among_runs_with_the_same_reference(tmp_path):
+    """Which is told in its terms, as nobody's parameters are on record."""
+    env = made(**SHORT)
+    played(env, balanced)
+    views = [RunView.read(RecordedRun.open(env.save(tmp_path / "episode.mcap")))]
+    for i, reference in enumerate((0.0, 0.1)):
+        settings = ["simulator.fall.stop=true", f"pid.reference.value={reference}"]
+        plan = env.task.plan_of(env._drawn)
+        ours = make_plan("demo", "pid", (), settings, SHORT)
+        record_offline(replace(ours, simulator=plan.simulator), tmp_path / f"{i}.mcap")
+        views.append(RunView.read(RecordedRun.open(tmp_path / f"{i}.mcap")))
+    assert different_tasks(views[:2]) == ()
+    assert different_tasks(views[::2]) == ("reference",)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from trunk_msgs_util.parameters.declarations import declarations
 from trunk_sim.disturbance_config import DisturbanceConfig
 
@@ -35,9 +37,16 @@ _LISTED = 4  # of the parameters that differ, in a line
 def different_tasks(views: Sequence[RunView]) -> tuple[str, ...]:
     """Return the names (``role.name``) of what makes the runs' tasks different; none if they are the same.
 
-    By what was recorded: where that is no simulator's parameters, by the scenario's name.
+    By what was recorded: where that is no simulator's parameters, by the scenario's name; where another
+    controller's parameters are not on record, by the references that it was told.
     """
     tasks = [_task(view) for view in views]
+    if any(view.run.another_controller for view in views):
+        first = views[0].table.reference
+        for view, task in zip(views, tasks, strict=True):
+            for name in [name for name in task if name.startswith("controller.")]:
+                del task[name]
+            task["reference"] = np.array_equal(view.table.reference, first)
     names = sorted({name for task in tasks for name in task})
     return tuple(name for name in names if any(t.get(name) != tasks[0].get(name) for t in tasks))
 
@@ -50,7 +59,7 @@ def not_ranked(names: Sequence[str]) -> str:
     return f"NOT RANKED: the runs have different tasks: {', '.join(names[:_LISTED])}{more}"
 
 
-def _task(view: RunView) -> Mapping[str, Value]:
+def _task(view: RunView) -> dict[str, Value]:
     simulator = view.parameters.get("simulator")
     if simulator is None:
         return {"scenario": view.recording.provenance.get("scenario", "")}
