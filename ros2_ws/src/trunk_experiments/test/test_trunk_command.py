@@ -185,8 +185,8 @@ def test_a_mistake_gives_one_line(arguments, code, says, tmp_path):
         (
             ("simulate", "fig8", "--rate", "x"),
             (
-                "Invalid value for '--rate': 'x': it is not a number, with or without a unit; a frequency in Hz "
-                "is needed, such as 5 Hz or 5 kHz (see trunk simulate --help)"
+                "Invalid value for '--rate': 'x': it is not a number, with or without a unit; a frequency in "
+                "Hz is needed, such as 5 Hz or 5 kHz (see trunk simulate --help)"
             ),
         ),
         (("--nothing",), "No such option '--nothing' (see trunk --help)"),

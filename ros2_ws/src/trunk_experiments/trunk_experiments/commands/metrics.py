@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from trunk_msgs_util.real_path import real_path
+
 from ..analysis.metrics import QUANTITIES, has_level, missing
 from ..analysis.recorded_metrics import recorded_metrics, table_and_metrics
 from ..console.document import json_option, write_json
@@ -49,4 +51,4 @@ def command(run: Path, as_json: bool) -> None:
         show_warnings(recorded.recording.further_warnings)
         write_json("metrics-1", metrics_values(recorded))
     else:
-        show_metrics(recorded, f"{run.resolve().name}: true error e = reference - angle")
+        show_metrics(recorded, f"{real_path(run).name}: true error e = reference - angle")

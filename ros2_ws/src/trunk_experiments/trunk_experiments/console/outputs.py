@@ -13,6 +13,8 @@ from typing import Any
 
 import click
 
+from trunk_msgs_util.real_path import real_path
+
 from ..errors import PlanError
 from .document import json_asked
 
@@ -101,7 +103,7 @@ def default_name(run: Path, suffix: str) -> Path:
     """
     name = run.stem if run.suffix == ".mcap" else run.name
     if run.name == "run.mcap" or not name:
-        name = run.resolve().parent.name if run.name == "run.mcap" else run.resolve().name
+        name = real_path(run).parent.name if run.name == "run.mcap" else real_path(run).name
     return Path(f"{name or 'run'}{suffix}")
 
 

@@ -15,6 +15,7 @@ from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_msgs_util.real_path import real_path
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
@@ -190,7 +191,7 @@ def labels(views: Sequence[RunView], name: Callable[[RunView], str] | None = Non
     """
     names = [name(view) if name else _stem(view.path) for view in views]
     if name is None and len(set(names)) < len(names):
-        names = [f"{view.path.resolve().parent.name}/{_stem(view.path)}" for view in views]
+        names = [f"{real_path(view.path).parent.name}/{_stem(view.path)}" for view in views]
     elif len(set(names)) < len(names):
         names = [f"{n}, {_stem(view.path)}" for n, view in zip(names, views, strict=True)]
     if len(set(names)) < len(names):
@@ -200,7 +201,7 @@ def labels(views: Sequence[RunView], name: Callable[[RunView], str] | None = Non
 
 def _stem(path: Path) -> str:
     """Return a recording's name without its suffix; ``.`` and ``..`` go by their folder's."""
-    return path.stem if path.stem not in ("", "..") else path.resolve().stem
+    return path.stem if path.stem not in ("", "..") else real_path(path).stem
 
 
 def same_pulses(views: Sequence[RunView]) -> list[Pulse]:
