@@ -8,8 +8,11 @@ from trunk_control.rule_tables import KD_AS_PRINTED, KP_AS_PRINTED
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.files import SCENARIOS, shipped_files
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.parameters.files import ParameterFileError, read, resolve
+from trunk_msgs_util.recording.reader import Recording
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)
@@ -172,3 +175,10 @@ def test_infinity_may_be_written_without_a_dot(text):
         make_plan("fig6", "pid", settings=[f"simulator.max_effort={text}"]).simulator.max_effort
         == math.inf
     )
+
+
+def test_a_disturbance_is_told_a_step_of_the_plant_ahead(tmp_path):
+    plan = make_plan("demo", "pid", settings=["simulator.update_rate=1000", "simulator.duration=1"])
+    assert plan.disturbance.update_rate == 1000.0
+    record_offline(plan, tmp_path / "run.mcap")
+    assert verify(Recording.open(tmp_path / "run.mcap")).exit_code == VERIFIED

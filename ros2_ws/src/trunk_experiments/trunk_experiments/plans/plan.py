@@ -143,7 +143,10 @@ def make_plan(
     layers = [layer.within(namespace) for layer in layers]
     name = Path(scenario).stem
     simulator = config_from("simulator", layers, namespace)
-    disturbance = config_from("disturbance", layers, namespace)
+    # It tells one step of the plant ahead: at another rate, what it told last is for no step.
+    disturbance = with_values(
+        config_from("disturbance", layers, namespace), update_rate=simulator.update_rate
+    )
     end = simulator.duration or inf
     warnings += [
         f"--swap-at {swap.time:g}:{swap.controller}: the run ends at {end:g} s, before that"
