@@ -10,7 +10,9 @@ import subprocess
 import numpy as np
 import pytest
 
+from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.report import make_report
 from trunk_experiments.views.report_page import write
 from trunk_experiments.views.run_view import RunView
@@ -291,6 +293,23 @@ def test_a_pulse_flashes_only_where_motion_is_welcome(opened, file, motion):
         """() => document.getElementById("stage-0").getContext("2d").getImageData(20, 40, 1, 1).data[3]"""
     )
     assert filled == (0 if motion == "reduce" else 255)
+
+
+def test_a_fall_is_marked_in_the_animation_and_in_every_chart_over_time(opened, tmp_path):
+    plan = make_plan("fig8", "fuzzy_pid", settings=["simulator.duration=1.5"])
+    record_offline(plan, tmp_path / "run.mcap")
+    view = RunView.read(RecordedRun.open(tmp_path / "run.mcap"))
+    path = tmp_path / "fell.html"
+    write(make_report([view]), path)
+    page = opened(path)
+    fell = view.recording.fell_at_ns / 1e9
+    for time, told in ((fell - 0.01, "not yet"), (fell, f"at {fell:g} s"), (1.4, f"at {fell:g} s")):
+        page.evaluate(f"() => clock.set({time})")
+        assert page.inner_text("#readout-0 [data-value=fell]") == told
+    marked = """() => charts.filter((c) => c.timed).map((c) =>
+        c.target.layout.shapes.filter((s) => s.type === "line" && s.x0 === report.runs[0].fell).length)"""
+    assert set(page.evaluate(marked)) == {1}
+    assert page.locator(".if-falls").is_visible()
 
 
 def test_hostile_words_stay_text(opened, hostile_run, tmp_path):

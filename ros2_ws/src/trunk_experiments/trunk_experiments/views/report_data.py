@@ -82,10 +82,17 @@ def _run(view: RunView, label: str, own: Sequence[OwnTerm]) -> dict[str, Any]:
             "length": (view.simulator or SimulatorConfig()).length,
         },
         "pulses": [{"start": p.start, "end": p.end, "text": pulse_text(p)} for p in view.pulses],
+        "fell": _fell(view),
         "turns": [turn._asdict() for turn in view.turns],
         "torqueRange": off_scale(table.torque),
         "fuzzy": _surfaces(view, controller) if isinstance(controller, FuzzyPidConfig) else None,
     }
+
+
+def _fell(view: RunView) -> float | None:
+    """Return when the trunk fell, in s since the run's begin; None if it did not."""
+    fell_ns = view.recording.fell_at_ns
+    return None if fell_ns is None else (fell_ns - view.run.begin_ns) / NANOSECONDS
 
 
 def pulse_text(pulse: Pulse) -> str:

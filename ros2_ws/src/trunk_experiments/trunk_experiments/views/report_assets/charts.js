@@ -69,6 +69,10 @@ const timeChart = (id, column, symbol, unit, options = {}) => {
       type: "line", xref: "x", yref: "paper", x0: at, x1: at, y0: 0, y1: 1, layer: "below",
       line: { color: cssColor("--soft"), width: 1, dash: "5px,2px,1px,2px" },
     })));
+    made.shapes.push(...report.runs.filter((run) => run.fell !== null).map((run) => ({
+      type: "line", xref: "x", yref: "paper", x0: run.fell, x1: run.fell, y0: 0, y1: 1,
+      line: { color: cssColor("--limit"), width: 1.6, dash: "2px,3px" },
+    })));
     made.shapes.push(...(options.shapes ? options.shapes() : []));
     return made;
   };
@@ -140,6 +144,7 @@ const makeTimeCharts = () => {
   if (differs.length) legendHas("measured");
   if (report.runs.some((run) => run.pulses.length)) legendHas("pulses");
   if (report.runs.some((run) => run.turns.length > 1)) legendHas("turns");
+  if (report.runs.some((run) => run.fell !== null)) legendHas("falls");
 
   timeChart("angle", "theta", "θ", "°", {
     under: () => {

@@ -32,6 +32,7 @@ const makeStage = (run, index) => {
   span.right += 0.3 * length;
   span.low -= 0.45 * length;
   span.high += 0.4 * length;
+  const fallen = () => run.fell !== null && t[row] >= run.fell - 1e-10;
   const still = matchMedia("(prefers-reduced-motion: reduce)");
   let row = 0;
 
@@ -127,6 +128,12 @@ const makeStage = (run, index) => {
       context.textAlign = "center";
       context.fillText(`pulse: ${pulse.text}`, width / 2, 22, width - 20);
     }
+    if (fallen()) {
+      context.fillStyle = cssColor("--limit");
+      context.font = "600 14px system-ui, sans-serif";
+      context.textAlign = "center";
+      context.fillText(`✕ fell at t = ${showNumber(run.fell, 6)} s`, width / 2, tall - 12, width - 20);
+    }
   };
 
   // An arc about the hip, starting at the trunk, its length proportional to the torque, at most half a turn.
@@ -159,6 +166,7 @@ const makeStage = (run, index) => {
   const show = (time) => {
     row = rowAt(t, time);
     draw();
+    say("fell", fallen() ? `at ${showNumber(run.fell, 6)} s` : "not yet");
     say("theta", `${showNumber(theta[row])}°`);
     say("reference", `${showNumber(reference[row])}°`);
     say("torque", `${showNumber(torque[row])} N·m`);
