@@ -65,7 +65,7 @@ ERRORS = [
 
 @pytest.mark.parametrize(("error", "code"), ERRORS, ids=lambda value: type(value).__name__)
 def test_an_error_is_one_line_and_its_own_exit_code(error, code, monkeypatch, capsys):
-    def verb(standalone_mode):
+    def verb(prog_name, standalone_mode):
         raise error
 
     monkeypatch.setattr(cli, "trunk", verb)
@@ -77,7 +77,7 @@ def test_an_error_is_one_line_and_its_own_exit_code(error, code, monkeypatch, ca
 
 
 def test_a_defect_keeps_its_traceback(monkeypatch):
-    def verb(standalone_mode):
+    def verb(prog_name, standalone_mode):
         raise ZeroDivisionError
 
     monkeypatch.setattr(cli, "trunk", verb)

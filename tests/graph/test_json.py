@@ -67,4 +67,8 @@ def test_parameters_of_a_running_node(children: Children, peer: Peer) -> None:
     child = children.trunk("params", "--json", "apply", "pid", "pid_as_printed", name="again")
     assert child.wait() == 0, child.stderr
     assert document(child, "params-apply-1")["changes"] == []
+    child = children.trunk("params", "set", "pid", "gains.p=50", "--json", name="set")
+    assert child.wait() == 0, child.stderr
+    (change,) = document(child, "params-apply-1")["changes"]
+    assert change == {"name": "gains.p", "old": 60.0, "new": 50.0, "fixed": False}
     assert pid.stop() == 0, pid.stderr

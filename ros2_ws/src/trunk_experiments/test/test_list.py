@@ -76,10 +76,12 @@ def test_only_what_was_judged_has_a_verdict(short_run, tmp_path, told, monkeypat
     monkeypatch.chdir(tmp_path)
     shutil.copy(short_run("fig6", "pid"), "good.mcap")
     with_another_command(short_run("fig6", "pid"), Path("edited.mcap"))
-    assert {one["verdict"] for one in json.loads(told("runs", "--json")[1])} == {"unjudged"}
+    found = json.loads(told("runs", "--json")[1])["runs"]
+    assert {one["doubts"]["judged"] for one in found} == {None}
+    assert "unjudged" in told("runs")[1]
     code, out, _ = told("runs", "--json", "--verify")
     assert code == 1
-    verdicts = {one["path"]: one["verdict"] for one in json.loads(out)}
+    verdicts = {one["file"]: one["doubts"]["judged"] for one in json.loads(out)["runs"]}
     assert verdicts == {"good.mcap": "verified", "edited.mcap": "diverges"}
     Path("edited.mcap").unlink()
     code, out, _ = told("runs", "--verify")
@@ -90,7 +92,7 @@ def test_only_what_was_judged_has_a_verdict(short_run, tmp_path, told, monkeypat
 
 def test_the_main_metrics_are_those_of_the_run(short_run, tmp_path, told):
     shutil.copy(short_run("fig6", "pid"), tmp_path / "one.mcap")
-    (found,) = json.loads(told("runs", "--json", tmp_path)[1])
+    (found,) = json.loads(told("runs", "--json", tmp_path)[1])["runs"]
     assert found["metrics"].keys() == {
         "overshoot_deg",
         "settling_time_6deg_s",
