@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections import defaultdict
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,6 +14,7 @@ from mcap.writer import CompressionType, Writer
 
 from trunk_msgs_util.recording.writing import chunked
 from trunk_msgs_util.recording.writing.chunked import HEAD, ChunkedWriter
+from trunk_msgs_util.recording.writing.interleaved import Rows
 
 TIMES = st.integers(0, 2**63 - 1) | st.integers(0, 5)
 MESSAGES = st.tuples(st.just("message"), st.integers(0, 2), TIMES, TIMES, st.binary(max_size=40))
@@ -69,3 +71,55 @@ def test_the_file_is_the_one_that_the_library_writes(ours, theirs, steps, size):
     assert [HEAD.unpack_from(heads, k)[0] for k in range(0, len(heads), HEAD.size)] == [
         Opcode.MESSAGE
     ] * total
+
+
+# A channel's messages in a block: how long each is, and in which places they are.
+BLOCK = st.dictionaries(
+    st.integers(0, 2), st.tuples(st.integers(1, 60), st.sets(st.integers(0, 20), min_size=1))
+)
+
+
+@given(blocks=st.lists(BLOCK, max_size=5), size=st.integers(1, 800), seed=st.integers(0, 9))
+def test_rows_make_the_file_of_single_messages(blocks, size, seed):
+    rng = np.random.default_rng(seed)
+    one_by_one, in_rows = io.BytesIO(), io.BytesIO()
+    taken = [defaultdict(bytes), defaultdict(bytes)]
+    writers = []
+    for stream, found in zip((one_by_one, in_rows), taken, strict=True):
+
+        def take(heads, messages, found=found):
+            for channel, joined in {0: heads, **messages}.items():
+                found[channel] += joined
+
+        writers.append(ChunkedWriter(stream, "", take))
+    first, second = writers
+    for writer in writers:
+        writer.start("ros2", "library")
+        schema = writer.register_schema("some/msg/Type", "ros2msg", b"float64 x")
+        for k in range(3):
+            writer.register_channel(f"/{k}", "cdr", schema, {"k": str(k)})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(chunked, "CHUNK_SIZE", size)
+        for block in blocks:
+            rows, messages = [], []
+            for k, (length, places) in block.items():
+                data = np.frombuffer(rng.bytes(length * len(places)), f"V{length}")
+                times = rng.integers(0, 2**62, len(places))
+                rows.append(Rows(k + 1, np.array(sorted(places)), times, data))
+                messages += [
+                    (place, len(rows), k + 1, time, one.tobytes())
+                    for place, time, one in zip(sorted(places), times.tolist(), data, strict=True)
+                ]
+            second.add_rows(rows)
+            in_order = sorted(messages, key=lambda one: (one[0], by_first(rows, one[1] - 1)))
+            for _, _, channel, time, data in in_order:
+                first.add_message(channel, time, data, time)
+        for writer in writers:
+            writer.finish()
+    assert in_rows.getvalue() == one_by_one.getvalue()
+    assert taken[0] == taken[1]
+
+
+def by_first(rows, i):
+    """Return the order of rows with messages in the same place: the one that begins first, then the first."""
+    return int(rows[i].place[0]), i

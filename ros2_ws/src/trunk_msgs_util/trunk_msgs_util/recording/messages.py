@@ -42,6 +42,14 @@ class Messages(NamedTuple):
         head = np.dtype((np.void, HEAD.size + _MESSAGE_HEAD.size))
         return unaligned(self.data, head)[self.offsets()].tobytes()
 
+    def joined(self) -> bytes:
+        """Return all messages, one after the other."""
+        sizes = self.end - self.start
+        size = int(sizes[0]) if len(sizes) else 0
+        if not size or (sizes != size).any():
+            return b"".join(self.bytes())
+        return unaligned(self.data, f"V{size}")[self.start].tobytes()
+
     def bytes(self) -> list[bytes]:
         """Return each message."""
         data = self.data
@@ -95,7 +103,7 @@ def head_field(data: bytes, offsets: Integers, name: str) -> NDArray[Any]:
     return unaligned(data, _FIELDS)[name][offsets + HEAD.size]
 
 
-def unaligned(data: bytes, dtype: Any) -> NDArray[Any]:
+def unaligned(data: bytes | NDArray[np.uint8], dtype: Any) -> NDArray[Any]:
     """Return a view in which element i is the value that begins at byte i."""
     dtype = np.dtype(dtype)
     return np.ndarray((max(len(data) - dtype.itemsize + 1, 0),), dtype, data, 0, (1,))

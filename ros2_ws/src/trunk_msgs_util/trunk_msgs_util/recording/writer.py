@@ -17,8 +17,10 @@ from .writing.chunked import ChunkedWriter
 from .writing.own_file import check_own, open_own
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from types import TracebackType
+
+    from .writing.interleaved import Rows
 
 __all__ = ["END", "PROVENANCE", "RecordingWriter"]
 
@@ -73,6 +75,14 @@ class RecordingWriter:
         self._check()
         try:
             self._writer.add_message(channel, log_time_ns, cdr, publish_time_ns)
+        except OSError as error:
+            raise self._failed(error) from None
+
+    def write_rows(self, rows: Sequence[Rows]) -> None:
+        """Write messages of several channels by their place. Raises OSError if it fails."""
+        self._check()
+        try:
+            self._writer.add_rows(rows)
         except OSError as error:
             raise self._failed(error) from None
 

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import BinaryIO
 
 import lz4.frame
+import numpy as np
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -30,6 +31,8 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from .interleaved import Interleaved, Rows, interleaved
+
 MAGIC = b"\x89MCAP0\r\n"
 CHUNK_SIZE = 1 << 20
 COMPRESSIONS: dict[str, Callable[[bytes], bytes]] = {
@@ -40,6 +43,7 @@ COMPRESSIONS: dict[str, Callable[[bytes], bytes]] = {
 # Of a message record: opcode and length, then channel, sequence, log time, publish time.
 HEAD = struct.Struct("<BQHIQQ")
 _HEAD_AFTER_LENGTH = HEAD.size - 9
+_ENTRY = struct.Struct("<QQ")  # of a message index: log time, offset in the chunk
 
 # Takes a chunk's message heads, and its messages by channel.
 Taken = Callable[[bytes, dict[int, bytes]], None]
@@ -75,7 +79,7 @@ class ChunkedWriter:
         self._size = 0
         self._heads: list[bytes] = []
         self._messages: dict[int, list[bytes]] = {}
-        self._index: dict[int, list[int]] = {}  # per channel: log time, offset, log time, ...
+        self._index: dict[int, bytearray] = {}  # entries per channel
         self._start_ns: int | None = None
         self._end_ns = 0
 
@@ -117,8 +121,8 @@ class ChunkedWriter:
         head = HEAD.pack(Opcode.MESSAGE, length, channel, sequence, log_time_ns, publish_time_ns)
         self.counts[channel] = sequence + 1
         if channel not in self._index:
-            self._index[channel], self._messages[channel] = [], []
-        self._index[channel] += (log_time_ns, self._size)
+            self._index[channel], self._messages[channel] = bytearray(), []
+        self._index[channel] += _ENTRY.pack(log_time_ns, self._size)
         self._messages[channel].append(data)
         self._heads.append(head)
         self._records += (head, data)
@@ -129,6 +133,41 @@ class ChunkedWriter:
             self._end_ns = log_time_ns
         if self._size > CHUNK_SIZE:
             self._finish_chunk()
+
+    def add_rows(self, rows: Sequence[Rows]) -> None:
+        """Add messages of several channels by their place, as so many calls of `add_message` would."""
+        rows = [one for one in rows if len(one.place)]
+        if not rows:
+            return
+        many = interleaved(rows, self.counts)
+        first, last = 0, len(many.end)
+        while first < last:
+            # Up to the record with which the chunk becomes too large, as in `add_message`.
+            full = int(many.start[first]) + CHUNK_SIZE - self._size
+            fits = int(np.searchsorted(many.end, full, side="right"))
+            stop = min(max(fits, first) + 1, last)
+            self._add_records(many, first, stop)
+            if self._size > CHUNK_SIZE:
+                self._finish_chunk()
+            first = stop
+
+    def _add_records(self, many: Interleaved, first: int, last: int) -> None:
+        channels, times = many.channel[first:last], many.time_ns[first:last]
+        offsets = many.start[first:last] - many.start[first] + self._size
+        entries = np.stack([times, offsets], axis=1).astype("<u8")
+        numbers, earliest = np.unique(channels, return_index=True)
+        for number in numbers[np.argsort(earliest)].tolist():
+            found = np.flatnonzero(channels == number)
+            if number not in self._index:
+                self._index[number], self._messages[number] = bytearray(), []
+            self._index[number] += entries[found].tobytes()
+            self._messages[number].append(many.messages(first + found))
+        self._heads.append(many.heads(first, last))
+        self._records.append(many.records(first, last))
+        self._size += len(self._records[-1])
+        least = int(times.min())
+        self._start_ns = least if self._start_ns is None else min(least, self._start_ns)
+        self._end_ns = max(int(times.max()), self._end_ns)
 
     def _finish_chunk(self) -> None:
         if self._start_ns is None:  # no message: what else there is waits for the next chunk
@@ -149,8 +188,8 @@ class ChunkedWriter:
         indexes = b""
         for channel, entries in index.items():
             offsets[channel] = at + len(chunk) + len(indexes)
-            head = (Opcode.MESSAGE_INDEX, 6 + 8 * len(entries), channel, 8 * len(entries))
-            indexes += struct.pack(f"<BQHI{len(entries)}Q", *head, *entries)
+            head = (Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries))
+            indexes += struct.pack("<BQHI", *head) + entries
         self._chunks.append(
             ChunkIndex(
                 chunk_length=len(chunk),
