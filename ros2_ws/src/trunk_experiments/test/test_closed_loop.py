@@ -8,6 +8,7 @@ from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from trunk_control.laws import law_named
@@ -23,6 +24,7 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.runs.loop import chains_of, surroundings_of
 from trunk_experiments.runs.offline import steps
 from trunk_msgs_util import compiled
 from trunk_msgs_util.parameters.declarations import declarations, values_of
@@ -63,8 +65,8 @@ def test_the_comparison_detects_one_changed_bit(batch, monkeypatch):
     plan = random_plan(0)
     loop = closed_loop.compiled_loop(tuple(plan.controllers))
 
-    def off(surroundings, memories, participants, noise, out):
-        result = loop(surroundings, memories, participants, noise, out)
+    def off(surroundings, memories, participants, noise, history, out):
+        result = loop(surroundings, memories, participants, noise, history, out)
         out[closed_loop.THETA, 7] *= 1.0 + 2.0**-52
         return result
 
@@ -75,10 +77,11 @@ def test_the_comparison_detects_one_changed_bit(batch, monkeypatch):
 def test_the_same_loop_runs_in_cpython(batch):
     plan = make_plan("fig8", "pid", everywhere={"duration": 0.05}, swaps=[Swap(0.02, "lqr")])
     expected = batch.run(plan).table
-    out = closed_loop.np.empty((closed_loop.ROWS, len(expected.t)))
+    out = np.empty((closed_loop.ROWS, len(expected.t)))
     loop = closed_loop.loop_of(*(law_named(name) for name in plan.controllers))
-    surroundings, chains = closed_loop.surroundings_of(plan), closed_loop.chains_of(plan)
-    assert loop(surroundings, *chains, closed_loop._NO_NOISE, out) == (51, False)
+    surroundings, chains = surroundings_of(plan), chains_of(plan)
+    noise = closed_loop._NO_NOISE
+    assert loop(surroundings, *chains, noise, np.empty((1, 4)), out) == (51, False)
     assert out[closed_loop.THETA].tolist() == expected.theta.tolist()
 
 

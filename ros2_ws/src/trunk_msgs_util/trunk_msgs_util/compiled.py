@@ -23,7 +23,6 @@ from types import FunctionType
 from typing import Any, TypeVar, cast
 
 import numba
-import numpy as np
 from numba.core.errors import NumbaError
 from numba.extending import register_jitable
 
@@ -36,7 +35,6 @@ _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "_nrt": False
 _registered: set[FunctionType] = set()
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-Record = TypeVar("Record")
 
 
 def compiled(function: Function) -> Function:
@@ -127,23 +125,3 @@ def cache_folder() -> Path:
 @cache
 def _contents(path: Path) -> bytes:
     return path.read_bytes()
-
-
-_INTEGERS = {"pulse_starts", "times", "turns_ns"}  # fields of ns
-
-
-def with_arrays(record: Record) -> Record:
-    """Return a named tuple with its tuples as arrays, so that its type does not include their lengths.
-
-    Nested named tuples are treated likewise; anything else is returned unchanged.
-    """
-    if not hasattr(record, "_fields"):
-        return record
-    fields: Any = record
-    made: Record = fields._make(
-        np.array(value, dtype=np.int64 if name in _INTEGERS else np.float64)
-        if type(value) is tuple
-        else with_arrays(value)
-        for name, value in zip(fields._fields, fields, strict=True)
-    )
-    return made

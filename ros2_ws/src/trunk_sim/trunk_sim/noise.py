@@ -122,9 +122,9 @@ def random_bits(seed: int, first: int, steps: int) -> NDArray[np.int64]:
     return (raw >> np.uint64(11)).astype(np.int64)
 
 
-def noise_samples(seed: int, steps: int) -> NDArray[np.float64]:
-    """Return the samples of the first steps [steps, 2], for position and velocity."""
-    bits = random_bits(seed, 0, steps)
+def noise_samples(seed: int, steps: int, first: int = 0) -> NDArray[np.float64]:
+    """Return the samples of so many steps from ``first`` on [steps, 2], for position and velocity."""
+    bits = random_bits(seed, first, steps)
     samples = np.empty(bits.shape)
     quick = fill if bits.size < _WORTH_COMPILING else _compiled_fill()
     quick(bits.reshape(-1), samples.reshape(-1))

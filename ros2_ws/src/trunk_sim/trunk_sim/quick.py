@@ -15,13 +15,18 @@ Act = Callable[[Trunk, float, Disturbance, Plant], Trunk]
 WORTH_COMPILING = 40_000
 
 
+def worth_compiling(config: SimulatorConfig) -> bool:
+    """Return True for a run that is long enough, or endless, to make up for loading the compiler."""
+    steps = config.duration * config.update_rate * config.substeps
+    return not 0.0 < steps < WORTH_COMPILING
+
+
 def act_for(config: SimulatorConfig) -> Act:
     """Return `act` for a run with this configuration, ready to use: compiled if that is quicker, and can be.
 
     Both return the same bits.
     """
-    steps = config.duration * config.update_rate * config.substeps
-    if 0.0 < steps < WORTH_COMPILING:
+    if not worth_compiling(config):
         return act
     try:
         from trunk_msgs_util.compiled import ready

@@ -15,13 +15,28 @@ from .noise import Noise
 from .plant import PlantState
 from .quick import Act, act_for
 from .sensors import DelayLine
-from .step import Trunk, at_rest, noisy, saturate, sense
+from .step import Plant, Trunk, at_rest, noisy, saturate, sense
 
 
 class DivergedError(TrunkError, ArithmeticError):
     """The plant's state is no longer finite: the loop is unstable."""
 
     exit_code: ClassVar[int] = EXIT_FAILED
+
+
+def diverged(stamp_ns: int, state: PlantState, effort: float, plant: Plant) -> DivergedError:
+    """Return the error for a step from this state, with this command [N m], that is not finite."""
+    torque = saturate(effort, plant.max_effort)
+    if max(abs(state.x * plant.body.wavenumber), abs(state.theta)) > 0.9 * LARGEST_ANGLE:
+        return DivergedError(
+            f"the step after t = {seconds(stamp_ns):g} s turns the trunk, or the path's phase, "
+            f"beyond {LARGEST_ANGLE:g} rad, the largest angle whose sine is computed"
+        )
+    return DivergedError(
+        f"the plant diverged in the step after t = {seconds(stamp_ns):g} s "
+        f"(angle {state.theta:.3g} rad, effort {torque:.3g} N m): the loop is unstable "
+        "with these gains at this rate"
+    )
 
 
 class Simulation:
@@ -89,18 +104,7 @@ class Simulation:
         """
         after = self._act(self.trunk, effort, disturbance, self._plant)
         if after.diverged:
-            torque = saturate(effort, self._plant.max_effort)
-            phase = self.state.x * self._plant.body.wavenumber
-            if max(abs(phase), abs(self.state.theta)) > 0.9 * LARGEST_ANGLE:
-                raise DivergedError(
-                    f"the step after t = {seconds(self.stamp_ns):g} s turns the trunk, or the path's phase, "
-                    f"beyond {LARGEST_ANGLE:g} rad, the largest angle whose sine is computed"
-                )
-            raise DivergedError(
-                f"the plant diverged in the step after t = {seconds(self.stamp_ns):g} s "
-                f"(angle {self.state.theta:.3g} rad, effort {torque:.3g} N m): the loop is unstable "
-                "with these gains at this rate"
-            )
+            raise diverged(self.stamp_ns, self.state, effort, self._plant)
         self.falls_now = after.fallen and not self.trunk.fallen
         self.trunk = after
         self.step_index += 1

@@ -12,9 +12,10 @@ from trunk_control.controller import hip_index, setting_of
 from trunk_control.laws import law_named, law_of
 from trunk_control.pid import PidState, limited
 from trunk_control.reference import ReferenceProfile
-from trunk_msgs_util.compiled import compiled, with_arrays
+from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds, step_count
+from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.disturbances import Signals
 from trunk_sim.noise import noise_samples
 from trunk_sim.step import noisy, pruned
@@ -23,8 +24,9 @@ from ..analysis.metrics import Metrics, metrics_of, steady_from
 from ..analysis.sums import Sums, no_rows
 from ..errors import PlanError
 from ..plans.plan import RunPlan
+from ..runs.loop import check_compilable
 from .cells import LEFT, MEMORY, PARAMETERS, STATE, SUMS
-from .closed_loop import Batch, check_compilable
+from .closed_loop import Batch
 from .columns import LANES, in_common, row_values, shared
 from .lanes import Common, Series, fill_disturbances, fill_references, lanes_loop
 

@@ -23,6 +23,7 @@ from trunk_sim.integrator import rk4_step
 from trunk_sim.step import Plant, SensorParameters, beyond_fall, finite, saturate, sense
 
 from ..analysis.sums import with_row
+from ..runs.loop import reading_of
 from .cells import (
     ACTING,
     INPUTS,
@@ -45,7 +46,6 @@ from .cells import (
     state_at,
     sums_at,
 )
-from .closed_loop import reading_of
 from .columns import LANES, Reader, reader_of
 
 TRACED = 6  # numbers of a lane and step in a trace: the plant's state, the reference, the torque

@@ -2,37 +2,70 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
 
 import numpy as np
 
-from trunk_msgs_util.recording.joint_arrays import QUANTITIES, Floats, Integers
+from trunk_msgs_util.recording.filling import Filling
+from trunk_msgs_util.recording.joint_arrays import (
+    QUANTITIES,
+    Floats,
+    Integers,
+    JointArrays,
+    decode,
+)
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.series import Column
 from trunk_msgs_util.units import seconds
+
+_LARGE = 1 << 17  # rows: from here on a dictionary of them takes too much memory
 
 
 class JointTable:
     """A JointState topic whose rows are found by stamp; of equal stamps the first row counts.
 
     ``needed``: messages in which one of these columns is not finite are left out, as a controller skips them.
+    ``filled``: what was already read of it; its values, where they were not kept, are read when asked for.
     """
 
     def __init__(
-        self, recording: Recording, relative: str, needed: Collection[Column] = ()
+        self,
+        recording: Recording,
+        relative: str,
+        needed: Collection[Column] = (),
+        filled: Filling | None = None,
+        known_ns: Integers | None = None,
     ) -> None:
+        """Stamps that are ``known_ns`` share their memory."""
         self.topic = relative
+        self._recording = recording
         self._where = f"{recording.path}: {recording.topic(relative)}"
-        self.arrays = recording.joints(recording.topic(relative))
+        if filled is None:
+            self.arrays = self._read(needed)
+            self.names, self.stamp_ns = self.arrays.names, self.arrays.stamp_ns
+            self.log_time_ns = self.arrays.log_time_ns
+            self.widths = {q: getattr(self.arrays, q).shape[1] for q in QUANTITIES}
+        else:
+            self.names, self.widths = filled.names, filled.widths
+            self.stamp_ns, self.log_time_ns = filled.times(known_ns)
+            arrays = filled.arrays(self.stamp_ns, self.log_time_ns)
+            if arrays is not None:
+                self.arrays = arrays
+        self._window: tuple[int, Floats] = 0, np.empty((0, 0))
+        self._coming: Iterator[Floats] | None = None
+
+    def _read(self, needed: Collection[Column] = ()) -> JointArrays:
+        arrays = self._recording.joints(self._recording.topic(self.topic))
         if needed:
-            columns = np.column_stack([self.arrays.column(*column) for column in needed])
-            self.arrays = self.arrays.rows(np.flatnonzero(np.isfinite(columns).all(axis=1)))
-        self.names = self.arrays.names
-        self.stamp_ns: Integers = self.arrays.stamp_ns
-        self._values: dict[str, Floats] = {
-            quantity: getattr(self.arrays, quantity) for quantity in QUANTITIES
-        }
+            columns = np.column_stack([arrays.column(*column) for column in needed])
+            arrays = arrays.rows(np.flatnonzero(np.isfinite(columns).all(axis=1)))
+        return arrays
+
+    @cached_property
+    def arrays(self) -> JointArrays:
+        """All messages."""
+        return self._read()
 
     @cached_property
     def stamps(self) -> list[int]:
@@ -47,8 +80,19 @@ class JointTable:
             rows.setdefault(stamp, row)
         return rows
 
+    @cached_property
+    def _ascends(self) -> bool:
+        return bool((self.stamp_ns[1:] > self.stamp_ns[:-1]).all())
+
+    def row(self, stamp_ns: int) -> int | None:
+        """Return the first row with a stamp; None if there is none."""
+        if len(self) < _LARGE or not self._ascends:
+            return self.rows.get(stamp_ns)
+        row = int(np.searchsorted(self.stamp_ns, stamp_ns))
+        return row if row < len(self) and self.stamp_ns[row] == stamp_ns else None
+
     def __contains__(self, stamp_ns: int) -> bool:
-        return stamp_ns in self.rows
+        return self.row(stamp_ns) is not None
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
@@ -58,7 +102,10 @@ class JointTable:
 
         Raises RecordingError if they are not as many as the names, or as ``count``.
         """
-        values: list[float] = self._values[quantity][self.rows[stamp_ns]].tolist()
+        row = self.row(stamp_ns)
+        if row is None:
+            raise KeyError(stamp_ns)
+        values: list[float] = self.values(quantity)[row].tolist()
         needed = len(self.names) if count is None else count
         if not len(values) == len(self.names) == needed:
             raise RecordingError(
@@ -78,13 +125,42 @@ class JointTable:
 
     def values(self, quantity: str) -> Floats:
         """Return all values of a quantity [N, names], or [N, 0] if no message carries it."""
-        return self._values[quantity]
+        found: Floats = getattr(self.arrays, quantity)
+        return found
 
     def rows_of(self, stamps: Integers) -> Integers:
         """Return the row of each stamp, -1 if there is none."""
-        order = np.argsort(self.stamp_ns, kind="stable")
-        known = self.stamp_ns[order]
-        if not len(known):
+        if not len(self):
             return np.full(len(stamps), -1)
+        order = None if self._ascends else np.argsort(self.stamp_ns, kind="stable")
+        known = self.stamp_ns if order is None else self.stamp_ns[order]
         at = np.minimum(np.searchsorted(known, stamps), len(known) - 1)
-        return np.where(known[at] == stamps, order[at], -1)
+        return np.where(known[at] == stamps, at if order is None else order[at], -1)
+
+    def positions(self, first: int, stop: int) -> Floats:
+        """Return the positions [stop - first, names] of some rows.
+
+        Where the values were not kept they are read in passing, quickest in ascending order.
+        """
+        if "arrays" in self.__dict__:
+            return self.values("position")[first:stop]
+        begin, held = self._window
+        if self._coming is None or first < begin:
+            begin, held, self._coming = 0, np.empty((0, len(self.names))), self._in_passing()
+        parts, end = [held], begin + len(held)
+        while end < stop:
+            part = next(self._coming, None)
+            if part is None:
+                raise RecordingError(f"{self._where}: the file has changed: open it again")
+            parts.append(part)
+            end += len(part)
+            while begin + len(parts[0]) <= first and len(parts) > 1:
+                begin += len(parts.pop(0))
+        held = np.concatenate(parts)[first - begin :]
+        self._window = first, held
+        return held[: stop - first]
+
+    def _in_passing(self) -> Iterator[Floats]:
+        topic = self._recording.topic(self.topic)
+        for block in self._recording.blocks([topic]):
+            yield decode(block[topic]).position

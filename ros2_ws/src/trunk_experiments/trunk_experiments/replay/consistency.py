@@ -71,7 +71,7 @@ def _names(run: RecordedRun) -> Iterator[str]:
                 f"by the parameters it is {', '.join(names)}"
             )
         for quantity in _JOINTS:
-            width = table.values(quantity).shape[1]
+            width = table.widths[quantity]
             wanted = len(table.names) if quantity in quantities else 0
             if width != wanted:
                 yield f"{relative}: {width} values of {quantity} in a message, {wanted} are written"
@@ -184,7 +184,7 @@ def _times(run: RecordedRun) -> Iterator[str]:
         table = run.table(relative)
         if not len(table):
             continue
-        equal = table.arrays.log_time_ns == np.maximum(table.stamp_ns, 0)
+        equal = table.log_time_ns == np.maximum(table.stamp_ns, 0)
         if run.exact and not equal.all():
             at = seconds(int(table.stamp_ns[np.flatnonzero(~equal)[0]]))
             yield f"{relative}: mode {run.mode}, but at t = {at:g} s the log time is not the stamp"

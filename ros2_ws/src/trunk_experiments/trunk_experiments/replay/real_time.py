@@ -68,7 +68,7 @@ def _first_alike(disturbances: JointTable, stamps: Sequence[int]) -> list[int]:
     if not all(disturbances.values(quantity).shape[1] == 2 for quantity in ("position", "effort")):
         return list(range(len(stamps)))  # they cannot be read as disturbances
     rows = [disturbances.rows[stamp] for stamp in stamps]
-    bits = disturbances_matrix(disturbances).view(np.int64)[rows]
+    bits = disturbances_matrix(disturbances, slice(None)).view(np.int64)[rows]
     new = np.ones(len(stamps), bool)
     new[1:] = (bits[1:] != bits[:-1]).any(axis=1)
     first: list[int] = np.maximum.accumulate(np.where(new, np.arange(len(stamps)), 0)).tolist()

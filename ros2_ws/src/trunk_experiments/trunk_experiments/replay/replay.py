@@ -8,7 +8,6 @@ is equal; where something is not, this module checks step by step.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cached_property
 from math import isfinite
 from typing import NamedTuple
 
@@ -17,8 +16,8 @@ import numpy as np
 from trunk_control.controller import Controller, hip_index, hip_seen
 from trunk_control.decide import Answer, Reading, state_record
 from trunk_msgs_util import topics
-from trunk_msgs_util.compiled import with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.disturbances import Disturbance, disturbance_at, disturbance_sample
 
 from ..plans.timeline import Timeline, begins_active
@@ -103,45 +102,41 @@ class DrivenController:
             return [0.0] * len(self.states.names)
         return self.states.get(stamp_ns, quantity)
 
-    @cached_property
-    def _states_matrix(self) -> Floats:
+    def states_at(self, rows: Integers) -> Floats:
+        """Return what a controller reads of some rows of the states [N, 5], as `CommandRecord` has it."""
         position, velocity, effort = (
-            self.states.values(quantity)[:, self.joint]
+            self.states.values(quantity)[rows, self.joint]
             for quantity in ("position", "velocity", "effort")
         )
-        hip: list[Floats] = [np.zeros(len(self.states))] * 2
+        hip: list[Floats] = [np.zeros(len(rows))] * 2
         if self.hip is not None:
             hip = [
-                self.states.values(quantity)[:, self.hip] for quantity in ("position", "velocity")
+                self.states.values(quantity)[rows, self.hip]
+                for quantity in ("position", "velocity")
             ]
         if not self._needs_velocity:
             velocity = np.where(np.isfinite(velocity), velocity, 0.0)
         effort = np.where(np.isfinite(effort), effort, 0.0)
         return np.column_stack([position, velocity, *hip, effort])
 
-    def record(self, commands: JointTable, stamps: Integers) -> stretches.CommandRecord:
+    def record(self, commands: JointTable, stamps: Integers) -> CommandWindows:
         """Return the record for `pass_over`, a row for each of the commands with these stamps."""
-        return stretches.CommandRecord(
-            stamps,
-            np.ascontiguousarray(commands.values("effort")[commands.rows_of(stamps), 0]),
-            self.states.rows_of(stamps),
-            self.terms.rows_of(stamps),
-            self._states_matrix,
-            np.ascontiguousarray(self.terms.values("position")),
-        )
+        rows = (table.rows_of(stamps) for table in (commands, self.states, self.terms))
+        return CommandWindows(self, commands, stamps, *rows)
 
-    def pass_over(self, record: stretches.CommandRecord, first: int, last: int) -> int:
+    def pass_over(self, record: CommandWindows, first: int, last: int) -> int:
         """Skip commands that are as recorded; return the first row that needs a closer look."""
         controller = self.controller
+        begin, window = record.around(first)
         row, controller.memory = stretches.compiled_commands(controller.law.name)(
-            first,
-            last,
+            first - begin,
+            min(last - begin, len(window.stamp_ns)),
             controller.memory,
             with_arrays(controller.setting),
             tuple(with_arrays(one) for one in controller.constants),
-            record,
+            window,
         )
-        return row
+        return begin + row
 
     def turn(self, stamp_ns: int) -> bool:
         """Advance to a stamp; return True if the controller is active there."""
@@ -167,9 +162,56 @@ class DrivenController:
         )
 
 
+class CommandWindows:
+    """The record of a controller's commands for compiled code, so many rows at a time."""
+
+    def __init__(
+        self,
+        driven: DrivenController,
+        commands: JointTable,
+        stamps: Integers,
+        rows: Integers,
+        state_rows: Integers,
+        terms_rows: Integers,
+    ) -> None:
+        """``rows``, ``state_rows`` and ``terms_rows`` [N] are those of each command, -1 for none."""
+        self._driven, self._commands, self._stamps = driven, commands, stamps
+        self._rows, self._state_rows, self._terms_rows = rows, state_rows, terms_rows
+        self._begin = -1
+        self._window: stretches.CommandRecord
+
+    def around(self, row: int) -> tuple[int, stretches.CommandRecord]:
+        """Return where the window with a command begins, and its record."""
+        begin = row - row % stretches.LONGEST
+        if begin != self._begin:
+            self._begin, self._window = begin, self._record(slice(begin, begin + stretches.LONGEST))
+        return begin, self._window
+
+    def _record(self, window: slice) -> stretches.CommandRecord:
+        stamps, states, terms = (
+            array[window] for array in (self._stamps, self._state_rows, self._terms_rows)
+        )
+        told = terms[terms >= 0]
+        first, stop = (int(told.min()), int(told.max()) + 1) if len(told) else (0, 0)
+        return stretches.CommandRecord(
+            stamps,
+            self._commands.values("effort")[self._rows[window], 0],
+            np.where(states >= 0, np.arange(len(states)), -1),
+            np.where(terms >= 0, terms - first, -1),
+            self._driven.states_at(np.maximum(states, 0)),
+            np.ascontiguousarray(self._driven.terms.positions(first, stop)),
+        )
+
+
 def _finite(value: float) -> float:
     """Return what a node takes for a value that nobody measured."""
     return value if isfinite(value) else 0.0
+
+
+def worth_compiling(stamps: Integers) -> bool:
+    """Return True if compiled code is there, is worthwhile, and takes these stamps: they ascend."""
+    long = len(stamps) >= WORTH_COMPILING and stretches.available()
+    return long and bool((stamps[1:] > stamps[:-1]).all())
 
 
 def judged(stamps: Integers, until_ns: int | None) -> Integers:
@@ -217,21 +259,21 @@ def replay_controllers(
 
 def _records(
     driven: dict[str, DrivenController], commands: JointTable, stamps: Integers
-) -> dict[str, stretches.CommandRecord]:
+) -> dict[str, CommandWindows]:
     """Return the records for compiled code; none if that is not worthwhile or not possible."""
-    if len(stamps) < WORTH_COMPILING or not (np.diff(stamps) > 0).all():
+    if not worth_compiling(stamps):
         return {}
     return {
         name: one.record(commands, stamps)
         for name, one in driven.items()
         if _is_whole(one.states, 2)
-        and commands.values("effort").shape[1] == 1
-        and one.terms.values("position").shape[1] == len(one.controller.law.record_names)
+        and commands.widths["effort"] == 1
+        and one.terms.widths["position"] == len(one.controller.law.record_names)
     }
 
 
 def _is_whole(table: JointTable, joints: int) -> bool:
-    return all(table.values(q).shape[1] == joints for q in ("position", "velocity", "effort"))
+    return all(table.widths[q] == joints for q in ("position", "velocity", "effort"))
 
 
 def _compared(commands: JointTable, driven: DrivenController, stamp_ns: int) -> list[Difference]:
@@ -256,9 +298,10 @@ def replay_disturbance(run: RecordedRun, until_ns: int | None = None) -> Iterato
     signals, joints = timeline.config.signals, timeline.config.joints
     messages = run.table(topics.DISTURBANCE)
     stamps = judged(messages.stamp_ns, until_ns)
-    whole = all(messages.values(q).shape[1] == 2 for q in ("position", "effort"))
-    quick = whole and len(stamps) >= WORTH_COMPILING and bool((np.diff(stamps) > 0).all())
-    matrix = disturbances_matrix(messages) if quick else np.empty((0, 4))
+    whole = all(messages.widths[q] == 2 for q in ("position", "effort"))
+    quick = whole and worth_compiling(stamps)
+    begin = -1
+    matrix: Floats = np.empty((0, 4))
     row = 0
     while row < len(stamps):
         stamp_ns = int(stamps[row])
@@ -266,11 +309,14 @@ def replay_disturbance(run: RecordedRun, until_ns: int | None = None) -> Iterato
             signals = timeline.config.signals
         if quick:
             last = int(np.searchsorted(stamps, timeline.next_ns, side="right"))
-            last = min(last, row + stretches.LONGEST)
-            passed = (
-                stretches.compiled_disturbances()(row, last, with_arrays(signals), stamps, matrix)
-                - row
+            if row - row % stretches.LONGEST != begin:
+                begin = row - row % stretches.LONGEST
+                matrix = disturbances_matrix(messages, slice(begin, begin + stretches.LONGEST))
+            last = min(last, begin + len(matrix)) - begin
+            found_row = stretches.compiled_disturbances()(
+                row - begin, last, with_arrays(signals), stamps[begin:], matrix
             )
+            passed = begin + found_row - row
             if passed:
                 row += passed
                 yield Checked(stamp_ns, (), passed, last_ns=int(stamps[row - 1]))
@@ -284,9 +330,9 @@ def replay_disturbance(run: RecordedRun, until_ns: int | None = None) -> Iterato
         row += 1
 
 
-def disturbances_matrix(messages: JointTable) -> Floats:
-    """Return recorded disturbances [N, 4], in the order of the channels."""
-    return np.ascontiguousarray(np.hstack([messages.values("effort"), messages.values("position")]))
+def disturbances_matrix(messages: JointTable, rows: slice | Integers) -> Floats:
+    """Return some recorded disturbances [N, 4], in the order of the channels."""
+    return np.hstack([messages.values("effort")[rows], messages.values("position")[rows]])
 
 
 def acting_at(disturbances: JointTable, stamp_ns: int) -> Disturbance:

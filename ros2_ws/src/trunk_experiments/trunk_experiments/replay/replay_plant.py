@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterator
-from functools import cached_property
 
 import numpy as np
 
@@ -50,7 +49,8 @@ class PlantReplay:
         config: SimulatorConfig = self._timeline.config
         self._delay_steps = config.delay_steps
         self._noise = Noise(config.seed)
-        self._quiet = np.zeros((len(self._stamps), 2))
+        self._windowed = -1, False
+        self._held_window: tuple[int, stretches.PlantRecord]
         self._possible = None if run.exact else PossibleDisturbances(self._disturbances)
         self._acting: list[tuple[int, Disturbance]] = []
         self._held = _held(run, self._commands)
@@ -73,10 +73,10 @@ class PlantReplay:
 
     def __iter__(self) -> Iterator[Checked]:
         """Yield what differs in each recorded true state and in its measurement."""
-        record = self._record()
+        regular = self._is_regular()
         while self._row < len(self._stamps):
             stamp_ns = int(self._stamps[self._row])
-            if record is not None and (passed := self._pass_over(record)):
+            if regular and (passed := self._pass_over()):
                 last_ns = int(self._stamps[self._row - 1])
                 if self._possible is not None:
                     self._possible.passed(last_ns)
@@ -87,28 +87,36 @@ class PlantReplay:
                 return
             self._row += 1
 
-    def _pass_over(self, record: stretches.PlantRecord) -> int:
+    def _pass_over(self) -> int:
         """Skip states that are as recorded; return how many."""
         before = self._row
+        begin, record = self._window(before)
         # A change stamped k came while state k was the latest: it acts on the step to k + 1.
         last = int(np.searchsorted(self._stamps, self._timeline.next_ns))
-        last = min(last, before + stretches.LONGEST)
-        self._row, self._trunk, self._falls = stretches.compiled_plant()(
-            before,
-            max(last, before),
+        last = min(last, begin + len(record.truth))
+        row, self._trunk, self._falls = stretches.compiled_plant()(
+            before - begin,
+            max(last, before) - begin,
             self._trunk,
             self._falls,
-            self._remembered,
+            self._remembered - begin,
             self._delay_steps,
             pruned(self._plant),
             self._sensor,
-            record._replace(noise=self._samples if noisy(self._sensor) else self._quiet),
+            record,
         )
+        self._row = begin + row
         return self._row - before
 
-    @cached_property
-    def _samples(self) -> Floats:
-        return noise_samples(self._noise.seed, len(self._stamps))
+    def _window(self, row: int) -> tuple[int, stretches.PlantRecord]:
+        """Return the record around a row for compiled code, and its first row."""
+        number = row // stretches.LONGEST, noisy(self._sensor)
+        if self._windowed != number:
+            first = number[0] * stretches.LONGEST
+            begin = max(first - self._delay_steps, 0)  # what the sensors still have to see
+            record = self._record(begin, min(first + stretches.LONGEST, len(self._stamps)))
+            self._windowed, self._held_window = number, (begin, record)
+        return self._held_window
 
     def _looked_at(self, stamp_ns: int) -> list[Difference]:
         """Return what differs at the current state; if anything does, continue from the record."""
@@ -181,44 +189,52 @@ class PlantReplay:
         row = self._row + 1
         return float(self._truth.values("effort")[row, 1]) if row < len(self._stamps) else None
 
-    def _record(self) -> stretches.PlantRecord | None:
-        """Return the record for compiled code; None if that is not worthwhile or not possible."""
-        stamps = self._stamps
-        whole = all(_is_whole(table) for table in (self._truth, self._measured))
-        if (
-            not whole
-            or not self._marked
-            or len(stamps) < replay.WORTH_COMPILING
-            or not (np.diff(stamps) > 0).all()
-            or not np.array_equal(self._steps, np.arange(len(stamps)))
-            or self._commands.values("effort").shape[1] != 1
-        ):
-            return None
+    def _is_regular(self) -> bool:
+        """Return True if compiled code is worthwhile, and the record is as it takes it."""
+        stamps, disturbances = self._stamps, self._disturbances
+        return (
+            all(_is_whole(table) for table in (self._truth, self._measured))
+            and self._marked
+            and replay.worth_compiling(stamps)
+            and np.array_equal(self._steps, np.arange(len(stamps)))
+            and self._commands.widths["effort"] == 1
+            and (
+                not len(disturbances)
+                or all(disturbances.widths[q] == 2 for q in ("position", "effort"))
+            )
+        )
+
+    def _record(self, first: int, stop: int) -> stretches.PlantRecord:
+        """Return the record of the states in [first, stop)."""
+        stamps = self._stamps[first:stop]
         disturbances = np.zeros((len(stamps), 4))
         if len(self._disturbances):
-            if not all(self._disturbances.values(q).shape[1] == 2 for q in ("position", "effort")):
-                return None
             rows = self._disturbances.rows_of(stamps)
-            disturbances[rows >= 0] = disturbances_matrix(self._disturbances)[rows[rows >= 0]]
+            known = rows >= 0
+            disturbances[known] = disturbances_matrix(self._disturbances, rows[known])
         return stretches.PlantRecord(
             _by_row(self._truth, stamps),
             _by_row(self._measured, stamps),
-            self._torques(stamps),
+            self._torques(first, stop),
             disturbances,
             np.isin(stamps, list(self._fell)).astype(np.int64),
-            self._quiet,
+            noise_samples(self._noise.seed, len(stamps), first)
+            if noisy(self._sensor)
+            else np.zeros((len(stamps), 2)),
         )
 
-    def _torques(self, stamps: Integers) -> Floats:
-        """Return the torque over the step from each state [N], NaN where the record does not tell it."""
+    def _torques(self, first: int, stop: int) -> Floats:
+        """Return the torque over the step from each of these states [N], NaN where it is not recorded."""
+        stamps = self._stamps[first:stop]
         if self._possible is None:
             efforts, rows = self._commands.values("effort"), self._commands.rows_of(stamps)
             torques = np.ascontiguousarray(_filled(efforts, rows)[:, 0])
             for stamp_ns, effort in self._held.items():
-                torques[np.searchsorted(stamps, stamp_ns)] = effort
+                if stamps[0] <= stamp_ns <= stamps[-1]:
+                    torques[np.searchsorted(stamps, stamp_ns)] = effort
             return torques
-        acted = _by_row(self._truth, stamps)[1:, -1]
-        return np.append(acted, np.nan)
+        acted = _by_row(self._truth, self._stamps[first + 1 : stop + 1])[:, -1]
+        return np.append(acted, np.nan)[: len(stamps)]
 
 
 def _held(run: RecordedRun, commands: JointTable) -> dict[int, float]:
@@ -237,13 +253,13 @@ def _held(run: RecordedRun, commands: JointTable) -> dict[int, float]:
 
 
 def _is_whole(table: JointTable) -> bool:
-    return all(table.values(quantity).shape[1] == 2 for quantity in _QUANTITIES)
+    return all(table.widths[quantity] == 2 for quantity in _QUANTITIES)
 
 
 def _by_row(table: JointTable, stamps: Integers) -> Floats:
     """Return positions, velocities and efforts [N, 6] at these stamps, NaN without a message."""
-    values = np.hstack([table.values(quantity) for quantity in _QUANTITIES])
-    return _filled(values, table.rows_of(stamps))
+    rows = table.rows_of(stamps)
+    return np.hstack([_filled(table.values(quantity), rows) for quantity in _QUANTITIES])
 
 
 def _filled(values: Floats, rows: Integers) -> Floats:

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 from trunk_control.computed_torque import Hip
 from trunk_control.decide import Memory, Reading, Setting, decide, state_record
 from trunk_control.law import Law
 from trunk_control.laws import law_named
-from trunk_msgs_util.compiled import compiled, compiled_or_plain
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
 from trunk_sim.plant import PlantState
@@ -170,18 +170,30 @@ def disturbances_stretch(
 
 
 @cache
+def available() -> bool:
+    """Return True if there is a compiler; without numba the replay goes step by step."""
+    return find_spec("numba") is not None
+
+
+@cache
 def compiled_plant() -> Callable[..., tuple[int, Trunk, bool]]:
     """Return `plant_stretch`, compiled."""
+    from trunk_msgs_util.compiled import compiled
+
     return compiled(plant_stretch)
 
 
 @cache
 def compiled_commands(law: str) -> Callable[..., tuple[int, Memory]]:
     """Return the named law's `commands_stretch_of`, compiled."""
+    from trunk_msgs_util.compiled import compiled_or_plain
+
     return compiled_or_plain(commands_stretch_of(law_named(law)), lambda reason: None)
 
 
 @cache
 def compiled_disturbances() -> Callable[..., int]:
     """Return `disturbances_stretch`, compiled."""
+    from trunk_msgs_util.compiled import compiled
+
     return compiled(disturbances_stretch)

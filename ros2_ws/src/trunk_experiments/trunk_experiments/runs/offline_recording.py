@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from trunk_control.decide import Answer, state_record
-from trunk_control.law import names_of_record
+import numpy as np
+
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
 from trunk_msgs_util.picture.film import Film
-from trunk_msgs_util.recording.joint_state_cdr import layout_of
+from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.recording.schemas import event, parameter_event
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
+from trunk_msgs_util.recording.writing.interleaved import Rows
 from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.units import step_count
 from trunk_msgs_util.whole_file import whole_file
 from trunk_sim.disturbances import disturbance_sample
 from trunk_sim.simulation import DivergedError
@@ -23,10 +23,13 @@ from trunk_sim.simulation import DivergedError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 from ..plans.timeline import Change
-from .offline import Step, disturbance_source, steps
+from .loop import states_of
+from .offline import Step, disturbance_source
+from .quick import states_in_stretches
+from .state_messages import FELL, PICTURE, PLACES, TURNED, StateMessages
+from .states import APPLIED, POSITION, REFERENCE, VELOCITY, States, in_stretches, longest
 
 Progress = Callable[[int, int], None]
-_TOLD_EVERY = 2000  # states
 
 
 def record_offline(
@@ -38,7 +41,8 @@ def record_offline(
 
     Raises DivergedError and OSError as `record_steps`.
     """
-    return record_steps(plan, steps(plan), path, tuple(plan.controllers), overwrite, progress)
+    stretches = states_in_stretches(plan)
+    return _record(plan, stretches, path, tuple(plan.controllers), overwrite, progress)
 
 
 def record_steps(
@@ -56,26 +60,36 @@ def record_steps(
     Raises DivergedError (the file then ends, marked incomplete, with the last finite state), and OSError
     (no file is written then; an existing one stays as it was).
     """
+    stretches = in_stretches(taken, longest(plan.simulator.substeps))
+    return _record(plan, stretches, path, answering, overwrite, progress)
+
+
+def _record(
+    plan: RunPlan,
+    stretches: Iterable[States],
+    path: Path,
+    answering: Sequence[str],
+    overwrite: bool,
+    progress: Progress,
+) -> int:
     diverged = None
-    states = step_count(plan.simulator.duration, plan.simulator.update_rate) + 1
+    states = states_of(plan)
     with whole_file(path, overwrite=overwrite) as part, RecordingWriter(part) as writer:
         run = _OfflineRecorder(plan, answering, writer)
         run.open()
         try:
-            for step in taken:
-                run.write(step)
-                if run.states % _TOLD_EVERY == 0:
-                    progress(run.states, states)
+            for some in stretches:
+                run.write(some)
+                progress(run.states, states)
         except DivergedError as error:
             diverged = error
             run.failed(str(error))
             writer.finish(complete=False, reason=str(error))
         else:
-            fell = step.falls and plan.simulator.fall_stop
+            fell = len(some.table) - 1 in some.falls and plan.simulator.fall_stop
             reason = "the trunk has fallen" if fell else "finished"
             run.finished(reason)
             writer.finish(complete=True, reason=reason)
-            progress(run.states, states)
     if diverged is not None:
         raise diverged
     return run.states
@@ -97,8 +111,9 @@ class _OfflineRecorder:
             self._channels |= {
                 topic: writer.channel("/" + topic, kind) for topic, kind in topics.PICTURES.items()
             }
-        self._acting = disturbance_source(plan)
-        self._drawn = disturbance_source(plan)  # each is asked at increasing stamps
+        # Each source of disturbances is asked at increasing stamps.
+        self._messages = StateMessages(plan, self._channels, disturbance_source(plan))
+        self._drawn = disturbance_source(plan)
         self._last_ns = -1
         self._reference: float | None = None  # the last that a controller told
         self._of_simulator = plan.timeline("simulator")
@@ -107,9 +122,6 @@ class _OfflineRecorder:
     def _put(self, topic: str, stamp_ns: int, data: bytes) -> None:
         log_time = max(stamp_ns, 0)  # a change before the first state is stamped -1 ns
         self._writer.write(self._channels[topic], log_time, log_time, data)
-
-    def _sample(self, topic: str, sample: JointSample) -> None:
-        self._put(topic, sample.stamp_ns, layout_of(sample).pack(sample))
 
     def _event(
         self, message: Event, values: Mapping[str, str], node: str = "simulator", level: int = 0
@@ -152,63 +164,69 @@ class _OfflineRecorder:
         if change.values is not None:
             self._parameters(change.stamp_ns, node, {}, change.values)
 
-    def write(self, step: Step) -> None:
-        """Write one step, in the graph's order."""
-        plan, stamp_ns = self._plan, step.stamp_ns
-        for name, active in step.turned:
-            self._event(Event.ACTIVATED if active else Event.DEACTIVATED, {}, name)
-        self._sample(topics.GROUND_TRUTH, step.truth)
-        if self.states == 0:
-            self._disturbance(stamp_ns)
-        self._disturbance(stamp_ns + plan.simulator.period_ns)
-        self._sample(topics.JOINT_STATES, step.measured)
-        if step.answer is not None:
-            self._answer(step, step.answer)
-        self._last_ns = stamp_ns
-        self._mark_fall(step)
-        if self._film is not None and self._film.is_due(stamp_ns):
-            self._draw(self._film, step)
-        self.states += 1
+    def write(self, states: States) -> None:
+        """Write some states, each in the graph's order."""
+        stamp_ns = self._messages.stamps(states.first, len(states.table))
+        rows = self._messages.of(states, stamp_ns)
+        for row, name, active in states.turned:
+            word = Event.ACTIVATED if active else Event.DEACTIVATED
+            before_ns = self._last_ns if row == 0 else int(stamp_ns[row - 1])
+            rows.append(self._event_row(row, TURNED, before_ns, word, {}, name))
+        drawn = self._due(stamp_ns)
+        for row in sorted({*states.falls, *drawn}):
+            at_ns = int(stamp_ns[row])
+            self._of_simulator.advance(at_ns)
+            if row in states.falls:
+                limit = self._of_simulator.config.fall_angle
+                values = {"angle": str(float(states.table[row, 1])), "limit": str(limit)}
+                rows.append(self._event_row(row, FELL, at_ns, Event.FELL, values, level=1))
+            if row in drawn:
+                rows += self._pictures(states, row, at_ns)
+        self._writer.write_rows(rows)
+        self._last_ns = int(stamp_ns[-1])
+        self.states += len(states.table)
 
-    def _draw(self, film: Film, step: Step) -> None:
-        """Write the state's picture."""
-        self._of_simulator.advance(step.stamp_ns)
+    def _due(self, stamp_ns: Integers) -> list[int]:
+        """Return the rows of which there is to be a picture."""
+        film, due = self._film, list[int]()
+        for row, at_ns in enumerate(stamp_ns.tolist() if film is not None else ()):
+            if film is not None and film.is_due(at_ns):
+                film.drawn(at_ns)
+                due.append(row)
+        return due
+
+    def _pictures(self, states: States, row: int, stamp_ns: int) -> Iterator[Rows]:
+        """Yield the messages of a state's picture."""
+        film, joints, state = self._film or Film(), self._plan.simulator.joints, states.table[row]
         film.retune(values_of(self._of_simulator.config))
-        joints, acting = self._plan.simulator.joints, self._drawn(step.stamp_ns)
-        if step.answer is not None:
-            self._reference = step.answer.reference
-        pushed = disturbance_sample(step.stamp_ns, joints, acting)
-        for topic, data in film.picture(step.truth, pushed, self._reference, step.stamp_ns):
-            self._put(topic, step.stamp_ns, data)
+        if states.acting(row):
+            self._reference = float(state[REFERENCE])
+        pushed = disturbance_sample(stamp_ns, joints, self._drawn(stamp_ns))
+        position, velocity = (tuple(state[one].tolist()) for one in (POSITION, VELOCITY))
+        truth = JointSample(stamp_ns, joints, position, velocity, (0.0, float(state[APPLIED])))
+        for topic, data in film.picture(truth, pushed, self._reference, stamp_ns):
+            yield self._single(topic, row * PLACES + PICTURE, stamp_ns, data)
 
-    def _answer(self, step: Step, answer: Answer) -> None:
-        """Write a controller's command, and its terms if they are fresh."""
-        joint = self._plan.simulator.joints[1]  # of every controller: `check_joints`
-        command = JointSample(step.stamp_ns, (joint,), effort=(answer.effort,))
-        self._sample(topics.EFFORT_COMMAND, command)
-        if answer.fresh:
-            joints = self._plan.simulator.joints
-            values = state_record(answer, step.measured.position[joints.index(joint)])
-            self._sample(
-                topics.controller_state(step.controller),
-                JointSample(step.stamp_ns, names_of_record(answer.terms), position=values),
-            )
+    def _event_row(
+        self,
+        row: int,
+        place: int,
+        stamp_ns: int,
+        message: Event,
+        values: Mapping[str, str],
+        node: str = "simulator",
+        level: int = 0,
+    ) -> Rows:
+        data = event(stamp_ns, f"/{node}", message, values, level=level)
+        return self._single(topics.RUN_EVENTS, row * PLACES + place, stamp_ns, data)
 
-    def _disturbance(self, stamp_ns: int) -> None:
-        """Write the disturbance at a stamp: like the node, one step ahead of the state."""
-        if self._plan.disturbance is not None:
-            joints = self._plan.simulator.joints
-            sample = disturbance_sample(stamp_ns, joints, self._acting(stamp_ns))
-            self._sample(topics.DISTURBANCE, sample)
-
-    def _mark_fall(self, step: Step) -> None:
-        if step.falls:
-            self._of_simulator.advance(step.stamp_ns)
-            values = {
-                "angle": str(step.truth.position[1]),
-                "limit": str(self._of_simulator.config.fall_angle),
-            }
-            self._event(Event.FELL, values, level=1)
+    def _single(self, topic: str, place: int, stamp_ns: int, data: bytes) -> Rows:
+        return Rows(
+            self._channels[topic],
+            np.array([place]),
+            np.array([max(stamp_ns, 0)]),
+            np.frombuffer(data, f"V{len(data)}"),
+        )
 
     def finished(self, reason: str) -> None:
         """Write the event that ends a whole run."""

@@ -37,6 +37,10 @@ class Film:
         self._last_ns = stamp_ns
         return stamp_ns >= self._due_ns
 
+    def drawn(self, stamp_ns: int) -> None:
+        """Note that the state with this stamp is drawn: the next is due a while later."""
+        self._due_ns = (stamp_ns // _EVERY_NS + 1) * _EVERY_NS
+
     def picture(
         self,
         truth: JointSample,
@@ -49,7 +53,7 @@ class Film:
         ``reference`` in rad, None if it is not known. ``log_ns``: when they are logged. They are stamped with
         it, because a viewer looks a transform up at the time that it plays.
         """
-        self._due_ns = (truth.stamp_ns // _EVERY_NS + 1) * _EVERY_NS
+        self.drawn(truth.stamp_ns)
         text = urdf(self._geometry)
         if text != self._described:
             self._described = text

@@ -1,0 +1,259 @@
+"""The closed loop as one loop over pure functions, in stretches: what `batch` and long single runs compile.
+
+It composes the nodes' `sense`, `decide` and `act` and adds no arithmetic. It is also ordinary Python,
+so that what numba compiles can be stepped through.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any, NamedTuple
+
+from trunk_control.computed_torque import Hip
+from trunk_control.controller import hip_index, setting_of
+from trunk_control.decide import Answer, Memory, Reading, Seen, Setting, decide, fresh_memory
+from trunk_control.law import Law
+from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.units import step_count
+from trunk_msgs_util.with_arrays import with_arrays
+from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
+from trunk_sim.plant import PlantState
+from trunk_sim.step import Measurement, Plant, SensorParameters, Trunk, act, pruned, sense
+
+from ..errors import PlanError
+from ..plans.plan import RunPlan, check_turns
+from .offline import check
+
+_QUIET = Disturbance()  # constants: numba's named tuples know no default values
+_STILL = Hip()
+
+
+class Surroundings(NamedTuple):
+    """What surrounds the controllers in one run."""
+
+    initial: PlantState
+    plant: Plant
+    sensor: SensorParameters
+    signals: Signals
+    disturbed: bool  # False: nothing disturbs, whatever ``signals`` holds
+    delay_steps: int
+    period_ns: int
+    fall_stop: bool
+    states: int  # of a run to its end
+
+
+class Participant(NamedTuple):
+    """A controller in the loop: what `decide` takes, and whose motion it reads besides the trunk's."""
+
+    setting: Setting
+    constants: Any
+    hip: int  # 0: the hip's, 1: the trunk's, -1: none
+
+
+class Acted(NamedTuple):
+    """What the loop takes of a controller's answer: of the same type for all laws."""
+
+    active: bool
+    fresh: bool
+    effort: float  # N m
+    reference: float  # rad
+
+
+# Nested pairs, ``(first, (second, ()))``: each law's constants have a different type.
+Chain = tuple[Any, ...]
+Decided = tuple[Chain, Acted]
+
+# Of a law: the function that writes down an update, ``tell(out, row, answer, measured)``.
+Tell = Callable[[Law], Callable[[Floats, int, Answer, Measurement], None]]
+
+
+def reading_of(stamp_ns: int, measured: Measurement, effort: float, hip: int) -> Reading:
+    """Return a measured state as read by a controller that uses this joint as the hip."""
+    motion = _STILL
+    if hip == 0:
+        motion = Hip(measured.x, measured.x_dot)
+    elif hip == 1:
+        motion = Hip(measured.theta, measured.theta_dot)
+    return Reading(stamp_ns, measured.theta, measured.theta_dot, motion, effort, False, 0.0)
+
+
+def decide_by(
+    law: Law, others: Callable[..., Decided] | None, tell: Tell
+) -> Callable[..., Decided]:
+    """Return a function that decides for a law's controller and then for the ``others``.
+
+    It takes ``(memories, participants, stamp_ns, measured, effort, out, row)``, memories and participants as
+    `Chain`, and returns the next memories and what the one whose turn it is answers, whose update it writes
+    down in the row.
+    """
+    update, take_over = law.update, law.take_over
+    write_down = tell(law)
+
+    def last(
+        memories: Chain,
+        participants: Chain,
+        stamp_ns: int,
+        measured: Measurement,
+        effort: float,
+        out: Floats,
+        row: int,
+    ) -> Decided:
+        one = participants[0]
+        reading = reading_of(stamp_ns, measured, effort, one.hip)
+        memory, a = decide(memories[0], reading, one.setting, one.constants, update, take_over)
+        if a.active and a.fresh:
+            write_down(out, row, a, measured)
+        return (memory, ()), Acted(a.active, a.fresh, a.effort, a.reference)
+
+    if others is None:
+        return last
+
+    def first(
+        memories: Chain,
+        participants: Chain,
+        stamp_ns: int,
+        measured: Measurement,
+        effort: float,
+        out: Floats,
+        row: int,
+    ) -> Decided:
+        one = participants[0]
+        reading = reading_of(stamp_ns, measured, effort, one.hip)
+        memory, a = decide(memories[0], reading, one.setting, one.constants, update, take_over)
+        if a.active and a.fresh:
+            write_down(out, row, a, measured)
+        acted = Acted(a.active, a.fresh, a.effort, a.reference)
+        rest, other = others(memories[1], participants[1], stamp_ns, measured, effort, out, row)
+        return (memory, rest), acted if acted.active else other
+
+    return first
+
+
+# How a stretch ends.
+GOES_ON, ENDED, DIVERGED = range(3)
+
+# Writes down one state: ``keep(out, row, trunk, acting, measured, acted, plant)``.
+Keep = Callable[[Floats, int, Trunk, Disturbance, Measurement, Acted, Plant], None]
+
+
+def stretch_of(*laws: Law, keep: Keep, tell: Tell) -> Callable[..., tuple[int, int, Trunk, Chain]]:
+    """Return the loop of a run with these laws, in the order of its participants.
+
+    ``stretch(first, stop, surroundings, trunk, memories, participants, noise, history, out)`` does the
+    states in [first, stop), state ``first`` being that of ``trunk``, and writes state k down in row
+    ``k - first`` of ``out``. It returns how many states of the run there are now; how it ends: `GOES_ON`,
+    `ENDED` (by a fall, or after the last state) or `DIVERGED` (in the step after the last of them); and
+    trunk and memories, for the next stretch.
+
+    ``noise`` [stop - first, 2] are standard normal samples; its last row is used for all that follow.
+    ``history`` [delay_steps + 1, 4] keeps the states that the sensors still have to see.
+    """
+    decide_all: Callable[..., Decided] | None = None
+    for law in reversed(laws):
+        decide_all = decide_by(law, decide_all, tell)
+    if decide_all is None:
+        raise ValueError("a loop needs a law")
+
+    def stretch(
+        first: int,
+        stop: int,
+        surroundings: Surroundings,
+        trunk: Trunk,
+        memories: Chain,
+        participants: Chain,
+        noise: Floats,
+        history: Floats,
+        out: Floats,
+    ) -> tuple[int, int, Trunk, Chain]:
+        s = surroundings
+        last = s.states - 1
+        for k in range(first, stop):
+            stamp_ns = k * s.period_ns
+            acting = disturbance_at(stamp_ns, s.signals) if s.disturbed else _QUIET
+            delayed = trunk.state
+            if s.delay_steps > 0:
+                here, seen = k % len(history), max(k - s.delay_steps, 0) % len(history)
+                history[here, 0], history[here, 1] = delayed.x, delayed.theta
+                history[here, 2], history[here, 3] = delayed.x_dot, delayed.theta_dot
+                delayed = PlantState(
+                    history[seen, 0], history[seen, 1], history[seen, 2], history[seen, 3]
+                )
+            row = min(k - first, len(noise) - 1)
+            measured = sense(delayed, acting, noise[row, 0], noise[row, 1], s.sensor)
+            memories, acted = decide_all(
+                memories, participants, stamp_ns, measured, trunk.effort, out, k - first
+            )
+            keep(out, k - first, trunk, acting, measured, acted, s.plant)
+            if k == last or (s.fall_stop and trunk.fallen):
+                return k + 1, ENDED, trunk, memories
+            after = act(trunk, acted.effort, acting, s.plant)
+            if after.diverged:
+                return k + 1, DIVERGED, trunk, memories
+            trunk = after
+        return stop, GOES_ON, trunk, memories
+
+    names = [keep.__name__, *(law.update.__module__ for law in laws)]
+    stretch.__name__ = stretch.__qualname__ = "_".join(["stretch", *names])
+    return stretch
+
+
+def check_compilable(plan: RunPlan) -> None:
+    """Raise PlanError for a plan that a compiled loop cannot model."""
+    check(plan)
+    check_turns(plan)
+    if plan.changes:
+        raise PlanError(
+            f"{', '.join(plan.changes)}: parameters and turns that change by hand while the run goes "
+            "on are not compiled: give active.times, or use simulate"
+        )
+    if plan.references:
+        raise PlanError("references that come by topic are not compiled: use simulate")
+
+
+def states_of(plan: RunPlan) -> int:
+    """Return the number of states of a plan's run to its end."""
+    return step_count(plan.simulator.duration, plan.simulator.update_rate) + 1
+
+
+def surroundings_of(plan: RunPlan) -> Surroundings:
+    """Return what surrounds the controllers in a plan's run."""
+    simulator, disturbance = plan.simulator, plan.disturbance
+    return Surroundings(
+        simulator.initial_state,
+        pruned(simulator.plant),
+        simulator.sensor,
+        _quiet() if disturbance is None else with_arrays(disturbance.signals),
+        disturbance is not None,
+        simulator.delay_steps,
+        simulator.period_ns,
+        simulator.fall_stop,
+        states_of(plan),
+    )
+
+
+def chains_of(plan: RunPlan) -> tuple[Chain, Chain]:
+    """Return the memories at the start, and the participants, of a plan's controllers."""
+    memories: Chain = ()
+    participants: Chain = ()
+    joints = plan.simulator.joints
+    for config in reversed(list(plan.controllers.values())):
+        setting = setting_of(config)
+        hip = hip_index(config, joints)
+        memory: Memory = fresh_memory(not config.active_times, Seen(-1, 0.0), setting.initial)
+        memories = (memory, memories)
+        participants = (
+            Participant(
+                with_arrays(setting),
+                tuple(with_arrays(one) for one in config.constants),
+                -1 if hip is None else hip,
+            ),
+            participants,
+        )
+    return memories, participants
+
+
+@cache
+def _quiet() -> Signals:
+    none: Signals = with_arrays(Signals(0, (), 0, 0.0, 0, 0.0, 0.0, 0.0, 0, 0.0, (), ()))
+    return none

@@ -1,0 +1,151 @@
+"""Consecutive states of an offline run as one table: what CPython and compiled code hand to the recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from trunk_control.decide import Answer, state_record
+from trunk_control.law import Law, names_of_record
+from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_sim.disturbances import Disturbance
+from trunk_sim.simulation import DivergedError
+from trunk_sim.step import Measurement, Plant, Trunk
+
+from .loop import Acted
+from .offline import Step
+
+# Columns of the table. A position or velocity has two: hip, trunk.
+POSITION, VELOCITY = slice(0, 2), slice(2, 4)  # true
+SEEN_POSITION, SEEN_VELOCITY = slice(4, 6), slice(6, 8)  # measured
+APPLIED = 8  # N m, over the previous step
+ACTING, OFFSET = slice(9, 11), slice(11, 13)  # disturbance: N and N m; m and rad
+EFFORT = 13  # N m, the command
+FRESH = 14  # 1.0 where the law was updated: the terms are those of this update
+REFERENCE = 15  # rad, of the one who answers
+TERMS = 16  # and following: what a law tells of an update, by `Law.record_names`
+
+# A stretch is about as long for a signal to wait, and short enough to stay in the cache.
+_LONGEST = 4096  # states
+_SUBSTEPS = 1 << 18  # Runge-Kutta steps
+
+
+class States(NamedTuple):
+    """N consecutive states, and the rows in which something irregular happens."""
+
+    first: int  # the first one's index
+    table: Floats  # [N, columns]
+    acts: list[tuple[int, str]]  # from which row on who answers; empty: nobody
+    turned: list[tuple[int, str, bool]]  # made active or inactive by the schedule, before the row
+    falls: list[int]  # the trunk fell in these rows
+    told: Mapping[str, tuple[str, ...]]  # the names of each one's terms
+
+    def acting(self, row: int) -> str:
+        """Return who answers the state of a row; empty: nobody."""
+        return [name for since, name in self.acts if since <= row][-1]
+
+
+def longest(substeps: int) -> int:
+    """Return how many states are done at a time."""
+    return max(1, min(_LONGEST, _SUBSTEPS // substeps))
+
+
+def keep_states(
+    out: Floats,
+    row: int,
+    trunk: Trunk,
+    acting: Disturbance,
+    measured: Measurement,
+    acted: Acted,
+    plant: Plant,
+) -> None:
+    """Write a state into a row of ``out``, but for its terms. Compiles unchanged."""
+    state = trunk.state
+    out[row, 0], out[row, 1], out[row, 2], out[row, 3] = (
+        state.x,
+        state.theta,
+        state.x_dot,
+        state.theta_dot,
+    )
+    out[row, 4], out[row, 5] = measured.x, measured.theta
+    out[row, 6], out[row, 7] = measured.x_dot, measured.theta_dot
+    out[row, 8] = trunk.effort
+    out[row, 9], out[row, 10] = acting.hip_force, acting.trunk_torque
+    out[row, 11], out[row, 12] = acting.hip_offset, acting.trunk_offset
+    out[row, 13] = acted.effort
+    out[row, 14] = 1.0 if acted.fresh else 0.0
+    out[row, 15] = acted.reference
+
+
+def tell_terms(law: Law) -> Callable[[Floats, int, Answer, Measurement], None]:
+    """Return the function that writes the terms of a law's update into a row of ``out``."""
+
+    def write_down(out: Floats, row: int, answer: Answer, measured: Measurement) -> None:
+        said = state_record(answer, measured.theta)
+        for i in range(len(said)):
+            out[row, TERMS + i] = said[i]
+
+    return write_down
+
+
+def in_stretches(steps: Iterable[Step], states: int) -> Iterator[States]:
+    """Yield steps that CPython does, so many states at a time.
+
+    Raises what ``steps`` raises; where that is DivergedError, what was done before it is yielded first.
+    """
+    rows: list[tuple[float, ...]] = []
+    first, found = 0, _Irregular([], [], [], {})
+    try:
+        for step in steps:
+            rows.append(_row(step))
+            found.take(len(rows) - 1, step)
+            if len(rows) == states:
+                yield States(first, _table(rows), *found)
+                first += len(rows)
+                rows, found = [], _Irregular([], [], [], {})
+    except DivergedError:
+        if rows:
+            yield States(first, _table(rows), *found)
+        raise
+    if rows:
+        yield States(first, _table(rows), *found)
+
+
+class _Irregular(NamedTuple):
+    acts: list[tuple[int, str]]
+    turned: list[tuple[int, str, bool]]
+    falls: list[int]
+    told: dict[str, tuple[str, ...]]
+
+    def take(self, row: int, step: Step) -> None:
+        if not self.acts or self.acts[-1][1] != step.controller:
+            self.acts.append((row, step.controller))
+        self.turned.extend((row, name, active) for name, active in step.turned)
+        if step.falls:
+            self.falls.append(row)
+        if step.answer is not None and step.controller not in self.told:
+            self.told[step.controller] = names_of_record(step.answer.terms)
+
+
+def _table(rows: list[tuple[float, ...]]) -> Floats:
+    width = max(map(len, rows))
+    return np.array([row + (0.0,) * (width - len(row)) for row in rows])
+
+
+def _row(step: Step) -> tuple[float, ...]:
+    truth, measured, answer = step.truth, step.measured, step.answer
+    told: tuple[float, ...] = (0.0, 0.0, 0.0)
+    if answer is not None:
+        said = state_record(answer, measured.position[1]) if answer.fresh else ()
+        told = answer.effort, float(answer.fresh), answer.reference, *said
+    return (
+        *truth.position,
+        *truth.velocity,
+        *measured.position,
+        *measured.velocity,
+        truth.effort[1],
+        *step.acting,
+        *told,
+    )
