@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.replay import replay
+from trunk_experiments.replay import replay, stretches
 from trunk_experiments.runs.offline_recording import record_offline
 
 
@@ -16,6 +16,7 @@ def way(request, monkeypatch):
     """Judge every file in both ways: all in detail, and with compiled code for equal stretches."""
     if request.param == "by stretches":
         monkeypatch.setattr(replay, "WORTH_COMPILING", 0)
+        monkeypatch.setattr(stretches, "LONGEST", 300)  # of 1201 rows: several windows
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ numbers, schemas) decides what other tools show, so it has to be what recorder a
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -45,14 +45,18 @@ Parsed = TypeVar("Parsed")
 _RECORDS = (PROVENANCE, rosbag2.RECORD, END, DIGESTS)  # of metadata, in their order
 
 
-def not_as_written(run: RecordedRun) -> list[str]:
+def not_as_written(run: RecordedRun, survey: Survey | None = None) -> list[str]:
     """Return what our recorder and nodes would not have written, a line each.
 
-    Raises RecordingError for messages that cannot be read, ParameterError for parameters.
+    ``survey`` has taken all messages; without it they are read. Raises RecordingError for messages that
+    cannot be read, ParameterError for parameters.
     """
+    if survey is None:
+        survey = Survey(run)
+        for block in run.recording.blocks(list(run.recording.topics)):
+            survey.take(block)
     found = [line for file in run.recording.opened for line in _around(run, file)]
-    found += _heads(run)
-    found += _layouts(run)
+    found += survey.lines()
     found += _told(run)
     return found
 
@@ -119,35 +123,77 @@ def _controllers(run: RecordedRun) -> tuple[str, ...]:
     )
 
 
-def _heads(run: RecordedRun) -> Iterator[str]:
-    """Yield topics whose sequence numbers, publish times or simulated log times are not ours."""
-    counts: Counter[str] = Counter()
-    times_ns: set[int] = set()
-    unstamped = {run.recording.topic(name) for name in topics.PICTURES}
-    found: dict[tuple[str, str], str] = {}
-    for block in run.recording.blocks(list(run.recording.topics)):
+class Survey:
+    """Takes all messages block by block and notes whose heads or bytes are not ours."""
+
+    def __init__(self, run: RecordedRun) -> None:
+        """Raise ParameterError for parameters."""
+        self._run = run
+        self._counts: Counter[str] = Counter()
+        self._times_ns: set[int] = set()
+        self._heads: dict[tuple[str, str], str] = {}
+        self._layouts = {
+            run.recording.topic(relative): (relative, layout)
+            for relative, layout in layouts(run).items()
+        }
+        self._others: dict[str, str] = {}
+        self._unstamped = {run.recording.topic(name) for name in topics.PICTURES}
+
+    def passing(self, blocks: Iterable[Mapping[str, Messages]]) -> Iterator[Mapping[str, Messages]]:
+        """Take all blocks and pass them on."""
+        for block in blocks:
+            self.take(block)
+            yield block
+
+    def take(self, block: Mapping[str, Messages]) -> None:
+        """Take a block's messages by topic."""
         for topic, messages in block.items():
-            data, offsets = messages.data, messages.offsets()
-            log = messages.log_time_ns
-            stamp_ns = log if topic in unstamped else np.clip(_stamps(messages), 0, LAST_STAMP_NS)
-            times_ns |= {int(log.min()), int(log.max())}
-            times_ns = {min(times_ns), max(times_ns)}
-            sequence = np.arange(counts[topic], counts[topic] + len(messages))
-            counts[topic] += len(messages)
-            odd = {
-                "the sequence number is not the next": head_field(data, offsets, "sequence")
-                != sequence,
-                "the publish time is not the log time": head_field(data, offsets, "publish_time")
-                != log.astype(np.uint64),
-            }
-            if run.exact:
-                odd[f"mode {run.mode}, but the log time is not the stamp"] = log != stamp_ns
-            for what, wrong in odd.items():
-                if wrong.any():
-                    at = seconds(int(stamp_ns[np.flatnonzero(wrong)[0]]))
-                    found.setdefault((topic, what), f"{topic}: at t = {at:g} s {what}")
-    yield from found.values()
-    yield from _summed_up(run, counts, times_ns)
+            self._take_heads(topic, messages)
+            if topic in self._layouts and topic not in self._others:
+                self._take_layout(topic, messages)
+
+    def _take_heads(self, topic: str, messages: Messages) -> None:
+        """Note sequence numbers, publish times or simulated log times that are not ours."""
+        data, offsets, log = messages.data, messages.offsets(), messages.log_time_ns
+        stamp_ns = log
+        if topic not in self._unstamped:
+            stamp_ns = np.clip(_stamps(messages), 0, LAST_STAMP_NS)
+        times_ns = self._times_ns | {int(log.min()), int(log.max())}
+        self._times_ns = {min(times_ns), max(times_ns)}
+        sequence = np.arange(self._counts[topic], self._counts[topic] + len(messages))
+        self._counts[topic] += len(messages)
+        odd = {
+            "the sequence number is not the next": head_field(data, offsets, "sequence")
+            != sequence,
+            "the publish time is not the log time": head_field(data, offsets, "publish_time")
+            != log.astype(np.uint64),
+        }
+        if self._run.exact:
+            odd[f"mode {self._run.mode}, but the log time is not the stamp"] = log != stamp_ns
+        for what, wrong in odd.items():
+            if wrong.any():
+                at = seconds(int(stamp_ns[np.flatnonzero(wrong)[0]]))
+                self._heads.setdefault((topic, what), f"{topic}: at t = {at:g} s {what}")
+
+    def _take_layout(self, topic: str, messages: Messages) -> None:
+        """Note the first message of a topic of the loop with another frame, order of names or length."""
+        relative, layout = self._layouts[topic]
+        row = _other(messages, layout)
+        if row is not None:
+            at = seconds(int(_stamps(messages)[row]))
+            self._others[topic] = (
+                f"{relative}: at t = {at:g} s a message is not as its node writes it: "
+                f"{', '.join(layout.name)}, {layout.position} positions, {layout.velocity} "
+                f"velocities, {layout.effort} efforts, no frame, nothing else"
+            )
+
+    def lines(self) -> list[str]:
+        """Return what was noted, a line each, and whether the file's summary is that of its messages."""
+        return [
+            *self._heads.values(),
+            *_summed_up(self._run, self._counts, self._times_ns),
+            *(self._others[topic] for topic in self._layouts if topic in self._others),
+        ]
 
 
 def _summed_up(run: RecordedRun, counts: Counter[str], times_ns: set[int]) -> Iterator[str]:
@@ -174,22 +220,6 @@ def _stamps(messages: Messages) -> Integers:
     start = np.where(long, messages.start, 0)
     stamp_ns: Integers = sec[start + 4].astype(np.int64) * NANOSECONDS + nanosec[start + 8]
     return np.where(long, stamp_ns, 0)
-
-
-def _layouts(run: RecordedRun) -> Iterator[str]:
-    """Yield topics of the loop with a message of another frame, order of names or length."""
-    for relative, layout in layouts(run).items():
-        topic = run.recording.topic(relative)
-        for block in run.recording.blocks([topic]):
-            row = _other(block[topic], layout)
-            if row is not None:
-                at = seconds(int(_stamps(block[topic])[row]))
-                yield (
-                    f"{relative}: at t = {at:g} s a message is not as its node writes it: "
-                    f"{', '.join(layout.name)}, {layout.position} positions, {layout.velocity} "
-                    f"velocities, {layout.effort} efforts, no frame, nothing else"
-                )
-                break
 
 
 def layouts(run: RecordedRun) -> dict[str, JointStateLayout]:

@@ -15,7 +15,7 @@ from ..plans.nodes import CONTROLLERS, unknown_controllers
 from ..recorded.run import RecordedRun
 from ..recorded.turns import idle_ns
 from .as_planned import not_as_planned
-from .as_written import not_as_written, pictures
+from .as_written import Survey, not_as_written, pictures
 from .attributable import SHARED, missed_from_ns, recorded_until_ns, robot_obstacles, shared_from_ns
 from .consistency import contradictions, failures, uncounted
 from .gaps import gaps
@@ -48,6 +48,7 @@ def verify(recording: Recording) -> Verdict:
 def verdict_on(run: RecordedRun) -> Verdict:
     """Return the verdict on a recorded run, as `verify` does."""
     recording = run.recording
+    survey = _surveyed(run)
     verdict = Verdict()
     verdict.obstacles += filter(None, [recording.unfinished, *recording.further_warnings])
     verdict.altered = recording.alterations()
@@ -73,7 +74,7 @@ def verdict_on(run: RecordedRun) -> Verdict:
         verdict.obstacles.append(f"no parameters recorded of {', '.join(sorted(missing))}")
         return verdict
     try:
-        (_judge_commands if no_plant else _judge)(run, verdict)
+        _judge_commands(run, verdict) if no_plant else _judge(run, verdict, survey)
     except ParameterError as error:
         verdict.obstacles.append(f"recorded parameters cannot be used: {error}")
     except RecordingError as error:
@@ -84,7 +85,26 @@ def verdict_on(run: RecordedRun) -> Verdict:
     return verdict
 
 
-def _judge(run: RecordedRun, verdict: Verdict) -> None:
+def _surveyed(run: RecordedRun) -> Survey | None:
+    """Read a sound recording once for digests, heads, layouts and tables; None if it is not sound.
+
+    What that does not find is read when it is needed.
+    """
+    if run.recording.warnings:
+        return None
+    try:
+        survey = Survey(run)
+        run.fill_tables(survey.passing(run.recording.survey()))
+    except (
+        KeyError,
+        ParameterError,
+        RecordingError,
+    ):  # whoever needs it meets it again, and says so
+        return None
+    return survey
+
+
+def _judge(run: RecordedRun, verdict: Verdict, survey: Survey | None) -> None:
     verdict.obstacles += gaps(run, run.config("simulator").period_ns)
     verdict.obstacles += failures(run.events, run.recording.topic("simulator"))
     until_ns = recorded_until_ns(run)
@@ -107,7 +127,7 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         until_ns = before_ns if until_ns is None else min(until_ns, before_ns)
     elif (run.recording.end or {}).get("complete") == "true":
         verdict.contradictions += contradictions(run)
-        verdict.contradictions += not_as_written(run)
+        verdict.contradictions += not_as_written(run, survey)
         verdict.contradictions += untellable(run)
         verdict.contradictions += not_as_planned(run)
         verdict.obstacles += uncounted(run)

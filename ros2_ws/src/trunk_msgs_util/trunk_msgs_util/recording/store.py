@@ -149,6 +149,21 @@ class RecordedFiles:
     @cached_property
     def digested(self) -> dict[str, str]:
         """The digests of what the file holds now."""
+        digests = self._digests_around()
+        for file, _, _, content in self._contents(self.topics):
+            _digest(digests, file, content)
+        return digests.values()
+
+    def survey(self) -> Iterator[dict[str, Messages]]:
+        """Yield what `blocks` yields of all topics, and find out `digested`: one pass for both."""
+        digests = self._digests_around()
+        for file, block, channels, content in self._contents(self.topics):
+            _digest(digests, file, content)
+            yield _by_topic(file, block, channels, content, only_readable=True)
+        self.__dict__["digested"] = digests.values()  # as `cached_property` keeps it
+
+    def _digests_around(self) -> RunningDigests:
+        """Return digests that have taken everything but messages."""
         digests = RunningDigests()
         for file in self._files:
             digests.header(file.profile, file.library)
@@ -158,13 +173,7 @@ class RecordedFiles:
                 digests.metadata(name, values)
             for _ in range(file.attachments):
                 digests.attachment()
-        for file, _, _, content in self._contents(self.topics):
-            whole = content.messages(content.channels)
-            if whole is not None:
-                digests.heads(whole.heads())
-            for number, messages in content.channels.items():
-                digests.messages(file.channels[number].topic, b"".join(messages.bytes()))
-        return digests.values()
+        return digests
 
     def blocks(self, topics: Iterable[str]) -> Iterator[dict[str, Messages]]:
         """Yield the messages of some topics that can be read, block by block in file order.
@@ -182,13 +191,7 @@ class RecordedFiles:
         self, topics: Iterable[str], only_readable: bool = False
     ) -> Iterator[dict[str, Messages]]:
         for file, block, channels, content in self._contents(topics):
-            found: dict[str, Messages] = {}
-            for topic, numbers in file.by_topic(sorted(channels & content.channels.keys())).items():
-                messages = content.messages(numbers)
-                if messages is not None and only_readable:
-                    messages = file.readable(block.offset, messages)
-                if messages is not None and len(messages):
-                    found[topic] = messages
+            found = _by_topic(file, block, channels, content, only_readable)
             if found:
                 yield found
 
@@ -237,6 +240,28 @@ class RecordedFiles:
                     f"{self.path}: {topic} cannot be read as {type_name}: "
                     f"its type is {found or 'not given'}"
                 )
+
+
+def _digest(digests: RunningDigests, file: RecordingFile, content: Content) -> None:
+    whole = content.messages(content.channels)
+    if whole is not None:
+        digests.heads(whole.heads())
+    for number, messages in content.channels.items():
+        digests.messages(file.channels[number].topic, messages.joined())
+
+
+def _by_topic(
+    file: RecordingFile, block: Block, channels: Set[int], content: Content, only_readable: bool
+) -> dict[str, Messages]:
+    """Return a block's messages of these channels by topic; none for a topic without messages."""
+    found: dict[str, Messages] = {}
+    for topic, numbers in file.by_topic(sorted(channels & content.channels.keys())).items():
+        messages = content.messages(numbers)
+        if messages is not None and only_readable:
+            messages = file.readable(block.offset, messages)
+        if messages is not None and len(messages):
+            found[topic] = messages
+    return found
 
 
 def _cost(content: Content) -> int:

@@ -1,0 +1,110 @@
+"""A table that was filled in passing is the one that is read whole; its values may be read in windows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded.joint_table import JointTable
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay import replay, stretches
+from trunk_experiments.replay.verify import VERIFIED, verdict_on
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording.writing import chunked
+
+TERMS = topics.controller_state("pid")
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("table") / "run.mcap"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(chunked, "CHUNK_SIZE", 20_000)  # some twenty states
+        record_offline(make_plan("fig8", "pid", everywhere={"duration": 0.3}), path)
+    return path
+
+
+@pytest.fixture
+def filled(path):
+    run = RecordedRun.open(path)
+    run.fill_tables(run.recording.survey())
+    return run
+
+
+@pytest.mark.parametrize(
+    "relative",
+    [
+        topics.GROUND_TRUTH,
+        topics.JOINT_STATES,
+        topics.EFFORT_COMMAND,
+        topics.DISTURBANCE,
+        TERMS,
+    ],
+)
+def test_tables_filled_in_passing_are_those_read_one_by_one(relative, filled):
+    there, read = filled.table(relative), JointTable(filled.recording, relative)
+    assert (there.names, there.widths) == (read.names, read.widths)
+    assert there.stamp_ns.tolist() == read.stamp_ns.tolist() == there.log_time_ns.tolist()
+    for quantity in ("position", "velocity", "effort"):
+        assert there.values(quantity).tobytes() == read.values(quantity).tobytes()
+
+
+def test_equal_stamps_share_their_memory(filled):
+    truth, terms = filled.table(topics.GROUND_TRUTH), filled.table(TERMS)
+    assert truth.stamp_ns is terms.stamp_ns is terms.log_time_ns
+
+
+@pytest.mark.parametrize(
+    "spans", [[(0, 301)], [(0, 7), (7, 90), (85, 230), (300, 301), (3, 9), (9, 9)]]
+)
+def test_windows_of_values_that_were_not_kept(spans, filled, path):
+    table = filled.table(TERMS)
+    whole = RecordedRun.open(path).table(TERMS).values("position")
+    for first, stop in spans:
+        assert table.positions(first, stop).tobytes() == whole[first:stop].tobytes()
+    assert "arrays" not in vars(table)  # nothing has read it whole
+
+
+def test_a_verified_run_is_never_read_whole(path, monkeypatch):
+    monkeypatch.setattr(replay, "WORTH_COMPILING", 0)
+    run = RecordedRun.open(path)
+    assert verdict_on(run).exit_code == VERIFIED
+    assert "arrays" not in vars(run.table(TERMS))
+
+
+def test_a_topic_of_several_layouts_is_read_when_it_is_needed(path, monkeypatch):
+    monkeypatch.setattr("trunk_msgs_util.recording.filling.structured", lambda messages: None)
+    run = RecordedRun.open(path)
+    run.fill_tables(run.recording.survey())
+    assert not run._tables
+    assert len(run.table(TERMS)) == 301
+
+
+def test_a_survey_knows_the_digests(path):
+    surveyed, alone = RecordedRun.open(path).recording, RecordedRun.open(path).recording
+    for _ in surveyed.survey():
+        pass
+    assert "digested" in vars(surveyed)
+    assert surveyed.digested == alone.digested
+
+
+def test_without_a_compiler_the_replay_goes_step_by_step(path, monkeypatch):
+    monkeypatch.setattr(replay, "WORTH_COMPILING", 0)
+    monkeypatch.setattr(stretches, "find_spec", lambda name: None)
+    monkeypatch.setattr(stretches, "compiled_plant", None)
+    stretches.available.cache_clear()
+    try:
+        assert verdict_on(RecordedRun.open(path)).exit_code == VERIFIED
+    finally:
+        stretches.available.cache_clear()
+
+
+def test_stamps_of_large_tables_are_found_without_a_dictionary(path, monkeypatch):
+    monkeypatch.setattr("trunk_experiments.recorded.joint_table._LARGE", 1)
+    table = RecordedRun.open(path).table(topics.GROUND_TRUTH)
+    assert [table.row(stamp) for stamp in (0, 299_000_000, 300_000_000)] == [0, 299, 300]
+    assert [table.row(stamp) for stamp in (-1, 500_000, 301_000_000)] == [None] * 3
+    assert "rows" not in vars(table)
+    assert table.rows_of(np.array([2_000_000, 5, 1_000_000])).tolist() == [2, -1, 1]
