@@ -107,7 +107,7 @@ def complaint(verb: Verb, case: Case, outcome: Outcome, before: State) -> str:
         if outcome.changed:
             return f"left {', '.join(outcome.changed)}"
         errors = [line for line in lines if "warning: " not in line]
-        answered = outcome.code == 1 and outcome.said and not errors  # a verdict, on stdout
+        answered = outcome.code in (1, 2) and outcome.said and not errors  # a verdict, on stdout
         if len(errors) != 1 and not answered:
             return f"{len(errors)} lines"
         return ""
