@@ -7,6 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from trunk_experiments.cli import trunk
+from trunk_experiments.errors import PlanError
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.views.plot_style import COLORS, line_style, save
 from trunk_experiments.views.plots import overview, paper_figure
@@ -45,7 +46,7 @@ def test_every_format_is_written_reproducibly(views, tmp_path, suffix, draw):
 
 
 def test_another_format_is_refused(views, tmp_path):
-    with pytest.raises(ValueError, match=r"\.png, \.svg, \.pdf"):
+    with pytest.raises(PlanError, match=r"\.png, \.svg, \.pdf"):
         save(overview(views), tmp_path / "a.bmp")
 
 

@@ -20,10 +20,10 @@ from ..replay.doubts import doubts_of
 def show_metrics(run: RecordedRun, title: str) -> None:
     """Print a run's metrics as a table; warnings, and what makes them doubtful, first."""
     doubts = doubts_of(run)
+    table, found = table_and_metrics(run)
     for line in doubts.lines:
         click.echo(line)
     show_warnings(run.recording.further_warnings)
-    table, found = table_and_metrics(run)
     values = found.as_dict()
     level = has_level(table)
     print_table(

@@ -19,6 +19,8 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.units import seconds
 
 if TYPE_CHECKING:
+    from trunk_msgs_util.recording.reader import Recording
+
     from ..recorded.run import RecordedRun
 
 MOST_STEPS = 4_000_000  # of the integrator, likewise
@@ -134,7 +136,7 @@ def _incomplete(run: RecordedRun) -> tuple[str, float | None, float | None]:
     if end.get("complete") == "true":  # as far as the recorder knew
         reason = recording.damage[0]
     else:
-        reason = end.get("reason") or "the recorder did not finish this file"
+        reason = end.get("reason") or _unfinished(recording)
     truth = recording.topics.get(recording.topic(topics.GROUND_TRUTH))
     last_ns = None if truth is None else truth.last_stamp_ns
     last_s = None if last_ns is None else seconds(last_ns)
@@ -144,6 +146,12 @@ def _incomplete(run: RecordedRun) -> tuple[str, float | None, float | None]:
     if last_s is not None and last_s > planned_s:  # a stranger's: where ours ended is not known
         last_s = None
     return reason, last_s, planned_s
+
+
+def _unfinished(recording: Recording) -> str:
+    """Return why a file without a reason of its own is not whole: its recorder's, or another program's."""
+    stranger = recording.unfinished.startswith("recorded by")
+    return recording.unfinished if stranger else "the recorder did not finish this file"
 
 
 def late_steps(run: RecordedRun) -> Late | None:
