@@ -227,7 +227,7 @@ def test_doubled_topics_and_messages_count_once(whole, trunk, tmp_path, short_ru
                         writer.add_message(channel, at, message, at)
         writer.finish()
     single = json.loads(trunk("metrics", "--json", recording.path)[1])
-    code, out, err = trunk("metrics", "--json", path)
+    code, out, _ = trunk("metrics", "--json", path)
     assert code == 0
     twice = json.loads(out)
     assert twice["doubts"]["reason"].startswith("recorded by foreign: ")
