@@ -23,7 +23,7 @@ from types import FunctionType
 from typing import Any, TypeVar, cast
 
 import numba
-from numba.core.errors import NumbaError
+from numba.core.errors import NumbaError as NumbaError
 from numba.extending import register_jitable
 
 from .reached import reached

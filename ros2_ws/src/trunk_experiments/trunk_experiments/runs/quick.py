@@ -94,9 +94,7 @@ _compiled: dict[tuple[str, ...], Callable[..., Any]] = {}
 
 def _compiled_stretch(plan: RunPlan, run: _Run, start: tuple[Trunk, Chain]) -> Callable[..., Any]:
     """Return the stretch of a plan's laws, compiled, after a call that does no state."""
-    from numba.core.errors import NumbaError
-
-    from trunk_msgs_util.compiled import ready, reason_of
+    from trunk_msgs_util.compiled import NumbaError, ready, reason_of
 
     laws = tuple(plan.controllers)
     if laws not in _compiled:

@@ -39,7 +39,7 @@ class Quantity(NamedTuple):
         scale = self.unit.scale / unit.scale
         try:
             if pi == 1 and scale == Fraction(1, 180):
-                found = math.radians(float(self.digits))
+                found = float(self.digits) * (math.pi / 180.0)  # as math.radians does it
             else:
                 found = float(Fraction(self.digits) * scale * _PI**pi)
         except OverflowError:

@@ -7,11 +7,11 @@ transforms: the URDF's joints know nothing of the path's height, and a viewer ma
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, sin
 from typing import Any
 
 import numpy as np
 
+from ..elementary import cos, sin
 from ..recording.schemas import build, serialize
 from ..topics import MARKER_ARRAY_TYPE, STRING_TYPE, TF_TYPE
 from ..units import NANOSECONDS

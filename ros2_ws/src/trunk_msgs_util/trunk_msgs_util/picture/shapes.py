@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from math import cos, floor, isfinite, sin, tanh
+from math import floor
 
-from ..elementary import LARGEST_ANGLE
+from ..elementary import LARGEST_ANGLE, cos, exp, sin
 from ..mechanics import Body, path_height
 
 _BODY = Body()
@@ -99,9 +99,9 @@ class Scene:
 
 
 def is_drawn(geometry: Geometry, scene: Scene) -> bool:
-    """Return True if a scene has a place: not too far, and where the sine of its path is known."""
+    """Return True if a scene has a place: not too far, and where the sines of path and angle are known."""
     along = abs(geometry.wavenumber) * (abs(scene.x) + _PATH_REACH + _PATH_STEP)
-    return abs(scene.x) <= FAR and along <= LARGEST_ANGLE and isfinite(scene.theta)
+    return abs(scene.x) <= FAR and along <= LARGEST_ANGLE and abs(scene.theta) <= LARGEST_ANGLE
 
 
 def shapes(geometry: Geometry, scene: Scene) -> list[Shape]:
@@ -132,9 +132,14 @@ def path(geometry: Geometry, x: float) -> tuple[Point, ...]:
 
 
 def _ghost(geometry: Geometry, scene: Scene) -> tuple[Point, ...]:
-    if scene.reference is None or not isfinite(scene.reference):
+    if scene.reference is None or not abs(scene.reference) <= LARGEST_ANGLE:
         return ()
     return (geometry.hip(scene.x), geometry.mass(scene.x, scene.reference))
+
+
+def _tanh(x: float) -> float:
+    """Return ``tanh x = 1 - 2 / (exp(2 x) + 1)``, the same on every machine; beyond +-20 it is +-1."""
+    return 1.0 - 2.0 / (exp(2.0 * min(max(x, -20.0), 20.0)) + 1.0)
 
 
 def torque_arrow(geometry: Geometry, scene: Scene) -> tuple[Point, ...]:
@@ -142,7 +147,7 @@ def torque_arrow(geometry: Geometry, scene: Scene) -> tuple[Point, ...]:
 
     Its length goes with ``tanh(torque / 40 N m)``: small torques can be told apart, large ones fit.
     """
-    reach = _ARROW_REACH * tanh(scene.torque / _ARROW_SCALE)
+    reach = _ARROW_REACH * _tanh(scene.torque / _ARROW_SCALE)
     if not abs(reach) >= _LEAST_ARROW:  # also where the torque is not a number
         return ()
     x, y, z = geometry.mass(scene.x, scene.theta)
