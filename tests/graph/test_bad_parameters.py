@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from .peer import Peer
-from .processes import Child, Children
+from .processes import Child, Children, until
 
 pytestmark = pytest.mark.graph
 
@@ -127,6 +127,6 @@ def test_a_recording_that_exists_is_kept_and_the_way_out_is_named(
     )
     assert file.read_bytes() == b"mine"
     again = children.node("recorder", "output:=run.mcap", "overwrite:=true", name="again")
-    peer.until_up("recorder")
+    until(lambda: file.read_bytes() != b"mine", "the file is replaced")
     assert again.stop() == 0, again.stderr
     assert file.read_bytes() != b"mine"
