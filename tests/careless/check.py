@@ -9,6 +9,7 @@ imported the verbs already.
 from __future__ import annotations
 
 import os
+import re
 import resource
 import shutil
 import signal
@@ -25,9 +26,15 @@ from .verbs import VERBS, Verb, called, furnish
 _CPU_S = 60  # of one case: what takes longer was begun, not refused
 State = dict[str, tuple[int, int, int]]
 
+# Beside an error: warnings and progress.
+_ASIDE = re.compile(r"warning: |^trunk: [^:]+: \d+ %")
+# The whole machine's files are no case.
+_TOO_MANY = ("list runs", "/")
 # Right for these verbs, though careless for others: (verb, argument).
 FINE = {
-    *(("list runs", place) for place in (".", "..", "folder", "hollow", "two", "~", "/")),
+    *(("list runs", place) for place in (".", "..", "folder", "hollow", "two", "~")),
+    *(("params show", file) for file in ("params.yaml", "yaml.mcap")),
+    *(("compare --study", file) for file in ("study.parquet", "parquet.mcap")),
     *(("paper", place) for place in ("x", "x.", ".x", "x.txt", "x.mcap.bak", "x.MCAP2", "folder")),
 }
 
@@ -106,7 +113,7 @@ def complaint(verb: Verb, case: Case, outcome: Outcome, before: State) -> str:
     if outcome.code != 0:
         if outcome.changed:
             return f"left {', '.join(outcome.changed)}"
-        errors = [line for line in lines if "warning: " not in line]
+        errors = [line for line in lines if not _ASIDE.search(line)]
         answered = outcome.code in (1, 2) and outcome.said and not errors  # a verdict, on stdout
         if len(errors) != 1 and not answered:
             return f"{len(errors)} lines"
@@ -135,7 +142,7 @@ def main() -> int:
         before = state_of(folder)
         for i, verb in enumerate(verbs):
             for k, case in enumerate(cases()):
-                if (i + k) % every:
+                if (i + k) % every or (verb.name, *case.arguments) == _TOO_MANY:
                     continue
                 words_ = words_of(verb, case)
                 outcome = outcome_of(words_, folder, before)

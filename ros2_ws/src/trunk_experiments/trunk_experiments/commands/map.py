@@ -64,7 +64,7 @@ def command(
     if not swept:
         path = Path(f"{path.stem}.parquet")
     target = output or path.with_suffix(".png")
-    check_output(target, tuple(SUFFIXES), force, [source])
+    check_output(target, tuple(SUFFIXES), force, [source], chooses_format=True)
     if not swept:
         click.echo(_sweep(source, path, (x, y), metric), err=as_json)
     results = Results.read(path)

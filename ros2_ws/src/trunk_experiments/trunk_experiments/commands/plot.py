@@ -32,7 +32,7 @@ def command(
     from ..views.plots import overview, paper_figure
 
     default = Path(f"fig{number}.png") if number else default_name(runs[0], ".png")
-    target = check_output(output or default, tuple(SUFFIXES), force, runs)
+    target = check_output(output or default, tuple(SUFFIXES), force, runs, chooses_format=True)
     views = open_views(runs)
     doubts = [doubts_of(view.run, twin=False) for view in views]
     for view, found in zip(views, doubts, strict=True):

@@ -44,15 +44,16 @@ def check_output(
     force: bool = False,
     inputs: Iterable[str | Path] = (),
     option: str = "--output",
+    chooses_format: bool = False,
 ) -> Path:
     """Return an output after refusing, before any work, one that must not or cannot be written.
 
     ``suffixes``: what its name may end in; empty: anything. ``force``: a file that exists is replaced.
     ``inputs``: what the verb reads; names that are no files are ignored. /dev/stdout and the like are
-    written to. Raises PlanError.
+    written to, but where the suffix ``chooses_format``. Raises PlanError.
     """
     told = f"{option} {path}"
-    if path.is_relative_to("/dev"):
+    if path.is_relative_to("/dev") and not chooses_format:
         if json_asked() and path in _STDOUT:
             raise PlanError(f"{told}: with --json the document goes there: name a file")
         return path
