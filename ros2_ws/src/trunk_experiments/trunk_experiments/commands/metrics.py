@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from trunk_msgs_util.real_path import real_path
+from trunk_msgs_util.recording.topic import RecordingError
 
 from ..analysis.metrics import QUANTITIES, has_level, missing
 from ..analysis.recorded_metrics import recorded_metrics, table_and_metrics
@@ -20,7 +21,11 @@ from ..replay.doubts import doubts_of
 def show_metrics(run: RecordedRun, title: str) -> None:
     """Print a run's metrics as a table; warnings, and what makes them doubtful, first."""
     doubts = doubts_of(run)
-    table, found = table_and_metrics(run)
+    try:
+        table, found = table_and_metrics(run)
+    except RecordingError:
+        show_warnings(doubts.lines)  # a likely cause
+        raise
     for line in doubts.lines:
         click.echo(line)
     show_warnings(run.recording.further_warnings)
