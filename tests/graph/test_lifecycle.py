@@ -70,7 +70,7 @@ def test_a_recorder_that_cannot_be_configured(
     (tmp_path / "run.mcap").unlink()
     assert life.change("configure")
     assert child.stop() == 0
-    assert "run.mcap exists" in child.stderr + child.stdout
+    assert "'run.mcap' is not allowed: it exists" in child.stderr + child.stdout
 
 
 def test_the_plant_waits_for_an_inactive_controller(children: Children, peer: Peer) -> None:
