@@ -112,6 +112,6 @@ def test_incommensurate_rate_is_refused_by_the_node(
     for child in (controller, *others):
         assert child in ended or child.stop() == 0, child.stderr
     assert controller.process.returncode == 1
-    (line,) = [one for one in controller.stderr.splitlines() if "waiting for" not in one]
+    (line,) = [one for one in controller.stderr.splitlines() if "is not allowed" in one]
     assert "update_rate = 300 Hz is not allowed in lock-step with a plant at 1000 Hz" in line
     assert peer.until_event("fuzzy_pid", "failed").values["reason"] in line
