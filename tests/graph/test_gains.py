@@ -72,7 +72,8 @@ def test_the_pid_of_the_page_holds_the_trunk(
 ) -> None:
     (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
     heard = gains_heard(peer)
-    states, commands = map(peer.hear_live, (topics.JOINT_STATES, topics.EFFORT_COMMAND))
+    # All states, as the stranger adds them up: its match may be quicker than this test's.
+    states, commands = peer.hear(topics.JOINT_STATES), peer.hear_live(topics.EFFORT_COMMAND)
     stranger = children.python(code, name="stranger")
     gains = "fuzzy_gains/gains"
     peer.until(lambda: peer.node.count_subscribers(gains) == 2, "the stranger asks for the gains")
