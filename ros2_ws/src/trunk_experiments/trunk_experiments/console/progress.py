@@ -56,7 +56,7 @@ def progress_bar(what: str, lines_from: float = 0.0) -> Iterator[Tell]:
 def steps_told() -> Iterator[Callable[[str], None]]:
     """Yield a function to call with the name of each next step of some work."""
     if not _on_terminal():
-        yield lambda step: print(f"trunk: {printable(step)}", file=sys.stderr, flush=True)
+        yield lambda step: _say(f"trunk: {printable(step)}")
         return
     with console(stderr=True).status("") as status:
         yield lambda step: status.update(printable(step))
@@ -79,4 +79,10 @@ class _Lines:
         if percent > self._told:
             self._told = percent
             more = f", {note}" if note else ""
-            print(f"trunk: {self._what}: {percent} %{more}", file=sys.stderr, flush=True)
+            _say(f"trunk: {self._what}: {percent} %{more}")
+
+
+def _say(line: str) -> None:
+    """Write a line to stderr at once: a signal must not come between it and its end."""
+    sys.stderr.write(f"{line}\n")
+    sys.stderr.flush()
