@@ -44,7 +44,7 @@ def _typos() -> Iterator[Case]:
 _MISSING = (
     *("nosuch.mcap", "nosuch", "no/such/run.mcap", "run.mcpa", "a.mcap.gz", "a.mcap "),
     *("", " ", ".", "..", "/", "~", "~/a.mcap", "*.mcap", "a.mcap,b.mcap", "-", "/dev/null"),
-    *("/dev/full", "/proc/self/mem", "/root/../nosuch", "file:///a.mcap", "https://a.b/c.mcap"),
+    *("/dev/full", "/proc/self/mem", "/usr/../nosuch", "file:///a.mcap", "https://a.b/c.mcap"),
     *("a\nb.mcap", "\x1b[31m.mcap", "\u202e.mcap", "x" * 300, "fig10", "fig 6", "fig66", "Fig6"),
     *("demo.yaml", "delay", "robust", "pid", "fuzzypid", "fuzzy-pid", "simulator", "42", "nan"),
 )
