@@ -90,6 +90,21 @@ def decide_by(
     update, take_over = law.update, law.take_over
     write_down = tell(law)
 
+    def decide_one(
+        memory: Any,
+        one: Any,
+        stamp_ns: int,
+        measured: Measurement,
+        effort: float,
+        out: Floats,
+        row: int,
+    ) -> tuple[Any, Acted]:
+        reading = reading_of(stamp_ns, measured, effort, one.hip)
+        after, a = decide(memory, reading, one.setting, one.constants, update, take_over)
+        if a.active and a.fresh:
+            write_down(out, row, a, measured)
+        return after, Acted(a.active, a.fresh, a.effort, a.reference)
+
     def last(
         memories: Chain,
         participants: Chain,
@@ -99,12 +114,10 @@ def decide_by(
         out: Floats,
         row: int,
     ) -> Decided:
-        one = participants[0]
-        reading = reading_of(stamp_ns, measured, effort, one.hip)
-        memory, a = decide(memories[0], reading, one.setting, one.constants, update, take_over)
-        if a.active and a.fresh:
-            write_down(out, row, a, measured)
-        return (memory, ()), Acted(a.active, a.fresh, a.effort, a.reference)
+        after, acted = decide_one(
+            memories[0], participants[0], stamp_ns, measured, effort, out, row
+        )
+        return (after, ()), acted
 
     if others is None:
         return last
@@ -118,14 +131,11 @@ def decide_by(
         out: Floats,
         row: int,
     ) -> Decided:
-        one = participants[0]
-        reading = reading_of(stamp_ns, measured, effort, one.hip)
-        memory, a = decide(memories[0], reading, one.setting, one.constants, update, take_over)
-        if a.active and a.fresh:
-            write_down(out, row, a, measured)
-        acted = Acted(a.active, a.fresh, a.effort, a.reference)
+        after, acted = decide_one(
+            memories[0], participants[0], stamp_ns, measured, effort, out, row
+        )
         rest, other = others(memories[1], participants[1], stamp_ns, measured, effort, out, row)
-        return (memory, rest), acted if acted.active else other
+        return (after, rest), acted if acted.active else other
 
     return first
 
