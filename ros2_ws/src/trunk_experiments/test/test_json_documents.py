@@ -8,7 +8,7 @@ from math import inf, nan
 import pytest
 
 from trunk_experiments.analysis.metrics import Metrics
-from trunk_experiments.bench import core, gym, lockstep, realtime, sweep
+from trunk_experiments.bench import core, gym, lockstep, rates, realtime, sweep
 from trunk_experiments.console.document import schemas
 from trunk_experiments.paper import report, reproduction
 from trunk_experiments.paper.errata import ERRATA
@@ -100,7 +100,7 @@ def short(monkeypatch):
     """Let benchmarks and the paper be as short as can be: each has tests of its own."""
     row = core.BenchRow("x", 1e-6, inf, nan, "", None)
     monkeypatch.setattr(core, "bench_core", lambda rounds: [row])
-    side = gym.GymRow("x", 2.0, 1.0, 2.0, ">= 1", True)
+    side = rates.RateRow("x", 2.0, 1.0, 2.0, ">= 1", True)
     monkeypatch.setattr(gym, "bench_gym", lambda rounds, envs: [side])
     monkeypatch.setattr(sweep, "bench_sweep", lambda rounds: [row])
     pace = lockstep.LockstepRow("x", 1e3, 0.5, "y", ">= 0.3", True)

@@ -7,32 +7,20 @@ of Runge and Kutta's or ten, with the sensors, the reward and, where the actions
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
 import numpy as np
 
 from .lanes import alternately
+from .rates import RateRow
 
 GOAL_HZ = 1e6  # at least: our steps per second and core
 STEPS = 200  # of all environments, in a round
 _GAINS = (60.0, 100.0, 9.0)
 
 
-@dataclass(frozen=True)
-class GymRow:
-    """Medians over the rounds: steps per second and core, and of their ratio in a round."""
-
-    name: str
-    ours_hz: float
-    theirs_hz: float
-    ratio: float
-    goal: str
-    met: bool
-
-
-def bench_gym(rounds: int = 5, count: int = 1024) -> list[GymRow]:
+def bench_gym(rounds: int = 5, count: int = 1024) -> list[RateRow]:
     """Return the comparisons at ``count`` environments. Raises NotInstalledError without Gymnasium."""
     from ..gym import ENVIRONMENT  # says what is missing
 
@@ -44,7 +32,7 @@ def bench_gym(rounds: int = 5, count: int = 1024) -> list[GymRow]:
     )
     pushes = generator.integers(0, 2, (STEPS, count))
 
-    def row(name: str, actions: Any, **options: Any) -> GymRow:
+    def row(name: str, actions: Any, **options: Any) -> RateRow:
         trunks = gymnasium.make_vec(
             ENVIRONMENT, num_envs=count, vectorization_mode="vector_entry_point", **options
         )
@@ -53,7 +41,7 @@ def bench_gym(rounds: int = 5, count: int = 1024) -> list[GymRow]:
         )
         ours_hz, theirs_hz = 1.0 / median(ours), 1.0 / median(theirs)
         ratio = median(b / a for a, b in zip(ours, theirs, strict=True))
-        return GymRow(name, ours_hz, theirs_hz, ratio, f">= {GOAL_HZ:g}/s", ours_hz >= GOAL_HZ)
+        return RateRow(name, ours_hz, theirs_hz, ratio, f">= {GOAL_HZ:g}/s", ours_hz >= GOAL_HZ)
 
     gains = np.broadcast_to(np.array(_GAINS), (STEPS, count, 3))
     torques = generator.uniform(-20.0, 20.0, (STEPS, count, 1))

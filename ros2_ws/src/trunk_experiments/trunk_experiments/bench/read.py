@@ -8,7 +8,6 @@ into arrays is not counted.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -25,23 +24,12 @@ from trunk_msgs_util.recording.reader import Recording
 from ..errors import BenchError
 from ..plans.plan import make_plan
 from ..runs.offline_recording import record_offline
+from .rates import RateRow
 
 READ_GOAL = 15.0  # at least: our messages per second over those of rosbags
 
 
-@dataclass(frozen=True)
-class ReadRow:
-    """Medians over the rounds: messages per second of each side, and of their ratio in a round."""
-
-    name: str
-    ours_hz: float
-    theirs_hz: float
-    ratio: float
-    goal: str
-    met: bool
-
-
-def bench_read(rounds: int = 5, duration: float = 20.0, path: Path | None = None) -> list[ReadRow]:
+def bench_read(rounds: int = 5, duration: float = 20.0, path: Path | None = None) -> list[RateRow]:
     """Return the comparison on a recording, or on a simulated run of ``duration`` s.
 
     Raises BenchError unless the arrays are equal to the last bit.
@@ -56,7 +44,7 @@ def bench_read(rounds: int = 5, duration: float = 20.0, path: Path | None = None
         return [_row(path, rounds)]
 
 
-def _row(path: Path, rounds: int) -> ReadRow:
+def _row(path: Path, rounds: int) -> RateRow:
     count = _agreed(path)
     sides: list[Callable[[], object]] = [lambda: ours(path), lambda: theirs(path)]
     times = []
@@ -68,7 +56,7 @@ def _row(path: Path, rounds: int) -> ReadRow:
             found[side] = perf_counter() - start
         times.append([found[side] for side in sides])
     ratio = median(theirs_s / ours_s for ours_s, theirs_s in times)
-    return ReadRow(
+    return RateRow(
         f"{count} JointState messages into arrays",
         count / median(ours_s for ours_s, _ in times),
         count / median(theirs_s for _, theirs_s in times),
