@@ -28,7 +28,7 @@ def start(children: Children, peer: Peer, *options: object) -> Child:
     """Return a run of a minute that has begun and is partly recorded."""
     run = children.trunk("run", "demo", "--duration", 60, "--output", "run", *options)
     peer.until_started(run)
-    peer.until_recorded(200)
+    peer.until_recorded(500)  # at most five a state, and a few of the run
     return run
 
 
