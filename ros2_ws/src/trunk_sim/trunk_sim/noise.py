@@ -3,9 +3,6 @@
 Raw 64-bit integers of PCG64, whose stream NumPy guarantees, become normal samples by the inverse of the
 normal distribution. So the samples have the same bits on every machine and with every version of NumPy.
 
-Source: M. J. Wichura, "Algorithm AS 241: the percentage points of the normal distribution", Applied
-Statistics 37 (1988), PPND16: relative error about 1e-16.
-
 Pure: `standard_normal` is a function of an integer, which CPython runs and numba compiles unchanged.
 """
 
@@ -13,86 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trunk_msgs_util.elementary import log
-
-# Numerators and denominators of the three ranges, the highest power first.
-_CENTRAL = (
-    2509.0809287301227,
-    33430.57558358813,
-    67265.7709270087,
-    45921.95393154987,
-    13731.69376550946,
-    1971.5909503065513,
-    133.14166789178438,
-    3.3871328727963665,
-)
-_CENTRAL_BELOW = (
-    5226.495278852854,
-    28729.085735721943,
-    39307.89580009271,
-    21213.794301586597,
-    5394.196021424751,
-    687.1870074920579,
-    42.31333070160091,
-    1.0,
-)
-_TAIL = (
-    0.0007745450142783414,
-    0.022723844989269184,
-    0.2417807251774506,
-    1.2704582524523684,
-    3.6478483247632045,
-    5.769497221460691,
-    4.630337846156546,
-    1.4234371107496835,
-)
-_TAIL_BELOW = (
-    1.0507500716444169e-09,
-    0.0005475938084995345,
-    0.015198666563616457,
-    0.14810397642748008,
-    0.6897673349851,
-    1.6763848301838038,
-    2.053191626637759,
-    1.0,
-)
-_FAR = (
-    2.0103343992922881e-07,
-    2.7115555687434876e-05,
-    0.0012426609473880784,
-    0.026532189526576124,
-    0.29656057182850487,
-    1.7848265399172913,
-    5.463784911164114,
-    6.657904643501103,
-)
-_FAR_BELOW = (
-    2.0442631033899397e-15,
-    1.421511758316446e-07,
-    1.8463183175100548e-05,
-    0.0007868691311456133,
-    0.014875361290850615,
-    0.1369298809227358,
-    0.599832206555888,
-    1.0,
-)
+from trunk_msgs_util.normal import upper_quantile
 
 _UNIT = 2.0**-53
 _BLOCK = 512  # steps
 _WORTH_COMPILING = 20_000  # samples
-
-
-def _ratio(r: float, above: tuple[float, ...], below: tuple[float, ...]) -> float:
-    numerator, denominator = above[0], below[0]
-    for i in range(1, len(above)):
-        numerator = numerator * r + above[i]
-        denominator = denominator * r + below[i]
-    return numerator / denominator
 
 
 def standard_normal(bits: int) -> float:
@@ -101,16 +27,7 @@ def standard_normal(bits: int) -> float:
     The highest 52 bits m give a probability ``p = (m + 1/2) 2^-53`` in (0, 1/2), exact in a double, and
     ``x = -quantile(p)``; the lowest bit gives the sign.
     """
-    p = (float(bits >> 1) + 0.5) * _UNIT
-    q = 0.5 - p
-    if q <= 0.425:
-        x = q * _ratio(0.180625 - q * q, _CENTRAL, _CENTRAL_BELOW)
-    else:
-        r = sqrt(-log(p))
-        if r <= 5.0:
-            x = _ratio(r - 1.6, _TAIL, _TAIL_BELOW)
-        else:
-            x = _ratio(r - 5.0, _FAR, _FAR_BELOW)
+    x = upper_quantile((float(bits >> 1) + 0.5) * _UNIT)
     return x if bits & 1 else -x
 
 

@@ -1,17 +1,24 @@
-"""Seeded draws: each variable has its own stream, so that adding one changes no other's values."""
+"""Seeded draws: each variable has its own stream, so that adding one changes no other's values.
+
+Numbers between 0 and 1 become values by functions of our own (`elementary`, `normal`): a study draws the
+same on every machine.
+"""
 
 from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from math import inf, log
+from math import inf
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+
+from trunk_msgs_util.elementary import exp, log
+from trunk_msgs_util.normal import probability_below, quantile
 
 from ..errors import DrawError
 
+_SMALLEST = 2.0**-54  # instead of 0, at which a normal variable is -inf
 # What each needs, and what it may have.
 DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "uniform": (("low", "high"), ()),
@@ -60,10 +67,14 @@ class Distribution:
         if self.kind == "uniform":
             drawn = self.low + (self.high - self.low) * u
         elif self.kind == "loguniform":
-            drawn = np.exp(log(self.low) + (log(self.high) - log(self.low)) * u)
+            low, high = log(self.low), log(self.high)
+            drawn = np.array([exp(low + (high - low) * one) for one in u.tolist()])
         else:
-            below, above = (ndtr((end - self.mean) / self.std) for end in (self.low, self.high))
-            drawn = self.mean + self.std * ndtri(below + (above - below) * u)
+            below, above = (
+                probability_below((end - self.mean) / self.std) for end in (self.low, self.high)
+            )
+            p = below + (above - below) * np.maximum(u, _SMALLEST)
+            drawn = self.mean + self.std * np.array([quantile(one) for one in p.tolist()])
         values: list[Any] = np.clip(drawn, self.low, self.high).tolist()
         return values
 
