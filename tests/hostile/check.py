@@ -2,7 +2,7 @@
 
     python -m tests.hostile.check [--selection] [NAME...]
 
-``--selection``: a few verbs and the quicker files, for CI. Names: only files whose names contain one.
+``--selection``: a few verbs and half of the quicker files, for CI. Names: only files whose names contain one.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def selected(number: int, name: str) -> bool:
     """Return True for a file that CI tries."""
     if number < len(tampered.FILES):
         return number % _EVERY == 0
-    return not any(word in name for word in _SLOW)
+    return number % 2 == 0 and not any(word in name for word in _SLOW)
 
 
 def tried(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -92,6 +93,24 @@ def test_one_that_numba_refuses_is_swept_by_cpython(tmp_path: Path) -> None:
     swept = trunk(tmp_path, "sweep", "study.yaml", "-o", "study.parquet")
     assert "2 runs: 2 ok, 0 diverged, 0 refused" in swept.stdout, swept.stderr
     assert "not compilable" in swept.stderr
+
+
+def test_a_recording_names_the_package_and_its_sources(tmp_path: Path) -> None:
+    for _ in controller_package("mine", tmp_path / "mine_source"):
+        pass
+    law = (tmp_path / "mine_source" / "mine" / "law.py").read_text()
+    install(tmp_path, "mine", "mine = mine:LAW", module=law)
+    run = ("simulate", "fig8", "--controller", "mine", "--duration", "0.2", "-o", "a.mcap")
+    assert trunk(tmp_path, *run).returncode == 0
+    assert "package mine" not in trunk(tmp_path, "verify", "a.mcap").stdout
+    (tmp_path / "mine.py").write_text(law.replace("limited(wanted", "limited(1.01 * wanted"))
+    found = trunk(tmp_path, "verify", "a.mcap")
+    assert found.returncode == 1
+    (line,) = [line for line in found.stdout.splitlines() if "package mine" in line]
+    assert re.search(
+        r"package mine: recorded with 0\.1, sources (\w{12}); here 0\.1, sources (?!\1)\w{12}$",
+        line,
+    )
 
 
 @pytest.mark.parametrize("name", ["pid", "simulator", "Mine", "mine-too", "_mine", "m__e", "9mine"])

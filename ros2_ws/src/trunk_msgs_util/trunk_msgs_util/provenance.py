@@ -17,6 +17,8 @@ UNKNOWN = "unknown"
 NONE = "none"
 
 _PROJECT = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
+_LAWS = "trunk.controllers"  # entry points
+PACKAGE = "package "  # what the names of other packages begin with
 _LIBRARIES = ("numpy", "numba", "mcap", "rosbags")
 
 
@@ -35,8 +37,45 @@ def gather(**known: str) -> dict[str, str]:
         "host": platform.node() or UNKNOWN,
         "ros_distro": os.environ.get("ROS_DISTRO") or NONE,
         "rmw": os.environ.get("RMW_IMPLEMENTATION") or NONE,
+        **packages_of_laws(),
     }
     return {**found, **known}
+
+
+def packages_of_laws() -> dict[str, str]:
+    """Return version and sources of each package, other than ours, that registers a controller.
+
+    ``{"package NAME": "VERSION, sources DIGEST"}``: 12 hex digits of the SHA-256 of the Python files of the
+    top-level modules that hold its laws. Nothing of them is imported.
+    """
+    from importlib.metadata import entry_points
+
+    modules: dict[tuple[str, str], set[str]] = {}
+    for entry in entry_points(group=_LAWS):
+        if entry.dist is not None and entry.dist.name not in _PROJECT:
+            about = entry.dist.name.replace("-", "_"), entry.dist.version
+            modules.setdefault(about, set()).add(entry.module.partition(".")[0])
+    return {
+        f"{PACKAGE}{name}": f"{version}, sources {_sources(sorted(found))}"
+        for (name, version), found in sorted(modules.items())
+    }
+
+
+def _sources(modules: list[str]) -> str:
+    import hashlib
+    from importlib.util import find_spec
+
+    digest = hashlib.sha256()
+    for module in modules:
+        with suppress(ImportError, ValueError, OSError):
+            spec = find_spec(module)
+            folders = (spec and spec.submodule_search_locations) or ()
+            files = [file for folder in folders for file in Path(folder).rglob("*.py")]
+            if spec is not None and not folders and spec.origin:
+                files = [Path(spec.origin)]
+            for file in sorted(files):
+                digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()[:12]
 
 
 def _version(package: str) -> str:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_msgs_util.provenance import PACKAGE, packages_of_laws
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import seconds
 
@@ -79,10 +80,22 @@ def verdict_on(run: RecordedRun) -> Verdict:
         verdict.obstacles.append(f"recorded parameters cannot be used: {error}")
     except RecordingError as error:
         verdict.obstacles.append(str(error).removeprefix(f"{recording.path}: "))
+    verdict.notes += _other_packages(recording.provenance)
     verdict.notes += [
         f"{kind} is the node {recording.topic(kind)}" for kind in sorted(recording.renamed)
     ]
     return verdict
+
+
+def _other_packages(provenance: Mapping[str, str]) -> list[str]:
+    """Return a line for each package of controllers that is not here as it was when the run was recorded."""
+    told = {name: value for name, value in provenance.items() if name.startswith(PACKAGE)}
+    here = packages_of_laws() if told else {}
+    return [
+        f"{name}: recorded with {value}; here {here.get(name, 'it is not installed')}"
+        for name, value in told.items()
+        if here.get(name) != value
+    ]
 
 
 def _surveyed(run: RecordedRun) -> Survey | None:
