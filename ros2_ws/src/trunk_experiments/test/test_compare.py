@@ -144,7 +144,13 @@ def test_a_folder_that_is_given_as_a_dot_has_its_name(runs, tmp_path, monkeypatc
     folder.mkdir()
     (folder / "run.mcap").write_bytes(runs[0].read_bytes())
     monkeypatch.chdir(folder)
-    assert labels([RunView.read(RecordedRun.open("."))]) == ["mine"]
+    for path in (".", "run.mcap", "../mine"):
+        assert labels([RunView.read(RecordedRun.open(path))]) == ["mine"]
+    other = tmp_path / "other" / "mine"
+    other.mkdir(parents=True)
+    (other / "run.mcap").write_bytes(runs[0].read_bytes())
+    both = [RunView.read(RecordedRun.open(path)) for path in ("run.mcap", other / "run.mcap")]
+    assert labels(both) == [f"{tmp_path.name}/mine", "other/mine"]
     assert "mine: true error" in CliRunner().invoke(trunk, ["metrics", "."]).output
 
 

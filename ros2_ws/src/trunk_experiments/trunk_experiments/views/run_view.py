@@ -187,21 +187,28 @@ def _pulses(run: RecordedRun, stamps: Integers) -> list[Pulse]:
 def labels(views: Sequence[RunView], name: Callable[[RunView], str] | None = None) -> list[str]:
     """Return one distinct name per run: the file's, plus as much of its path, or a number, as needed.
 
-    ``name`` gives the names to start from.
+    ``run.mcap``, which is in every run's folder, goes by the folder's name. ``name`` gives other names to
+    start from.
     """
-    names = [name(view) if name else _stem(view.path) for view in views]
+    names = [name(view) if name else _name(view.path) for view in views]
     if name is None and len(set(names)) < len(names):
-        names = [f"{real_path(view.path).parent.name}/{_stem(view.path)}" for view in views]
+        names = [f"{_place(view.path).parent.name}/{_name(view.path)}" for view in views]
     elif len(set(names)) < len(names):
-        names = [f"{n}, {_stem(view.path)}" for n, view in zip(names, views, strict=True)]
+        names = [f"{n}, {_name(view.path)}" for n, view in zip(names, views, strict=True)]
     if len(set(names)) < len(names):
         names = [f"{n} #{i}" for i, n in enumerate(names, 1)]
     return names
 
 
-def _stem(path: Path) -> str:
-    """Return a recording's name without its suffix; ``.`` and ``..`` go by their folder's."""
-    return path.stem if path.stem not in ("", "..") else real_path(path).stem
+def _name(path: Path) -> str:
+    """Return a recording's name: its folder's, or its file's without suffix."""
+    place = _place(path)
+    return path.stem if path.suffix and place.name == path.name else place.name
+
+
+def _place(path: Path) -> Path:
+    """Return the file or folder that a recording goes by: ``run.mcap`` is in every run's folder."""
+    return real_path(path).parent if path.name == "run.mcap" else real_path(path)
 
 
 def same_pulses(views: Sequence[RunView]) -> list[Pulse]:
