@@ -43,6 +43,18 @@ def test_errors_name_the_file_that_was_asked_for(tmp_path):
     assert raised.value.filename == str(tmp_path / "input")
 
 
+def test_a_device_that_is_full_is_named_and_left(tmp_path):
+    path = tmp_path / "a.csv"
+    path.symlink_to("/dev/full")
+    with (
+        pytest.raises(OSError, match="No space left on device") as raised,
+        whole_file(path) as part,
+    ):
+        part.write_text("new")
+    assert raised.value.filename == str(path)
+    assert path.is_symlink()
+
+
 def test_an_existing_file_is_replaced_only_if_asked(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("old")

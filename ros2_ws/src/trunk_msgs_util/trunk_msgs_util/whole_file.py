@@ -20,13 +20,14 @@ def whole_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
     """
     if path.exists() and not overwrite:
         raise FileExistsError(f"{path} exists: choose another name, or --force")
-    if path.exists() and not path.is_file():
-        yield path
-        return
-    target = Path(os.path.realpath(path))
-    part = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
-    _PARTS.add(part)
+    part = path
     try:
+        if path.exists() and not path.is_file():
+            yield path
+            return
+        target = Path(os.path.realpath(path))
+        part = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
+        _PARTS.add(part)
         yield part
         with part.open("rb+") as file:
             os.fsync(file.fileno())
@@ -38,7 +39,8 @@ def whole_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
             raise OSError(f"{path}: {error}") from None
         raise OSError(error.errno, os.strerror(error.errno), str(path)) from None
     finally:
-        _discard(part)
+        if part is not path:
+            _discard(part)
 
 
 def discard_parts() -> None:
