@@ -11,6 +11,7 @@ import pytest
 from trunk_control import computed_torque, fuzzy, fuzzy_pid, lqr, pid, reference
 from trunk_control.controller_config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_msgs_util import time_table
 from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.mechanics import Body
 from trunk_sim import disturbances, integrator, plant, plant_as_printed
@@ -26,6 +27,7 @@ MODULES = (
     lqr,
     computed_torque,
     reference,
+    time_table,
 )
 
 
@@ -213,20 +215,35 @@ def test_multisine(twin):
         assert bits(twin["multisine"](t, amplitude, *compiled_components)) == bits(expected)
 
 
-@pytest.mark.parametrize("channels", [(0, 1, 2), (3, 3, 3), (1, 0, 3)], ids=str)
-def test_disturbance_at(twin, channels):
-    pulses, sine, noise = channels
+@pytest.mark.parametrize("name", ["held", "interpolated"])
+def test_time_table(twin, name):
+    rng = np.random.default_rng(8)
+    for count in (0, 1, 2, 7):
+        times = tuple(sorted(rng.integers(0, 60 * 10**9, count).tolist()))
+        times += times[-1:] if count > 2 else ()  # a jump
+        values = tuple(rng.uniform(-3.0, 3.0, len(times)).tolist())
+        rows = (np.array(times, dtype=np.int64), np.array(values, dtype=np.float64))
+        for t_ns in (*STAMPS, *times):
+            expected = vars(time_table)[name](t_ns, times, values, -0.25)
+            assert bits(twin[name](t_ns, *rows, -0.25)) == bits(expected)
+
+
+@pytest.mark.parametrize("linear", [True, False], ids=["linear", "hold"])
+@pytest.mark.parametrize("channels", [(0, 1, 2, 3), (3, 3, 3, 3), (1, 0, 3, 1)], ids=str)
+def test_disturbance_at(twin, channels, linear):
+    pulses, sine, noise, table = channels
     components = disturbances.noise_components(2.0, 0.5, 5.0, 32, seed=2)
     signals = disturbances.Signals(
-        pulses, (10**9, 5 * 10**9), 3 * 10**10, 1.7, sine, 2.5, 0.7, 0.3, noise, *components
-    )
+        pulses, (10**9, 5 * 10**9), 3 * 10**10, 1.7, sine, 2.5, 0.7, 0.3, noise, *components,
+        table, linear, (2 * 10**9, 3 * 10**10, 4 * 10**10), (0.3, -0.7, 1.1),
+    )  # fmt: skip
     compiled_signals = arrays(signals)
     for t_ns in STAMPS:
         expected = disturbances.disturbance_at(t_ns, signals)
         assert bits(twin["disturbance_at"](t_ns, compiled_signals)) == bits(expected)
 
 
-@pytest.mark.parametrize("kind", range(4), ids=reference.PROFILES)
+@pytest.mark.parametrize("kind", range(5), ids=reference.PROFILES)
 def test_reference_at(twin, kind):
     profile = reference.ReferenceProfile(
         kind, pi / 4.0, 0.1, 2 * 10**9, 0.3, 0.7, (10**9, 10**10, 5 * 10**10), (0.2, -0.1, 0.5)

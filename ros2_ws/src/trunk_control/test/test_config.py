@@ -116,7 +116,12 @@ BAD_CELL = [*ROWS[:3], "S S S S S S MS", *ROWS[4:]]
         (PidConfig, "i_clamp_max", -1.0, "double, >= 0"),
         (PidConfig, "i_clamp_min", 1.0, "double, <= 0"),
         (PidConfig, "reference.values", [1.0], "as many as reference.times (0)"),
-        (PidConfig, "reference.profile", "ramp", "one of constant, step, sine, sequence"),
+        (
+            PidConfig,
+            "reference.profile",
+            "ramp",
+            "one of constant, step, sine, sequence, interpolated",
+        ),
         (FuzzyPidConfig, "gains.p_max", 31.0, "at least gains.p_min (32)"),
         (FuzzyPidConfig, "gains.d_max", 9.0, "at least gains.d_min (9.6)"),
         (FuzzyPidConfig, "gains.d_min", 0.0, "double, > 0"),

@@ -1,4 +1,4 @@
-"""Reference profiles at and around their switching times."""
+"""Reference profiles at and around their switching times, and between their points."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import pytest
 
 from trunk_control.pid_law import PidConfig
 from trunk_control.reference import reference_at
+from trunk_msgs_util.parameters.declarations import ParameterError
 
 SECOND = 1_000_000_000
 
@@ -58,3 +59,38 @@ def test_sequence_holds_each_level_until_the_next(t_ns, expected):
 
 def test_an_empty_sequence_stays_at_the_initial_level():
     assert reference_at(SECOND, profile("sequence", initial=0.4)) == 0.4
+
+
+@pytest.mark.parametrize(
+    ("t_ns", "expected"),
+    [
+        (0, 0.25),
+        (SECOND, 0.25),
+        (3 * SECOND // 2, 0.0),
+        (2 * SECOND, -0.25),
+        (4 * SECOND - 1, pytest.approx(0.75, abs=1e-8)),
+        (4 * SECOND, 0.75),
+        (99 * SECOND, 0.75),
+    ],
+)
+def test_interpolated_goes_straight_from_point_to_point_and_stays(t_ns, expected):
+    points = profile("interpolated", initial=9.0, times=(1.0, 2.0, 4.0), values=(0.25, -0.25, 0.75))
+    assert reference_at(t_ns, points) == expected
+
+
+def test_one_point_is_a_constant():
+    point = profile("interpolated", times=(1.0,), values=(0.5,))
+    assert {reference_at(t * SECOND, point) for t in range(3)} == {0.5}
+
+
+@pytest.mark.parametrize(
+    ("times", "values", "allowed"),
+    [
+        ((), (), "at least one of reference.times is needed"),
+        ((1.0,), (1.0, 2.0), r"as many as reference\.times \(1\)"),
+        ((2.0, 1.0), (1.0, 2.0), "ascending times"),
+    ],
+)
+def test_points_that_make_no_line_are_refused(times, values, allowed):
+    with pytest.raises(ParameterError, match=allowed):
+        profile("interpolated", times=times, values=values)

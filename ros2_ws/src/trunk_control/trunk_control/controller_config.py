@@ -73,7 +73,7 @@ class ControllerConfig(ManagedConfig):
     reference_times: tuple[float, ...] = parameter(
         "reference.times",
         (),
-        "When the levels of the sequence begin, ascending",
+        "When the levels of the sequence begin, or the times of the points, ascending",
         unit="s",
         element=float,
         longest=10_000,
@@ -83,7 +83,7 @@ class ControllerConfig(ManagedConfig):
     reference_values: tuple[float, ...] = parameter(
         "reference.values",
         (),
-        "The levels of the sequence",
+        "The levels of the sequence, or the values of the points",
         unit="rad",
         element=float,
         longest=10_000,
@@ -172,6 +172,10 @@ class ControllerConfig(ManagedConfig):
             )
         if list(self.reference_times) != sorted(self.reference_times):
             raise ParameterError("reference.times", self.reference_times, "ascending times")
+        if self.reference_profile == "interpolated" and not self.reference_times:
+            raise ParameterError(
+                "reference.profile", "interpolated", "at least one of reference.times is needed"
+            )
         if any(b <= a for a, b in pairwise(self.active_times)):
             raise ParameterError("active.times", self.active_times, "strictly ascending times")
 

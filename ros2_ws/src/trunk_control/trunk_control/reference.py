@@ -1,4 +1,4 @@
-"""Reference profiles: constant, step, sine, and a sequence of levels, as functions of the stamp.
+"""Reference profiles: constant, step, sine, levels, and lines between points, as functions of the stamp.
 
 Pure: scalar functions of integers, floats and tuples, which CPython runs and numba compiles unchanged.
 """
@@ -9,9 +9,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from trunk_msgs_util.elementary import sine_wave
+from trunk_msgs_util.time_table import held, interpolated
 
-PROFILES = ("constant", "step", "sine", "sequence")
-CONSTANT, STEP, SINE, SEQUENCE, TOPIC = range(5)
+PROFILES = ("constant", "step", "sine", "sequence", "interpolated")
+CONSTANT, STEP, SINE, SEQUENCE, INTERPOLATED, TOPIC = range(6)
 
 
 class ReferenceProfile(NamedTuple):
@@ -32,11 +33,14 @@ def reference_at(t_ns: int, p: ReferenceProfile) -> float:
 
     ::
 
-        constant   value
-        step       initial before step_time, value from then on
-        sine       value + amplitude sin(2 pi frequency t)
-        sequence   initial before times[0], then values[i] from times[i] on
-        topic      value, until a message arrives
+        constant       value
+        step           initial before step_time, value from then on
+        sine           value + amplitude sin(2 pi frequency t)
+        sequence       initial before times[0], then values[i] from times[i] on
+        interpolated   values[0] before times[0], linear between the points, then the last value
+        topic          value, until a message arrives
+
+    ``interpolated`` needs at least one point; `time_table.interpolated` has its formula.
     """
     if p.kind == CONSTANT or p.kind == TOPIC:
         return p.value
@@ -44,8 +48,6 @@ def reference_at(t_ns: int, p: ReferenceProfile) -> float:
         return p.value if t_ns >= p.step_time else p.initial
     if p.kind == SINE:
         return p.value + p.amplitude * sine_wave(p.frequency * (t_ns / 1_000_000_000), 0.0)
-    level = p.initial
-    for i in range(len(p.times)):
-        if t_ns >= p.times[i]:
-            level = p.values[i]
-    return level
+    if p.kind == INTERPOLATED:
+        return interpolated(t_ns, p.times, p.values, p.values[0])
+    return held(t_ns, p.times, p.values, p.initial)

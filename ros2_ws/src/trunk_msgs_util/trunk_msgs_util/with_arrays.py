@@ -8,7 +8,7 @@ import numpy as np
 
 Record = TypeVar("Record")
 
-_INTEGERS = {"pulse_starts", "times", "turns_ns"}  # fields of ns
+_INTEGERS = {"pulse_starts", "table_times", "times", "turns_ns"}  # fields of ns
 
 
 def with_arrays(record: Record) -> Record:

@@ -1,4 +1,4 @@
-"""Pulses sample by sample, the sine, and noise that follows its band and seed."""
+"""Pulses sample by sample and at random times, the sine, a table, noise that follows band and seed."""
 
 from __future__ import annotations
 
@@ -9,9 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.units import nanoseconds, period_ns
 from trunk_sim.disturbance_config import DisturbanceConfig
-from trunk_sim.disturbances import Disturbance, disturbance_at, multisine, noise_components, pulse
+from trunk_sim.disturbances import (
+    Disturbance,
+    disturbance_at,
+    multisine,
+    noise_components,
+    pulse,
+    random_starts,
+)
 
 RATES = [1000.0, 200.0]
 
@@ -83,12 +91,13 @@ def test_overlapping_pulses_do_not_add():
         ("trunk_position", "trunk_offset"),
     ],
 )
-@pytest.mark.parametrize("signal", ["pulse", "sine", "noise"])
+@pytest.mark.parametrize("signal", ["pulse", "sine", "noise", "table"])
 def test_a_signal_acts_on_its_channel_alone(signal, channel, field):
     on = {
         "pulse": {"pulse_start_times": (0.0,), "pulse_magnitude": 3.0},
         "sine": {"sine_amplitude": 3.0, "sine_phase": 1.0},
         "noise": {"noise_rms": 3.0},
+        "table": {"table_times": (0.0,), "table_values": (3.0,)},
     }
     config = DisturbanceConfig(**on[signal], **{f"{signal}_channel": channel})
     acting = disturbance_at(10_000_000, config.signals)._asdict()
@@ -107,12 +116,15 @@ def test_signals_on_one_channel_add():
         sine_phase=0.25,
         noise_channel="trunk_effort",
         noise_rms=1.0,
+        table_channel="trunk_effort",
+        table_times=(0.0, 0.04),
+        table_values=(0.0, 8.0),
     )
     signals = config.signals
     noise = multisine(
         0.02, signals.noise_amplitude, signals.noise_frequencies, signals.noise_phases
     )
-    expected = 5.0 + 2.0 * sin(2.0 * pi * 3.0 * 0.02 + 0.25) + noise
+    expected = 5.0 + 2.0 * sin(2.0 * pi * 3.0 * 0.02 + 0.25) + noise + 4.0
     assert disturbance_at(20_000_000, signals).trunk_torque == pytest.approx(expected, rel=1e-14)
 
 
@@ -169,3 +181,64 @@ def test_each_part_of_the_band_has_one_frequency(seed, count, low, width):
 
 def test_no_noise_without_an_rms():
     assert multisine(1.0, *noise_components(0.0, 0.5, 5.0, 32, seed=1)) == 0.0
+
+
+def test_random_pulses_of_seed_1_stay_where_they_were():
+    config = DisturbanceConfig(
+        pulse_start_times=(3.0,),
+        pulse_random_count=2,
+        pulse_random_from=1.0,
+        pulse_random_until=2.0,
+    )
+    assert config.active
+    assert config.signals.pulse_starts == (3_000_000_000, 1_511_821_625, 1_950_463_696)
+
+
+@given(st.integers(0, 2**31 - 1), st.integers(0, 50), st.floats(0.0, 1e3), st.floats(0.0, 1e3))
+def test_random_starts_ascend_between_their_ends_and_follow_their_seed(seed, count, begin, span):
+    starts = random_starts(count, begin, begin + span, seed)
+    assert len(starts) == count
+    assert list(starts) == sorted(starts)
+    assert all(begin <= start <= begin + span for start in starts)
+    assert starts == random_starts(count, begin, begin + span, seed)
+
+
+def test_random_starts_are_spread_evenly():
+    starts = np.array(random_starts(10_000, 2.0, 4.0, seed=5))
+    expected = np.linspace(2.0, 4.0, len(starts))
+    assert np.abs(starts - expected).max() < 2.0 * 1.63 / 100.0  # Kolmogorov, 1 %
+    assert not set(starts) & set(random_starts(10_000, 2.0, 4.0, seed=6))
+
+
+def test_a_span_that_ends_before_it_begins_is_refused():
+    with pytest.raises(ParameterError, match=r"at least pulse\.random_from \(2\)"):
+        DisturbanceConfig(pulse_random_count=1, pulse_random_from=2.0, pulse_random_until=1.0)
+
+
+@pytest.mark.parametrize(
+    ("interpolation", "expected"),
+    [("linear", [0.0, 4.0, 3.0, 2.0, 2.0]), ("hold", [0.0, 4.0, 4.0, 2.0, 2.0])],
+)
+def test_a_table_begins_at_its_first_time_and_stays_after_its_last(interpolation, expected):
+    config = DisturbanceConfig(
+        table_times=(1.0, 3.0), table_values=(4.0, 2.0), table_interpolation=interpolation
+    )
+    assert config.active
+    stamps = [999_999_999, *(k * 1_000_000_000 for k in (1, 2, 3, 9))]
+    assert [disturbance_at(t, config.signals).trunk_torque for t in stamps] == expected
+
+
+@pytest.mark.parametrize(
+    ("values", "allowed"),
+    [
+        ({"table_times": (1.0,)}, r"as many as table\.times \(1\)"),
+        ({"table_times": (2.0, 1.0), "table_values": (0.0, 0.0)}, "ascending times"),
+    ],
+)
+def test_a_table_that_makes_no_signal_is_refused(values, allowed):
+    with pytest.raises(ParameterError, match=allowed):
+        DisturbanceConfig(**values)
+
+
+def test_a_table_of_zeros_does_nothing():
+    assert not DisturbanceConfig(table_times=(1.0,), table_values=(0.0,)).active

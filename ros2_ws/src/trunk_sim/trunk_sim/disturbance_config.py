@@ -7,16 +7,19 @@ from math import pi
 from typing import Any
 
 from trunk_msgs_util.parameters.config import ManagedConfig
-from trunk_msgs_util.parameters.declarations import ParameterError, parameter
+from trunk_msgs_util.parameters.declarations import ParameterError, Value, parameter
 from trunk_msgs_util.units import nanoseconds, period_ns
 
 from .config import joints_parameter, update_rate_parameter
-from .disturbances import CHANNELS, Signals, noise_components
+from .disturbances import CHANNELS, Signals, noise_components, random_starts
 
+INTERPOLATIONS = ("linear", "hold")
 _UNITS = tuple(zip(CHANNELS, ("N", "N m", "m", "rad"), strict=True))
 
 
-def _magnitude(signal: str, name: str, default: float, description: str, minimum: float) -> Any:
+def _magnitude(
+    signal: str, name: str, default: Value, description: str, minimum: float, **more: Any
+) -> Any:
     """Return the declaration of how much a signal does, in the unit of its channel."""
     return parameter(
         f"{signal}.{name}",
@@ -27,6 +30,7 @@ def _magnitude(signal: str, name: str, default: float, description: str, minimum
         units=_UNITS,
         minimum=minimum,
         maximum=1e9,
+        **more,
     )
 
 
@@ -58,6 +62,22 @@ class DisturbanceConfig(ManagedConfig):
     pulse_magnitude: float = _magnitude(
         "pulse", "magnitude", 100.0 * pi / 180.0, "Their magnitude, in the channel's unit", -1e9
     )
+    pulse_random_count: int = parameter(
+        "pulse.random_count",
+        0,
+        "How many more pulses start at random times",
+        minimum=0,
+        maximum=10_000,
+    )
+    pulse_random_from: float = parameter(
+        "pulse.random_from", 0.0, "Not before this time", unit="s", minimum=0.0, maximum=1e6
+    )
+    pulse_random_until: float = parameter(
+        "pulse.random_until", 10.0, "Not after this time", unit="s", minimum=0.0, maximum=1e6
+    )
+    pulse_random_seed: int = parameter(
+        "pulse.random_seed", 1, "Seed of the random times", minimum=0, maximum=2**31 - 1
+    )
     sine_channel: str = parameter(
         "sine.channel", "hip_effort", "What the sine acts on", choices=CHANNELS
     )
@@ -84,8 +104,50 @@ class DisturbanceConfig(ManagedConfig):
     noise_seed: int = parameter(
         "noise.seed", 1, "Seed of their frequencies and phases", minimum=0, maximum=2**31 - 1
     )
+    table_channel: str = parameter(
+        "table.channel", "trunk_effort", "What the table acts on", choices=CHANNELS
+    )
+    table_times: tuple[float, ...] = parameter(
+        "table.times",
+        (),
+        "Times of its rows, ascending",
+        unit="s",
+        element=float,
+        longest=10_000,
+        minimum=0.0,
+        maximum=1e6,
+    )
+    table_values: tuple[float, ...] = _magnitude(
+        "table",
+        "values",
+        (),
+        "Values of its rows; zero before the first, the last one stays",
+        -1e9,
+        element=float,
+        longest=10_000,
+    )
+    table_interpolation: str = parameter(
+        "table.interpolation",
+        "linear",
+        "Between two rows: a line, or the first one's value",
+        choices=INTERPOLATIONS,
+    )
 
     def __post_init__(self) -> None:
+        if self.pulse_random_count and self.pulse_random_until < self.pulse_random_from:
+            raise ParameterError(
+                "pulse.random_until",
+                self.pulse_random_until,
+                f"at least pulse.random_from ({self.pulse_random_from:g})",
+            )
+        if len(self.table_values) != len(self.table_times):
+            raise ParameterError(
+                "table.values",
+                self.table_values,
+                f"as many as table.times ({len(self.table_times)})",
+            )
+        if list(self.table_times) != sorted(self.table_times):
+            raise ParameterError("table.times", self.table_times, "ascending times")
         if self.noise_high <= self.noise_low:
             raise ParameterError(
                 "noise.high_frequency",
@@ -101,10 +163,12 @@ class DisturbanceConfig(ManagedConfig):
     @property
     def active(self) -> bool:
         """False if every signal is zero: the node need not run."""
+        pulses = self.pulse_start_times or self.pulse_random_count
         return bool(
-            (self.pulse_start_times and self.pulse_magnitude and self.pulse_duration)
+            (pulses and self.pulse_magnitude and self.pulse_duration)
             or self.sine_amplitude
             or self.noise_rms
+            or any(self.table_values)
         )
 
     @property
@@ -113,9 +177,15 @@ class DisturbanceConfig(ManagedConfig):
         amplitude, frequencies, phases = noise_components(
             self.noise_rms, self.noise_low, self.noise_high, self.noise_components, self.noise_seed
         )
+        random = random_starts(
+            self.pulse_random_count,
+            self.pulse_random_from,
+            self.pulse_random_until,
+            self.pulse_random_seed,
+        )
         return Signals(
             CHANNELS.index(self.pulse_channel),
-            tuple(nanoseconds(t) for t in self.pulse_start_times),
+            tuple(nanoseconds(t) for t in (*self.pulse_start_times, *random)),
             nanoseconds(self.pulse_duration),
             self.pulse_magnitude,
             CHANNELS.index(self.sine_channel),
@@ -126,4 +196,8 @@ class DisturbanceConfig(ManagedConfig):
             amplitude,
             frequencies,
             phases,
+            CHANNELS.index(self.table_channel),
+            self.table_interpolation == "linear",
+            tuple(nanoseconds(t) for t in self.table_times),
+            self.table_values,
         )

@@ -1,4 +1,4 @@
-"""Disturbances as functions of time: pulses, a sine, and seeded band-limited noise.
+"""Disturbances as functions of time: pulses, a sine, seeded band-limited noise, and a table.
 
 Each acts on one channel: a force on the hip, a torque on the trunk, or an offset on a measured position.
 All are open-loop functions of the stamp, so that a value is the same at any rate and in any process.
@@ -16,6 +16,7 @@ import numpy as np
 
 from trunk_msgs_util.elementary import sine_wave
 from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.time_table import held, interpolated
 
 CHANNELS = ("hip_effort", "trunk_effort", "hip_position", "trunk_position")
 
@@ -30,7 +31,7 @@ class Disturbance(NamedTuple):
 
 
 class Signals(NamedTuple):
-    """Three signals; ``*_channel`` is an index into `CHANNELS`, times are ns, frequencies Hz."""
+    """Four signals; ``*_channel`` is an index into `CHANNELS`, times are ns, frequencies Hz."""
 
     pulse_channel: int
     pulse_starts: Sequence[int]
@@ -44,6 +45,10 @@ class Signals(NamedTuple):
     noise_amplitude: float
     noise_frequencies: Sequence[float]
     noise_phases: Sequence[float]
+    table_channel: int = 0
+    table_linear: bool = True  # between the rows; False: each value until the next
+    table_times: Sequence[int] = ()
+    table_values: Sequence[float] = ()
 
 
 def pulse(t_ns: int, starts: Sequence[int], duration: int, magnitude: float) -> float:
@@ -65,13 +70,16 @@ def multisine(
 
 
 def disturbance_at(t_ns: int, s: Signals) -> Disturbance:
-    """Return what acts at a stamp in ns: for each channel, the sum of its signals."""
+    """Return what acts at a stamp in ns: for each channel, the sum of its signals.
+
+    The table is zero before its first time; after its last it stays at its last value.
+    """
     t = t_ns / 1_000_000_000
     hip_force = 0.0
     trunk_torque = 0.0
     hip_offset = 0.0
     trunk_offset = 0.0
-    for signal in range(3):
+    for signal in range(4):
         if signal == 0:
             channel = s.pulse_channel
             value = pulse(t_ns, s.pulse_starts, s.pulse_duration, s.pulse_magnitude)
@@ -80,9 +88,17 @@ def disturbance_at(t_ns: int, s: Signals) -> Disturbance:
             value = 0.0
             if s.sine_amplitude != 0.0:
                 value = s.sine_amplitude * sine_wave(s.sine_frequency * t, s.sine_phase)
-        else:
+        elif signal == 2:
             channel = s.noise_channel
             value = multisine(t, s.noise_amplitude, s.noise_frequencies, s.noise_phases)
+        else:
+            channel = s.table_channel
+            value = 0.0
+            if len(s.table_times) > 0:
+                if s.table_linear:
+                    value = interpolated(t_ns, s.table_times, s.table_values, 0.0)
+                else:
+                    value = held(t_ns, s.table_times, s.table_values, 0.0)
         if channel == 0:
             hip_force += value
         elif channel == 1:
@@ -115,8 +131,21 @@ def noise_components(
     """
     if rms == 0.0:
         return 0.0, (), ()
-    drawn = [(raw >> 11) * 2.0**-53 for raw in np.random.PCG64(seed).random_raw(2 * count).tolist()]
+    drawn = _uniform(2 * count, seed)
     width = (high - low) / count
     frequencies = tuple(low + width * (i + drawn[i]) for i in range(count))
     phases = tuple(2.0 * pi * one for one in drawn[count:])
     return rms * sqrt(2.0 / count), frequencies, phases
+
+
+def random_starts(count: int, begin: float, end: float, seed: int) -> tuple[float, ...]:
+    """Return so many times [s], ascending, drawn uniformly from [begin, end]: ``begin + (end - begin) u``.
+
+    From raw integers of PCG64 with the seed, whose stream NumPy guarantees.
+    """
+    return tuple(sorted(begin + (end - begin) * u for u in _uniform(count, seed)))
+
+
+def _uniform(count: int, seed: int) -> list[float]:
+    """Return numbers in [0, 1): the upper 53 of the 64 raw bits, times 2^-53."""
+    return [(raw >> 11) * 2.0**-53 for raw in np.random.PCG64(seed).random_raw(count).tolist()]

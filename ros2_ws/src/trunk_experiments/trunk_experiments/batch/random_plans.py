@@ -116,7 +116,9 @@ def random_plan(index: int) -> RunPlan:
     rate = float(rng.choice(_RATES))
     draw = Draw(rng, STEPS / rate)
     simulator = draw.config("simulator", **_simulator(draw, rate))
-    disturbance = draw.config("disturbance", update_rate=rate, joints=simulator.joints)
+    disturbance = draw.config(
+        "disturbance", update_rate=rate, joints=simulator.joints, **_disturbance(draw)
+    )
     first, *others = _PARTIES[int(rng.integers(len(_PARTIES)))]
     times = sorted(rng.uniform(0.0, draw.duration, 4 if others else 0).tolist())
     order = [*others, first]
@@ -160,9 +162,22 @@ def _simulator(draw: Draw, rate: float) -> dict[str, Value]:
     return values
 
 
+def _disturbance(draw: Draw) -> dict[str, Value]:
+    """Return values that depend on one another: a table of up to four rows, a span of random pulses."""
+    begin, end = sorted(draw.rng.uniform(0.0, draw.duration, 2).tolist())
+    rows = int(draw.rng.integers(5))
+    return {
+        "pulse.random_count": draw.pick(0, int(draw.rng.integers(1, 6))),
+        "pulse.random_from": begin,
+        "pulse.random_until": end,
+        "table.times": tuple(sorted(draw.rng.uniform(0.0, draw.duration, rows).tolist())),
+        "table.values": tuple(draw.rng.uniform(-2.0, 2.0, rows).tolist()),
+    }
+
+
 def _controller(draw: Draw, name: str, rate: float) -> dict[str, Value]:
     limit = draw.pick(inf, float(draw.rng.uniform(5.0, 100.0)))
-    profile = draw.pick("constant", "step", "sine", "sequence", "sequence", "topic")
+    profile = draw.pick("constant", "step", "sine", "sequence", "interpolated", "topic")
     if draw.rng.random() < 0.8 and profile == "topic":
         profile = "step"
     times = sorted(draw.rng.uniform(0.0, draw.duration, 3).tolist())

@@ -34,7 +34,8 @@ class Drawn(NamedTuple):
 
     initial: tuple[float, ...]  # m, rad, m/s, rad/s
     sensor_seed: int
-    disturbance_seed: int
+    disturbance_seed: int  # of its noise
+    pulse_seed: int  # of its random pulses
 
 
 @dataclass(frozen=True)
@@ -53,13 +54,21 @@ class Task:
     def as_planned(self) -> Drawn:
         """The plan's own initial state and seeds."""
         plan = self.plan
-        noise_seed = 0 if plan.disturbance is None else plan.disturbance.noise_seed
-        return Drawn(tuple(plan.simulator.initial_state), plan.simulator.seed, noise_seed)
+        disturbance = plan.disturbance
+        seeds = (
+            (0, 0)
+            if disturbance is None
+            else (disturbance.noise_seed, disturbance.pulse_random_seed)
+        )
+        return Drawn(tuple(plan.simulator.initial_state), plan.simulator.seed, *seeds)
 
     @property
     def draws_disturbances(self) -> bool:
-        """True if the disturbance has noise, whose seed is drawn for each episode."""
-        return self.plan.disturbance is not None and self.plan.disturbance.noise_rms != 0.0
+        """True if the disturbance has noise or random pulses, whose seed is drawn for each episode."""
+        disturbance = self.plan.disturbance
+        return disturbance is not None and bool(
+            disturbance.noise_rms or disturbance.pulse_random_count
+        )
 
     def draw(self, generator: np.random.Generator) -> Drawn:
         """Return an episode's initial state ``plan + spread (2 u - 1)``, u uniform in [0, 1), and seeds.
@@ -71,14 +80,18 @@ class Task:
             middle + width * (2.0 * ((one >> 11) * 2.0**-53) - 1.0)
             for middle, width, one in zip(self.as_planned.initial, self.spread, raw, strict=False)
         )
-        return Drawn(initial, raw[4] >> 33, raw[5] >> 33)
+        return Drawn(initial, raw[4] >> 33, raw[5] >> 33, raw[5] >> 33)
 
     def plan_of(self, drawn: Drawn, states: int | None = None) -> RunPlan:
         """Return the plan of an episode, shortened to so many states; none of our controllers is in it."""
         plan, (x, theta, x_dot, theta_dot) = self.plan, drawn.initial
         disturbance = plan.disturbance
         if disturbance is not None and self.draws_disturbances:
-            disturbance = replace(disturbance, noise_seed=drawn.disturbance_seed)
+            disturbance = replace(
+                disturbance,
+                noise_seed=drawn.disturbance_seed,
+                pulse_random_seed=drawn.pulse_seed,
+            )
         duration = plan.simulator.duration
         if states is not None:
             duration = seconds((states - 1) * plan.simulator.period_ns)

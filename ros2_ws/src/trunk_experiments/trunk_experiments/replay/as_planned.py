@@ -20,8 +20,14 @@ if TYPE_CHECKING:
 
     from ..recorded.run import RecordedRun
 
-# What recordings of earlier versions lack: declared later, and nothing that is judged depends on it.
-_LATER = {"recorder": ("markers",)}
+# What recordings of earlier versions lack, all of it: declared later. What is judged takes the defaults.
+_LATER = {
+    "recorder": ("markers",),
+    "disturbance": (
+        *("pulse.random_count", "pulse.random_from", "pulse.random_until", "pulse.random_seed"),
+        *("table.channel", "table.times", "table.values", "table.interpolation"),
+    ),
+}
 
 
 def not_as_planned(run: RecordedRun) -> list[str]:
@@ -97,7 +103,8 @@ def _parameters(run: RecordedRun) -> Iterator[str]:
         declared = declarations(NODES[node].config)
         if change.new:
             sets[node] += 1
-            lacking = set(_LATER.get(node, ())) - set(change.new)
+            later = set(_LATER.get(node, ()))
+            lacking = later if later.isdisjoint(change.new) else set()
             whole = tuple(name for name in declared if name not in lacking)
             if tuple(change.new) != whole:
                 odd = ", ".join(sorted(set(whole) ^ set(change.new))) or "their order"

@@ -265,5 +265,7 @@ def chains_of(plan: RunPlan) -> tuple[Chain, Chain]:
 
 @cache
 def _quiet() -> Signals:
-    none: Signals = with_arrays(Signals(0, (), 0, 0.0, 0, 0.0, 0.0, 0.0, 0, 0.0, (), ()))
+    none: Signals = with_arrays(
+        Signals(0, (), 0, 0.0, 0, 0.0, 0.0, 0.0, 0, 0.0, (), (), 0, True, (), ())
+    )
     return none

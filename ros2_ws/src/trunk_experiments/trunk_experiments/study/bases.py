@@ -27,7 +27,10 @@ from .targets import (
     structural,
 )
 
-SEEDS = {"simulator": "sensor.seed", "disturbance": "noise.seed"}
+SEEDS = {
+    "simulator": ("sensor.seed",),
+    "disturbance": ("noise.seed", "pulse.random_seed"),
+}
 
 
 def make_bases(study: Study) -> Bases:
@@ -69,8 +72,9 @@ def plan_of(study: Study, bases: Bases, row: Row) -> RunPlan:
     configs = base.configs
     changed: dict[str, dict[str, Any]] = {node: {} for node in configs}
     if study.runs > 1:
-        for node, name in SEEDS.items():
-            changed[node][field_of(configs[node], name)] = row["seed"]
+        for node, names in SEEDS.items():
+            for name in names:
+                changed[node][field_of(configs[node], name)] = row["seed"]
     for v in study.variables:
         for target in v.targets:
             if target.name in STRUCTURAL or not is_meant(target, contender):

@@ -21,7 +21,7 @@ from .units import check_units
 # If these are zero, the seed makes no difference.
 _NOISE = {
     "simulator": ("sensor.position_noise", "sensor.velocity_noise"),
-    "disturbance": ("noise.rms",),
+    "disturbance": ("noise.rms", "pulse.random_count"),
 }
 
 

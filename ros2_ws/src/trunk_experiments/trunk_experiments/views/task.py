@@ -29,8 +29,13 @@ _OF_SIMULATOR = (
     "duration",
 )
 _OF_CONTROLLER = ("reference.",)
-# Without the parameter a part of the disturbance does nothing, whatever its others are.
-_ACTS = {"pulse.": "pulse.start_times", "sine.": "sine.amplitude", "noise.": "noise.rms"}
+# Without any of these parameters a part of the disturbance does nothing, whatever its others are.
+_ACTS = {
+    "pulse.": ("pulse.start_times", "pulse.random_count"),
+    "sine.": ("sine.amplitude",),
+    "noise.": ("noise.rms",),
+    "table.": ("table.times",),
+}
 _LISTED = 4  # of the parameters that differ, in a line
 
 
@@ -65,7 +70,9 @@ def _task(view: RunView) -> dict[str, Value]:
         return {"scenario": view.recording.provenance.get("scenario", "")}
     disturbance = {d.name: d.default for d in declarations(DisturbanceConfig).values()}
     disturbance |= view.parameters.get("disturbance", {})
-    acting = tuple(part for part, name in _ACTS.items() if disturbance[name])
+    acting = tuple(
+        part for part, names in _ACTS.items() if any(disturbance[name] for name in names)
+    )
     task = _chosen("simulator", simulator, _OF_SIMULATOR)
     task |= _chosen("disturbance", disturbance, acting)
     for node, values in view.parameters.items():
