@@ -11,6 +11,7 @@ from .processes import Child, Children, until
 
 pytestmark = pytest.mark.graph
 
+ONLY_TRUNK = "only trunk reads files: give the node the parameter file that trunk plan writes"
 # Executable: (argument, value as the line must show it, what the line must say is allowed).
 WRONG = {
     "simulator": [
@@ -26,6 +27,8 @@ WRONG = {
         ("noise.components:=1.5", "1.5", "integer, >= 1"),
         ("pulse.magnitude:=.nan", "nan", "finite double"),
         ("pulse.start_times:=[1.0, -1.0]", "[1.0, -1.0]", "each >= 0"),
+        ("table.values:=[0.5]", "[0.5]", "as many as table.times (0)"),
+        ("table.file:=push.csv", "'push.csv'", ONLY_TRUNK),
         ("noise.high_frequency:=0.25", "0.25", "greater than noise.low_frequency (0.5)"),
     ],
     "pid": [
@@ -34,6 +37,13 @@ WRONG = {
         ("gains.d:=.nan", "nan", "finite double, >= 0"),
         ("antiwindup_strategy:=hope", "'hope'", "one of none, conditional_integration"),
         ("u_clamp_max:=-200.0", "-200.0", "greater than u_clamp_min (-100)"),
+        (
+            "reference.profile:=file",
+            "'file'",
+            "one of constant, step, sine, sequence, interpolated",
+        ),
+        ("reference.file:=ref.csv", "'ref.csv'", ONLY_TRUNK),
+        ("reference.profile:=interpolated", "'interpolated'", "at least one of reference.times"),
         ("reference.values:=[0.5, 0.25]", "[0.5, 0.25]", "as many as reference.times (0)"),
     ],
     "fuzzy_pid": [

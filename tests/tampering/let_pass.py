@@ -183,6 +183,21 @@ LET_PASS: tuple[tuple[str, str], ...] = (
         "a sine of amplitude 0",
     ),
     (
+        rf"{_ANY}: " + _PARAMETER.format(r"disturbance\.table\.(channel|interpolation)", r"\d"),
+        "a table without rows",
+    ),
+    (
+        rf"{_ANY}: "
+        + _PARAMETER.format(r"disturbance\.pulse\.random_(until|seed)", r"\d")
+        + rf"|{_ANY}: "
+        + _PARAMETER.format(r"disturbance\.pulse\.random_from", "0"),
+        "random pulses, of which there are none",
+    ),
+    (
+        rf"{_ANY}: " + _PARAMETER.format(r"disturbance\.pulse\.random_count", r"\d"),
+        "random pulses that start after the end of the run",
+    ),
+    (
         rf"{_GRAPH}: "
         + _PARAMETER.format(
             r"recorder\.(output|overwrite|compression|flush_interval|lockstep\.topics)", r"\d"

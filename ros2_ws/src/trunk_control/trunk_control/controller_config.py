@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
-from typing import Any
+from typing import Any, ClassVar
 
 from trunk_msgs_util.parameters.config import ManagedConfig
-from trunk_msgs_util.parameters.declarations import ParameterError, parameter
+from trunk_msgs_util.parameters.declarations import Declaration, ParameterError, parameter
+from trunk_msgs_util.parameters.table_files import FILE, ONLY_PLANNED, TableFile
 from trunk_msgs_util.units import nanoseconds, period_ns
 
 from .pid import PidLaw
@@ -18,10 +19,35 @@ REFERENCE_PROFILES = (*PROFILES, "topic")  # in the order of their kinds
 DERIVATIVE_MODES = ("error", "measurement", "rate")
 ANTIWINDUP_STRATEGIES = ("none", "conditional_integration", "back_calculation")
 
+_REFERENCE_FILE = TableFile(
+    Declaration(
+        "reference.file",
+        "",
+        "string",
+        "",
+        "CSV with the columns t and reference, for the profile file; a plan has its numbers",
+    ),
+    "reference.times",
+    "reference.values",
+    "reference",
+    "reference.profile",
+    Declaration(
+        "reference.interpolation",
+        "linear",
+        "string",
+        "",
+        "Between two of its rows: a line, or the first one's value",
+        choices=("linear", "hold"),
+    ),
+    (("linear", "interpolated"), ("hold", "sequence")),
+)
+
 
 @dataclass(frozen=True)
 class ControllerConfig(ManagedConfig):
     """What every controller declares: its rate, joint, reference, derivative and limits."""
+
+    table_files: ClassVar[tuple[TableFile, ...]] = (_REFERENCE_FILE,)
 
     update_rate: float = parameter(
         "update_rate",
@@ -44,6 +70,7 @@ class ControllerConfig(ManagedConfig):
         "constant",
         "Shape of the reference; topic: the latest message on the reference topic, the value until then",
         choices=REFERENCE_PROFILES,
+        elsewhere=((FILE, ONLY_PLANNED),),
     )
     reference_value: float = parameter(
         "reference.value",

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi
-from typing import Any
+from typing import Any, ClassVar
 
 from trunk_msgs_util.parameters.config import ManagedConfig
-from trunk_msgs_util.parameters.declarations import ParameterError, Value, parameter
+from trunk_msgs_util.parameters.declarations import (
+    Declaration,
+    ParameterError,
+    Value,
+    parameter,
+)
+from trunk_msgs_util.parameters.table_files import TableFile
 from trunk_msgs_util.units import nanoseconds, period_ns
 
 from .config import joints_parameter, update_rate_parameter
@@ -15,6 +21,18 @@ from .disturbances import CHANNELS, Signals, noise_components, random_starts
 
 INTERPOLATIONS = ("linear", "hold")
 _UNITS = tuple(zip(CHANNELS, ("N", "N m", "m", "rad"), strict=True))
+_TABLE_FILE = TableFile(
+    Declaration(
+        "table.file",
+        "",
+        "string",
+        "",
+        "CSV with the columns t and value, for table.times and table.values; a plan has its numbers",
+    ),
+    "table.times",
+    "table.values",
+    "value",
+)
 
 
 def _magnitude(
@@ -37,6 +55,8 @@ def _magnitude(
 @dataclass(frozen=True)
 class DisturbanceConfig(ManagedConfig):
     """Parameters of the ``disturbance`` node. Each signal acts on its own channel."""
+
+    table_files: ClassVar[tuple[TableFile, ...]] = (_TABLE_FILE,)
 
     update_rate: float = update_rate_parameter()
     joints: tuple[str, ...] = joints_parameter()

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trunk_control.laws import law_named
-from trunk_msgs_util.parameters.declarations import Value, declarations
+from trunk_msgs_util.parameters.declarations import Value
+from trunk_msgs_util.parameters.table_files import listed
 
 from ..errors import PlanError
 from ..plans.files import SCENARIOS, shipped_files
@@ -52,7 +53,7 @@ def studies() -> dict[str, str]:
 
 
 def parameters(node: str) -> tuple[Parameter, ...]:
-    """Return all that a node declares: ``simulator``, ``disturbance``, ``recorder`` or a controller.
+    """Return all that `plan` takes for a node: ``simulator``, ``disturbance``, ``recorder`` or a controller.
 
     Raises PlanError for another name.
     """
@@ -62,7 +63,7 @@ def parameters(node: str) -> tuple[Parameter, ...]:
         )
     return tuple(
         Parameter(d.name, d.default, d.unit, d.allowed(), d.description, d.fixed)
-        for d in declarations(NODES[node].config).values()
+        for d in listed(NODES[node].config).values()
     )
 
 

@@ -83,13 +83,13 @@ for _command in (show, set_values, apply):
 
 def markdown(node: str) -> str:
     """Return a node's parameters as a Markdown table."""
-    from trunk_msgs_util.parameters.declarations import declarations
+    from trunk_msgs_util.parameters.table_files import listed
 
     from ..console.parameter_text import value_text
     from ..plans.nodes import NODES
 
     lines = ["| parameter | type | default | unit | allowed | what |", "|---|---|---|---|---|---|"]
-    for declaration in declarations(NODES[node].config).values():
+    for declaration in listed(NODES[node].config).values():
         allowed = ", ".join(declaration.choices) or declaration.bounds()
         default = value_text(declaration.default)
         if len(default) > 40:
@@ -110,7 +110,7 @@ def markdown(node: str) -> str:
 
 
 def _list(nodes: Sequence[str], as_json: bool, as_markdown: bool) -> None:
-    from trunk_msgs_util.parameters.declarations import declarations
+    from trunk_msgs_util.parameters.table_files import listed
 
     from ..console.parameter_text import allowed_text, short_text
     from ..console.tables import print_table
@@ -134,7 +134,7 @@ def _list(nodes: Sequence[str], as_json: bool, as_markdown: bool) -> None:
                     allowed_text(d),
                     d.description,
                 )
-                for d in declarations(NODES[name].config).values()
+                for d in listed(NODES[name].config).values()
             ],
             texts=4,
             sentences=True,
@@ -142,7 +142,7 @@ def _list(nodes: Sequence[str], as_json: bool, as_markdown: bool) -> None:
 
 
 def _values(config: type[Any]) -> dict[str, Any]:
-    from trunk_msgs_util.parameters.declarations import declarations
+    from trunk_msgs_util.parameters.table_files import listed
 
     return {
         d.name: {
@@ -153,5 +153,5 @@ def _values(config: type[Any]) -> dict[str, Any]:
             "description": d.description,
             "fixed": d.fixed,
         }
-        for d in declarations(config).values()
+        for d in listed(config).values()
     }

@@ -49,7 +49,15 @@ def apply(
     from trunk_msgs_util.parameters.files import read
 
     from ..errors import LiveParametersError
-    from ..live.parameters import choosers_of, differences, full_name, said_in_si, said_of
+    from ..live.parameters import (
+        choosers_of,
+        differences,
+        full_name,
+        planned_names,
+        said_in_si,
+        said_of,
+        with_numbers,
+    )
     from ..plans.files import find_file
     from ..plans.given import checked_namespace
 
@@ -57,7 +65,8 @@ def apply(
     from ..live.parameters_node import LiveParameters
 
     with LiveParameters(name, timeout) as parameters:
-        said = said_of(name, layer, parameters.names())
+        said = said_of(name, layer, [*parameters.names(), *planned_names(name)])
+        said = with_numbers(name, layer, said, parameters.values)
         present = parameters.values([*said, *choosers_of(name, said)])
         fixed = parameters.fixed(list(said))
         said = said_in_si(name, layer.source, said, present)
@@ -90,7 +99,15 @@ def set_values(
     NODE is a node's name, such as pid or /robot2/pid; VALUE is written as in a parameter file. What the node
     refuses it says in its own words, and nothing has changed.
     """
-    from ..live.parameters import choosers_of, differences, full_name, said_in_si
+    from trunk_msgs_util.parameters.files import Layer, Section
+
+    from ..live.parameters import (
+        choosers_of,
+        differences,
+        full_name,
+        said_in_si,
+        with_numbers,
+    )
     from ..plans.given import checked_namespace, settings_of
 
     wanted: Mapping[str, object] = settings_of(settings)
@@ -98,6 +115,8 @@ def set_values(
     from ..live.parameters_node import LiveParameters
 
     with LiveParameters(name, timeout) as parameters:
+        given = Layer("params set", (Section(name, wanted),))
+        wanted = with_numbers(name, given, wanted, parameters.values)
         present = parameters.values([*wanted, *choosers_of(name, wanted)])
         fixed = parameters.fixed(list(wanted)) if dry_run else ()
         wanted = said_in_si(name, "params set", wanted, present)

@@ -69,13 +69,13 @@ def shown(layers: Iterable[Layer]) -> list[Shown]:
 
 def _declaration(section: Section, name: str) -> Declaration | None:
     """Return what declares a parameter of a section: of the first of our nodes that has it."""
-    from trunk_msgs_util.parameters.declarations import declarations
+    from trunk_msgs_util.parameters.table_files import listed
 
     from ..plans.nodes import NODES
 
     for node, kind in NODES.items():
         if section.last_token == node or section.matches(f"/{node}"):
-            declared = declarations(kind.config)
+            declared = listed(kind.config)
             if name in declared:
                 return declared[name]
     return None

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -16,6 +16,7 @@ from trunk_msgs_util.parameters.declarations import (
 )
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
 from trunk_msgs_util.parameters.in_si import in_si, written_with_units
+from trunk_msgs_util.parameters.table_files import numbers_for, tables_of
 
 from ..errors import PlanError
 
@@ -69,6 +70,33 @@ def said_of(node: str, layer: Layer, declared: Sequence[str]) -> dict[str, objec
     return resolve(node, [layer], declared)
 
 
+def planned_names(node: str) -> list[str]:
+    """Return the keys that trunk reads for a node with one of the project's names: those of CSV files."""
+    config = _config(node)
+    return [] if config is None else [one.name for t in tables_of(config) for one in t.keys]
+
+
+def with_numbers(
+    node: str,
+    layer: Layer,
+    said: Mapping[str, object],
+    values: Callable[[Sequence[str]], Mapping[str, object]],
+) -> dict[str, object]:
+    """Return a layer's values for a node with the numbers of the CSV files that it names.
+
+    ``values`` returns what the node has for some names. Raises ParameterFileError.
+    """
+    config, planned = _config(node), planned_names(node)
+    if config is None or said.keys().isdisjoint(planned):
+        return dict(said)
+    declared = declarations(config)
+    choosers = [declared[table.values].unit_by for table in tables_of(config)]
+    found = numbers_for(node, [layer], config, values(list(filter(None, choosers)))).values
+    return {name: value for name, value in said.items() if name not in planned} | {
+        name: list(value) if isinstance(value, tuple) else value for name, value in found.items()
+    }
+
+
 def choosers_of(node: str, said: Mapping[str, object]) -> list[str]:
     """Return the parameters of a node that choose the units of those that a file sets with units."""
     if not _have_text(said):  # as usual: then nothing is looked up
@@ -104,11 +132,16 @@ def _have_text(said: Mapping[str, object]) -> bool:
     )
 
 
-def _declared(node: str) -> Mapping[str, Declaration]:
+def _config(node: str) -> type[Any] | None:
     from ..plans.nodes import NODES
 
     kind = NODES.get(node.rsplit("/", 1)[-1])
-    return {} if kind is None else declarations(kind.config)
+    return None if kind is None else kind.config
+
+
+def _declared(node: str) -> Mapping[str, Declaration]:
+    config = _config(node)
+    return {} if config is None else declarations(config)
 
 
 def differences(

@@ -1,37 +1,46 @@
-"""One node's configuration from the layers of files and single values; units become SI here."""
+"""One node's configuration from the layers of files and single values; units and CSV become numbers here."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from trunk_msgs_util.parameters.declarations import ParameterError, build, declarations
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
 from trunk_msgs_util.parameters.in_si import in_si, written_with_units
+from trunk_msgs_util.parameters.table_files import numbers_for
 
 from .nodes import NODES
 
 
-def config_from(node: str, layers: Sequence[Layer], namespace: str) -> Any:
-    """Return a node's configuration. Raises ParameterFileError naming the layer of a wrong value."""
+class Resolved(NamedTuple):
+    """A node's configuration, and the parameters in whose values a unit is written."""
+
+    config: Any
+    with_units: set[str]
+
+
+def config_from(node: str, layers: Sequence[Layer], namespace: str) -> Resolved:
+    """Return a node's configuration, the CSV files that the layers name read.
+
+    Raises ParameterFileError naming the layer of a wrong value.
+    """
     config = NODES[node].config
     full_name = f"{namespace}/{node}"
     declared = declarations(config)
-    values = resolve(full_name, layers, declared)
+    of_files = numbers_for(full_name, layers, config)
+    values = resolve(full_name, layers, declared) | of_files.values
     try:
-        return build(config, in_si(declared, values))
+        return Resolved(
+            build(config, in_si(declared, values)),
+            written_with_units(declared, values) | of_files.with_units,
+        )
     except ParameterError as error:
         source = _source(full_name, error.name, layers)
         told = ""
         if error.name in written_with_units(declared, values):
             told = _written(values[error.name], error)
         raise ParameterFileError(f"{source}: {node}: {error}{told}") from None
-
-
-def names_with_units(node: str, layers: Sequence[Layer], namespace: str) -> set[str]:
-    """Return the parameters of a node in whose values a unit is written."""
-    declared = declarations(NODES[node].config)
-    return written_with_units(declared, resolve(f"{namespace}/{node}", layers, declared))
 
 
 def _source(node: str, name: str, layers: Sequence[Layer]) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 from trunk_control.laws import REGISTERED, LawError, law_named, package_of
 from trunk_msgs_util.parameters.config import RecorderConfig
-from trunk_msgs_util.parameters.declarations import declarations
+from trunk_msgs_util.parameters.table_files import listed
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 
@@ -62,5 +62,5 @@ def unknown_controllers(names: Iterable[str]) -> str:
 
 
 def declared_names() -> dict[str, tuple[str, ...]]:
-    """Return each node's parameter names."""
-    return {name: tuple(declarations(kind.config)) for name, kind in NODES.items()}
+    """Return, for each node, the names that a parameter file may set."""
+    return {name: tuple(listed(kind.config)) for name, kind in NODES.items()}

@@ -31,7 +31,7 @@ from ..errors import PlanError
 from ..similar import did_you_mean
 from .doubtful import check_targets, large_angles, not_taken
 from .files import find_file, parse_setting, scenario_layers
-from .layers import config_from, names_with_units
+from .layers import config_from
 from .nodes import CONTROLLERS, declared_names
 from .timeline import Change, Timeline
 from .turns import Swap, turns_of
@@ -142,11 +142,10 @@ def make_plan(
     warnings = [*not_taken([one.within(namespace) for one in files], taking, namespace)]
     layers = [layer.within(namespace) for layer in layers]
     name = Path(scenario).stem
-    simulator = config_from("simulator", layers, namespace)
+    found = {node: config_from(node, layers, namespace) for node in taking}
+    simulator = found["simulator"].config
     # It tells one step of the plant ahead: at another rate, what it told last is for no step.
-    disturbance = with_values(
-        config_from("disturbance", layers, namespace), update_rate=simulator.update_rate
-    )
+    disturbance = with_values(found["disturbance"].config, update_rate=simulator.update_rate)
     end = simulator.duration or inf
     warnings += [
         f"--swap-at {swap.time:g}:{swap.controller}: the run ends at {end:g} s, before that"
@@ -157,7 +156,7 @@ def make_plan(
     lockstep = simulator.lockstep
     controllers = {
         node: with_values(
-            config_from(node, layers, namespace),
+            found[node].config,
             lockstep=lockstep,
             **({"active_times": times} if swaps else {}),
         )
@@ -174,7 +173,7 @@ def make_plan(
             controllers=controllers,
             disturbance=disturbance if disturbance.active else None,
             recorder=with_values(
-                config_from("recorder", layers, namespace),
+                found["recorder"].config,
                 controllers=tuple(turns),
                 scenario=name,
                 lockstep=lockstep,
@@ -183,7 +182,7 @@ def make_plan(
             namespace=namespace,
             warnings=tuple(warnings),
         ),
-        {node: names_with_units(node, layers, namespace) for node in taking},
+        {node: one.with_units for node, one in found.items()},
     )
 
 

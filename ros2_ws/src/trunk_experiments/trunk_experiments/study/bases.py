@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 from trunk_msgs_util.parameters.declarations import ParameterError
@@ -102,7 +103,7 @@ def _base(study: Study, contender: Contender, settings: list[str]) -> Base:
             contender.node,
             [*study.params, *contender.params],
             [
-                parse_setting(text, "set")
+                replace(parse_setting(text, "set"), folder=Path(study.source).parent)
                 for text in (*study.settings, *contender.settings, *settings, *more)
             ],
             {name: value for name, value in everywhere.items() if value is not None},

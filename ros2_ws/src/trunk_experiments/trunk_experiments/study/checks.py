@@ -15,7 +15,7 @@ from ..plans.plan import check_turns
 from ..runs.offline import check
 from .design import drawn_values
 from .study import Contender, Study, Target, Variable
-from .targets import Base, Bases, field_of, is_meant, kind_of, new_value
+from .targets import FILES, Base, Bases, field_of, is_meant, kind_of, new_value
 from .units import check_units
 
 # If these are zero, the seed makes no difference.
@@ -46,7 +46,7 @@ def check_variable(study: Study, v: Variable, contender: Contender, base: Base) 
     """Raise StudyError if a variable matches none of the contender's parameters, or leaves its bounds."""
     values = v.values if v.distribution is None else drawn_values(study)[v.name]
     for target in v.targets:
-        if not is_meant(target, contender):
+        if not is_meant(target, contender) or target.name in FILES:
             continue
         config = base.configs[kind_of(target, contender)]
         _check_target(study, v, contender, target, config)

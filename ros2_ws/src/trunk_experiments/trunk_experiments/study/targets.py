@@ -13,8 +13,10 @@ from trunk_sim.disturbance_config import DisturbanceConfig
 from ..plans.plan import RunPlan
 from .study import Contender, Scalar, Study, Target, Variable
 
+# Which CSV a run reads; its numbers take the place of the name when a plan is made.
+FILES = ("reference.file", "table.file")
 # `make_plan` checks these against other nodes' values: each value needs its own plan.
-STRUCTURAL = ("update_rate", "joint")
+STRUCTURAL = ("update_rate", "joint", *FILES)
 
 
 Row = Mapping[str, Any]

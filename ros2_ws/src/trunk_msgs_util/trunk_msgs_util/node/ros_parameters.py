@@ -33,6 +33,7 @@ from ..parameters.declarations import (
     values_of,
 )
 from ..parameters.param_load import meant
+from ..parameters.table_files import ONLY_PLANNED, only_planned
 from .conversions import stamp_to_ros
 
 Config = TypeVar("Config")
@@ -99,7 +100,10 @@ class NodeParameters(Generic[Config]):
     def __init__(
         self, node: Node, config_class: type[Config], on_change: Callable[[Config, Config], None]
     ) -> None:
-        """Declare everything. Raises ParameterError for a bad value; warns of unknown names."""
+        """Declare everything. Raises ParameterError for a bad value; warns of unknown names.
+
+        A CSV file that only plans read is refused, not passed over.
+        """
         self._node = node
         self._class = config_class
         self._declared = declarations(config_class)
@@ -126,7 +130,9 @@ class NodeParameters(Generic[Config]):
                 given[name] = untyped.value
             elif name in self._overrides and declaration.kind.endswith("array"):
                 given[name] = ()  # YAML's [] has no type in ROS 2 and arrives as "not set"
-        for name in self._overrides:
+        for name, value in self._overrides.items():
+            if only_planned(self._class, name):
+                raise ParameterError(name, getattr(value, "value", value), ONLY_PLANNED)
             # Files for several nodes contain, under "/**", many parameters that a node does not have; a
             # near miss is more likely a typo.
             if name not in self._declared and not of_every_node(name):
@@ -207,9 +213,9 @@ class NodeParameters(Generic[Config]):
                 )
             check(declaration, change.value)
         elif not self._node.has_parameter(change.name):  # rclpy declares some of its own
-            raise ParameterError(
-                change.name, change.value, unknown_name(change.name, self._declared)
-            )
+            planned = only_planned(self._class, change.name)
+            told = ONLY_PLANNED if planned else unknown_name(change.name, self._declared)
+            raise ParameterError(change.name, change.value, told)
 
     def _judge(self, changes: list[Parameter]) -> SetParametersResult:
         """Accept or refuse changes made within this process, which do not go through a service."""

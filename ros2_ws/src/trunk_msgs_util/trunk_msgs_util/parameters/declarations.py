@@ -62,6 +62,7 @@ class Declaration:
     fixed: bool = False  # cannot change after start
     unit_by: str = ""  # the parameter whose value chooses the unit among ``units``
     units: tuple[tuple[str, str], ...] = ()  # that value, and the unit
+    elsewhere: tuple[tuple[str, str], ...] = ()  # no choice here: a value, and what to do instead
 
     def allowed(self) -> str:
         """Return what is allowed, as a readable phrase."""
@@ -132,7 +133,10 @@ def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
         )
     if isinstance(value, str):
         if declaration.choices and value not in declaration.choices:
-            raise ParameterError(declaration.name, whole, declaration.allowed())
+            told = dict(declaration.elsewhere).get(value)
+            raise ParameterError(
+                declaration.name, whole, declaration.allowed() + (f"; {told}" if told else "")
+            )
         return value
     number: Any = value
     if math.isnan(number) or (math.isinf(number) and not declaration.unbounded):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -47,10 +47,14 @@ class Section:
 
 @dataclass(frozen=True)
 class Layer:
-    """A parameter file's content, or values from a command line; ``source`` names it in errors."""
+    """A parameter file's content, or values from a command line; ``source`` names it in errors.
+
+    ``folder``: what the paths in it are relative to; the working directory where it is no file.
+    """
 
     source: str
     sections: Sequence[Section]
+    folder: Path = Path()
 
     def within(self, namespace: str) -> Layer:
         """Return the layer with its relative node names (``pid``, not ``/pid``) in the namespace.
@@ -65,6 +69,7 @@ class Layer:
                 else Section(f"{namespace}/{s.pattern}", s.values)
                 for s in self.sections
             ),
+            self.folder,
         )
 
 
@@ -113,7 +118,7 @@ def read(path: Path) -> Layer:
         raise ParameterFileError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise ParameterFileError(f"{path}: not a text file; give a ROS 2 parameter file") from None
-    return parse(text, str(path))
+    return replace(parse(text, str(path)), folder=path.parent)
 
 
 def resolve(node: str, layers: Iterable[Layer], declared: Iterable[str]) -> dict[str, object]:
