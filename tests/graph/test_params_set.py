@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
-from rcl_interfaces.srv import GetParameters
-from rclpy.parameter import parameter_value_to_python
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.parameter import Parameter, parameter_value_to_python
 
 from .peer import Peer
 from .processes import Children
@@ -86,3 +87,30 @@ def test_a_node_in_a_namespace_and_none(children: Children, peer: Peer, set_valu
     code, _, (line,) = set_values("/robot2/pid", "gains.p=1", "--namespace", "robot2")
     assert (code, "give pid" in line) == (2, True)
     assert node.stop() == 0, node.stderr
+
+
+def test_a_running_node_gets_the_numbers_of_a_csv_file(
+    children: Children, peer: Peer, set_values: Set, tmp_path: Path
+) -> None:
+    (tmp_path / "ref.csv").write_text("t [ms],reference\n0,0.5\n100,0.25\n")
+    (tmp_path / "mine.yaml").write_text(
+        "pid:\n  ros__parameters:\n"
+        "    reference: {profile: file, file: ref.csv, interpolation: hold}\n"
+    )
+    pid = children.node("pid")
+    peer.until_up("pid")
+    names = ("reference.profile", "reference.times", "reference.values")
+    numbers = [[0.0, 0.1], [0.5, 0.25]]
+    said = set_values("pid", "reference.profile=file", "reference.file=ref.csv")
+    assert said[::2] == (0, [])
+    found = values(peer, "/pid", *names)
+    assert [found[0], *map(list, found[1:])] == ["interpolated", *numbers]
+    apply = children.trunk("params", "apply", "pid", "mine.yaml", name="apply")
+    assert (apply.wait(), apply.stdout) == (0, "reference.profile: interpolated -> sequence\n")
+    code, said, (line,) = set_values("pid", "reference.file=none.csv", "reference.profile=file")
+    assert (code, said) == (2, [])
+    assert "reference.file: none.csv: no such file" in line
+    asked = [Parameter("reference.file", value="ref.csv").to_parameter_msg()]
+    answer = peer.call(SetParameters, "/pid/set_parameters", parameters=asked)
+    assert "only trunk reads files" in answer.results[0].reason
+    assert pid.stop() == 0, pid.stderr

@@ -46,6 +46,18 @@ OPTIONS = {
         ],
     },
     "fall is no end": {"scenario": "fig8", "settings": ["simulator.fall.stop=false"]},
+    "tables and random pulses": {
+        "settings": [
+            "disturbance.pulse.random_count=3",
+            "disturbance.pulse.random_until=1.5",
+            "disturbance.pulse.random_seed=7",
+            "disturbance.table.times=[0.2, 0.9]",
+            "disturbance.table.values=[1.0, -1.0]",
+            "pid.reference.profile=interpolated",
+            "pid.reference.times=[0.0, 1.0]",
+            "pid.reference.values=[0.0, 0.2]",
+        ]
+    },
     "walking": {"scenario": "fig6", "params": ["profile_walking"]},
     "back-calculation": {
         "settings": ["pid.antiwindup_strategy=back_calculation", "simulator.max_effort=20"]

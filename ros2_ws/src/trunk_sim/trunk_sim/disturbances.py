@@ -79,7 +79,7 @@ def disturbance_at(t_ns: int, s: Signals) -> Disturbance:
     trunk_torque = 0.0
     hip_offset = 0.0
     trunk_offset = 0.0
-    for signal in range(4):
+    for signal in range(4 if len(s.table_times) > 0 else 3):
         if signal == 0:
             channel = s.pulse_channel
             value = pulse(t_ns, s.pulse_starts, s.pulse_duration, s.pulse_magnitude)
@@ -93,12 +93,10 @@ def disturbance_at(t_ns: int, s: Signals) -> Disturbance:
             value = multisine(t, s.noise_amplitude, s.noise_frequencies, s.noise_phases)
         else:
             channel = s.table_channel
-            value = 0.0
-            if len(s.table_times) > 0:
-                if s.table_linear:
-                    value = interpolated(t_ns, s.table_times, s.table_values, 0.0)
-                else:
-                    value = held(t_ns, s.table_times, s.table_values, 0.0)
+            if s.table_linear:
+                value = interpolated(t_ns, s.table_times, s.table_values, 0.0)
+            else:
+                value = held(t_ns, s.table_times, s.table_values, 0.0)
         if channel == 0:
             hip_force += value
         elif channel == 1:
