@@ -84,3 +84,26 @@ def test_another_value_is_found(whole, tmp_path, name):
     found = verify(copy).exit_code
     # An ULP of 0.2 s is less than half a nanosecond: the same stamps, and the same run.
     assert (found == VERIFIED) == name.endswith("times")
+
+
+LATER = (
+    *("pulse.random_count", "pulse.random_from", "pulse.random_until", "pulse.random_seed"),
+    *("table.channel", "table.times", "table.values", "table.interpolation"),
+)
+
+
+@pytest.mark.parametrize("left_out", [LATER, LATER[1:], LATER[-1:]], ids=len)
+def test_a_recording_from_before_there_were_tables_is_judged(tmp_path, left_out):
+    """By the defaults; it lacks all of the new parameters, not some of them."""
+
+    def without(messages):
+        for message in messages:
+            if message[TOPIC] == PARAMETERS and parsed(message).node == "/disturbance":
+                event = parsed(message)
+                event.new_parameters = [p for p in event.new_parameters if p.name not in left_out]
+                store(message, event)
+
+    path = tmp_path / "today.mcap"
+    record_offline(make_plan("demo", "pid", everywhere={"duration": 1.2}), path)
+    found = verify(copied(path, tmp_path / "before.mcap", without, digests=ANEW))
+    assert (found.exit_code == VERIFIED) == (left_out == LATER)

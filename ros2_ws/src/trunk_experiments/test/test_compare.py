@@ -174,6 +174,22 @@ def test_runs_of_different_tasks_are_not_ranked(short_run, runs, scenario, files
     assert differs in json.loads(invoke(*paths, "--json"))["different_tasks"]
 
 
+@pytest.mark.parametrize(
+    "more",
+    [
+        ("disturbance.pulse.random_count=1",),
+        ("disturbance.table.times=[1.0]", "disturbance.table.values=[1.0]"),
+    ],
+    ids=["random pulses", "a table"],
+)
+def test_another_disturbance_is_another_task(short_run, more):
+    paths = [short_run("fig6", "pid", settings=settings) for settings in ((), more)]
+    tasks = compare([RunView.read(RecordedRun.open(path)) for path in paths]).tasks
+    assert more[0].partition("=")[0] in tasks
+    idle = short_run("fig6", "pid", settings=("disturbance.pulse.random_seed=2",))
+    assert compare([RunView.read(RecordedRun.open(p)) for p in (paths[0], idle)]).tasks == ()
+
+
 def test_how_finely_time_is_cut_is_no_task(short_run, runs):
     finer = short_run("fig6", "pid", duration=3.0, settings=("simulator.substeps=20",))
     assert compare([RunView.read(RecordedRun.open(p)) for p in (runs[0], finer)]).tasks == ()

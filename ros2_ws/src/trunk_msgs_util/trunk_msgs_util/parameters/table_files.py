@@ -63,12 +63,12 @@ def tables_of(config: type[Any]) -> tuple[TableFile, ...]:
 
 def listed(config: type[Any]) -> dict[str, Declaration]:
     """Return what a parameter file may set: the node's declarations, and what only plans read."""
-    found = declarations(config)
-    for table in tables_of(config):
-        if table.switch:
-            declared = found[table.switch]
-            found[table.switch] = replace(declared, choices=(*declared.choices, FILE))
-        found |= {one.name: one for one in table.keys}
+    switches = {table.switch for table in tables_of(config)}
+    keys = {table.values: table.keys for table in tables_of(config)}
+    found: dict[str, Declaration] = {}
+    for name, one in declarations(config).items():
+        found[name] = replace(one, choices=(*one.choices, FILE)) if name in switches else one
+        found |= {key.name: key for key in keys.get(name, ())}
     return found
 
 
