@@ -12,6 +12,7 @@ from gymnasium.wrappers import TransformAction
 
 from trunk_experiments.errors import ActionError, PlanError
 from trunk_experiments.gym import ENVIRONMENT
+from trunk_experiments.gym.task import make_task
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verify
@@ -108,6 +109,16 @@ def test_an_episode_as_planned_is_the_offline_run_bit_for_bit(options, action):
         fell = plan.simulator.fall_stop and after.falls
         assert (terminated, truncated) == (ends and fell, ends and not fell)
     assert bits(seen[:2]) == bits([run[-1].measured.position[1], run[-1].measured.velocity[1]])
+
+
+def test_random_pulses_are_drawn_for_each_episode():
+    task = make_task(settings=OPTIONS["tables and random pulses"]["settings"])
+    assert task.draws_disturbances
+    drawn = [task.draw(np.random.default_rng(seed)) for seed in (1, 1, 2)]
+    first, again, other = (task.plan_of(one).disturbance.signals for one in drawn)
+    assert first == again
+    assert first.pulse_starts != other.pulse_starts
+    assert first.table_values == other.table_values
 
 
 def test_the_reward_is_the_cost_of_error_and_torque():

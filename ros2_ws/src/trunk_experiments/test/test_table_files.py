@@ -178,6 +178,14 @@ def test_a_mistake_is_one_line_that_names_its_place(setting):
     assert str(caught.value) == f"--set {setting}: {(WRONG | BESIDES)[setting]}"
 
 
+def test_a_file_besides_another_profile_in_the_same_place_is_a_mistake(here):
+    (here / "two.yaml").write_text(
+        "pid:\n  ros__parameters: {reference: {file: mine/ref.csv, profile: constant}}\n"
+    )
+    with pytest.raises(ParameterFileError, match=WITH):
+        planned(params=["two.yaml"])
+
+
 def test_a_mistake_in_a_csv_names_both_files_and_the_line(here):
     (here / "mine/ref.csv").write_text(REFERENCE + "0.1,0\n")
     with pytest.raises(ParameterFileError) as caught:
@@ -272,8 +280,9 @@ def test_a_running_node_gets_the_numbers():
 
     def values(names):
         asked.append(names)
-        return dict.fromkeys(names, "trunk_effort")
+        return dict.fromkeys(names, "hip_position")
 
+    Path("mine/push.csv").write_text("t,value [cm]\n0.1,0\n0.2,400\n0.3,0\n")
     said = {"table.file": "mine/push.csv", "sine.amplitude": 1.0}
     layer = Layer("params set", (Section("/left/disturbance", said),))
     assert with_numbers("/left/disturbance", layer, said, values) == {

@@ -191,6 +191,7 @@ def test_random_pulses_of_seed_1_stay_where_they_were():
         pulse_random_until=2.0,
     )
     assert config.active
+    assert DisturbanceConfig(pulse_random_count=1).active
     assert config.signals.pulse_starts == (3_000_000_000, 1_511_821_625, 1_950_463_696)
 
 
