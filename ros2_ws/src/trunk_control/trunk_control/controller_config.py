@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from trunk_msgs_util.parameters.config import ManagedConfig
 from trunk_msgs_util.parameters.declarations import Declaration, ParameterError, parameter
-from trunk_msgs_util.parameters.table_files import FILE, ONLY_PLANNED, TableFile
+from trunk_msgs_util.parameters.table_keys import FILE, ONLY_PLANNED, TableFile
 from trunk_msgs_util.units import nanoseconds, period_ns
 
 from .pid import PidLaw

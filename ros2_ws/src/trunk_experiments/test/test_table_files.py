@@ -24,7 +24,7 @@ from trunk_msgs_util.parameters.declarations import (
     values_of,
 )
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, Section
-from trunk_msgs_util.parameters.table_files import listed
+from trunk_msgs_util.parameters.table_keys import listed
 
 REFERENCE = "t [ms],reference [deg]\n0,0\n250,20\n250,10\n400,-5\n"
 PUSH = "t [s],value [N*m]\n0.1,0\n0.2,4\n0.3,0\n"

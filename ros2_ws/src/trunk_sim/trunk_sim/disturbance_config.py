@@ -13,7 +13,7 @@ from trunk_msgs_util.parameters.declarations import (
     Value,
     parameter,
 )
-from trunk_msgs_util.parameters.table_files import TableFile
+from trunk_msgs_util.parameters.table_keys import TableFile
 from trunk_msgs_util.units import nanoseconds, period_ns
 
 from .config import joints_parameter, update_rate_parameter

@@ -16,7 +16,8 @@ from trunk_msgs_util.parameters.declarations import (
 )
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
 from trunk_msgs_util.parameters.in_si import in_si, written_with_units
-from trunk_msgs_util.parameters.table_files import numbers_for, tables_of
+from trunk_msgs_util.parameters.table_files import numbers_for
+from trunk_msgs_util.parameters.table_keys import tables_of
 
 from ..errors import PlanError
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from trunk_control.laws import REGISTERED, LawError, law_named, package_of
 from trunk_msgs_util.parameters.config import RecorderConfig
-from trunk_msgs_util.parameters.table_files import listed
+from trunk_msgs_util.parameters.table_keys import listed
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 

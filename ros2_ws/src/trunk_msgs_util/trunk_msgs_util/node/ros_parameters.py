@@ -33,7 +33,7 @@ from ..parameters.declarations import (
     values_of,
 )
 from ..parameters.param_load import meant
-from ..parameters.table_files import ONLY_PLANNED, only_planned
+from ..parameters.table_keys import ONLY_PLANNED, only_planned
 from .conversions import stamp_to_ros
 
 Config = TypeVar("Config")

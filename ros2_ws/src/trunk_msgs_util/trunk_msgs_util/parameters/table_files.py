@@ -1,45 +1,17 @@
-"""CSV files that a parameter file names in place of two arrays: a plan has their numbers, never a path.
-
-Nodes do not read them: what they are given, and what is recorded, is complete in itself.
-"""
+"""The numbers of the CSV files that parameter files name (`table_keys`), for a plan or a running node."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from .csv_table import Column, read_csv
-from .declarations import Declaration, ParameterError, check, declarations
+from .declarations import ParameterError, check, declarations
 from .files import Layer, ParameterFileError
 from .in_si import units_of
-
-FILE = "file"  # the value of `TableFile.switch`
-ONLY_PLANNED = "only trunk reads files: give the node the parameter file that trunk plan writes"
-
-
-@dataclass(frozen=True)
-class TableFile:
-    """The keys with which a parameter file names a CSV, and the parameters that get its numbers.
-
-    With a ``switch``, the CSV counts where that parameter is "file"; ``becomes`` says, for each value of
-    ``interpolation``, what the switch becomes.
-    """
-
-    key: Declaration
-    times: str
-    values: str
-    column: str  # the heading of the values
-    switch: str = ""
-    interpolation: Declaration | None = None
-    becomes: tuple[tuple[str, str], ...] = ()
-
-    @property
-    def keys(self) -> tuple[Declaration, ...]:
-        """What only plans read."""
-        return (self.key,) if self.interpolation is None else (self.key, self.interpolation)
+from .table_keys import FILE, TableFile, tables_of
 
 
 class Numbers(NamedTuple):
@@ -53,28 +25,6 @@ class _Said(NamedTuple):
     value: object
     place: int  # a later one wins
     layer: Layer
-
-
-def tables_of(config: type[Any]) -> tuple[TableFile, ...]:
-    """Return the CSV files that can be named for nodes of a configuration class."""
-    found: tuple[TableFile, ...] = getattr(config, "table_files", ())
-    return found
-
-
-def listed(config: type[Any]) -> dict[str, Declaration]:
-    """Return what a parameter file may set: the node's declarations, and what only plans read."""
-    switches = {table.switch for table in tables_of(config)}
-    keys = {table.values: table.keys for table in tables_of(config)}
-    found: dict[str, Declaration] = {}
-    for name, one in declarations(config).items():
-        found[name] = replace(one, choices=(*one.choices, FILE)) if name in switches else one
-        found |= {key.name: key for key in keys.get(name, ())}
-    return found
-
-
-def only_planned(config: type[Any], name: str) -> bool:
-    """Return True for a key that plans read and nodes do not have."""
-    return any(one.name == name for table in tables_of(config) for one in table.keys)
 
 
 def numbers_for(
