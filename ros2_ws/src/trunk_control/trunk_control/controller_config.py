@@ -8,46 +8,24 @@ from math import inf
 from typing import Any, ClassVar
 
 from trunk_msgs_util.parameters.config import ManagedConfig
-from trunk_msgs_util.parameters.declarations import Declaration, ParameterError, parameter
+from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 from trunk_msgs_util.parameters.table_keys import FILE, ONLY_PLANNED, TableFile
 from trunk_msgs_util.units import nanoseconds, period_ns
 
 from .pid import PidLaw
 from .reference import PROFILES, ReferenceProfile
+from .reference_file import REFERENCE_FILE
 
 REFERENCE_PROFILES = (*PROFILES, "topic")  # in the order of their kinds
 DERIVATIVE_MODES = ("error", "measurement", "rate")
 ANTIWINDUP_STRATEGIES = ("none", "conditional_integration", "back_calculation")
-
-_REFERENCE_FILE = TableFile(
-    Declaration(
-        "reference.file",
-        "",
-        "string",
-        "",
-        "CSV with the columns t and reference, for the profile file; a plan has its numbers",
-    ),
-    "reference.times",
-    "reference.values",
-    "reference",
-    "reference.profile",
-    Declaration(
-        "reference.interpolation",
-        "linear",
-        "string",
-        "",
-        "Between two of its rows: a line, or the first one's value",
-        choices=("linear", "hold"),
-    ),
-    (("linear", "interpolated"), ("hold", "sequence")),
-)
 
 
 @dataclass(frozen=True)
 class ControllerConfig(ManagedConfig):
     """What every controller declares: its rate, joint, reference, derivative and limits."""
 
-    table_files: ClassVar[tuple[TableFile, ...]] = (_REFERENCE_FILE,)
+    table_files: ClassVar[tuple[TableFile, ...]] = (REFERENCE_FILE,)
 
     update_rate: float = parameter(
         "update_rate",

@@ -1,0 +1,29 @@
+"""The keys that name a reference's CSV file, which only plans read."""
+
+from __future__ import annotations
+
+from trunk_msgs_util.parameters.declarations import Declaration
+from trunk_msgs_util.parameters.table_keys import TableFile
+
+REFERENCE_FILE = TableFile(
+    Declaration(
+        "reference.file",
+        "",
+        "string",
+        "",
+        "CSV with the columns t and reference, for the profile file; a plan has its numbers",
+    ),
+    "reference.times",
+    "reference.values",
+    "reference",
+    "reference.profile",
+    Declaration(
+        "reference.interpolation",
+        "linear",
+        "string",
+        "",
+        "Between two of its rows: a line, or the first one's value",
+        choices=("linear", "hold"),
+    ),
+    (("linear", "interpolated"), ("hold", "sequence")),
+)
