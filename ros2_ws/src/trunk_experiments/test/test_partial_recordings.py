@@ -5,9 +5,11 @@ from __future__ import annotations
 import sys
 
 import pytest
+from mcap.reader import make_reader
 
 from trunk_experiments.cli import main
 from trunk_experiments.plans.nodes import NODES
+from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import declarations
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
@@ -51,6 +53,21 @@ def without_parameters_of(node):
     return lambda name, data, index: (
         name != topics.RUN_PARAMETERS or parse_parameter_event(data).node != f"/{node}"
     )
+
+
+def test_a_file_cut_between_a_command_and_its_terms_differs_in_nothing(whole, tmp_path):
+    states = Recording.open(whole).topics[f"/{STATE}"].count
+    for cut, expected in ((1, UNJUDGED), (2, DIVERGES)):
+        dropped = range(states - cut, states)
+        path = copy(
+            whole,
+            tmp_path / f"{cut}.mcap",
+            lambda name, data, index, dropped=dropped: name != STATE or index not in dropped,
+        )
+        with path.open("rb") as file:
+            last = make_reader(file).get_summary().chunk_indexes[-1]
+        path.write_bytes(path.read_bytes()[: last.chunk_start_offset + last.chunk_length])
+        assert verify(Recording.open(path)).exit_code == expected
 
 
 PARTS = {

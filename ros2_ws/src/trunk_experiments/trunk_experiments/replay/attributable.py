@@ -109,6 +109,19 @@ def missed_from_ns(run: RecordedRun) -> int | None:
     return min((first for count, first in gaps_of if count), default=None)
 
 
+def cut_off_ns(run: RecordedRun) -> int | None:
+    """Return the last command's stamp if a file that was not finished ends before its terms; else None.
+
+    A chunk may end between the two: what was not written yet is no difference.
+    """
+    commands = run.table(topics.EFFORT_COMMAND).stamp_ns
+    if run.recording.end is not None or not len(commands):
+        return None
+    last = int(commands.max())
+    told = (run.table(topics.controller_state(name)).stamp_ns for name in run.controllers)
+    return None if any((stamps == last).any() for stamps in told) else last
+
+
 def recorded_until_ns(run: RecordedRun) -> int | None:
     """Return until when everything is recorded; None if the recorder never missed a part of the run.
 

@@ -17,7 +17,14 @@ from ..recorded.run import RecordedRun
 from ..recorded.turns import idle_ns
 from .as_planned import not_as_planned
 from .as_written import Survey, not_as_written, pictures
-from .attributable import SHARED, missed_from_ns, recorded_until_ns, robot_obstacles, shared_from_ns
+from .attributable import (
+    SHARED,
+    cut_off_ns,
+    missed_from_ns,
+    recorded_until_ns,
+    robot_obstacles,
+    shared_from_ns,
+)
 from .consistency import contradictions, failures, uncounted
 from .gaps import gaps
 from .real_time import replay_torques
@@ -125,6 +132,9 @@ def _judge(run: RecordedRun, verdict: Verdict, survey: Survey | None) -> None:
         verdict.obstacles.append(
             f"the recorder was inactive from t = {seconds(until_ns):g} s: what follows is not judged"
         )
+    cut_ns = cut_off_ns(run)
+    if cut_ns is not None:
+        until_ns = cut_ns - 1 if until_ns is None else min(until_ns, cut_ns - 1)
     missed_ns = missed_from_ns(run)
     if missed_ns is not None:
         until_ns = missed_ns - 1 if until_ns is None else min(until_ns, missed_ns - 1)
