@@ -11,12 +11,13 @@ import pytest
 from trunk_control import computed_torque, fuzzy, fuzzy_pid, lqr, pid, reference
 from trunk_control.controller_config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_msgs_util import time_table
+from trunk_msgs_util import mechanics, time_table
 from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.mechanics import Body
 from trunk_sim import disturbances, integrator, plant, plant_as_printed
 
 MODULES = (
+    mechanics,
     plant,
     plant_as_printed,
     integrator,
@@ -66,6 +67,37 @@ def plants(count: int, seed: int):
         parameters = Body(*rng.uniform(0.1, 5.0, 6).tolist(), bool(k % 2), k % 5 == 0)
         state = plant.PlantState(*rng.uniform(-4.0, 4.0, 4).tolist())
         yield state, *rng.normal(0.0, 30.0, 2).tolist(), parameters
+
+
+def on_harmonics(count: int, seed: int):
+    """Yield plants on a path of 1 to 32 harmonics: CPython's arguments, and the array of compiled code."""
+    rng = np.random.default_rng(seed)
+    for k, (*arguments, p) in enumerate(plants(count, seed)):
+        numbers = rng.uniform(-0.3, 0.3, 2 * (1 + k % 32))
+        plain = p._replace(as_printed=False, harmonics=tuple(numbers.tolist()))
+        yield (*arguments, plain), (*arguments, plain._replace(harmonics=numbers))
+
+
+def test_accelerations_on_harmonics(twin):
+    for expected, given in on_harmonics(2000, seed=21):
+        assert bits(twin["accelerations"](*given)) == bits(plant.accelerations(*expected))
+
+
+def test_energy_on_harmonics(twin):
+    for (state, *_, expected), (*_, given) in on_harmonics(1000, seed=22):
+        assert bits(twin["energy"](state, given)) == bits(plant.energy(state, expected))
+
+
+def test_rk4_step_on_harmonics(twin):
+    for (*first, expected), (*_, given) in on_harmonics(1000, seed=23):
+        found = twin["rk4_step"](*first, 0.005, given)
+        assert bits(found) == bits(integrator.rk4_step(*first, 0.005, expected))
+
+
+def test_inverse_dynamics_on_harmonics(twin):
+    for (state, *_, expected), (*_, given) in on_harmonics(1000, seed=24):
+        found = twin["inverse_dynamics"](*state, given)
+        assert bits(found) == bits(mechanics.inverse_dynamics(*state, expected))
 
 
 def test_accelerations(twin):

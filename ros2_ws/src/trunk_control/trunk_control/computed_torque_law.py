@@ -42,6 +42,8 @@ class ComputedTorqueConfig(ControllerConfig):
     gravity: float = body_parameter("model.gravity", "gravity", believed=True)
     amplitude: float = body_parameter("model.path_amplitude", "amplitude", believed=True)
     wavenumber: float = body_parameter("model.path_wavenumber", "wavenumber", believed=True)
+    cosines: tuple[float, ...] = body_parameter("model.path_cosines", "cosines", believed=True)
+    sines: tuple[float, ...] = body_parameter("model.path_sines", "sines", believed=True)
     hip_mode: str = body_parameter("model.hip_mode", "hip_mode", believed=True)
 
     @property

@@ -36,6 +36,17 @@ CASES = {
         "pid",
         ["pid.derivative_filter_time=0.02", "pid.update_rate=100", "pid.derivative_mode=error"],
     ),
+    "pid, on harmonics": (
+        "pid",
+        [
+            "simulator.sensor.delay=0.04",
+            "pid.gains.i=20.0",
+            "simulator.path.amplitude=0.0",
+            "simulator.path.wavenumber=4.5",
+            "simulator.path.cosines=[0.01, 0.03]",
+            "simulator.path.sines=[0.0, 0.02, 0.005]",
+        ],
+    ),
     "fuzzy_pid, delayed": ("fuzzy_pid", ["simulator.sensor.delay=0.045"]),
 }
 

@@ -60,6 +60,10 @@ OPTIONS = {
         ]
     },
     "walking": {"scenario": "fig6", "params": ["profile_walking"]},
+    "gait": {
+        "params": ["profile_walking"],
+        "settings": ["simulator.path.cosines=[0.005]", "simulator.path.sines=[0.0, 0.01]"],
+    },
     "back-calculation": {
         "settings": ["pid.antiwindup_strategy=back_calculation", "simulator.max_effort=20"]
     },

@@ -1,6 +1,7 @@
-"""Mechanics of a trunk whose hip rides a sinusoidal path: the path and the equations of motion.
+"""Mechanics of a trunk whose hip rides a periodic path: the path and the equations of motion.
 
-The hip (mass M) is at ``(x, y)`` with ``y = A sin(k x)``; the trunk's centre of mass (mass m) is at
+The hip (mass M) is at ``(x, y)`` with ``y = A sin(k x)``, to which a Fourier series in k x may be added
+(`harmonics_at`); the trunk's centre of mass (mass m) is at
 ``(x + l sin theta, y + l cos theta)``, theta measured from the upward vertical, forward lean positive.
 Derived from the Lagrangian of the paper (its eq. 7); every misprint of its eqs. 8-12 is corrected.
 The plant solves the equations for the accelerations, a model-based controller for the torque.
@@ -10,10 +11,13 @@ Pure: scalar functions of floats and named tuples, which CPython runs and numba 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import nan
 from typing import NamedTuple
 
-from .elementary import cos, sin, sincos
+from .elementary import sincos
+
+MOST_HARMONICS = 32
 
 
 class Body(NamedTuple):
@@ -27,19 +31,70 @@ class Body(NamedTuple):
     wavenumber: float = 1.0  # k, rad/m
     prescribed: bool = False  # True: the hip keeps its horizontal speed whatever the trunk does
     as_printed: bool = False  # True: the paper's misprinted equations, wrong physics (plant only)
+    # a1, b1, a2, b2 ..., m: added to the path (`harmonics_at`). None where there are none, so that
+    # compiled code leaves them out; else a tuple, of which compiled code gets an array.
+    harmonics: tuple[float, ...] | None = None
 
 
 Motion = tuple[float, float, float, float, float, float]
 
 
-def path_height(x: float, amplitude: float, wavenumber: float) -> float:
-    """Return the path's height ``y = A sin(k x)`` in m."""
-    return amplitude * sin(wavenumber * x)
+def harmonics_of(cosines: Sequence[float], sines: Sequence[float]) -> tuple[float, ...] | None:
+    """Return a body's ``harmonics`` of the coefficients a1, a2 ... and b1, b2 ... in m.
+
+    The shorter list is filled up with zeros; zeros at the end have no effect. None if all are 0.
+    """
+    count = max(len(cosines), len(sines))
+    pairs = [(one[n] if n < len(one) else 0.0) for n in range(count) for one in (cosines, sines)]
+    while pairs and pairs[-1] == pairs[-2] == 0.0:
+        del pairs[-2:]
+    return tuple(pairs) or None
 
 
-def path_slope(x: float, amplitude: float, wavenumber: float) -> float:
-    """Return the path's slope ``y' = A k cos(k x)``."""
-    return amplitude * wavenumber * cos(wavenumber * x)
+def harmonics_at(
+    sin_phase: float, cos_phase: float, wavenumber: float, harmonics: Sequence[float] | None
+) -> tuple[float, float, float]:
+    """Return what harmonics add to the path's height [m], slope and curvature [1/m] at the phase k x.
+
+    ::
+
+        y   = sum over n = 1 ... N of  a_n cos(n k x) + b_n sin(n k x)
+        y'  = sum of  (n k) b_n cos(n k x) - (n k) a_n sin(n k x)
+        y'' = sum of -(n k)^2 a_n cos(n k x) - (n k)^2 b_n sin(n k x)
+
+    added up from n = 1. Sine and cosine of n k x follow from those of (n-1) k x by the addition theorem,
+    within some n units of 2^-53: so there is one sine and one bound on the angle, and the rounding of k x
+    moves all harmonics alike.
+    """
+    if harmonics is None:
+        return 0.0, 0.0, 0.0
+    height, slope, curvature = 0.0, 0.0, 0.0
+    s, c, n = sin_phase, cos_phase, 0.0
+    for i in range(0, len(harmonics), 2):
+        n += 1.0
+        wave = n * wavenumber
+        a, b = harmonics[i], harmonics[i + 1]
+        height += a * c + b * s
+        slope += b * wave * c - a * wave * s
+        curvature -= a * wave * wave * c + b * wave * wave * s
+        s, c = s * cos_phase + c * sin_phase, c * cos_phase - s * sin_phase
+    return height, slope, curvature
+
+
+def path_height(
+    x: float, amplitude: float, wavenumber: float, harmonics: Sequence[float] | None = None
+) -> float:
+    """Return the path's height in m: ``y = A sin(k x)`` and what the harmonics add."""
+    s, c = sincos(wavenumber * x)
+    return amplitude * s + harmonics_at(s, c, wavenumber, harmonics)[0]
+
+
+def path_slope(
+    x: float, amplitude: float, wavenumber: float, harmonics: Sequence[float] | None = None
+) -> float:
+    """Return the path's slope: ``y' = A k cos(k x)`` and what the harmonics add."""
+    s, c = sincos(wavenumber * x)
+    return amplitude * wavenumber * c + harmonics_at(s, c, wavenumber, harmonics)[1]
 
 
 def equations_of_motion(
@@ -55,15 +110,19 @@ def equations_of_motion(
         a11 = (M+m)(1 + y'^2),   a12 = m l (cos th - y' sin th),   a22 = m l^2
         det = a11 a22 - a12^2 = m l^2 (M (1 + y'^2) + m (sin th + y' cos th)^2)
 
-    with ``y' = A k cos(k x)`` and ``y'' = -A k^2 sin(k x)``. The determinant is in a form without
-    cancellation, and is positive for positive masses and length. NaN where an angle is beyond
-    `elementary.LARGEST_ANGLE`.
+    with ``y' = A k cos(k x)`` and ``y'' = -A k^2 sin(k x)``, and what the harmonics add (`harmonics_at`).
+    The determinant is in a form without cancellation, and is positive for positive masses and length.
+    NaN where k x or theta is beyond `elementary.LARGEST_ANGLE`.
     """
     phase = body.wavenumber * x
     sin_phase, cos_phase = sincos(phase)
     sin_theta, cos_theta = sincos(theta)
     slope = body.amplitude * body.wavenumber * cos_phase
     curvature = -body.amplitude * body.wavenumber * body.wavenumber * sin_phase
+    if body.harmonics is not None:
+        added = harmonics_at(sin_phase, cos_phase, body.wavenumber, body.harmonics)
+        slope += added[1]
+        curvature += added[2]
     moment = body.trunk_mass * body.length
     a22 = moment * body.length
     fall = curvature * x_dot * x_dot + body.gravity

@@ -41,18 +41,29 @@ def test_every_parameter_reaches_the_plant():
         "plant.gravity": 6.0,
         "path.amplitude": 7.0,
         "path.wavenumber": 8.0,
+        "path.cosines": [0.5],
+        "path.sines": [0.25, -1],
         "hip.mode": "prescribed",
         "initial.position": [1.0, 2.0],
         "initial.velocity": [3.0, 4.0],
     }
     config = build(SimulatorConfig, values)
-    assert config.body == Body(3.0, 4.0, 5.0, 6.0, 7.0, 8.0, True)
+    assert config.body == Body(
+        *(3.0, 4.0, 5.0, 6.0, 7.0, 8.0), prescribed=True, harmonics=(0.5, 0.25, 0.0, -1.0)
+    )
     assert config.initial_state == PlantState(1.0, 2.0, 3.0, 4.0)
 
 
 @pytest.mark.parametrize("config", [SimulatorConfig, DisturbanceConfig])
 def test_values_rebuild_their_configuration(config):
     assert build(config, values_of(config())) == config()
+
+
+@pytest.mark.parametrize("name", ["path.cosines", "path.sines"])
+def test_a_path_has_at_most_32_harmonics(name):
+    assert len(build(SimulatorConfig, {name: [0.1] * 32}).body.harmonics) == 64
+    with pytest.raises(ParameterError, match=f"'{name}'.* double array of at most 32"):
+        build(SimulatorConfig, {name: [0.1] * 33})
 
 
 @pytest.mark.parametrize(
@@ -67,6 +78,8 @@ def test_values_rebuild_their_configuration(config):
         (SimulatorConfig, "hip.mode", "walking", "string, one of passive, prescribed"),
         (SimulatorConfig, "initial.position", [0.0], "double array of 2"),
         (SimulatorConfig, "initial.velocity", [0.0, nan], "finite double array of 2"),
+        (SimulatorConfig, "path.cosines", [0.1, nan], "finite double array of at most 32"),
+        (SimulatorConfig, "path.sines", [0.1, -1e4], "double array of at most 32, each >= -1000"),
         (SimulatorConfig, "max_effort", 0.0, "double, > 0"),
         (SimulatorConfig, "wait_for", ["nobody"], "string array, each one of effort_command"),
         (SimulatorConfig, "plant.masss", 1.0, "no such parameter; did you mean 'plant.hip_mass'?"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from math import inf
 
 import numpy as np
@@ -75,10 +76,20 @@ def test_energy_is_not_conserved():
     assert drift["printed"] > 0.1
 
 
-@pytest.mark.parametrize("name", ["path.amplitude", "path.wavenumber"])
-def test_only_the_printed_case_is_offered(name):
-    with pytest.raises(ParameterError, match="the paper prints no other case"):
-        build(SimulatorConfig, {"plant.equations": "as_printed", name: 0.5})
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("path.amplitude", 0.5),
+        ("path.wavenumber", 0.5),
+        ("path.cosines", [0.5]),
+        ("path.sines", [0.0, 0.5]),
+    ],
+)
+def test_only_the_printed_case_is_offered(name, value):
+    with pytest.raises(
+        ParameterError, match=rf"{re.escape(name)} .*the paper prints no other case"
+    ):
+        build(SimulatorConfig, {"plant.equations": "as_printed", name: value})
     with pytest.raises(ParameterError, match="derived, as_printed"):
         build(SimulatorConfig, {"plant.equations": "literal"})
     config = build(SimulatorConfig, {"plant.equations": "as_printed", "max_effort": inf})

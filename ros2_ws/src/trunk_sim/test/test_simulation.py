@@ -151,12 +151,29 @@ def trail(simulation):
         yield simulation.trunk
 
 
-@pytest.mark.parametrize("values", [{}, {"substeps": 3}, {"hip_mode": "prescribed"}], ids=str)
+@pytest.mark.parametrize(
+    "values",
+    [{}, {"substeps": 3}, {"hip_mode": "prescribed"}, {"cosines": (0.1, 0.0, 0.02)}],
+    ids=str,
+)
 def test_a_long_run_steps_by_compiled_code_with_the_same_bits(values):
     short, long = SimulatorConfig(duration=1.0, **values), SimulatorConfig(duration=1e6, **values)
     assert quick.act_for(short) is act
     assert quick.act_for(long) is not act
     assert list(trail(Simulation(long))) == list(trail(Simulation(short)))
+
+
+def test_a_path_that_changes_compiles_nothing_anew():
+    long = SimulatorConfig(duration=1e6)
+    simulation, expected = Simulation(long), Simulation(long, act)
+    compiled = simulation._act
+    before = len(compiled.signatures)
+    for config in (long, replace(long, sines=(0.1,)), replace(long, cosines=(0.1, 0.2)), long):
+        for one in (simulation, expected):
+            one.retune(config)
+            one.step(0.3, QUIET)
+        assert simulation.state == expected.state
+    assert len(compiled.signatures) == before
 
 
 def test_a_long_run_without_numba_steps_by_cpython(monkeypatch):

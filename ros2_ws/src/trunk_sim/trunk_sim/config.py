@@ -71,6 +71,8 @@ class SimulatorConfig(ManagedConfig):
     )
     amplitude: float = body_parameter("path.amplitude", "amplitude")
     wavenumber: float = body_parameter("path.wavenumber", "wavenumber")
+    cosines: tuple[float, ...] = body_parameter("path.cosines", "cosines")
+    sines: tuple[float, ...] = body_parameter("path.sines", "sines")
     hip_mode: str = body_parameter("hip.mode", "hip_mode")
     initial_position: tuple[float, ...] = parameter(
         "initial.position",
@@ -220,13 +222,14 @@ class SimulatorConfig(ManagedConfig):
                 self.initial_position,
                 f"at most {LARGEST_ANGLE:g} rad, for the trunk's angle and for path.wavenumber times x",
             )
-        printed = (self.amplitude, self.wavenumber, self.hip_mode) == (1.0, 1.0, "passive")
+        path = self.amplitude, self.wavenumber, self.body.harmonics
+        printed = (path, self.hip_mode) == ((1.0, 1.0, None), "passive")
         if self.equations == "as_printed" and not printed:
             raise ParameterError(
                 "plant.equations",
                 self.equations,
-                "derived, where path.amplitude or path.wavenumber is not 1 or hip.mode not passive: "
-                "the paper prints no other case",
+                "derived, where path.amplitude or path.wavenumber is not 1, path.cosines or path.sines "
+                "not empty or hip.mode not passive: the paper prints no other case",
             )
 
     @property

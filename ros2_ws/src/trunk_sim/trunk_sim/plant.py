@@ -45,8 +45,8 @@ def energy(state: PlantState, body: Body) -> float:
         V = M g y + m g (y + l cos th)
     """
     x, theta, x_dot, theta_dot = state
-    y = path_height(x, body.amplitude, body.wavenumber)
-    y_dot = path_slope(x, body.amplitude, body.wavenumber) * x_dot
+    y = path_height(x, body.amplitude, body.wavenumber, body.harmonics)
+    y_dot = path_slope(x, body.amplitude, body.wavenumber, body.harmonics) * x_dot
     sin_theta, cos_theta = sincos(theta)
     com_x_dot = x_dot + body.length * theta_dot * cos_theta
     com_y_dot = y_dot - body.length * theta_dot * sin_theta

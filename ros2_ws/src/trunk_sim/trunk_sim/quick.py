@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from trunk_msgs_util.with_arrays import with_arrays
+
 from .config import SimulatorConfig
 from .disturbances import Disturbance
 from .step import Plant, Trunk, act, at_rest
@@ -32,5 +34,19 @@ def act_for(config: SimulatorConfig) -> Act:
         from trunk_msgs_util.compiled import ready
     except ImportError:  # numba is not needed, but quick
         return act
-    plant = config.plant
-    return ready(act, at_rest(config.initial_state, plant), 0.0, Disturbance(), plant)
+    start = at_rest(config.initial_state, config.plant)
+    return ready(act, start, 0.0, Disturbance(), _with_array(config.plant))
+
+
+def plant_for(function: Act, plant: Plant) -> Plant:
+    """Return the plant as this function takes it: `act` as it is, the compiled twin with an array."""
+    return plant if function is act else _with_array(plant)
+
+
+def _with_array(plant: Plant) -> Plant:
+    """Return a plant whose harmonics are an array, empty if there are none.
+
+    It has one type, so that nothing is compiled anew where a running simulator's path changes.
+    """
+    body = plant.body
+    return with_arrays(plant._replace(body=body._replace(harmonics=body.harmonics or ())))

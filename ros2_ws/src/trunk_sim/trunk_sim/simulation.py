@@ -13,7 +13,7 @@ from .config import SimulatorConfig
 from .disturbances import Disturbance
 from .noise import Noise
 from .plant import PlantState
-from .quick import Act, act_for
+from .quick import Act, act_for, plant_for
 from .sensors import DelayLine
 from .step import Plant, Trunk, at_rest, noisy, saturate, sense
 
@@ -58,7 +58,7 @@ class Simulation:
     def retune(self, config: SimulatorConfig) -> None:
         """Change plant, sensor or limit parameters; the state stays."""
         self.config = config
-        self._plant = config.plant
+        self._plant = plant_for(self._act, config.plant)
         self._sensor = config.sensor
         self._noisy = noisy(config.sensor)
         self._period_ns = config.period_ns

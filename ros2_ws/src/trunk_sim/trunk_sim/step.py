@@ -12,6 +12,7 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 from trunk_msgs_util.mechanics import Body
+from trunk_msgs_util.with_arrays import with_arrays
 
 from .disturbances import Disturbance
 from .integrator import advance
@@ -38,7 +39,11 @@ class Plant(NamedTuple):
 
 
 def pruned(plant: Plant) -> Plant:
-    """Return a plant whose False flags are None, so that a compiler removes their branches."""
+    """Return a plant whose False flags are None, so that a compiler removes their branches.
+
+    Its harmonics, if it has any, are an array.
+    """
+    plant = with_arrays(plant)
     body: Any = plant.body
     return plant._replace(
         body=body._replace(prescribed=body.prescribed or None, as_printed=body.as_printed or None)

@@ -18,7 +18,7 @@ from trunk_msgs_util.units import seconds, step_count
 from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.disturbances import Signals
 from trunk_sim.noise import noise_samples
-from trunk_sim.step import noisy, pruned
+from trunk_sim.step import noisy
 
 from ..analysis.metrics import Metrics, metrics_of, steady_from
 from ..analysis.sums import Sums, no_rows
@@ -110,7 +110,7 @@ def regular_run(plan: RunPlan) -> Regular | None:
     setting, hip = setting_of(config), hip_index(config, simulator.joints)
     every = max(1, -(-setting.due_after_ns // simulator.period_ns))
     common = Common(
-        pruned(simulator.plant),
+        simulator.plant,
         simulator.sensor,
         setting.law,
         config.constants,

@@ -154,11 +154,13 @@ def _simulator(draw: Draw, rate: float) -> dict[str, Value]:
         "fall.angle": draw.pick(inf, float(draw.rng.uniform(0.3, 3.0))),
         "sensor.delay": draw.pick(0.0, float(draw.rng.uniform(0.0, 12.0 / rate))),
         "plant.equations": "as_printed" if printed else "derived",
+        **_series(draw, "path."),
     }
     for name in ("sensor.position_noise", "sensor.velocity_noise"):
         values[name] = draw.pick(0.0, float(draw.rng.uniform(0.0, 0.3)))
     if printed:
         values.update({"path.amplitude": 1.0, "path.wavenumber": 1.0, "hip.mode": "passive"})
+        values.update({"path.cosines": (), "path.sines": ()})
     return values
 
 
@@ -175,6 +177,19 @@ def _disturbance(draw: Draw) -> dict[str, Value]:
     }
 
 
+def _series(draw: Draw, prefix: str) -> dict[str, Value]:
+    """Return small coefficients of a path: a higher harmonic is steeper. Often none."""
+    counts = draw.rng.integers(4, size=2).tolist() if draw.rng.random() < 0.3 else (0, 0)
+    return {
+        f"{prefix}{name}": tuple(draw.rng.uniform(-0.1, 0.1, count).tolist())
+        for name, count in zip(("cosines", "sines"), counts, strict=True)
+    }
+
+
+def _of_a_model(draw: Draw) -> dict[str, Value]:
+    return {"hip_joint": draw.pick("hip", "hip", "trunk"), **_series(draw, "model.path_")}
+
+
 def _controller(draw: Draw, name: str, rate: float) -> dict[str, Value]:
     limit = draw.pick(inf, float(draw.rng.uniform(5.0, 100.0)))
     profile = draw.pick("constant", "step", "sine", "sequence", "interpolated", "topic")
@@ -184,7 +199,7 @@ def _controller(draw: Draw, name: str, rate: float) -> dict[str, Value]:
     return {
         "update_rate": rate / int(draw.rng.integers(1, 6)),
         "joint": "trunk",
-        **({"hip_joint": draw.pick("hip", "hip", "trunk")} if name == "computed_torque" else {}),
+        **(_of_a_model(draw) if name == "computed_torque" else {}),
         "u_clamp_max": limit,
         "u_clamp_min": -limit,
         "reference.profile": profile,

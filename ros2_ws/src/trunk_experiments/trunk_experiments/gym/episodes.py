@@ -13,6 +13,7 @@ from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.disturbances import Signals
 from trunk_sim.noise import fill, random_bits
+from trunk_sim.step import pruned
 
 from ..batch.cells import STATE
 from ..batch.columns import LANES
@@ -47,7 +48,7 @@ class Episodes:
         self.task, self.count = task, count
         common = task.regular.common
         self.course = Course(
-            common.plant,
+            pruned(common.plant),
             common.sensor,
             common.law,
             task.by_gains,

@@ -160,11 +160,11 @@ def floquet(plan: RunPlan) -> Floquet:
     """Return a plan's multipliers, its hip prescribed at its initial speed.
 
     The period is rounded to whole control periods and the speed with it. A hip that is not shaken (speed,
-    amplitude or wave number 0) gives one control period. Raises PlanError for a period that is too long.
+    a level path, or wave number 0) gives one control period. Raises PlanError for a period that is too long.
     """
     simulator, config = plan.simulator, plan.controller
     plant = simulator.plant
-    body = plant.body._replace(prescribed=True)
+    body = with_arrays(plant.body._replace(prescribed=True))
     loop = SampledLoop(
         plant._replace(body=body, max_effort=inf, fall_angle=inf),
         config.law,
@@ -175,7 +175,8 @@ def floquet(plan: RunPlan) -> Floquet:
     control_period = seconds(every * loop.period_ns)
     speed = abs(simulator.initial_state.x_dot)
     steps = every
-    if speed * body.wavenumber * abs(body.amplitude) > 0.0:
+    level = body.amplitude == 0.0 and body.harmonics is None
+    if speed * body.wavenumber > 0.0 and not level:
         steps = max(1, round(2.0 * pi / (body.wavenumber * speed) / control_period)) * every
         if steps > _MOST_STEPS:
             raise PlanError(f"{steps} samples in one period of the hip: it hardly moves")

@@ -47,7 +47,7 @@ def linearise(plant: Body) -> Linear:
 
     Raises PlanError for a plant whose accelerations are not finite.
     """
-    p = plant._replace(prescribed=True, as_printed=False, amplitude=0.0)
+    p = plant._replace(prescribed=True, as_printed=False, amplitude=0.0, harmonics=None)
 
     def response(theta: float, torque: float) -> float:
         return accelerations(PlantState(0.0, theta, 0.0, 0.0), 0.0, torque, p)[1]

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-from ..mechanics import Body
+from ..mechanics import MOST_HARMONICS, Body, harmonics_of
 from .declarations import parameter
 
-_DEFAULTS = Body()
+_DEFAULTS = {**Body()._asdict(), "hip_mode": "passive", "cosines": (), "sines": ()}
+_SERIES = {
+    "unit": "m",
+    "minimum": -1e3,
+    "maximum": 1e3,
+    "element": float,
+    "longest": MOST_HARMONICS,
+}
 _WORDS: dict[str, tuple[str, dict[str, Any]]] = {
     "hip_mass": ("Mass M of the hip", {"unit": "kg", "above": 0.0, "maximum": 1e6}),
     "trunk_mass": ("Mass m of the trunk", {"unit": "kg", "above": 0.0, "maximum": 1e6}),
@@ -24,6 +31,8 @@ _WORDS: dict[str, tuple[str, dict[str, Any]]] = {
         "Wave number k of the path",
         {"unit": "rad/m", "minimum": 0.0, "maximum": 1e3},
     ),
+    "cosines": ("Coefficients a_n of a_n cos(n k x), n = 1, 2 ..., added to the path", _SERIES),
+    "sines": ("Coefficients b_n of b_n sin(n k x), n = 1, 2 ..., added to the path", _SERIES),
     "hip_mode": (
         "passive: the hip rolls freely on its path; prescribed: it keeps its horizontal speed",
         {"choices": ("passive", "prescribed")},
@@ -47,6 +56,10 @@ class BodyParameters(Protocol):
     @property
     def wavenumber(self) -> float: ...
     @property
+    def cosines(self) -> tuple[float, ...]: ...
+    @property
+    def sines(self) -> tuple[float, ...]: ...
+    @property
     def hip_mode(self) -> str: ...
 
 
@@ -61,16 +74,17 @@ def body_of(config: BodyParameters, as_printed: bool = False) -> Body:
         config.wavenumber,
         config.hip_mode == "prescribed",
         as_printed,
+        harmonics_of(config.cosines, config.sines),
     )
 
 
 def body_parameter(name: str, field: str, believed: bool = False) -> Any:
-    """Return the declaration, under a parameter's ``name``, of a `Body`'s field, or of ``hip_mode``.
+    """Return the declaration, under a parameter's ``name``, of a `Body`'s field, or of what makes one.
 
+    That is ``hip_mode``, and the path's ``cosines`` and ``sines``.
     ``believed``: it belongs to a controller's model of the body, which may be wrong.
     """
     description, limits = _WORDS[field]
-    default = "passive" if field == "hip_mode" else getattr(_DEFAULTS, field)
     if believed:
         description = f"{description} (of the controller's model)"
-    return parameter(name, default, description, **limits)
+    return parameter(name, _DEFAULTS[field], description, **limits)

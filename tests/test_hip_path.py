@@ -1,0 +1,176 @@
+"""A hip's path of one's own: every way to run it gives the same bits, and its recording verifies itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf, nextafter
+
+import numpy as np
+import pytest
+
+import trunk_experiments.api as trunk
+from trunk_experiments.batch.block import key_of, regular_run, run_block, summaries, summary_of
+from trunk_experiments.batch.check import first_difference
+from trunk_experiments.batch.closed_loop import Batch
+from trunk_experiments.batch.columns import LANES
+from trunk_experiments.batch.lanes import TRACED
+from trunk_experiments.plans.nodes import CONTROLLERS
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.timeline import Change
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.verify import DIVERGES, VERIFIED, verdict_on
+from trunk_experiments.runs.offline import steps
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_experiments.tuning.floquet import floquet
+from trunk_msgs_util.recording.joint_state_cdr import layout_of
+from trunk_msgs_util.samples import JointSample
+
+from .edited import NONE, copied
+
+GAIT = [
+    "simulator.path.amplitude=0",
+    "simulator.path.wavenumber=4.5",
+    "simulator.path.cosines=[0.004, -0.012, 0.001]",
+    "simulator.path.sines=[-0.003, 0.02]",
+]
+MODEL = [one.replace("simulator.path.", "computed_torque.model.path_") for one in GAIT]
+
+
+@pytest.fixture(scope="module")
+def batch():
+    return Batch()
+
+
+def walk(controller="pid", *settings, duration=0.4):
+    given = [*GAIT, *(MODEL if controller == "computed_torque" else ()), *settings]
+    everywhere = {"duration": duration, "update_rate": 1000.0}
+    return make_plan("fig6", controller, settings=given, everywhere=everywhere)
+
+
+def states(plan):
+    return [step.truth for step in steps(plan)]
+
+
+def test_one_sine_is_the_default_path():
+    default = make_plan("fig6", "fuzzy_pid", everywhere={"duration": 0.5})
+    settings = ["simulator.path.amplitude=0.0", "simulator.path.sines=[1.0]"]
+    series = make_plan("fig6", "fuzzy_pid", settings=settings, everywhere={"duration": 0.5})
+    assert series.simulator.body != default.simulator.body
+    assert states(series) == states(default)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_compiled_code_and_lanes_have_the_bits_of_cpython(batch, controller):
+    assert first_difference(walk(controller), batch) is None
+
+
+def test_a_path_moves_the_trunk():
+    flat = walk("pid", "simulator.path.cosines=[]", "simulator.path.sines=[]")
+    assert states(walk())[-1] != states(flat)[-1]
+    other = walk("computed_torque", "computed_torque.model.path_sines=[]")
+    assert states(walk("computed_torque"))[-1] != states(other)[-1], "the model's path, too"
+
+
+def test_runs_on_several_paths_share_blocks_with_their_like_alone(batch):
+    paths = [(0.01,), (0.01, 0.02), (), (0.01, 0.02, 0.0)]
+    plans = [
+        replace(
+            one, simulator=replace(one.simulator, sines=paths[i % 4], trunk_mass=0.5 + 0.002 * i)
+        )
+        for i in range(4 * LANES)
+        for one in [walk()]
+    ]
+    assert len({key_of(regular_run(plan)) for plan in plans}) == 3, (
+        "a zero at the end is no harmonic"
+    )
+    found = summaries(plans, batch)
+    assert found == [summary_of(plan, batch) for plan in plans]
+    assert len(set(found)) == len(found)
+
+
+def test_a_trace_in_lanes_is_the_run_alone(batch):
+    plan = walk("fuzzy_pid")
+    trace = np.empty((401, TRACED, LANES))
+    assert run_block("fuzzy_pid", [regular_run(plan)] * LANES, trace)[0] is not None
+    table = batch.run(plan).table
+    for row, column in enumerate((table.x, table.theta, table.x_dot, table.theta_dot)):
+        assert trace[:, row, 3].tobytes() == column.tobytes()
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    path = tmp_path_factory.mktemp("gait") / "gait.mcap"
+    record_offline(walk("computed_torque"), path)
+    return path
+
+
+def test_a_recording_is_verified_and_runs_again(recorded, tmp_path):
+    assert verdict_on(RecordedRun.open(recorded)).exit_code == VERIFIED
+    plan = RecordedRun.open(recorded).plan()
+    assert plan.simulator == walk().simulator
+    record_offline(plan, tmp_path / "again.mcap")
+    again, first = (RecordedRun.open(one) for one in (tmp_path / "again.mcap", recorded))
+    for topic in ("ground_truth/joint_states", "effort_command"):
+        tables = [run.table(topic) for run in (again, first)]
+        assert list(tables[0].stamps) == list(tables[1].stamps)
+        for quantity in ("position", "velocity", "effort"):
+            assert len({table.values(quantity).tobytes() for table in tables}) == 1
+
+
+@pytest.mark.parametrize("topic", ["ground_truth/joint_states", "effort_command"])
+def test_one_changed_bit_is_found(recorded, tmp_path, topic):
+    table = RecordedRun.open(recorded).table(topic)
+    values = {q: table.values(q)[70].tolist() for q in ("position", "velocity", "effort")}
+    values["effort"][-1] = nextafter(values["effort"][-1], inf)
+    sample = JointSample(table.stamps[70], tuple(table.names), **values)
+
+    def edit(messages):
+        [m for m in messages if m[0] == "/" + topic][70][2] = layout_of(sample).pack(sample)
+
+    run = RecordedRun(copied(recorded, tmp_path / "planted.mcap", edit, digests=NONE))
+    assert verdict_on(run).exit_code == DIVERGES
+
+
+def test_another_path_in_the_parameters_is_found(recorded, tmp_path):
+    """Its 0.02 among the recorded parameters becomes another number: the states no longer follow."""
+    number = np.float64(0.02).tobytes()
+
+    def edit(messages):
+        (one,) = [m for m in messages if m[0] == "/run/parameters" and b"path.sines" in m[2]]
+        assert one[2].count(number) == 1
+        one[2] = one[2].replace(number, np.float64(0.021).tobytes())
+
+    run = RecordedRun(copied(recorded, tmp_path / "planted.mcap", edit, digests=NONE))
+    assert verdict_on(run).exit_code == DIVERGES
+
+
+def test_a_path_that_changes_while_the_run_goes_on(tmp_path):
+    ms = 1_000_000
+    changes = [Change(50 * ms, {"path.sines": (), "path.cosines": ()})]
+    changes.append(Change(120 * ms, {"path.cosines": (0.01,)}))
+    plan = replace(walk(duration=0.2), changes={"simulator": changes})
+    record_offline(plan, tmp_path / "changed.mcap")
+    run = RecordedRun.open(tmp_path / "changed.mcap")
+    assert verdict_on(run).exit_code == VERIFIED
+    assert run.table("ground_truth/joint_states").values("position")[-1].tolist() != list(
+        states(walk(duration=0.2))[-1].position
+    )
+
+
+def test_the_library_takes_a_path(tmp_path):
+    given = {"simulator.path.sines": np.array([0.01, 0.02]), "simulator.path.cosines": [0.003]}
+    run = trunk.simulate(trunk.plan("fig6", "pid", overrides=given, duration=0.1))
+    assert run.parameters["simulator"]["path.sines"] == (0.01, 0.02)
+    assert trunk.verify(run).verified
+
+
+def test_floquet_multipliers_are_those_of_the_same_path_as_a_sine():
+    settings = ["simulator.hip.mode=prescribed", "simulator.path.wavenumber=9"]
+    sine = walk("pid", *settings, "simulator.path.cosines=[]", "simulator.path.sines=[0.05]")
+    amplitude = replace(sine.simulator, amplitude=0.05, sines=())
+    found, expected = floquet(sine), floquet(replace(sine, simulator=amplitude))
+    assert found.period == expected.period > 0.5
+    assert np.array_equal(found.multipliers, expected.multipliers)
+    shaken = replace(sine.simulator, sines=(0.05, 0.05))
+    assert floquet(replace(sine, simulator=shaken)).growth != expected.growth
