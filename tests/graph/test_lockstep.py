@@ -82,6 +82,23 @@ def test_same_bits_everywhere(
         assert f"states of the plant: {steps} steps checked, all equal" in said
 
 
+def test_same_bits_on_a_path_of_ones_own(children: Children, tmp_path: Path) -> None:
+    options = ["fig8", "--controller", "computed_torque", "--duration", "0.4"]
+    for prefix in ("simulator.path.", "computed_torque.model.path_"):
+        options += [
+            "--set",
+            f"{prefix}cosines=[0.004, -0.012]",
+            "--set",
+            f"{prefix}sines=[0.0, 2cm]",
+        ]
+    offline, processes = tmp_path / "offline.mcap", tmp_path / "processes" / "run.mcap"
+    succeed(children.trunk("simulate", *options, "-o", offline))
+    succeed(children.trunk("run", *options, "--lockstep", "--output", processes.parent))
+    children.none_left()
+    assert "identical" in verdict("diff", offline, processes)
+    assert ": verified" in verdict("verify", processes)
+
+
 def test_incommensurate_rate_is_refused_by_the_run(children: Children, tmp_path: Path) -> None:
     run = children.trunk(
         "run", "fig8", "--lockstep", "--set", "fuzzy_pid.update_rate=300.0", "--output", "refused"

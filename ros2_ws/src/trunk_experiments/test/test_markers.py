@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from trunk_experiments.views.markers import MarkersConfig
 from trunk_msgs_util.elementary import LARGEST_ANGLE
+from trunk_msgs_util.mechanics import path_height
 from trunk_msgs_util.parameters.declarations import ParameterError, build
 from trunk_msgs_util.picture.shapes import FAR, Geometry, Kind, Scene, path, shapes
 
@@ -89,6 +90,10 @@ def test_constants_come_from_the_simulators_parameters():
     given = {"plant.length": 2.0, "joints": ["a", "b"], "plant.gravity": 9.81}
     assert Geometry.of(given) == Geometry(length=2.0, joints=("a", "b"))
     assert Geometry.of({}) == Geometry()
+    given = {"path.cosines": [0.1], "path.sines": [0.2, 0.3], "path.amplitude": 0.0}
+    drawn = Geometry.of(given)
+    assert drawn == Geometry(amplitude=0.0, harmonics=(0.1, 0.2, 0.0, 0.3))
+    assert drawn.hip(0.7)[2] == path_height(0.7, 0.0, 1.0, (0.1, 0.2, 0.0, 0.3)) != 0.0
 
 
 def test_no_more_than_thirty_pictures_a_second():

@@ -12,6 +12,7 @@ from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.views.plot_style import COLORS, line_style, save
 from trunk_experiments.views.plots import overview, paper_figure
 from trunk_experiments.views.run_view import RunView, labels, off_scale
+from trunk_msgs_util.mechanics import path_height
 
 MAGIC = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
 
@@ -64,6 +65,17 @@ def test_the_overview_shows_every_run_in_every_axes(views):
     traveled = [line.get_xdata() for line in axes_of(figure, "Hip path").lines]
     x = views[0].table.x
     assert any(x.min() == line[0] and x.max() == line[-1] for line in traveled)
+
+
+def test_the_path_is_drawn_with_its_harmonics(views, short_run):
+    settings = ("simulator.path.cosines=[0.05]", "simulator.path.sines=[0.0, 0.1]")
+    own = RunView.read(RecordedRun.open(short_run("fig8", "pid", duration=0.2, settings=settings)))
+    axes = axes_of(overview([views[0], own]), "Hip path")
+    paths = [(1.0, 1.0), (1.0, 1.0, (0.05, 0.0, 0.0, 0.1))]
+    for line, path in zip(axes.lines[:2], paths, strict=True):
+        x = line.get_xdata()
+        assert line.get_ydata().tolist() == [path_height(one, *path) for one in x.tolist()]
+    assert axes.get_ylabel() == "$y$ (m)"
 
 
 def test_every_axes_has_units(views):

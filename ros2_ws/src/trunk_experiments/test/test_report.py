@@ -109,6 +109,15 @@ def test_the_page_holds_every_value_of_every_run(views, page):
         assert pulse["text"] == "+100° on the measured angle"
 
 
+def test_the_page_has_each_runs_path(views, page, short_run):
+    settings = ("simulator.path.cosines=[0.05]", "simulator.path.sines=[0.0, 0.1]")
+    own = view_of(short_run("fig8", "pid", duration=0.2, settings=settings))
+    (run,) = Page(render(make_report([own]))).data["runs"]
+    path = {"amplitude": 1.0, "wavenumber": 1.0, "harmonics": [0.05, 0.0, 0.0, 0.1], "length": 1.0}
+    assert run["path"] == path
+    assert page.data["runs"][0]["path"] == path | {"harmonics": []}
+
+
 def test_surfaces_equal_the_inference(views, page):
     pid, fuzzy = page.data["runs"]
     assert pid["fuzzy"] is None

@@ -16,6 +16,7 @@ from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.report import make_report
 from trunk_experiments.views.report_page import write
 from trunk_experiments.views.run_view import RunView
+from trunk_msgs_util.mechanics import path_height
 
 playwright = pytest.importorskip("playwright.sync_api")
 pytestmark = pytest.mark.browser
@@ -200,6 +201,17 @@ def test_the_data_in_the_page_are_the_recorded_bits(opened, file, views):
             run,
         )
         assert drawn == view.table.torque.tolist()
+
+
+def test_the_path_is_drawn_with_its_harmonics(opened, short_run, tmp_path):
+    settings = ("simulator.path.cosines=[0.05]", "simulator.path.sines=[0.0, 0.1]")
+    run = RecordedRun.open(short_run("fig8", "pid", duration=0.2, settings=settings))
+    write(make_report([RunView.read(run)]), tmp_path / "own.html")
+    page = opened(tmp_path / "own.html")
+    for x in (-3.1, 0.0, 0.4, 12.0):
+        drawn = page.evaluate("(x) => pathHeight(report.runs[0].path, x)", x)
+        expected = path_height(x, 1.0, 1.0, (0.05, 0.0, 0.0, 0.1))
+        assert drawn == pytest.approx(expected, abs=1e-14)
 
 
 def test_zooming_one_chart_zooms_all(opened, file):

@@ -186,12 +186,11 @@ def _path(axes: Axes, views: Sequence[RunView]) -> None:
     low, high = min(low for low, _ in ranges), max(high for _, high in ranges)
     margin = 0.25 * max(high - low, 1.0)
     x = np.linspace(low - margin, high + margin, 800)
-    for amplitude, wavenumber in sorted({view.hip_path for _, view in ours}):
-        axes.plot(x, _heights(x, amplitude, wavenumber), color="#888888", linewidth=0.9)
+    for hip_path in dict.fromkeys(view.hip_path for _, view in ours):
+        axes.plot(x, _heights(x, hip_path), color="#888888", linewidth=0.9)
     for (i, view), (least, most) in zip(ours, ranges, strict=True):
-        amplitude, wavenumber = view.hip_path
         traveled = np.linspace(least, most, 800)
-        y = _heights(traveled, amplitude, wavenumber)
+        y = _heights(traveled, view.hip_path)
         # Wide below, narrow above: every run's range shows even where they overlap.
         width = 2.2 + 2.4 * (len(views) - 1 - i)
         color = COLORS[i % len(COLORS)]
@@ -206,7 +205,8 @@ def _path(axes: Axes, views: Sequence[RunView]) -> None:
     )
     axes.set_title("Hip path, travelled range in colour")
     axes.set_xlabel(r"$x$ (m)")
-    axes.set_ylabel(r"$y = A\,\sin(k x)$ (m)")
+    sine = all(view.hip_path[2] is None for _, view in ours)
+    axes.set_ylabel(r"$y = A\,\sin(k x)$ (m)" if sine else r"$y$ (m)")
     if high - low < 20.0:  # the path of a runaway hip is too long to be drawn to scale
         axes.set_aspect("equal", adjustable="datalim")
 
@@ -222,8 +222,10 @@ def _height(view: RunView) -> float:
     return path_height(x, *view.hip_path) if abs(x) < _FAR else nan
 
 
-def _heights(x: NDArray[np.floating[Any]], amplitude: float, wavenumber: float) -> list[float]:
-    return [path_height(at, amplitude, wavenumber) for at in x.tolist()]
+def _heights(
+    x: NDArray[np.floating[Any]], hip_path: tuple[float, float, tuple[float, ...] | None]
+) -> list[float]:
+    return [path_height(at, *hip_path) for at in x.tolist()]
 
 
 def _any_of_ours(views: Sequence[RunView]) -> bool:

@@ -53,10 +53,10 @@ def report_data(views: Sequence[RunView]) -> dict[str, Any]:
 def _run(view: RunView, label: str, own: Sequence[OwnTerm]) -> dict[str, Any]:
     table, controller = view.table, view.controller
     low, high = view.limits
-    amplitude, wavenumber = view.hip_path
+    amplitude, wavenumber, harmonics = view.hip_path
     x = table.x
     if view.run.another_robot:  # drawn as a pendulum on a fixed pivot
-        amplitude, x = 0.0, np.zeros_like(x)
+        amplitude, harmonics, x = 0.0, None, np.zeros_like(x)
     columns = {
         "t": table.t,
         "x": x,
@@ -79,6 +79,7 @@ def _run(view: RunView, label: str, own: Sequence[OwnTerm]) -> dict[str, Any]:
         "path": {
             "amplitude": amplitude,
             "wavenumber": wavenumber,
+            "harmonics": harmonics or (),
             "length": (view.simulator or SimulatorConfig()).length,
         },
         "pulses": [{"start": p.start, "end": p.end, "text": pulse_text(p)} for p in view.pulses],

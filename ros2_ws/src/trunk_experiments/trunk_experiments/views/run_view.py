@@ -130,10 +130,10 @@ class RunView:
         return low, high
 
     @property
-    def hip_path(self) -> tuple[float, float]:
-        """Amplitude A in m and wave number k in rad/m of the path ``y = A sin(k x)``."""
-        simulator = self.simulator or SimulatorConfig()
-        return simulator.amplitude, simulator.wavenumber
+    def hip_path(self) -> tuple[float, float, tuple[float, ...] | None]:
+        """The path as `path_height` takes it: amplitude A in m, wave number k in rad/m, harmonics in m."""
+        body = (self.simulator or SimulatorConfig()).body
+        return body.amplitude, body.wavenumber, body.harmonics
 
     @property
     def parameters(self) -> Mapping[str, Mapping[str, Value]]:

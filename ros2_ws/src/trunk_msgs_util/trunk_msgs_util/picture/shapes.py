@@ -11,7 +11,7 @@ from enum import IntEnum
 from math import floor
 
 from ..elementary import LARGEST_ANGLE, cos, exp, sin
-from ..mechanics import Body, path_height
+from ..mechanics import Body, harmonics_of, path_height
 
 _BODY = Body()
 
@@ -60,6 +60,7 @@ class Geometry:
     length: float = _BODY.length  # l, hip to centre of mass
     amplitude: float = _BODY.amplitude  # A
     wavenumber: float = _BODY.wavenumber  # k
+    harmonics: tuple[float, ...] | None = _BODY.harmonics
     joints: tuple[str, str] = ("hip", "trunk")
 
     @classmethod
@@ -74,11 +75,13 @@ class Geometry:
         known = {field: parameters[name] for field, name in names.items() if name in parameters}
         if isinstance(known.get("joints"), list | tuple):
             known["joints"] = tuple(known["joints"])  # type: ignore[arg-type]
+        cosines, sines = (parameters.get(f"path.{name}", ()) for name in ("cosines", "sines"))
+        known["harmonics"] = harmonics_of(cosines, sines)  # type: ignore[arg-type]
         return cls(**known)  # type: ignore[arg-type]
 
     def hip(self, x: float) -> Point:
-        """Return where the hip is: on ``z = A sin(k x)``."""
-        return (x, 0.0, path_height(x, self.amplitude, self.wavenumber))
+        """Return where the hip is: on its path, z being `path_height`."""
+        return (x, 0.0, path_height(x, self.amplitude, self.wavenumber, self.harmonics))
 
     def mass(self, x: float, theta: float) -> Point:
         """Return where the trunk's centre of mass is."""

@@ -25,8 +25,16 @@ const report = (() => {
   return data;
 })();
 
-// The hip path's height in m over x in m.
-const pathHeight = (path, x) => path.amplitude * Math.sin(path.wavenumber * x);
+// The hip path's height in m over x in m; harmonics: a1, b1, a2, b2 ..., of cosines and sines of n k x.
+const pathHeight = (path, x) => {
+  const phase = path.wavenumber * x;
+  let height = path.amplitude * Math.sin(phase);
+  for (let i = 0; i < path.harmonics.length; i += 2) {
+    const angle = (i / 2 + 1) * phase;
+    height += path.harmonics[i] * Math.cos(angle) + path.harmonics[i + 1] * Math.sin(angle);
+  }
+  return height;
+};
 
 // The row in force at a time: the last stamp at or before it, 0 before the first.
 const rowAt = (times, time) => {
