@@ -54,6 +54,7 @@ VERBS = (
     Verb(("tune", "poles"), (), ".yaml"),
     Verb(("tune", "lqr"), (), ".yaml"),
     Verb(("tune", "optimise"), (), ".yaml"),
+    Verb(("fit", "path", "--harmonics", "1"), ("gait.csv",), ".yaml"),
     Verb(("run",), ("demo", "--lockstep", "--composed", "--duration", "0.05")),
 )
 
@@ -72,6 +73,7 @@ def furnish(folder: Path) -> None:
     record_offline(plan, folder / "a.mcap")
     record_offline(make_plan("demo", "lqr", settings=["simulator.duration=0.5"]), folder / "b.mcap")
     (folder / "study.yaml").write_text(_STUDY)
+    (folder / "gait.csv").write_text("x,y\n0,0\n0.1,1\n0.2,0\n0.3,-1\n0.4,0\n")
     sound = (folder / "a.mcap").read_bytes()
     os.chdir(folder)
     for words in (

@@ -108,4 +108,5 @@ def recordings_here(tmp_path, monkeypatch, short_run):
     Path("cut.mcap").write_bytes(Path("a.mcap").read_bytes()[:-40_000])
     Path("broken.mcap").write_bytes(b"nothing")
     Path("study.yaml").write_text(STUDY)
+    Path("gait.csv").write_text("0,0\n0.1,1\n0.2,0\n0.3,-1\n0.4,0\n0.5,1\n")
     return tmp_path

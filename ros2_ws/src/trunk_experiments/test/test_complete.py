@@ -23,7 +23,7 @@ from trunk_experiments.runs.processes import find_executable
         (["sweep"], "r", ["robustness"]),
         (["map"], "d", ["delay_gain"]),
         (["list"], "s", ["scenarios", "schemas", "studies"]),
-        (["simulat"], "f", []),
+        (["simulat"], "z", []),
         (["params"], "s", ["set", "show", "simulator"]),
         (["params", "show"], "fuzzy_z", ["fuzzy_zhao_1993"]),
         (["params", "set"], "fuzzy", ["fuzzy_pid"]),

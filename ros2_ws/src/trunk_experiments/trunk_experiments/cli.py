@@ -41,6 +41,7 @@ _VERBS = {
     "sweep": ("sweep", "Run a study: grids and draws over any parameter, compiled."),
     "paper": ("paper", "Reproduce the paper's figures and judge its claims."),
     "tune": ("tune", "Compute gains, their margins, and write them as a parameter file."),
+    "fit": ("fit", "Compute parameters from what was measured: the hip's path."),
     "map": ("map", "Draw a study's stability and performance over two parameters."),
     "bench": ("bench", "Measure speed, as ratios in one run."),
 }

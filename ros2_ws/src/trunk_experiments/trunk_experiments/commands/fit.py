@@ -1,0 +1,75 @@
+"""``trunk fit``: parameters from what was measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from trunk_msgs_util.mechanics import MOST_HARMONICS
+from trunk_msgs_util.parameters.files import write
+
+from ..console.common import FiniteRange
+from ..console.document import json_option, write_json
+from ..console.outputs import check_output, output_options
+from ..console.tables import print_table
+
+
+@click.group("fit")
+def command() -> None:
+    """Compute parameters from what was measured."""
+
+
+@command.command("path")
+@click.argument("points", metavar="GAIT.csv", type=click.Path(path_type=Path))
+@click.option(
+    "--harmonics",
+    type=click.IntRange(1, MOST_HARMONICS),
+    default=5,
+    show_default=True,
+    metavar="N",
+    help=f"Up to which harmonic, 1 to {MOST_HARMONICS}.",
+)
+@click.option(
+    "--period",
+    type=FiniteRange(0.007, 1e6, unit="m"),
+    metavar="M",
+    help="The path's period; otherwise from the first x to the last.",
+)
+@output_options("The ROS 2 parameter file to write, for --params or --params-file.")
+@json_option("fit-path-1")
+def path_command(
+    points: Path,
+    harmonics: int,
+    period: float | None,
+    output: Path | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Fit the hip's path to measured points.
+
+    GAIT.csv has x and y of the hip in m, a point a line, over one period or more. The least-squares Fourier
+    series becomes path.wavenumber, path.cosines and path.sines, and the same for computed_torque's model.
+    """
+    from ..tuning.gait import fit_path, read_points
+
+    if output is not None:
+        check_output(output, (".yaml", ".yml"), force, [points])
+    x, y = read_points(points)
+    found = fit_path(x, y, harmonics, period)
+    if output is not None:
+        write(output, found.parameters)
+    if as_json:
+        told = {"output": output, "points": len(x), "parameters": found.parameters["simulator"]}
+        write_json("fit-path-1", {**told, "rms_m": found.rms, "largest_m": found.largest})
+        return
+    rows = [
+        (str(n), f"{a:.6g}", f"{b:.6g}")
+        for n, (a, b) in enumerate(zip(found.cosines, found.sines, strict=True), 1)
+    ]
+    print_table(f"path, k = {found.wavenumber:.6g} rad/m", ("n", "cosine (m)", "sine (m)"), rows)
+    click.echo(
+        f"{len(x)} points: {found.rms:.3g} m from the path (RMS), {found.largest:.3g} m at most"
+    )
+    if output is not None:
+        click.echo(f"{output}: for --params, or ros2 run … --ros-args --params-file")

@@ -1,0 +1,113 @@
+"""A hip's measured path as a Fourier series, for ``path.cosines`` and ``path.sines``: least squares."""
+
+from __future__ import annotations
+
+from math import isfinite, pi
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from trunk_control.computed_torque_law import ComputedTorqueConfig
+from trunk_msgs_util.mechanics import path_height
+from trunk_msgs_util.parameters.declarations import Value, build
+from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_sim.config import SimulatorConfig
+
+from ..errors import PlanError
+
+MOST_POINTS = 1_000_000
+_LONGEST = 1000  # characters of a line
+_LEAST = (
+    1e-6  # of the largest singular value: what the points determine worse counts as undetermined
+)
+
+
+class PathFit(NamedTuple):
+    """The series of a path, and how far the points are from it, their mean height left out (m)."""
+
+    wavenumber: float  # rad/m
+    cosines: tuple[float, ...]  # m
+    sines: tuple[float, ...]  # m
+    rms: float
+    largest: float
+
+    @property
+    def parameters(self) -> dict[str, dict[str, Value]]:
+        """The parameters of the simulator, and of the model of ``computed_torque``."""
+        names = ("amplitude", "wavenumber", "cosines", "sines")
+        values: tuple[Value, ...] = (0.0, self.wavenumber, self.cosines, self.sines)
+        return {
+            "simulator": {f"path.{n}": v for n, v in zip(names, values, strict=True)},
+            "computed_torque": {f"model.path_{n}": v for n, v in zip(names, values, strict=True)},
+        }
+
+
+def read_points(path: Path) -> tuple[Floats, Floats]:
+    """Return x and y [m] of a CSV file: two numbers a line with a comma between; a first line may name them.
+
+    Raises PlanError, which names the line, and OSError.
+    """
+    points: list[tuple[float, float]] = []
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            for number, line in enumerate(iter(lambda: file.readline(_LONGEST), ""), 1):
+                found = _point(line)
+                if found is not None:
+                    points.append(found)
+                elif line.strip() and number > 1:
+                    raise PlanError(
+                        f"{path}, line {number}: {line.strip()[:60]!r}: give x and y in m, two finite "
+                        "numbers with a comma between"
+                    )
+                if len(points) > MOST_POINTS:
+                    raise PlanError(f"{path}: more than {MOST_POINTS} points: give fewer")
+    except UnicodeDecodeError:
+        raise PlanError(f"{path}: not a text in UTF-8: give a CSV file of x and y") from None
+    return np.array([x for x, _ in points]), np.array([y for _, y in points])
+
+
+def _point(line: str) -> tuple[float, float] | None:
+    try:
+        x, y = (float(one) for one in line.split(","))
+    except ValueError:
+        return None
+    return (x, y) if isfinite(x) and isfinite(y) else None
+
+
+def fit_path(x: Floats, y: Floats, harmonics: int, period: float | None = None) -> PathFit:
+    """Return the series of so many harmonics that is nearest to the points, by least squares.
+
+    ::
+
+        y = c + sum over n = 1 ... N of  a_n cos(n k x) + b_n sin(n k x),    k = 2 pi / period
+
+    ``period`` [m]; by default from the first x to the last, which then is the first point again. The mean
+    height c is left out: it moves nothing. Raises PlanError for points that do not determine it,
+    ParameterError for coefficients that the parameters do not take.
+    """
+    if len(x) < 2 * harmonics + 1:
+        raise PlanError(
+            f"{len(x)} points: {harmonics} harmonics have {2 * harmonics + 1} coefficients: "
+            "give more points, or fewer --harmonics"
+        )
+    length = abs(float(x[-1] - x[0])) if period is None else period
+    if not 0.0 < length < float("inf"):
+        raise PlanError("the first x is the last: give the path's --period in m")
+    k = 2.0 * pi / length
+    build(SimulatorConfig, {"path.wavenumber": k})
+    waves = np.outer(x * k, np.arange(1, harmonics + 1))
+    columns = np.hstack([np.ones((len(x), 1)), np.cos(waves), np.sin(waves)])
+    found, _, rank, _ = np.linalg.lstsq(columns, y, rcond=_LEAST)
+    if rank < columns.shape[1]:
+        raise PlanError(
+            f"the points determine {rank} of the {columns.shape[1]} coefficients of {harmonics} harmonics: "
+            "give points all over the period, or fewer --harmonics"
+        )
+    cosines, sines = found[1 : harmonics + 1].tolist(), found[harmonics + 1 :].tolist()
+    fit = PathFit(k, tuple(cosines), tuple(sines), 0.0, 0.0)
+    path = build(SimulatorConfig, fit.parameters["simulator"]).body
+    build(ComputedTorqueConfig, fit.parameters["computed_torque"])
+    heights = [path_height(one, 0.0, k, path.harmonics) for one in x.tolist()]
+    residual = np.abs(y - found[0] - np.array(heights))
+    return fit._replace(rms=float(np.sqrt(np.mean(residual**2))), largest=float(residual.max()))
