@@ -23,6 +23,7 @@ def base(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("digests", "share"), [(ANEW, 0.04), (KEPT, 0.002), (NONE, 0.002)])
 def test_every_edit_is_refused_or_listed(base, tmp_path, digests, share):
     found = list(outcomes(OFFLINE, base, tmp_path, (digests,), sample(share)))

@@ -25,6 +25,7 @@ def test_rows(monkeypatch):
         assert row.met == (row.ours_hz >= 1e6)
 
 
+@pytest.mark.slow
 def test_the_plants_steps_are_vector_code():
     episodes = Episodes(make_task("fig8"), 16)
     compiled(kernel.advance)  # registers what it calls

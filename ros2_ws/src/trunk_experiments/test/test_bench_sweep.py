@@ -78,6 +78,7 @@ def test_rows(monkeypatch, short_runs):
     assert rows[1].met is None
 
 
+@pytest.mark.slow
 def test_rows_of_lanes(short_runs):
     rows = lanes.bench_lanes(rounds=1)
     assert [row.goal for row in rows] == [">= 3"] * 4 + ["<= 1.15", "<= 1.3", ">= 1.9"]

@@ -231,6 +231,7 @@ def test_recover_refuses_what_it_must(tmp_path):
     assert not (tmp_path / "c.mcap").exists()
 
 
+@pytest.mark.slow
 def test_any_damage_can_be_examined_and_recovered(tmp_path):
     """Damage anywhere gives findings, never another exception; what is recovered is correct and sound."""
     path, output = write_run(tmp_path / "a.mcap"), tmp_path / "b.mcap"

@@ -67,6 +67,7 @@ def test_windows_of_values_that_were_not_kept(spans, filled, path):
     assert "arrays" not in vars(table)  # nothing has read it whole
 
 
+@pytest.mark.slow
 def test_a_verified_run_is_never_read_whole(path, monkeypatch):
     monkeypatch.setattr(replay, "WORTH_COMPILING", 0)
     run = RecordedRun.open(path)

@@ -159,6 +159,7 @@ def test_the_comparison_detects_one_changed_bit(batch):
 SCALAR = {"pid": 3, "lqr": 3, "computed_torque": 3, "fuzzy_pid": 7}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_the_loops_over_lanes_are_vector_code(name):
     """The law's update, the plant's steps, the sums: no scalar division of a lane's numbers is left."""

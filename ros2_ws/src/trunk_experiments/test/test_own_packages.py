@@ -76,6 +76,7 @@ def test_two_of_one_name_are_refused_by_both_packages_names(tmp_path: Path) -> N
     assert "uninstall or rename the other" in line
 
 
+@pytest.mark.slow
 def test_one_that_numba_refuses_is_swept_by_cpython(tmp_path: Path) -> None:
     for _ in controller_package("mine", tmp_path / "mine_source"):
         pass
@@ -95,6 +96,7 @@ def test_one_that_numba_refuses_is_swept_by_cpython(tmp_path: Path) -> None:
     assert "not compilable" in swept.stderr
 
 
+@pytest.mark.slow
 def test_a_recording_names_the_package_and_its_sources(tmp_path: Path) -> None:
     for _ in controller_package("mine", tmp_path / "mine_source"):
         pass

@@ -170,6 +170,7 @@ values = st.one_of(
 )
 
 
+@pytest.mark.slow
 @given(st.dictionaries(st.sampled_from(["a", "b.c", "d.e.f"]), values, min_size=1))
 def test_what_is_written_is_read_back_to_the_bit(tmp_path_factory, written):
     path = tmp_path_factory.mktemp("params") / "p.yaml"

@@ -221,6 +221,7 @@ def test_what_is_not_a_recording_gives_one_line_with_its_name(tmp_path):
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_cut_file_is_its_valid_prefix(run_file):
     path = run_file.write(60, flush_every=10, parameters={"max_effort": 5.0})
     whole = Recording.open(path)

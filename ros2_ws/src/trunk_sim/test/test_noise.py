@@ -44,6 +44,7 @@ def test_noise_of_seed_1_stays_what_it_is():
     assert [one.hex() for one in Noise(1).pair(0)] == expected
 
 
+@pytest.mark.slow
 def test_the_inverse_distribution_is_exact_to_a_few_units_in_the_last_place():
     some = random.Random(1)
     cases = [some.getrandbits(53) >> some.randrange(0, 50) for _ in range(3000)]

@@ -181,6 +181,7 @@ def test_a_long_run_without_numba_steps_by_cpython(monkeypatch):
     assert quick.act_for(SimulatorConfig(duration=0.0)) is act
 
 
+@pytest.mark.slow
 def test_what_is_kept_of_compiled_code_may_be_damaged(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     long = SimulatorConfig(duration=1e6)
