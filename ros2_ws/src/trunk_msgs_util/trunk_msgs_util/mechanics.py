@@ -114,13 +114,13 @@ def equations_of_motion(
     The determinant is in a form without cancellation, and is positive for positive masses and length.
     NaN where k x or theta is beyond `elementary.LARGEST_ANGLE`.
     """
-    phase = body.wavenumber * x
-    sin_phase, cos_phase = sincos(phase)
+    amplitude, k = body.amplitude, body.wavenumber
+    sin_phase, cos_phase = sincos(k * x)
     sin_theta, cos_theta = sincos(theta)
-    slope = body.amplitude * body.wavenumber * cos_phase
-    curvature = -body.amplitude * body.wavenumber * body.wavenumber * sin_phase
+    slope = amplitude * k * cos_phase
+    curvature = -amplitude * k * k * sin_phase
     if body.harmonics is not None:
-        added = harmonics_at(sin_phase, cos_phase, body.wavenumber, body.harmonics)
+        added = harmonics_at(sin_phase, cos_phase, k, body.harmonics)
         slope += added[1]
         curvature += added[2]
     moment = body.trunk_mass * body.length

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 # What recordings of earlier versions lack, all of it: declared later. What is judged takes the defaults.
 _LATER = {
     "recorder": ("markers",),
+    "simulator": ("path.cosines", "path.sines"),
+    "computed_torque": ("model.path_cosines", "model.path_sines"),
     "disturbance": (
         *("pulse.random_count", "pulse.random_from", "pulse.random_until", "pulse.random_seed"),
         *("table.channel", "table.times", "table.values", "table.interpolation"),
