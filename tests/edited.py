@@ -14,7 +14,7 @@ from mcap.writer import Writer
 
 from trunk_msgs_util.recording.digests import DIGESTS, RunningDigests
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.recording.rosbag2 import RECORD, Summary, TopicCount, summary_record
+from trunk_msgs_util.recording.rosbag2 import RECORD, BagSummary, TopicCount, summary_record
 from trunk_msgs_util.recording.writer import END, PROVENANCE
 
 KEPT, ANEW, NONE = "kept", "anew", "none"
@@ -75,7 +75,7 @@ def sum_up(found: Content) -> None:
     for name, values in found.metadata:
         if name == RECORD and values == found.summed_up:
             with suppress(ValueError):  # a type that there is not
-                values |= summary_record(Summary(tuple(told), min(times), max(times)))
+                values |= summary_record(BagSummary(tuple(told), min(times), max(times)))
 
 
 def write(found: Content, path: Path, digests: str = KEPT) -> Recording:

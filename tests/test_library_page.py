@@ -132,7 +132,7 @@ def test_a_strict_type_checker_sees_the_types_of_a_user_s_script(tmp_path):
     lines = done.stdout.splitlines()
     revealed = [line for line in lines if "Revealed type" in line]
     assert "float64" in revealed[0]
-    assert "Difference" in revealed[1]
+    assert "PairedDifference" in revealed[1]
     first = script.read_text().count("\n", 0, script.read_text().index(MISUSE)) + 2
     found = {int(line.split(":")[1]) for line in lines if ": error:" in line}
     assert found == set(range(first, first + 5)), done.stdout + done.stderr

@@ -6,7 +6,7 @@ import pytest
 
 from trunk_control.law import Law
 from trunk_control.laws import law_named
-from trunk_experiments.conformance import CHECKS, Check, conformance
+from trunk_experiments.conformance import CHECKS, LawCheck, conformance
 from trunk_experiments.plans.nodes import CONTROLLERS
 
 from .faulty_laws import FAULTS, HONEST
@@ -28,13 +28,13 @@ def test_a_planted_fault_is_found_by_its_own_check(check: str, law: Law) -> None
 
 
 @pytest.mark.parametrize("check", ALONE, ids=lambda check: check.name)
-def test_an_honest_law_keeps_everything(check: Check) -> None:
+def test_an_honest_law_keeps_everything(check: LawCheck) -> None:
     assert [one for one in check.run(HONEST) if not one.note] == []
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.name)
 @pytest.mark.parametrize("name", CONTROLLERS)
-def test_the_shipped_laws_keep_everything(name: str, check: Check) -> None:
+def test_the_shipped_laws_keep_everything(name: str, check: LawCheck) -> None:
     assert conformance(name, [check]) == []
 
 

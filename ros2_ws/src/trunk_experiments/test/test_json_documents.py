@@ -12,7 +12,7 @@ from trunk_experiments.bench import core, gym, lockstep, rates, realtime, sweep
 from trunk_experiments.console.document import schemas
 from trunk_experiments.paper import report, reproduction
 from trunk_experiments.paper.errata import ERRATA
-from trunk_experiments.paper.runs import Run, cases
+from trunk_experiments.paper.runs import PaperRun, cases
 
 from .documents import SHARED, VERBS, checked, documents_of
 
@@ -115,9 +115,9 @@ def short(monkeypatch):
 def reproduced():
     """Return results of the paper's runs: one diverged, and the graph's have the same bits."""
     values = Metrics(**{f.name: 1.0 for f in fields(Metrics)})
-    runs = {case: Run(case, values, 2.0) for case in cases()}
+    runs = {case: PaperRun(case, values, 2.0) for case in cases()}
     first = next(iter(runs))
-    runs[first] = Run(first, None, inf, "diverged")
+    runs[first] = PaperRun(first, None, inf, "diverged")
     graph = {case: replace(run, graph_differs="") for case, run in runs.items()}
     return reproduction.Reproduction(
         runs=runs,

@@ -12,7 +12,7 @@ import pytest
 from trunk_control.laws import law_named
 from trunk_experiments.batch import block
 from trunk_experiments.batch.block import (
-    Summary,
+    RunSummary,
     key_of,
     regular_run,
     run_block,
@@ -143,7 +143,7 @@ def test_metrics_beyond_the_numbers_are_refused(monkeypatch, batch):
     found = summaries(different("pid"), batch)
     assert (
         found
-        == [Summary(None, None, "iae is beyond the numbers of a computer: no metrics")] * LANES
+        == [RunSummary(None, None, "iae is beyond the numbers of a computer: no metrics")] * LANES
     )
 
 
@@ -173,7 +173,7 @@ def test_the_loops_over_lanes_are_vector_code(name):
     twin = numba.njit(loop, **options)
     cells = np.zeros(block.PARAMETERS * LANES)
     none = np.empty((0, 1, 1))
-    series = block.Series(np.zeros((10_001, 1, 1)), none, none)
+    series = block.LaneSeries(np.zeros((10_001, 1, 1)), none, none)
     twin.compile(tuple(numba.typeof(a) for a in (example, cells, series, np.empty((1, 64)), none)))
     code = "\n".join(twin.inspect_llvm().values())
     assert len(re.findall(r"fdiv <\d+ x double>", code)) >= 9, "the plant's steps alone have eight"

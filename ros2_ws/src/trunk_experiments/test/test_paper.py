@@ -17,7 +17,7 @@ from trunk_experiments.paper import report as paper_report
 from trunk_experiments.paper.claims import CLAIMS, NOT, PARTLY, REPRODUCED, judge
 from trunk_experiments.paper.errata import ERRATA, single_repairs
 from trunk_experiments.paper.reproduction import Reproduction, as_json
-from trunk_experiments.paper.runs import PROFILES, Run, cases, undershoot
+from trunk_experiments.paper.runs import PROFILES, PaperRun, cases, undershoot
 
 NAMES = [f.name for f in fields(Metrics)]
 
@@ -33,7 +33,7 @@ def invented(seed):
         if rng.random() < 0.3:
             values["settling_time_6deg_s"] = None
         diverged = rng.random() < 0.1
-        runs[case] = Run(
+        runs[case] = PaperRun(
             case,
             None if diverged else Metrics(**values),
             inf if diverged else float(rng.exponential()),
@@ -76,7 +76,7 @@ def test_a_claim_flips_with_its_deciding_number():
         values = {**dict.fromkeys(NAMES, 1.0), "steady_state_error_rms_deg": rms}
         for case in runs:
             if case.contender in names:
-                runs[case] = Run(case, Metrics(**values), 0.0)
+                runs[case] = PaperRun(case, Metrics(**values), 0.0)
         assert judge(steady, runs, PROFILES[0]).word == word
 
 

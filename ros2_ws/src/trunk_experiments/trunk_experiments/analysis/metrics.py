@@ -25,7 +25,7 @@ _WORTH_COMPILING = 200_000  # rows: loading the compiler takes as long as adding
 _NOT_DEFINED = "not defined"
 
 
-class Quantity(NamedTuple):
+class MetricText(NamedTuple):
     """A metric's name and unit, and whether a smaller magnitude is better."""
 
     label: str
@@ -34,18 +34,18 @@ class Quantity(NamedTuple):
     missing: str = _NOT_DEFINED  # what to say where a run has none
 
 
-QUANTITIES: Mapping[str, Quantity] = {
-    "overshoot_deg": Quantity("overshoot", "°"),
-    "settling_time_6deg_s": Quantity("settling time, ±6°", "s", missing="never"),
-    "steady_state_error_mean_deg": Quantity("steady-state error, mean", "°"),
-    "steady_state_error_rms_deg": Quantity("steady-state error, RMS", "°"),
-    "iae": Quantity("IAE, ∫|e| dt", "rad·s"),
-    "ise": Quantity("ISE, ∫e² dt", "rad²·s"),
-    "itae": Quantity("ITAE, ∫t|e| dt", "rad·s²"),
-    "effort": Quantity("effort, ∫τ² dt", "N²·m²·s"),
-    "peak_torque": Quantity("peak torque", "N·m"),
-    "theta_min_deg": Quantity("smallest angle", "°", judged=False),
-    "theta_max_deg": Quantity("largest angle", "°", judged=False),
+QUANTITIES: Mapping[str, MetricText] = {
+    "overshoot_deg": MetricText("overshoot", "°"),
+    "settling_time_6deg_s": MetricText("settling time, ±6°", "s", missing="never"),
+    "steady_state_error_mean_deg": MetricText("steady-state error, mean", "°"),
+    "steady_state_error_rms_deg": MetricText("steady-state error, RMS", "°"),
+    "iae": MetricText("IAE, ∫|e| dt", "rad·s"),
+    "ise": MetricText("ISE, ∫e² dt", "rad²·s"),
+    "itae": MetricText("ITAE, ∫t|e| dt", "rad·s²"),
+    "effort": MetricText("effort, ∫τ² dt", "N²·m²·s"),
+    "peak_torque": MetricText("peak torque", "N·m"),
+    "theta_min_deg": MetricText("smallest angle", "°", judged=False),
+    "theta_max_deg": MetricText("largest angle", "°", judged=False),
 }
 
 

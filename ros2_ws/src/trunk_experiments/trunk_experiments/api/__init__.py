@@ -28,9 +28,9 @@ from ._plan import Plan, plan
 from ._run import Run
 from ._simulate import load, simulate
 from ._study import Contender, Study, Variation, draw, grid, read_study, study
-from ._sweep import Difference, Sweep, load_sweep, sweep
+from ._sweep import PairedDifference, Sweep, load_sweep, sweep
 from ._units import UNITS
-from ._verify import Checked, Verification, verify
+from ._verify import CheckedPart, Verification, verify
 
 __all__ = [  # noqa: RUF022 (in the order in which docs/api.md describes them)
     "plan",
@@ -42,7 +42,7 @@ __all__ = [  # noqa: RUF022 (in the order in which docs/api.md describes them)
     "Metrics",
     "verify",
     "Verification",
-    "Checked",
+    "CheckedPart",
     "plot",
     "Picture",
     "study",
@@ -55,7 +55,7 @@ __all__ = [  # noqa: RUF022 (in the order in which docs/api.md describes them)
     "sweep",
     "load_sweep",
     "Sweep",
-    "Difference",
+    "PairedDifference",
     "scenarios",
     "controllers",
     "parameter_files",

@@ -33,7 +33,7 @@ _SHOWN = ("iae", "steady_state_error_rms_deg", "peak_torque")
 
 
 @dataclass(frozen=True)
-class Difference:
+class PairedDifference:
     """A metric of ``first`` minus that of ``second``, over the draws in which both have it: ``pairs``.
 
     Made by `Sweep.compare`. ``low`` and ``high`` bound the mean at 95 %, in the metric's unit; low > high
@@ -122,7 +122,7 @@ class Sweep:
 
         return frame(self.arrays(), index="run")
 
-    def compare(self, metrics: Sequence[str] = ()) -> tuple[Difference, ...]:
+    def compare(self, metrics: Sequence[str] = ()) -> tuple[PairedDifference, ...]:
         """Return the differences of each two controllers over the same draws, with 95 % intervals.
 
         ``metrics``: by name; empty: all. Angles and errors are compared by their magnitude.
@@ -132,7 +132,7 @@ class Sweep:
         from ..study.results import METRICS
 
         found = compare_study(self._results, tuple(metrics) or METRICS)
-        return tuple(Difference(**asdict(one), verdict=one.verdict) for one in found)
+        return tuple(PairedDifference(**asdict(one), verdict=one.verdict) for one in found)
 
     def map(self, x: str, y: str, metric: str = "iae", *, floquet: bool = False) -> Picture:
         """Draw a metric over two grids of the study, a panel for each controller; grey: most runs fell.

@@ -16,7 +16,7 @@ Word = Literal["verified", "diverges", "cannot be judged", "not signed"]
 
 
 @dataclass(frozen=True)
-class Checked:
+class CheckedPart:
     """One kind of recomputation: ``steps`` were made, ``diverging`` of them differ.
 
     Made by `verify`. ``first``: the first difference: topic, stamp, both values, how far apart in ULPs.
@@ -40,7 +40,7 @@ class Verification:
 
     verdict: Word
     judged: str
-    checked: tuple[Checked, ...]
+    checked: tuple[CheckedPart, ...]
     reasons: tuple[str, ...]
     not_judged: tuple[str, ...]
     notes: tuple[str, ...]
@@ -93,7 +93,7 @@ def verify(run: Run | AnyPath, *, key: AnyPath | None = None) -> Verification:
         cast("Word", found.word),
         found.judged,
         tuple(
-            Checked(
+            CheckedPart(
                 part.name, part.steps, part.wrong_steps, tuple(describe(one) for one in part.first)
             )
             for part in found.parts

@@ -28,13 +28,13 @@ from ..runs.loop import check_compilable
 from .cells import LEFT, MEMORY, PARAMETERS, STATE, SUMS
 from .closed_loop import Batch
 from .columns import LANES, in_common, row_values, shared
-from .lanes import Common, Series, fill_disturbances, fill_references, lanes_loop
+from .lanes import Common, LaneSeries, fill_disturbances, fill_references, lanes_loop
 
 ENOUGH = 4  # runs: a block of lanes takes about as long
 LONGEST = 200_000  # states: the series of longer runs would take too much memory
 
 
-class Summary(NamedTuple):
+class RunSummary(NamedTuple):
     """What came out of a run: its metrics, or when it diverged [s], or why it was refused."""
 
     metrics: Metrics | None
@@ -54,17 +54,17 @@ class Regular(NamedTuple):
     seed: int | None  # of the sensors' noise; None: there is none
 
 
-def summaries(plans: Iterable[RunPlan], batch: Batch) -> list[Summary]:
+def summaries(plans: Iterable[RunPlan], batch: Batch) -> list[RunSummary]:
     """Return what came out of each plan's run."""
-    found: list[Summary] = []
+    found: list[RunSummary] = []
     blocks: dict[Any, list[tuple[int, RunPlan, Regular]]] = {}
     alone: list[tuple[int, RunPlan]] = []
     for i, plan in enumerate(plans):
-        found.append(Summary(None))
+        found.append(RunSummary(None))
         try:
             check_compilable(plan)
         except PlanError as error:
-            found[i] = Summary(None, refused=str(error))
+            found[i] = RunSummary(None, refused=str(error))
             continue
         regular = regular_run(plan)
         if regular is None:
@@ -89,13 +89,13 @@ def summaries(plans: Iterable[RunPlan], batch: Batch) -> list[Summary]:
     return found
 
 
-def summary_of(plan: RunPlan, batch: Batch) -> Summary:
+def summary_of(plan: RunPlan, batch: Batch) -> RunSummary:
     """Return what came out of one plan's run."""
     outcome = batch.run(plan)
     try:
-        return Summary(outcome.metrics(), outcome.diverged_at)
+        return RunSummary(outcome.metrics(), outcome.diverged_at)
     except ValueError as error:
-        return Summary(None, refused=str(error))
+        return RunSummary(None, refused=str(error))
 
 
 def regular_run(plan: RunPlan) -> Regular | None:
@@ -144,7 +144,9 @@ def key_of(regular: Regular) -> Any:
     return (*records, c[4:], regular.signals is None, regular.seed is None)
 
 
-def run_block(name: str, runs: list[Regular], trace: Floats | None = None) -> list[Summary | None]:
+def run_block(
+    name: str, runs: list[Regular], trace: Floats | None = None
+) -> list[RunSummary | None]:
     """Return what came out of runs that agree on `key_of`; None for each that left the regular course.
 
     ``trace`` [states, TRACED, LANES] is filled, if given.
@@ -173,7 +175,7 @@ def run_block(name: str, runs: list[Regular], trace: Floats | None = None) -> li
 _NONE = np.empty((0, 1, 1))
 
 
-def series_of(runs: list[Regular]) -> Series:
+def series_of(runs: list[Regular]) -> LaneSeries:
     """Return what comes in step by step in these runs: one lane for all if they agree, else one each."""
     common = runs[0].common
     states, period_ns = common.states, common.period_ns
@@ -197,7 +199,7 @@ def series_of(runs: list[Regular]) -> Series:
         noise = np.zeros((states, 2, LANES))
         for lane, seed in enumerate(seeds):
             noise[:, :, lane] = noise_samples(seed, states)
-    return Series(reference, acting, noise)
+    return LaneSeries(reference, acting, noise)
 
 
 @lru_cache(maxsize=8)
@@ -222,8 +224,8 @@ def _compiled_lanes(name: str, example: Common, numbers: int) -> Callable[..., N
     return _loops[key]
 
 
-def _summary(sums: Sums) -> Summary | None:
+def _summary(sums: Sums) -> RunSummary | None:
     try:
-        return Summary(metrics_of(sums, 0.0))
+        return RunSummary(metrics_of(sums, 0.0))
     except ValueError as error:
-        return Summary(None, refused=str(error))
+        return RunSummary(None, refused=str(error))

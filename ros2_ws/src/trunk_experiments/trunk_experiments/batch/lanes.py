@@ -70,7 +70,7 @@ class Common(NamedTuple):
     steady_from: float  # s
 
 
-class Series(NamedTuple):
+class LaneSeries(NamedTuple):
     """What comes in step by step: [states, rows, lanes], one lane if all have the same; empty: nothing."""
 
     reference: Floats  # 1 row
@@ -93,7 +93,9 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
     read_constants, row = reader_of(example.constants, row)
     look_up, read_near = looked_up(law.lookup, read_constants, read_law, row)
 
-    def loop(common: Common, cells: Floats, series: Series, history: Floats, trace: Floats) -> None:
+    def loop(
+        common: Common, cells: Floats, series: LaneSeries, history: Floats, trace: Floats
+    ) -> None:
         c = common
         h = c.plant.period / c.substeps
         dt, started = c.first_dt, False

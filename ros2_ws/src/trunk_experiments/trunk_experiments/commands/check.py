@@ -16,7 +16,7 @@ from ..console.tables import print_table
 from ..plans.nodes import CONTROLLERS, UNUSABLE
 
 if TYPE_CHECKING:
-    from ..conformance import Check, Finding
+    from ..conformance import LawCheck, LawFinding
 
 
 @click.group("check")
@@ -43,12 +43,14 @@ def controller(ctx: click.Context, name: str, as_json: bool) -> None:
         ctx.exit(EXIT_FAILED)
 
 
-def kept(found: Sequence[Finding]) -> bool:
+def kept(found: Sequence[LawFinding]) -> bool:
     """Return True if there is nothing but notes."""
     return all(one.note for one in found)
 
 
-def as_values(name: str, done: Sequence[tuple[Check, Sequence[Finding]]]) -> dict[str, object]:
+def as_values(
+    name: str, done: Sequence[tuple[LawCheck, Sequence[LawFinding]]]
+) -> dict[str, object]:
     """Return the checks of a controller and what they found as plain values."""
     return {
         "controller": name,
@@ -70,7 +72,7 @@ def as_values(name: str, done: Sequence[tuple[Check, Sequence[Finding]]]) -> dic
     }
 
 
-def _show(name: str, done: Sequence[tuple[Check, Sequence[Finding]]]) -> None:
+def _show(name: str, done: Sequence[tuple[LawCheck, Sequence[LawFinding]]]) -> None:
     rows = [
         (check.name, "kept" if kept(found) else "NOT KEPT", check.asserts) for check, found in done
     ]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from ..analysis.metrics import QUANTITIES, Quantity
+from ..analysis.metrics import QUANTITIES, MetricText
 from ..console.document import json_option, write_json
 from ..console.reading import open_views, show_warnings_of
 from ..console.tables import print_table
@@ -127,8 +127,8 @@ def _line(cells: tuple[str, ...]) -> str:
     return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
 
 
-def _quantity(key: str) -> Quantity:
-    return QUANTITIES.get(key, Quantity(key, ""))
+def _quantity(key: str) -> MetricText:
+    return QUANTITIES.get(key, MetricText(key, ""))
 
 
 def number(row: Row, run: int) -> str:

@@ -19,7 +19,7 @@ from .sweep import ended, run_sweep
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Floats
 
-    from ..study.map import Panel
+    from ..study.map import MapPanel
 
 
 @click.command("map")
@@ -104,7 +104,7 @@ def _sweep(source: str, path: Path, wanted: tuple[str | None, str | None], metri
     return ended(sweep, run_sweep(sweep))
 
 
-def panel_values(panel: Panel) -> dict[str, object]:
+def panel_values(panel: MapPanel) -> dict[str, object]:
     """Return a panel as plain values: rows along y, columns along x; None where no run has a value."""
     return {
         "controller": panel.controller,

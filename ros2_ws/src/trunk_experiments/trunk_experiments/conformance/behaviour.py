@@ -9,26 +9,26 @@ from time import perf_counter
 from trunk_control.law import Law
 from trunk_control.pid import limited
 
-from .finding import Driven, Finding, finite, given, name_of
+from .finding import Driven, LawFinding, finite, given, name_of
 from .samples import DT, extreme, swinging, unusable
 
 SLOWEST_US = 200.0
 _LIMIT = 5.0
 
 
-def types(law: Law) -> Iterator[Finding]:
+def types(law: Law) -> Iterator[LawFinding]:
     """Yield where an update returns other types than the law declares."""
     driven, update = Driven(law), name_of(law.update)
     sample = swinging(DT)[0]
     found = law.update(driven.memory, sample, driven.constants, driven.limits)
     if not (type(found) is tuple and len(found) == 2):
-        yield Finding("types", update, f"returns {found!r}", "return (memory, terms)")
+        yield LawFinding("types", update, f"returns {found!r}", "return (memory, terms)")
         return
     for what, record, kind in zip(
         ("memory", "terms"), found, (type(law.memory), law.terms), strict=True
     ):
         if type(record) is not kind:
-            yield Finding(
+            yield LawFinding(
                 "types",
                 update,
                 f"returns a {type(record).__name__} as {what}",
@@ -39,7 +39,7 @@ def types(law: Law) -> Iterator[Finding]:
             declared = getattr(law.memory, field) if what == "memory" else 0.0
             wanted = bool if field == "held" or isinstance(declared, bool) else type(declared)
             if type(value) is not wanted:
-                yield Finding(
+                yield LawFinding(
                     "types",
                     update,
                     f"{what}.{field} = {value!r} is {type(value).__name__}",
@@ -47,14 +47,14 @@ def types(law: Law) -> Iterator[Finding]:
                 )
 
 
-def pure(law: Law) -> Iterator[Finding]:
+def pure(law: Law) -> Iterator[LawFinding]:
     """Yield where outputs depend on more than the inputs, or inputs are changed."""
     update, samples = name_of(law.update), swinging(1.0)
     driven = Driven(law)
     before = copy.deepcopy((driven.memory, driven.constants))
     first = driven.run(samples)
     if repr(before) != repr((law.memory, driven.constants)):
-        yield Finding(
+        yield LawFinding(
             "pure",
             update,
             "changes the memory or the constants that it is given",
@@ -63,7 +63,7 @@ def pure(law: Law) -> Iterator[Finding]:
     Driven(law).run(swinging(0.7, amplitude=1.1))
     for k, (one, other) in enumerate(zip(first, Driven(law).run(samples), strict=True)):
         if repr(one) != repr(other):
-            yield Finding(
+            yield LawFinding(
                 "pure",
                 update,
                 f"sample {k} of the same series gives {one!r} once and {other!r} later",
@@ -72,7 +72,7 @@ def pure(law: Law) -> Iterator[Finding]:
             return
 
 
-def finite_always(law: Law) -> Iterator[Finding]:
+def finite_always(law: Law) -> Iterator[LawFinding]:
     """Yield where an input makes the command or the memory not finite, or raises."""
     update = name_of(law.update)
     for sample in extreme():
@@ -81,7 +81,7 @@ def finite_always(law: Law) -> Iterator[Finding]:
         try:
             terms = driven.update(sample)
         except Exception as error:
-            yield Finding(
+            yield LawFinding(
                 "finite",
                 update,
                 f"{given(sample)} raises {type(error).__name__}: {error}",
@@ -89,7 +89,7 @@ def finite_always(law: Law) -> Iterator[Finding]:
             )
             return
         if not (finite(driven.memory) and finite((terms.effort,))):
-            yield Finding(
+            yield LawFinding(
                 "finite",
                 update,
                 f"{given(sample)} gives effort {terms.effort!r}, memory {tuple(driven.memory)!r}",
@@ -98,7 +98,7 @@ def finite_always(law: Law) -> Iterator[Finding]:
             return
 
 
-def holds(law: Law) -> Iterator[Finding]:
+def holds(law: Law) -> Iterator[LawFinding]:
     """Yield where a sample that is not usable changes the memory or the command."""
     update = name_of(law.update)
     for sample in unusable():
@@ -113,7 +113,7 @@ def holds(law: Law) -> Iterator[Finding]:
         if not (terms.held and repr(driven.memory) == repr(before) and terms.effort == wanted):
             if not driven.config.uses_rate and finite(sample[:2]) and sample.dt > 0.0:
                 continue  # a law that ignores the rate may go on
-            yield Finding(
+            yield LawFinding(
                 "holds",
                 update,
                 f"{given(sample)} gives held = {terms.held}, effort {terms.effort!r}, and "
@@ -123,7 +123,7 @@ def holds(law: Law) -> Iterator[Finding]:
             return
 
 
-def within_limits(law: Law) -> Iterator[Finding]:
+def within_limits(law: Law) -> Iterator[LawFinding]:
     """Yield where a command is not the unlimited one, limited, or the memory lacks it."""
     update = name_of(law.update)
     for limit in (_LIMIT, 0.01, 1e9):
@@ -131,7 +131,7 @@ def within_limits(law: Law) -> Iterator[Finding]:
         for sample in swinging(1.0, amplitude=1.5):
             terms = driven.update(sample)
             if not -limit <= terms.effort <= limit:
-                yield Finding(
+                yield LawFinding(
                     "limits",
                     update,
                     f"{given(sample)} within +-{limit:g} N m gives effort {terms.effort!r}",
@@ -142,7 +142,7 @@ def within_limits(law: Law) -> Iterator[Finding]:
                 terms.effort != limited(terms.unsaturated, driven.limits)
                 or driven.memory.effort != terms.effort
             ):
-                yield Finding(
+                yield LawFinding(
                     "limits",
                     update,
                     f"{given(sample)} gives unsaturated {terms.unsaturated!r}, effort {terms.effort!r}, "
@@ -152,7 +152,7 @@ def within_limits(law: Law) -> Iterator[Finding]:
                 return
 
 
-def quick(law: Law) -> Iterator[Finding]:
+def quick(law: Law) -> Iterator[LawFinding]:
     """Yield if the quickest of many updates takes too much of a control period."""
     driven, samples = Driven(law), swinging(0.2)
     best = float("inf")
@@ -162,7 +162,7 @@ def quick(law: Law) -> Iterator[Finding]:
             driven.update(sample)
             best = min(best, perf_counter() - begun)
     if best * 1e6 > SLOWEST_US:
-        yield Finding(
+        yield LawFinding(
             "quick",
             name_of(law.update),
             f"an update takes {best * 1e6:.0f} us at best, {SLOWEST_US:.0f} us are allowed",

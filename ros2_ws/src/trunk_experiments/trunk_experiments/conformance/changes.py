@@ -10,11 +10,11 @@ from trunk_control.controller_config import ControllerConfig
 from trunk_control.law import Law, Sample
 from trunk_msgs_util.parameters.declarations import ParameterError, build, declarations, values_of
 
-from .finding import Driven, Finding, name_of
+from .finding import Driven, LawFinding, name_of
 from .samples import DT, steady, swinging
 
 
-def reset(law: Law) -> Iterator[Finding]:
+def reset(law: Law) -> Iterator[LawFinding]:
     """Yield where a controller after a reset does otherwise than a new one."""
     controllers = [Controller(law.config(), law) for _ in range(2)]
     for k, sample in enumerate(swinging(0.5, amplitude=0.9)):
@@ -29,7 +29,7 @@ def reset(law: Law) -> Iterator[Finding]:
     ]
     if found[0] != found[1]:
         k = next(k for k, (a, b) in enumerate(zip(*found, strict=True)) if a != b)
-        yield Finding(
+        yield LawFinding(
             "reset",
             name_of(law.update),
             f"update {k} after a reset gives {found[0][k]!r}, a new controller's {found[1][k]!r}",
@@ -37,7 +37,7 @@ def reset(law: Law) -> Iterator[Finding]:
         )
 
 
-def takes_over(law: Law) -> Iterator[Finding]:
+def takes_over(law: Law) -> Iterator[LawFinding]:
     """Yield where a takeover moves the command by more than a handover step."""
     for acting in (-12.5, 0.0, 20.0):
         controller = Controller(law.config(u_clamp_min=-30.0, u_clamp_max=30.0), law)
@@ -50,7 +50,7 @@ def takes_over(law: Law) -> Iterator[Finding]:
                 5_000_000 * k, 0.05 + 0.001 * k, 0.1, effort=acting if k == 2 else last
             )
             if abs(answer.effort - last) > step * (1.0 + 1e-12):
-                yield Finding(
+                yield LawFinding(
                     "takeover",
                     name_of(law.take_over),
                     f"from {last:g} N m its command is {answer.effort!r} N m, a step is {step:g} N m",
@@ -62,7 +62,7 @@ def takes_over(law: Law) -> Iterator[Finding]:
             last = answer.effort
 
 
-def retunes(law: Law) -> Iterator[Finding]:
+def retunes(law: Law) -> Iterator[LawFinding]:
     """Yield where new parameters move the command more than the memory as it was would."""
     driven = Driven(law, 1e9)
     driven.run(steady(200))
@@ -70,7 +70,7 @@ def retunes(law: Law) -> Iterator[Finding]:
     where = name_of(law.retune)
     same = law.retune(driven.memory, steady(1)[0], driven.constants, driven.constants)
     if repr(same) != repr(driven.memory):
-        yield Finding(
+        yield LawFinding(
             "retune",
             where,
             f"constants that stay change the memory from {driven.memory!r} to {same!r}",
@@ -91,7 +91,7 @@ def retunes(law: Law) -> Iterator[Finding]:
         left = jump(driven.memory)
         taken = jump(law.retune(driven.memory, steady(1)[0], driven.constants, changed.constants))
         if not taken <= left * (1.0 + 1e-9) + 1e-9:
-            yield Finding(
+            yield LawFinding(
                 "retune",
                 where,
                 f"{name} = {1.25 * value:g} moves the command by {taken:.3g} N m at once, "
@@ -115,7 +115,7 @@ def _tunable(law: Law) -> dict[str, float]:
     }
 
 
-def keeps_time(law: Law) -> Iterator[Finding]:
+def keeps_time(law: Law) -> Iterator[LawFinding]:
     """Yield if the command depends on how many samples were taken, not on time."""
     efforts = []
     for dt in (DT, DT / 5.0):
@@ -125,7 +125,7 @@ def keeps_time(law: Law) -> Iterator[Finding]:
         efforts.append(driven.memory.effort)
     coarse, fine = efforts
     if abs(fine - coarse) > 0.05 * (abs(coarse) + 1.0):
-        yield Finding(
+        yield LawFinding(
             "time",
             name_of(law.update),
             f"0.5 s at an error of 0.2 rad give {coarse:.6g} N m with dt = {DT:g} s, {fine:.6g} N m with "

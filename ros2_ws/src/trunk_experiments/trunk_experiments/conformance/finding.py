@@ -11,7 +11,7 @@ from trunk_control.law import Law, Sample
 from trunk_control.pid import PidLaw
 
 
-class Finding(NamedTuple):
+class LawFinding(NamedTuple):
     """Something that a law does not keep, or a note about it."""
 
     check: str
@@ -26,12 +26,12 @@ class Finding(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Check:
+class LawCheck:
     """A check: its name, what it asserts, and its function of a law."""
 
     name: str
     asserts: str
-    run: Callable[[Law], Iterator[Finding]]
+    run: Callable[[Law], Iterator[LawFinding]]
 
 
 def name_of(function: Any) -> str:

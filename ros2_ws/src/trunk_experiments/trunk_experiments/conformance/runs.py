@@ -13,7 +13,7 @@ from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.recording.reader import Recording
 
 from ..plans.plan import RunPlan, make_plan
-from .finding import Finding, name_of
+from .finding import LawFinding, name_of
 
 _SHORT = ("simulator.duration=2.0",)
 
@@ -23,7 +23,7 @@ def short_plan(law: Law) -> RunPlan:
     return make_plan("demo", law.name, settings=_SHORT)
 
 
-def recomputes(law: Law) -> Iterator[Finding]:
+def recomputes(law: Law) -> Iterator[LawFinding]:
     """Yield what differs when a recorded run is recomputed from its recording."""
     from ..replay.verify import VERIFIED, verify
     from ..runs.offline_recording import record_offline
@@ -34,11 +34,11 @@ def recomputes(law: Law) -> Iterator[Finding]:
             record_offline(short_plan(law), path)
             verdict = verify(Recording.open(path))
         except TrunkError as error:
-            yield Finding("replay", name_of(law.update), str(error), "see the other findings")
+            yield LawFinding("replay", name_of(law.update), str(error), "see the other findings")
             return
     if verdict.exit_code != VERIFIED:
         said = "; ".join(verdict.reasons)
-        yield Finding(
+        yield LawFinding(
             "replay",
             name_of(law.update),
             f"trunk verify does not verify a run with it: {said}",
@@ -46,7 +46,7 @@ def recomputes(law: Law) -> Iterator[Finding]:
         )
 
 
-def compiles(law: Law) -> Iterator[Finding]:
+def compiles(law: Law) -> Iterator[LawFinding]:
     """Yield where compiled code differs from CPython; note what numba refuses."""
     from ..batch.check import first_difference
     from ..batch.closed_loop import Batch
@@ -59,7 +59,7 @@ def compiles(law: Law) -> Iterator[Finding]:
         if refused:
             factor = _seconds(plan) / max(_seconds(make_plan("demo", "pid", settings=_SHORT)), 1e-9)
             reason = refused[0].split("runs it: ", 1)[-1]
-            yield Finding(
+            yield LawFinding(
                 "compiled",
                 update,
                 f"not compilable: {reason}",
@@ -67,7 +67,7 @@ def compiles(law: Law) -> Iterator[Finding]:
                 note=True,
             )
     if difference is not None:
-        yield Finding(
+        yield LawFinding(
             "compiled",
             update,
             f"compiled code and CPython differ: {difference}",

@@ -14,7 +14,7 @@ from typing import Any
 from trunk_control.law import Law, from_scratch, unchanged
 from trunk_msgs_util.reached import reached
 
-from .finding import Finding, name_of
+from .finding import LawFinding, name_of
 
 # Exact, or rounded correctly everywhere.
 _EXACT = {
@@ -42,10 +42,10 @@ def functions_of(law: Law) -> list[FunctionType]:
     return list(found)
 
 
-def pure_source(law: Law) -> Iterator[Finding]:
+def pure_source(law: Law) -> Iterator[LawFinding]:
     """Yield where a function keeps state, reads a clock, draws at random or touches files."""
     if not isinstance(law.update, FunctionType):
-        yield Finding(
+        yield LawFinding(
             "source",
             repr(law.update),
             f"is a {type(law.update).__name__}",
@@ -57,7 +57,7 @@ def pure_source(law: Law) -> Iterator[Finding]:
                 yield problem
 
 
-def portable_source(law: Law) -> Iterator[Finding]:
+def portable_source(law: Law) -> Iterator[LawFinding]:
     """Yield calls of what the machine's mathematical library rounds in its own way."""
     for function in functions_of(law):
         for problem in _problems(function):
@@ -65,14 +65,14 @@ def portable_source(law: Law) -> Iterator[Finding]:
                 yield problem
 
 
-def _problems(function: FunctionType) -> Iterator[Finding]:
+def _problems(function: FunctionType) -> Iterator[LawFinding]:
     if function.__module__.startswith(_OURS):
         return
     where = name_of(function)
     try:
         tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
     except (OSError, SyntaxError):
-        yield Finding("source", where, "has no source that can be read", "define it in a file")
+        yield LawFinding("source", where, "has no source that can be read", "define it in a file")
         return
     for cell in function.__closure__ or ():
         if isinstance(cell.cell_contents, list | dict | set):
@@ -88,24 +88,26 @@ def _problems(function: FunctionType) -> Iterator[Finding]:
                 yield problem
 
 
-def _of_node(node: ast.AST, function: FunctionType, where: str) -> Iterator[Finding]:
+def _of_node(node: ast.AST, function: FunctionType, where: str) -> Iterator[LawFinding]:
     if isinstance(node, ast.Global | ast.Nonlocal):
         yield _state(where, f"changes {', '.join(node.names)} outside itself")
     elif isinstance(node, ast.Import | ast.ImportFrom):
-        yield Finding("source", where, "imports while it runs", "import at the top of the module")
+        yield LawFinding(
+            "source", where, "imports while it runs", "import at the top of the module"
+        )
     elif isinstance(node, ast.Attribute | ast.Subscript) and isinstance(node.ctx, ast.Store):
         target = ast.unparse(node)
         yield _state(where, f"writes to {target}")
     elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
         if not (isinstance(node.right, ast.Constant) and node.right.value in (2, 3, 4)):
-            yield Finding(
+            yield LawFinding(
                 "portable", where, f"computes {ast.unparse(node)}", "multiply, or use exp and log"
             )
     elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
         yield from _of_value(node, function, where)
 
 
-def _of_value(node: ast.expr, function: FunctionType, where: str) -> Iterator[Finding]:
+def _of_value(node: ast.expr, function: FunctionType, where: str) -> Iterator[LawFinding]:
     found, value = _resolved(node, function)
     if not found:
         return
@@ -118,24 +120,24 @@ def _of_value(node: ast.expr, function: FunctionType, where: str) -> Iterator[Fi
     module = getattr(value, "__module__", None) or ""
     if getattr(builtins, getattr(value, "__name__", ""), None) is value:
         if shown not in _BUILTINS:
-            yield Finding("source", where, f"calls {shown}", "a law computes, and nothing else")
+            yield LawFinding("source", where, f"calls {shown}", "a law computes, and nothing else")
     elif module == "math" or getattr(math, shown.rsplit(".", 1)[-1], None) is value:
         if shown.rsplit(".", 1)[-1] not in _EXACT and callable(value):
-            yield Finding("portable", where, f"calls {shown}", _PORTABLE)
+            yield LawFinding("portable", where, f"calls {shown}", _PORTABLE)
     elif module.split(".")[0] == "numpy" or type(value).__module__.split(".")[0] == "numpy":
         if callable(value):
-            yield Finding("portable", where, f"calls {shown} of NumPy", _PORTABLE)
+            yield LawFinding("portable", where, f"calls {shown} of NumPy", _PORTABLE)
         elif not isinstance(value, float):
             yield _state(where, f"uses {shown}, an array that may change")
     elif callable(value) and not isinstance(value, FunctionType):
-        yield Finding(
+        yield LawFinding(
             "source",
             where,
             f"calls {shown} of {module or type(value).__module__}",
             "no clock, no chance, no files: a law computes from what it is given",
         )
     elif isinstance(value, FunctionType) and value not in reached(function):
-        yield Finding(
+        yield LawFinding(
             "source",
             where,
             f"calls {shown} of {value.__module__}, which is not checked",
@@ -162,5 +164,5 @@ def _resolved(node: ast.expr, function: FunctionType) -> tuple[bool, Any]:
     return False, None
 
 
-def _state(where: str, what: str) -> Finding:
-    return Finding("source", where, what, "keep everything in the memory that update returns")
+def _state(where: str, what: str) -> LawFinding:
+    return LawFinding("source", where, what, "keep everything in the memory that update returns")

@@ -29,7 +29,7 @@ from .kernel import (
     REWARD,
     ROWS,
     Course,
-    Series,
+    EpisodeSeries,
     advance,
     observe,
 )
@@ -69,7 +69,7 @@ class Episodes:
         self._noisy = task.regular.seed is not None
         self._series = self._make_series(common.states, common.period_ns)
 
-    def _make_series(self, states: int, period_ns: int) -> Series:
+    def _make_series(self, states: int, period_ns: int) -> EpisodeSeries:
         regular = self.task.regular
         reference = np.empty((states, 1, 1))
         _quick(fill_references)(with_arrays(regular.profile), period_ns, 0, reference)
@@ -85,7 +85,7 @@ class Episodes:
         elif regular.signals is not None:
             acting = self._disturbances(regular.signals)[None]
         noise = np.empty((self.count if self._noisy else 0, states, 2))
-        return Series(reference.reshape(-1), acting, noise)
+        return EpisodeSeries(reference.reshape(-1), acting, noise)
 
     def _disturbances(self, signals: Signals) -> Floats:
         common = self.task.regular.common

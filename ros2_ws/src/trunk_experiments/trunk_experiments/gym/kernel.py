@@ -53,7 +53,7 @@ class Course(NamedTuple):
     fall_stop: bool
 
 
-class Series(NamedTuple):
+class EpisodeSeries(NamedTuple):
     """What comes in by time: [episodes, states, numbers]; one episode if all have the same, none: nothing."""
 
     reference: Floats  # [states]
@@ -65,7 +65,7 @@ def advance(
     course: Course,
     blocks: Floats,
     steps: Integers,
-    series: Series,
+    series: EpisodeSeries,
     history: Floats,
     actions: Floats,
 ) -> None:
@@ -188,7 +188,7 @@ def observe(
     course: Course,
     blocks: Floats,
     steps: Integers,
-    series: Series,
+    series: EpisodeSeries,
     history: Floats,
     out: Floats,
 ) -> None:

@@ -12,7 +12,16 @@ from ..batch.closed_loop import Batch
 from ..plans.plan import make_plan
 from .claims import CLAIMS, ClaimVerdict, judge
 from .errata import ERRATA, Erratum
-from .runs import BASELINES, OF_THE_PAPER, PROFILES, Run, Runs, cases, run_in_graph, run_offline
+from .runs import (
+    BASELINES,
+    OF_THE_PAPER,
+    PROFILES,
+    PaperRun,
+    Runs,
+    cases,
+    run_in_graph,
+    run_offline,
+)
 
 RATES = (500.0, 800.0, 1000.0, 2000.0, 4000.0, 8000.0)  # Hz
 RATE_KEYS = ("overshoot_deg", "iae", "effort", "peak_torque", "theta_max_deg")
@@ -42,7 +51,7 @@ class Reproduction:
         ]
 
     @property
-    def differing(self) -> list[Run]:
+    def differing(self) -> list[PaperRun]:
         """The graph runs whose bits differ from the offline runs'."""
         return [run for run in self.graph.values() if run.graph_differs != ""]
 
@@ -132,7 +141,7 @@ def as_json(result: Reproduction) -> dict[str, Any]:
             ],
         }
 
-    def run(r: Run) -> Any:
+    def run(r: PaperRun) -> Any:
         return {
             **r.case._asdict(),
             "metrics": r.metrics and r.metrics.as_dict(),

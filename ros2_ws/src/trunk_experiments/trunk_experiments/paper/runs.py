@@ -79,7 +79,7 @@ class Case(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Run:
+class PaperRun:
     """The result of a case. ``metrics`` is None if the plant diverged; then ``failure`` says when."""
 
     case: Case
@@ -98,7 +98,7 @@ class Run:
         return inf if value is None else float(value)
 
 
-Runs = dict[Case, Run]
+Runs = dict[Case, PaperRun]
 
 
 def cases(contenders: tuple[str, ...] = tuple(CONTENDERS)) -> Iterator[Case]:
@@ -122,19 +122,19 @@ def undershoot(table: RunTable) -> float:
     return max(0.0, degrees(np.max(side * past[crossed[0] :]))) if len(crossed) else 0.0
 
 
-def run_offline(case: Case, folder: Path) -> Run:
+def run_offline(case: Case, folder: Path) -> PaperRun:
     """Run a case without ROS, into a recording in the folder."""
     path = folder / f"{case.stem}.mcap"
     try:
         record_offline(case.plan(), path, overwrite=True)
     except DivergedError as error:
-        return Run(case, None, inf, str(error))
+        return PaperRun(case, None, inf, str(error))
     return _judged(case, path)
 
 
 def run_in_graph(
     case: Case, folder: Path, offline: Path, progress: Callable[[float], None] = lambda t: None
-) -> Run:
+) -> PaperRun:
     """Run a case in the node graph, in lock-step and composed, and compare its bits with the offline run's.
 
     Raises RunError if the graph fails.
@@ -146,6 +146,6 @@ def run_in_graph(
     return _judged(case, files.recording, "" if first is None else first.describe())
 
 
-def _judged(case: Case, path: Path, graph_differs: str | None = None) -> Run:
+def _judged(case: Case, path: Path, graph_differs: str | None = None) -> PaperRun:
     table = RunTable.from_run(RecordedRun.open(path))
-    return Run(case, metrics(table), undershoot(table), graph_differs=graph_differs)
+    return PaperRun(case, metrics(table), undershoot(table), graph_differs=graph_differs)

@@ -203,7 +203,7 @@ def _summed_up(run: RecordedRun, counts: Counter[str], times_ns: set[int]) -> It
             rosbag2.TopicCount(channel.topic, file.type_of(number), counts[channel.topic])
             for number, channel in file.channels.items()
         )
-        summary = rosbag2.Summary(told, min(times_ns, default=0), max(times_ns, default=0))
+        summary = rosbag2.BagSummary(told, min(times_ns, default=0), max(times_ns, default=0))
         values = dict(file.metadata_records).get(rosbag2.RECORD)
         try:
             expected = rosbag2.summary_record(summary)

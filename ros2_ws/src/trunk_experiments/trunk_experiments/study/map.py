@@ -38,7 +38,7 @@ _FLOQUET, _FALLEN, _BOUNDARY = COLORS[1], "#bdbdbd", "#000000"
 
 
 @dataclass(frozen=True)
-class Panel:
+class MapPanel:
     """One controller's map [y, x]; NaN where no run has a value."""
 
     controller: str
@@ -72,7 +72,7 @@ def panels(
     axes: tuple[str, str],
     with_floquet: bool,
     progress: Progress = lambda done, of: None,
-) -> list[Panel]:
+) -> list[MapPanel]:
     """Return a panel per controller. Raises StudyError for axes that are not a grid of numbers.
 
     ``progress`` is called with the number of points whose Floquet multipliers are done, and the total.
@@ -92,7 +92,7 @@ def panels(
 
 def _panel(
     results: Results, name: str, metric: str, axes: tuple[str, str], growth: Floats | None
-) -> Panel:
+) -> MapPanel:
     (x, i), (y, j) = (np.unique(results.column(axis), return_inverse=True) for axis in axes)
     fallen = results.fallen
     upright = np.where(fallen == 0.0, results.column(metric), np.nan)
@@ -106,7 +106,7 @@ def _panel(
         with np.errstate(invalid="ignore"):
             return sums / counts
 
-    return Panel(name, x, y, mean(upright), mean(fallen), mean(rms), growth)
+    return MapPanel(name, x, y, mean(upright), mean(fallen), mean(rms), growth)
 
 
 def _growth(results: Results, axes: tuple[str, str], progress: Progress) -> Mapping[str, Floats]:
@@ -169,7 +169,7 @@ def _growth_of(numbered: tuple[int, RunPlan]) -> tuple[int, float]:
         return number, nan
 
 
-def draw(found: list[Panel], metric: str, axes: tuple[str, str], title: str) -> Figure:
+def draw(found: list[MapPanel], metric: str, axes: tuple[str, str], title: str) -> Figure:
     """Return the panels side by side, with a common colour scale."""
     told = np.concatenate([panel.values[np.isfinite(panel.values)] for panel in found])
     low, high = np.percentile(told, (2, 98)) if len(told) else (0.0, 1.0)
@@ -187,7 +187,7 @@ def draw(found: list[Panel], metric: str, axes: tuple[str, str], title: str) -> 
     return figure
 
 
-def _draw_panel(plot: Axes, panel: Panel, limits: tuple[float, float]) -> Any:
+def _draw_panel(plot: Axes, panel: MapPanel, limits: tuple[float, float]) -> Any:
     plot.set_facecolor(_FALLEN)
     shown = np.ma.masked_invalid(np.where(panel.fallen > 0.5, np.nan, panel.values))
     mesh = plot.pcolormesh(
@@ -209,7 +209,9 @@ def _draw_panel(plot: Axes, panel: Panel, limits: tuple[float, float]) -> Any:
     return mesh
 
 
-def _line(plot: Axes, panel: Panel, values: Floats, level: float, color: str, dashes: Any) -> None:
+def _line(
+    plot: Axes, panel: MapPanel, values: Floats, level: float, color: str, dashes: Any
+) -> None:
     if min(values.shape) < 2 or np.isnan(values).all():
         return
     if np.nanmin(values) < level < np.nanmax(values):
@@ -226,7 +228,7 @@ def _geometric(values: Floats) -> bool:
     return bool(np.ptp(ratios) < 0.01 * ratios[0]) and ratios[0] > 1.001
 
 
-def _legend(found: list[Panel]) -> list[Any]:
+def _legend(found: list[MapPanel]) -> list[Any]:
     handles: list[Any] = [
         Patch(color=_FALLEN, label="fallen or diverged"),
         Line2D([], [], color=_BOUNDARY, label="simulated: half the runs fall"),

@@ -41,7 +41,7 @@ class TopicCount(NamedTuple):
     messages: int
 
 
-class Summary(NamedTuple):
+class BagSummary(NamedTuple):
     """What a bag holds: its topics in the order of their channels, and its log times, ns."""
 
     topics: tuple[TopicCount, ...]
@@ -57,7 +57,7 @@ def channel_metadata(topic: str, type_name: str) -> dict[str, str]:
     }
 
 
-def summary_record(summary: Summary) -> dict[str, str]:
+def summary_record(summary: BagSummary) -> dict[str, str]:
     """Return the values of the metadata record; it names no file, since a file may be renamed."""
     return {_SERIALIZED: _text(_information(summary))}
 
@@ -76,7 +76,7 @@ def metadata_yaml(record: Mapping[str, str], file: str) -> str:
     return _text({"rosbag2_bagfile_information": about}) + "\n"
 
 
-def _information(summary: Summary) -> dict[str, Any]:
+def _information(summary: BagSummary) -> dict[str, Any]:
     return {
         "version": _VERSION,
         "storage_identifier": "mcap",

@@ -39,7 +39,7 @@ class Parameters(NamedTuple):
     changed: list[tuple[str, int, tuple[Any, ...]]]
 
 
-class _Cursor:
+class _RunCursor:
     """A place in a message; numbers are aligned to their size, counted from after the head."""
 
     def __init__(self, data: bytes) -> None:
@@ -99,7 +99,7 @@ class _Cursor:
 def diagnostic_array(data: bytes) -> Status | None:
     """Return the content of a DiagnosticArray with one status; None if rosbags has to judge it."""
     try:
-        cursor = _Cursor(data)
+        cursor = _RunCursor(data)
         sec, nanosec = cursor.number(_STAMP, 4)
         cursor.text()  # frame_id
         if cursor.number(_COUNT, 4) != 1:
@@ -116,7 +116,7 @@ def diagnostic_array(data: bytes) -> Status | None:
 def parameter_event(data: bytes) -> Parameters | None:
     """Return the content of a ParameterEvent; None if rosbags has to judge it."""
     try:
-        cursor = _Cursor(data)
+        cursor = _RunCursor(data)
         sec, nanosec = cursor.number(_STAMP, 4)
         node = cursor.text()
         new, changed, _ = (cursor.several(cursor.parameter) for _ in range(3))
