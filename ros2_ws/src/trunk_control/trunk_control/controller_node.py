@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from functools import partial
 
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -190,4 +189,5 @@ class ControllerNode(TrunkNode[ControllerConfig]):
 
 def main(name: str) -> None:
     """Run the node of the law of this name."""
-    sys.exit(run_nodes({name: partial(ControllerNode, law_named(name))}, name))
+    # The law is loaded where an error of it becomes one line.
+    sys.exit(run_nodes({name: lambda: ControllerNode(law_named(name))}, name))

@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from trunk_experiments.cli import trunk
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
+from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.explain import explain
 from trunk_experiments.runs.offline_recording import record_offline
@@ -89,6 +90,23 @@ def test_between_updates_the_held_command_is_explained(short_run):
     assert found.update == 0.5
     assert found.windup.increment == pytest.approx(0.01 * found.terms.error)
     assert found.agrees
+
+
+def test_a_handover_has_limits_of_its_own(tmp_path):
+    """Without an integral, which could take the torque over, the command moves step by step."""
+    settings = ["simulator.duration=1.5", "pid.gains.i=0.0"]
+    plan = make_plan("demo", "fuzzy_pid", settings=settings, swaps=[Swap(1.02, "pid")])
+    path = tmp_path / "run.mcap"
+    record_offline(plan, path)
+    found = explain(RecordedRun.open(path), 1.03)
+    assert (found.handing_over, found.agrees) == (True, True)
+    low, high = found.limits
+    assert high - low == pytest.approx(2.0 * plan.controllers["pid"].handover_step)
+    assert found.terms.effort in found.limits
+    says = CliRunner().invoke(trunk, ["explain", str(path), "--at", "1.03"]).output
+    assert "limits of the handover" in says
+    before = explain(RecordedRun.open(path), 1.0)
+    assert (before.handing_over, before.limits) == (False, (-100.0, 100.0))
 
 
 def test_the_first_update_after_a_reset(tmp_path):

@@ -80,6 +80,9 @@ def test_coefficients_beyond_the_parameters_are_refused():
         ("0.1,0.2\n0.2,nan\n", "line 2: '0.2,nan'"),
         ("0,1\n" + "9" * 5000 + "\n", "line 2: '9999"),
         (b"\xff\xfe1,2\n", "not a text in UTF-8"),
+        ("x [kg],y\n1,2\n", "line 1: 'x [kg]': it is a mass"),
+        ("x [],y\n1,2\n", "line 1: 'x []'"),
+        ("x,y,z\n1,2\n", "line 1: 'x,y,z': give x and y, two columns"),
     ],
 )
 def test_a_bad_line_is_named(tmp_path, text, says):
@@ -87,6 +90,25 @@ def test_a_bad_line_is_named(tmp_path, text, says):
     file.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(PlanError, match=re.escape(says)):
         read_points(file)
+
+
+@pytest.mark.parametrize("header", ["x [mm],y [cm]", " x (mm) , y (cm) "])
+def test_the_units_of_the_header_count(tmp_path, header):
+    file = tmp_path / "gait.csv"
+    file.write_text(f"{header}\n0,100\n1500,-20\n")
+    x, y = read_points(file)
+    assert x == pytest.approx([0.0, 1.5], rel=1e-15)
+    assert y == pytest.approx([1.0, -0.2], rel=1e-15)
+
+
+def test_a_file_that_is_not_there_is_said_so(tmp_path):
+    with pytest.raises(PlanError, match="no such file: give a CSV file of x and y"):
+        read_points(tmp_path / "no.csv")
+
+
+def test_columns_the_wrong_way_round_are_refused_with_a_hint():
+    with pytest.raises(PlanError, match="x is the first column, in m"):
+        fit_path(np.linspace(0.0, 0.002, 71), points()[0], 3)
 
 
 def test_the_file_walks_for_the_plant_and_the_model(tmp_path):

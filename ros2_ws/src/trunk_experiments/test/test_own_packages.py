@@ -96,6 +96,42 @@ def test_one_that_numba_refuses_is_swept_by_cpython(tmp_path: Path) -> None:
     assert "not compilable" in swept.stderr
 
 
+def test_an_exception_of_a_law_is_a_line_with_its_place(tmp_path: Path) -> None:
+    for _ in controller_package("mine", tmp_path / "mine_source"):
+        pass
+    law = (tmp_path / "mine_source" / "mine" / "law.py").read_text()
+    law = law.replace("    wanted = ", "    unknown, of_two = (1.0,)\n    wanted = ")
+    install(tmp_path, "mine", "mine = mine:LAW", module=law)
+    line = 1 + law.splitlines().index("    unknown, of_two = (1.0,)")
+    said = f"mine.py, line {line}, in update: ValueError: not enough values to unpack"
+    run = trunk(tmp_path, "simulate", "fig8", "--controller", "mine", "-o", "a.mcap")
+    assert run.returncode == 1
+    assert "Traceback" not in run.stderr
+    assert said in run.stderr.splitlines()[-1]
+    assert run.stderr.splitlines()[-1].endswith("; trunk check controller mine tries it alone")
+    assert not (tmp_path / "a.mcap").exists()
+    check = trunk(tmp_path, "check", "controller", "mine")
+    found = [one for one in check.stdout.splitlines() if "ValueError" in one]
+    assert len(found) == 1
+    assert f"update, line {line}: raises ValueError" in found[0]
+
+
+def test_a_node_whose_law_cannot_be_loaded_says_so_in_a_line(tmp_path: Path) -> None:
+    install(tmp_path, "mine", "mine = mine:LAW", module="import no_such_module\n")
+    code = "from trunk_control.executables import of_law; of_law('mine')()"
+    path = os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]])
+    node = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert node.returncode == 2
+    (line,) = node.stderr.splitlines()
+    assert "cannot be loaded: ModuleNotFoundError: No module named 'no_such_module'" in line
+
+
 @pytest.mark.slow
 def test_a_recording_names_the_package_and_its_sources(tmp_path: Path) -> None:
     for _ in controller_package("mine", tmp_path / "mine_source"):
@@ -115,7 +151,10 @@ def test_a_recording_names_the_package_and_its_sources(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize("name", ["pid", "simulator", "Mine", "mine-too", "_mine", "m__e", "9mine"])
+@pytest.mark.parametrize(
+    "name",
+    ["pid", "simulator", "Mine", "mine-too", "_mine", "m__e", "9mine", "class", "numpy", "x"],
+)
 def test_names_that_a_new_controller_cannot_have(tmp_path: Path, name: str) -> None:
     run = trunk(tmp_path, "new", "controller", name)
     assert run.returncode == 2

@@ -88,6 +88,13 @@ def test_what_is_wrong_in_a_file_is_told(told, tmp_path):
         f"trunk: warning: {mine}: pid: parameter 'gains.p': -1.0 is not allowed: "
         "double, >= 0 and <= 1e+09\n"
     )
+    mine.write_text(
+        "disturbance:\n  ros__parameters:\n"
+        "    pulse: {channel: hip_effort, magnitude: 3 N, duration: 100ms}\n"
+    )
+    assert told("show", mine)[2] == ""
+    mine.write_text("disturbance:\n  ros__parameters: {pulse.duration: 100 kg}\n")
+    assert "it is a mass" in told("show", mine)[2]
     mine.write_text("pid:\n  ros__parameters: {gain.p: 1.0}\n")
     assert "did you mean 'gains.p'?" in told("show", mine)[2]
 

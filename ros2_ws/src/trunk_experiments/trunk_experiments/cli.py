@@ -143,6 +143,20 @@ def _code() -> int:
         raise
     except (TrunkError, OSError) as error:
         return _failed(line_of(error), tell(error))
+    except Exception as error:
+        line = _fault_of_a_law(error)
+        if not line:
+            raise
+        return _failed(say(line), EXIT_FAILED)
+
+
+def _fault_of_a_law(error: Exception) -> str:
+    """Return whose law raised it, if the verb knows controllers at all and it was one of another package."""
+    if f"{__package__}.plans.nodes" not in sys.modules:
+        return ""
+    from .plans.law_faults import fault_of_a_law
+
+    return fault_of_a_law(error)
 
 
 def _failed(why: str, code: int) -> int:

@@ -73,6 +73,8 @@ def as_values(
 
 
 def _show(name: str, done: Sequence[tuple[LawCheck, Sequence[LawFinding]]]) -> None:
+    from ..conformance import LawFinding
+
     rows = [
         (check.name, "kept" if kept(found) else "NOT KEPT", check.asserts) for check, found in done
     ]
@@ -82,6 +84,10 @@ def _show(name: str, done: Sequence[tuple[LawCheck, Sequence[LawFinding]]]) -> N
         ("check", "", "asserts"),
         rows,
     )
+    met: dict[tuple[str, str, str, bool], list[str]] = {}
     for _, found in done:
         for one in found:
-            click.echo(("note: " if one.note else "") + one.line())
+            met.setdefault((one.function, one.what, one.advice, one.note), []).append(one.check)
+    for (function, what, advice, note), checks in met.items():
+        one = LawFinding(", ".join(checks), function, what, advice, note)
+        click.echo(("note: " if note else "") + one.line())

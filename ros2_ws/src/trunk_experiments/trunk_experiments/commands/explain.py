@@ -62,6 +62,7 @@ def as_values(found: Explanation) -> dict[str, Any]:
         "by_model": found.by_model,
         "limits": [bound if isfinite(bound) else None for bound in found.limits],
         "limited": found.limited,
+        "handing_over": found.handing_over,
         "anti_windup": (
             None
             if found.windup is None
@@ -166,7 +167,11 @@ def _show(found: Explanation) -> None:
         ("quantity", "value", "unit"),
         [
             *(_own_terms(found) if windup is None else _shares(found)),
-            ("limits", "none" if free else f"{low:g} … {high:g}", "" if free else "N m"),
+            (
+                "limits of the handover" if found.handing_over else "limits",
+                "none" if free else f"{low:g} … {high:g}",
+                "" if free else "N m",
+            ),
             ("command" + (", limited" if found.limited else ""), f"{terms.effort:.6g}", "N m"),
             (
                 ("torque applied to the robot", "not known", "")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from importlib.util import find_spec
+from keyword import iskeyword
 from pathlib import Path
 
 import click
@@ -36,9 +38,12 @@ def controller(name: str, path: Path, as_json: bool) -> None:
 
     if not _NAME.fullmatch(name) or "__" in name:
         raise PlanError(
-            f"{name!r} is no name for a package and a node: small letters, digits and single "
-            "underscores, a letter first"
+            f"{name!r} is not a valid name for a package and a node: two or more small letters, digits "
+            "and single underscores, a letter first"
         )
+    spec = find_spec(name)
+    if iskeyword(name) or (spec is not None and spec.origin is not None):
+        raise PlanError(f"{name!r} is Python's own or an installed package: choose another name")
     if name in (*REGISTERED, *OTHERS):
         raise PlanError(f"{name!r} is taken by another node: choose another name")
     folder = path / name

@@ -83,11 +83,16 @@ def _declaration(section: Section, name: str) -> Declaration | None:
 
 def _refused(found: Iterable[Shown]) -> Iterable[str]:
     from trunk_msgs_util.parameters.declarations import ParameterError, check
+    from trunk_msgs_util.parameters.in_si import in_si
 
+    found = list(found)
     for one in found:
         if one.declaration is not None:
+            # What chooses its unit may stand beside it.
+            beside = {other.name: other.value for other in found if other.nodes == one.nodes}
             try:
-                check(one.declaration, one.value)
+                values = in_si({one.name: one.declaration}, {one.name: one.value}, beside)
+                check(one.declaration, values[one.name])
             except ParameterError as error:
                 yield f"{one.source}: {one.nodes}: {error}"
 

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..analysis.metrics import Metrics
-from ..console.common import FiniteRange, Function, Name
+from ..console.common import FiniteRange, Function
+from ..console.controller_name import ControllerName
 from ..console.document import json_option
 from ..console.outputs import check_output, output_options
 from ..console.progress import progress_bar
-from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, make_plan
 from .tuned import finish, finish_values, show_relay
 
@@ -158,7 +158,7 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
 
 @command.command("optimise")
 @_options
-@click.option("--controller", type=Name(CONTROLLERS), default="pid", show_default=True)
+@click.option("--controller", type=ControllerName(), default="pid", show_default=True)
 @click.option("--scenario", "scenarios", multiple=True, default=("fig6", "fig7"), show_default=True)
 @click.option("--metric", type=click.Choice(_METRICS), default="itae", show_default=True)
 @click.option("--generations", type=click.IntRange(1, 100_000), default=20, show_default=True)

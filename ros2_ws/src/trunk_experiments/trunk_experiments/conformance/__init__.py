@@ -7,6 +7,7 @@ the same checks are test functions for a package's own tests.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from traceback import extract_tb
 
 from trunk_control.laws import law_named
 
@@ -29,10 +30,10 @@ CHECKS = (
     LawCheck("finite", "nothing that comes in makes it not finite", finite_always),
     LawCheck("holds", "it holds where a sample is not usable", holds),
     LawCheck("limits", "a command keeps the limits", within_limits),
-    LawCheck("reset", "after a reset it is as new", reset),
+    LawCheck("reset", "after a reset it behaves like new", reset),
     LawCheck("takeover", "it takes over without a jump", takes_over),
     LawCheck("retune", "it takes new parameters without a jump of its own", retunes),
-    LawCheck("time", "it goes by time, not by samples", keeps_time),
+    LawCheck("time", "it depends on time, not on the number of samples", keeps_time),
     LawCheck("quick", "an update takes less than 0.2 ms", quick),
     LawCheck("compiled", "compiled code gives the same bits", compiles),
     LawCheck("replay", "a recording with it verifies", recomputes),
@@ -50,6 +51,10 @@ def findings_of(name: str, check: LawCheck) -> list[LawFinding]:
     except Exception as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         function = f"{law.update.__module__}.{law.update.__qualname__}"
+        law_file = law.update.__code__.co_filename
+        lines = [f.lineno for f in extract_tb(error.__traceback__) if f.filename == law_file]
+        if lines:
+            function += f", line {lines[-1]}"
         return [LawFinding(check.name, function, f"raises {reason}", "a law never raises")]
 
 

@@ -53,14 +53,16 @@ class FiniteRange(click.FloatRange):
 
 
 class Name(click.Choice[str]):
-    """One of some names; for another one it says which was meant."""
+    """One of some names; for another one it says which was meant, or else the ``hint``."""
+
+    hint = ""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return the name. Raises click.BadParameter if there is no such name."""
         if value not in self.choices:
             known = ", ".join(map(str, self.choices))
             meant = did_you_mean(str(value), map(str, self.choices))
-            self.fail(f"{value!r}: give one of {known}{meant}", param, ctx)
+            self.fail(f"{value!r}: give one of {known}{meant or self.hint}", param, ctx)
         return str(value)
 
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import click
 
-from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import parse_swap
-from .common import Function, Name, Number
+from .common import Function, Number
 from .complete import names_or_files, parameter_files, scenarios
+from .controller_name import ControllerName
 
 
 def markers_option(function: Function) -> Function:
@@ -31,7 +31,7 @@ def plan_options(function: Function, required: bool = True) -> Function:
             "--controller",
             default="fuzzy_pid",
             show_default=True,
-            type=Name(CONTROLLERS),
+            type=ControllerName(),
             help="The controller node.",
         ),
         click.option(

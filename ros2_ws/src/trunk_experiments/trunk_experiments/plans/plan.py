@@ -126,7 +126,7 @@ def make_plan(
     if controller not in CONTROLLERS:
         raise PlanError(
             f"no controller {controller!r}: give one of {', '.join(CONTROLLERS)}"
-            f"{did_you_mean(controller, CONTROLLERS)}"
+            f"{did_you_mean(controller, CONTROLLERS) or '; a package of your own is built and sourced first'}"
         )
     turns = turns_of(controller, swaps)
     layers = scenario_layers(scenario)

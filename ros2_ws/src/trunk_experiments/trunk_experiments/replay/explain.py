@@ -10,11 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from trunk_control.controller_config import ControllerConfig
+from trunk_control.decide import handover_law
 from trunk_control.fuzzy import fired_rules
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.law import LawMemory, LawTerms
 from trunk_control.laws import law_named
-from trunk_control.pid import Terms
+from trunk_control.pid import PidLaw, Terms
 from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util import topics
 from trunk_msgs_util.provenance import ARITHMETIC
@@ -75,7 +76,10 @@ class Explanation:
     terms: LawTerms
     units: Mapping[str, str]  # of the terms
     rules: tuple[Rule, ...]  # none for a plain PID
-    limits: tuple[float, float]  # N m, the controller's
+    limits: tuple[float, float]  # N m, in force at the update
+    handing_over: (
+        bool  # True: the limits are narrowed around the torque that acted (handover.max_step)
+    )
     windup: Windup | None  # None: the law is not of the PID's kind
     disturbance: Disturbance  # acting on plant and measurement at the update
     true_angle: float | None  # rad; None on a robot that is not ours
@@ -125,6 +129,8 @@ class _Update(NamedTuple):
     dt: float
     config: ControllerConfig
     took_over: bool  # from another controller, to whose torque the integral was set
+    handing_over: bool
+    law: PidLaw  # with the limits in force
 
 
 def explain(run: RecordedRun, at: float) -> Explanation:
@@ -135,8 +141,8 @@ def explain(run: RecordedRun, at: float) -> Explanation:
     names = [name for name in run.controllers if name in CONTROLLERS]
     if not names:
         raise RecordingError(
-            f"{run.path}: no controller of {', '.join(CONTROLLERS)} was recorded: "
-            "there is no torque to explain"
+            f"{run.path}: there is no torque to explain: "
+            f"{unknown_controllers(run.controllers) or 'no controller was recorded'}"
         )
     for name in names:
         if name not in run.parameters:
@@ -185,7 +191,8 @@ def explain(run: RecordedRun, at: float) -> Explanation:
         terms=terms,
         units=law_named(name).units,
         rules=_rules(terms, config) if isinstance(config, FuzzyPidConfig) else (),
-        limits=(config.u_clamp_min, config.u_clamp_max),
+        limits=(update.law.u_min, update.law.u_max),
+        handing_over=update.handing_over,
         windup=_windup(update) if isinstance(terms, Terms) else None,
         disturbance=acting_at(run.table(topics.DISTURBANCE), update.stamp_ns),
         true_angle=float(table.theta[at_update]) if ours else None,
@@ -207,6 +214,7 @@ def _last_update(run: RecordedRun, name: str, at_ns: int, commands: JointTable) 
         if state is None or not driven.turn(stamp_ns):
             continue
         before, takes_over = driven.controller.state, driven.controller.takes_over
+        moving, moved_to = driven.controller.memory.moving, driven.controller.memory.moved_to
         answer = driven.answer(stamp_ns)
         config = driven.timeline.config
         if answer.fresh:
@@ -220,6 +228,8 @@ def _last_update(run: RecordedRun, name: str, at_ns: int, commands: JointTable) 
                 driven.controller.memory.sample.dt,
                 config,
                 takes_over,
+                moving,
+                handover_law(config.law, moved_to, config.handover_step) if moving else config.law,
             )
     return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from math import isfinite, pi
 from pathlib import Path
 from typing import NamedTuple
@@ -10,7 +11,9 @@ import numpy as np
 
 from trunk_control.computed_torque_law import ComputedTorqueConfig
 from trunk_msgs_util.mechanics import path_height
-from trunk_msgs_util.parameters.declarations import Value, build
+from trunk_msgs_util.parameters.declarations import ParameterError, Value, build
+from trunk_msgs_util.parameters.in_si import read_quantity
+from trunk_msgs_util.parameters.quantity_text import UnitError
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_sim.config import SimulatorConfig
 
@@ -18,6 +21,7 @@ from ..errors import PlanError
 
 MOST_POINTS = 1_000_000
 _LONGEST = 1000  # characters of a line
+_UNIT = re.compile(r"[\[(]([^])]*)[])]\s*$")  # in brackets, at a heading's end
 _LEAST = (
     1e-6  # of the largest singular value: what the points determine worse counts as undetermined
 )
@@ -44,18 +48,23 @@ class PathFit(NamedTuple):
 
 
 def read_points(path: Path) -> tuple[Floats, Floats]:
-    """Return x and y [m] of a CSV file: two numbers a line with a comma between; a first line may name them.
+    """Return x and y [m] of a CSV file: an ``x,y`` pair per line; a header may give units, ``x [mm],y [mm]``.
 
-    Raises PlanError, which names the line, and OSError.
+    Without a unit in brackets they are in m. Raises PlanError, which names the line, and OSError.
     """
     points: list[tuple[float, float]] = []
+    scales = 1.0, 1.0
+    if not path.is_file():
+        raise PlanError(f"{path}: no such file: give a CSV file of x and y")
     try:
         with path.open(encoding="utf-8-sig") as file:
             for number, line in enumerate(iter(lambda: file.readline(_LONGEST), ""), 1):
                 found = _point(line)
                 if found is not None:
                     points.append(found)
-                elif line.strip() and number > 1:
+                elif number == 1:
+                    scales = _units(line, path)
+                elif line.strip():
                     raise PlanError(
                         f"{path}, line {number}: {line.strip()[:60]!r}: give x and y in m, two finite "
                         "numbers with a comma between"
@@ -64,7 +73,24 @@ def read_points(path: Path) -> tuple[Floats, Floats]:
                     raise PlanError(f"{path}: more than {MOST_POINTS} points: give fewer")
     except UnicodeDecodeError:
         raise PlanError(f"{path}: not a text in UTF-8: give a CSV file of x and y") from None
-    return np.array([x for x, _ in points]), np.array([y for _, y in points])
+    x, y = np.array(points).reshape(-1, 2).T * np.array([scales]).T
+    return x, y
+
+
+def _units(header: str, path: Path) -> tuple[float, float]:
+    """Return a metre's share of the units that a header gives. Raises PlanError."""
+    scales = []
+    for cell in header.split(","):
+        unit = _UNIT.search(cell)
+        try:
+            scales.append(read_quantity(f"1 {unit[1].strip()}", "m") if unit else 1.0)
+        except UnitError as error:
+            raise PlanError(f"{path}, line 1: {cell.strip()[:60]!r}: {error}") from None
+    if len(scales) != 2:
+        raise PlanError(
+            f"{path}, line 1: {header.strip()[:60]!r}: give x and y, two columns with a comma between"
+        )
+    return scales[0], scales[1]
 
 
 def _point(line: str) -> tuple[float, float] | None:
@@ -95,7 +121,13 @@ def fit_path(x: Floats, y: Floats, harmonics: int, period: float | None = None) 
     if not 0.0 < length < float("inf"):
         raise PlanError("the first x is the last: give the path's --period in m")
     k = 2.0 * pi / length
-    build(SimulatorConfig, {"path.wavenumber": k})
+    try:
+        build(SimulatorConfig, {"path.wavenumber": k})
+    except ParameterError as error:
+        raise PlanError(
+            f"a period of {length:g} m makes path.wavenumber {k:g} rad/m ({error.allowed}): "
+            "x is the first column, in m unless its header names another unit"
+        ) from None
     waves = np.outer(x * k, np.arange(1, harmonics + 1))
     columns = np.hstack([np.ones((len(x), 1)), np.cos(waves), np.sin(waves)])
     found, _, rank, _ = np.linalg.lstsq(columns, y, rcond=_LEAST)
