@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.lqr_law import LqrConfig
 from trunk_control.pid import Gains
+from trunk_experiments.cli import trunk
 from trunk_experiments.commands.tune import command
 from trunk_experiments.errors import PlanError, TuningError
 from trunk_experiments.plans.plan import make_plan
@@ -235,3 +236,20 @@ def test_a_file_is_not_overwritten(tmp_path):
     with pytest.raises(PlanError, match="--force"):
         invoke("poles", "-o", path)
     assert path.read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("setting", "says"),
+    [
+        ("pid.gains.p=4", "this computes the gains"),
+        ("recorder.output=a.mcap", "nothing is run"),
+        ("simulator.initial.position=[0,0.3]", "linearised about the upright"),
+        ("simulator.path.amplitude=2.0", "on level ground"),
+    ],
+)
+def test_what_has_no_effect_is_told(setting, says):
+    result = CliRunner().invoke(trunk, ["tune", "poles", "--set", setting])
+    assert result.exit_code == 0
+    (line,) = [one for one in result.stderr.splitlines() if setting in one]
+    assert line.startswith("trunk: warning: --set ")
+    assert says in line

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from math import radians
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,7 @@ from ..console.controller_name import ControllerName
 from ..console.document import json_option
 from ..console.outputs import check_output, output_options
 from ..console.progress import progress_bar
+from ..console.reading import show_warnings
 from ..plans.plan import RunPlan, make_plan
 from .tuned import finish, finish_values, show_relay
 
@@ -212,7 +213,21 @@ def _linear(controller: str, options: dict[str, Any]) -> tuple[RunPlan, Linear]:
 
     _check(options)
     plan = _plan(controller, options["params"], options["settings"], options["rate"])
+    show_warnings((*plan.warnings, *_without_effect(controller, options["settings"])))
     return plan, linearise(plan.simulator.body)
+
+
+def _without_effect(controller: str, settings: Sequence[str]) -> Iterator[str]:
+    """Yield what is set and does not enter gains of the linearised trunk."""
+    for setting in settings:
+        node, _, rest = setting.partition("=")[0].partition(".")
+        if node == controller and rest.startswith("gains."):
+            yield f"--set {setting}: no effect: this computes the gains"
+        elif node in ("recorder", "disturbance") or rest.startswith(("initial.", "path.")):
+            yield (
+                f"--set {setting}: no effect: nothing is run; the trunk is linearised about the upright, on "
+                "level ground"
+            )
 
 
 def _check(options: dict[str, Any]) -> None:
