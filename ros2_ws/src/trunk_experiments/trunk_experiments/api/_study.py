@@ -73,7 +73,7 @@ def grid(parameter: str | Sequence[str], values: Sequence[Any], *, how: How = "v
     """Return a variation over given values; all grids of a study are combined.
 
     ``parameter``: ``"NODE.PARAM"`` or ``"NODE.PARAM[INDEX]"``, or several that vary together; the node
-    ``controller`` is whichever runs. ``values``: numbers (a NumPy array will do), texts or bools.
+    ``controller`` is whichever runs. ``values``: numbers (a NumPy array too), strings or bools.
     ``how``: the value replaces the parameter, is a factor of it, or is added to it as an offset.
     """
     return _variation(parameter, how, {"values": plain(values)})

@@ -85,7 +85,7 @@ class Sweep:
         return int(self._results.table.num_rows)
 
     def __getitem__(self, column: str) -> NDArray[Any]:
-        """Return a column [runs]: whole numbers, float64 with NaN where there is no value, or texts.
+        """Return a column [runs]: whole numbers, float64 with NaN where there is no value, or strings.
 
         Raises StudyError for a name that no column has.
         """

@@ -52,13 +52,13 @@ def mapping_of(value: Any, what: str, such_as: str) -> Mapping[str, Any]:
 
 
 def names_of(value: AnyPath | Sequence[AnyPath], what: str) -> list[str]:
-    """Return names or paths as texts, one alone as a list of one. Raises PlanError for anything else."""
+    """Return names or paths as strings, one alone as a list of one. Raises PlanError for anything else."""
     found: Sequence[Any] = value if isinstance(value, list | tuple) else [value]
     return [str(path_of(one, what)) for one in found]
 
 
 def number_of(value: Any, what: str) -> Any:
-    """Return a number as Python's own, None or a text as it is. Raises PlanError for anything else."""
+    """Return a number as Python's own, None or a string as it is. Raises PlanError for anything else."""
     value = plain(value)
     if isinstance(value, bool) or not isinstance(value, int | float | str | None):
         raise PlanError(f"{what} {value!r}: a number is needed")
