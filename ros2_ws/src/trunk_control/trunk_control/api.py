@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from trunk_msgs_util.elementary import cos, exp, log, sin
-from trunk_msgs_util.parameters.declarations import parameter
+from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 
 from .computed_torque import Hip
 from .controller_config import ControllerConfig
-from .law import Law, Sample
-from .pid import Gains, PidState, limited, usable
+from .law import Law, Lookup, Sample
+from .pid import Gains, PidState, limited, pid_update, usable
 from .pid import PidLaw as Limits
 from .pid import Terms as PidTerms
 from .pid_kind import constant_gains, law_of_pid_kind
@@ -19,6 +19,8 @@ __all__ = [
     "Hip",
     "Law",
     "Limits",
+    "Lookup",
+    "ParameterError",
     "PidState",
     "PidTerms",
     "Sample",
@@ -29,6 +31,7 @@ __all__ = [
     "limited",
     "log",
     "parameter",
+    "pid_update",
     "sin",
     "usable",
 ]

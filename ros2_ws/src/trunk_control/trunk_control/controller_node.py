@@ -70,7 +70,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         self._controller.deactivate()
 
     def retune(self, config: ControllerConfig) -> None:
-        """Apply changed parameters between two samples, without a jump in the command."""
+        """Apply changed parameters between two samples; a law's `retune` keeps the command from jumping."""
         self._controller.retune(config)
         self._inputs.retune(config)
 

@@ -53,7 +53,7 @@ def plan_options(function: Function, required: bool = True) -> Function:
             "swaps",
             multiple=True,
             metavar="T:CONTROLLER",
-            help="Another controller takes over at T s, without a jump in torque; repeatable.",
+            help="Another controller takes over at T s, from the torque that acts; repeatable.",
         ),
         click.option(
             "--duration", type=Number("s"), metavar="S", help="Simulated time, s, or such as 2min."
