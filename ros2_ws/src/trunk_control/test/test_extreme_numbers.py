@@ -64,7 +64,15 @@ boxes = st.builds(
     st.tuples(positive, positive),
     st.tuples(positive, positive),
 )
-models = st.builds(Body, positive, positive, positive, not_negative, number, number, st.booleans())
+harmonics = st.none() | st.lists(st.tuples(number, number), min_size=1, max_size=3).map(
+    lambda pairs: tuple(one for pair in pairs for one in pair)
+)
+models = st.builds(
+    Body,
+    *(positive, positive, positive, not_negative, number, number),
+    st.booleans(),
+    harmonics=harmonics,
+)
 
 
 def pid_step(data):
