@@ -163,6 +163,16 @@ def test_a_long_run_steps_by_compiled_code_with_the_same_bits(values):
     assert list(trail(Simulation(long))) == list(trail(Simulation(short)))
 
 
+@pytest.mark.parametrize(
+    ("duration", "rate", "compiled"),
+    [(0.0, 200.0, False), (0.0, 1000.0, True), (10.0, 1000.0, False), (1000.0, 200.0, True)],
+)
+def test_only_a_run_with_many_steps_loads_the_compiler(duration, rate, compiled):
+    """An endless one counts as ten minutes."""
+    config = SimulatorConfig(duration=duration, update_rate=rate)
+    assert (Simulation(config)._act is not act) == compiled
+
+
 def test_a_path_that_changes_compiles_nothing_anew():
     long = SimulatorConfig(duration=1e6)
     simulation, expected = Simulation(long), Simulation(long, act)

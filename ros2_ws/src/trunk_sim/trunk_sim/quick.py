@@ -12,15 +12,15 @@ from .step import Plant, Trunk, act, at_rest
 
 Act = Callable[[Trunk, float, Disturbance, Plant], Trunk]
 
-# Runge-Kutta steps. Compiled code saves some microseconds in each; loading it takes
-# some tenths of a second, and compiling it, once for each version, some seconds.
-WORTH_COMPILING = 40_000
+# Runge-Kutta steps. Loading compiled code takes 0.7 s, and compiling it, once for each version, some seconds.
+WORTH_COMPILING = 40_000  # a loop, which saves some ten microseconds in each
+WORTH_A_STEP = 150_000  # a single step, which saves four
+ENDLESS_S = 600.0  # how long an endless run counts as
 
 
 def worth_compiling(config: SimulatorConfig) -> bool:
-    """Return True for a run that is long enough, or endless, to make up for loading the compiler."""
-    steps = config.duration * config.update_rate * config.substeps
-    return not 0.0 < steps < WORTH_COMPILING
+    """Return True for a run that is long enough to make up for loading a loop's compiled code."""
+    return _steps(config) >= WORTH_COMPILING
 
 
 def act_for(config: SimulatorConfig) -> Act:
@@ -28,7 +28,7 @@ def act_for(config: SimulatorConfig) -> Act:
 
     Both return the same bits.
     """
-    if not worth_compiling(config):
+    if _steps(config) < WORTH_A_STEP:
         return act
     try:
         from trunk_msgs_util.compiled import ready
@@ -36,6 +36,10 @@ def act_for(config: SimulatorConfig) -> Act:
         return act
     start = at_rest(config.initial_state, config.plant)
     return ready(act, start, 0.0, Disturbance(), _with_array(config.plant))
+
+
+def _steps(config: SimulatorConfig) -> float:
+    return (config.duration or ENDLESS_S) * config.update_rate * config.substeps
 
 
 def plant_for(function: Act, plant: Plant) -> Plant:
