@@ -1,0 +1,36 @@
+"""What scripts and the checks beside the tests import from the packages is there: no test runs them all."""
+
+from __future__ import annotations
+
+import ast
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FILES = [
+    path
+    for folder in ("scripts", "tests")
+    for path in sorted((ROOT / folder).rglob("*.py"))
+    if not path.name.startswith("test_")
+]
+
+
+def missing(path: Path) -> list[str]:
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("trunk_"):
+            module = import_module(str(node.module))
+            for one in node.names:
+                if not hasattr(module, one.name):
+                    try:
+                        import_module(f"{node.module}.{one.name}")
+                    except ImportError:
+                        found.append(f"{node.module}.{one.name}")
+    return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_what_it_imports_is_there(path: Path) -> None:
+    assert missing(path) == []
