@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from click.testing import CliRunner
 
@@ -84,3 +86,8 @@ def test_a_run_is_not_written_over_its_own_scenario(tmp_path):
     assert isinstance(done.exception, PlanError)
     assert f"it is read by this command ({files.parameters})" in str(done.exception)
     assert files.parameters.read_text() == text
+
+
+def test_the_root_is_no_run_s_folder():
+    with pytest.raises(PlanError, match="the root of all files: give a folder below it"):
+        RunFiles.for_run(make_plan("demo", "pid"), Path("/"))

@@ -48,6 +48,8 @@ class RunFiles:
         files = cls(folder, replaces=bool(force))
         if os.path.lexists(folder) and not folder.is_dir():
             raise PlanError(f"output {folder}: it is not a folder: give another")
+        if folder.absolute() == Path(folder.absolute().anchor):
+            raise PlanError(f"output {folder}: it is the root of all files: give a folder below it")
         for file in files.all:
             if os.path.lexists(file):
                 files._check_replaceable(file, "" if force is None else ", or --force")
