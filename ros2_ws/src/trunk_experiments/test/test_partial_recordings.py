@@ -28,7 +28,7 @@ def whole(short_run):
     return short_run("fig8", "fuzzy_pid", duration=0.3)
 
 
-def copy(source, path, keep=lambda name, data, index: True, edit=None):
+def copy(source, path, keep=lambda name, data, index: True, edit=None, stopped=False):
     """Copy the messages of a run for which ``keep(relative topic, CDR, index)`` is true, edited."""
     run = Recording.open(source)
     with RecordingWriter(path) as writer:
@@ -42,6 +42,8 @@ def copy(source, path, keep=lambda name, data, index: True, edit=None):
                         copied = edit(name.removeprefix("/"), data) if edit else data
                         writer.write(channel, log, log, copied)
                     index += 1
+        if stopped:
+            writer.finish(complete=False, reason="the recorder was stopped")
     return path
 
 
@@ -67,6 +69,24 @@ def test_a_file_cut_between_a_command_and_its_terms_differs_in_nothing(whole, tm
         with path.open("rb") as file:
             last = make_reader(file).get_summary().chunk_indexes[-1]
         path.write_bytes(path.read_bytes()[: last.chunk_start_offset + last.chunk_length])
+        assert verify(Recording.open(path)).exit_code == expected
+
+
+@pytest.mark.parametrize("topic", [STATE, topics.EFFORT_COMMAND])
+def test_a_recorder_that_is_stopped_between_a_command_and_its_terms_accuses_nobody(
+    whole, tmp_path, topic
+):
+    count = Recording.open(whole).topics[f"/{topic}"].count
+    # A command that is missing before the last terms ends what can be judged, terms do not.
+    beyond = DIVERGES if topic == STATE else UNJUDGED
+    for cut, expected in ((1, UNJUDGED), (2, beyond)):
+        dropped = range(count - cut, count)
+        path = copy(
+            whole,
+            tmp_path / f"{cut}.mcap",
+            lambda name, data, index, dropped=dropped: name != topic or index not in dropped,
+            stopped=True,
+        )
         assert verify(Recording.open(path)).exit_code == expected
 
 

@@ -110,16 +110,17 @@ def missed_from_ns(run: RecordedRun) -> int | None:
 
 
 def cut_off_ns(run: RecordedRun) -> int | None:
-    """Return the last command's stamp if a file that was not finished ends before its terms; else None.
+    """Return the last answer's stamp if an incomplete recording lacks its command or terms; else None.
 
-    A chunk may end between the two: what was not written yet is no difference.
+    A chunk may end between the two, and a recorder that is stopped: what is not there is no difference.
     """
     commands = run.table(topics.EFFORT_COMMAND).stamp_ns
-    if run.recording.end is not None or not len(commands):
+    if (run.recording.end or {}).get("complete") == "true" or not len(commands):
         return None
-    last = int(commands.max())
-    told = (run.table(topics.controller_state(name)).stamp_ns for name in run.controllers)
-    return None if any((stamps == last).any() for stamps in told) else last
+    told = [run.table(topics.controller_state(name)).stamp_ns for name in run.controllers]
+    last = max(int(stamps.max()) for stamps in (commands, *told) if len(stamps))
+    both = (commands == last).any() and any((stamps == last).any() for stamps in told)
+    return None if both else last
 
 
 def recorded_until_ns(run: RecordedRun) -> int | None:
