@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 from trunk_msgs_util.parameters.config import ManagedConfig
 from trunk_msgs_util.parameters.declarations import ParameterError, parameter
+from trunk_msgs_util.parameters.rows import check_rows, times_parameter
 from trunk_msgs_util.parameters.table_keys import FILE, ONLY_PLANNED, TableFile
 from trunk_msgs_util.units import nanoseconds, period_ns
 
@@ -75,15 +76,9 @@ class ControllerConfig(ManagedConfig):
     reference_frequency: float = parameter(
         "reference.frequency", 0.5, "Frequency of the sine", unit="Hz", minimum=0.0, maximum=1e5
     )
-    reference_times: tuple[float, ...] = parameter(
+    reference_times: tuple[float, ...] = times_parameter(
         "reference.times",
-        (),
         "When the levels of the sequence begin, or the times of the points, ascending",
-        unit="s",
-        element=float,
-        longest=10_000,
-        minimum=0.0,
-        maximum=1e6,
     )
     reference_values: tuple[float, ...] = parameter(
         "reference.values",
@@ -169,14 +164,7 @@ class ControllerConfig(ManagedConfig):
             raise ParameterError(
                 "u_clamp_max", self.u_clamp_max, f"greater than u_clamp_min ({self.u_clamp_min:g})"
             )
-        if len(self.reference_values) != len(self.reference_times):
-            raise ParameterError(
-                "reference.values",
-                self.reference_values,
-                f"as many as reference.times ({len(self.reference_times)})",
-            )
-        if list(self.reference_times) != sorted(self.reference_times):
-            raise ParameterError("reference.times", self.reference_times, "ascending times")
+        check_rows("reference", self.reference_times, self.reference_values)
         if self.reference_profile == "interpolated" and not self.reference_times:
             raise ParameterError(
                 "reference.profile", "interpolated", "at least one of reference.times is needed"

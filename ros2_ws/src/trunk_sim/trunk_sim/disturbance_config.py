@@ -13,6 +13,7 @@ from trunk_msgs_util.parameters.declarations import (
     Value,
     parameter,
 )
+from trunk_msgs_util.parameters.rows import check_rows, times_parameter
 from trunk_msgs_util.parameters.table_keys import TableFile
 from trunk_msgs_util.units import nanoseconds, period_ns
 
@@ -66,15 +67,8 @@ class DisturbanceConfig(ManagedConfig):
         "What the pulses act on: a force, a torque, or an offset on a measurement",
         choices=CHANNELS,
     )
-    pulse_start_times: tuple[float, ...] = parameter(
-        "pulse.start_times",
-        (),
-        "When the pulses start",
-        unit="s",
-        element=float,
-        longest=10_000,
-        minimum=0.0,
-        maximum=1e6,
+    pulse_start_times: tuple[float, ...] = times_parameter(
+        "pulse.start_times", "When the pulses start"
     )
     pulse_duration: float = parameter(
         "pulse.duration", 0.1, "How long each lasts", unit="s", minimum=0.0, maximum=1e6
@@ -127,16 +121,7 @@ class DisturbanceConfig(ManagedConfig):
     table_channel: str = parameter(
         "table.channel", "trunk_effort", "What the table acts on", choices=CHANNELS
     )
-    table_times: tuple[float, ...] = parameter(
-        "table.times",
-        (),
-        "Times of its rows, ascending",
-        unit="s",
-        element=float,
-        longest=10_000,
-        minimum=0.0,
-        maximum=1e6,
-    )
+    table_times: tuple[float, ...] = times_parameter("table.times", "Times of its rows, ascending")
     table_values: tuple[float, ...] = _magnitude(
         "table",
         "values",
@@ -160,14 +145,7 @@ class DisturbanceConfig(ManagedConfig):
                 self.pulse_random_until,
                 f"at least pulse.random_from ({self.pulse_random_from:g})",
             )
-        if len(self.table_values) != len(self.table_times):
-            raise ParameterError(
-                "table.values",
-                self.table_values,
-                f"as many as table.times ({len(self.table_times)})",
-            )
-        if list(self.table_times) != sorted(self.table_times):
-            raise ParameterError("table.times", self.table_times, "ascending times")
+        check_rows("table", self.table_times, self.table_values)
         if self.noise_high <= self.noise_low:
             raise ParameterError(
                 "noise.high_frequency",
