@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from traceback import extract_tb
@@ -16,8 +17,9 @@ _OURS = "trunk_control"
 def fault_of_a_law(error: BaseException) -> str:
     """Return what is wrong with which law, and where, if one of another package raised it; else empty."""
     for frame in reversed(extract_tb(error.__traceback__)):
-        for name, folder in _places():
-            if folder in Path(frame.filename).resolve().parents:
+        file = Path(frame.filename).resolve()
+        for name, place in _places():
+            if place == file or place in file.parents:
                 what = " ".join(f"{type(error).__name__}: {error}".split())
                 return (
                     f"controller {name!r}: {frame.filename}, line {frame.lineno}, in {frame.name}: {what}; "
@@ -27,7 +29,11 @@ def fault_of_a_law(error: BaseException) -> str:
 
 
 def _places() -> Iterator[tuple[str, Path]]:
-    """Yield laws of other packages and the folders of their sources."""
+    """Yield laws of other packages, each with its package's folder or, where it is one, its module's file."""
     for name in CONTROLLERS:
-        if NODES[name].package != _OURS:
-            yield name, Path(law_named(name).update.__code__.co_filename).resolve().parent
+        update = law_named(name).update
+        top = str(getattr(update, "__module__", "")).partition(".")[0]
+        file = getattr(sys.modules.get(top), "__file__", None)
+        if NODES[name].package != _OURS and top != _OURS and file is not None:
+            path = Path(file).resolve()
+            yield name, path.parent if path.name == "__init__.py" else path
