@@ -100,6 +100,9 @@ def test_a_handover_has_limits_of_its_own(tmp_path):
     record_offline(plan, path)
     found = explain(RecordedRun.open(path), 1.03)
     assert (found.handing_over, found.agrees) == (True, True)
+    first = explain(RecordedRun.open(path), 1.02)
+    assert (first.took_over, first.handing_over, first.agrees) == (True, True, True)
+    assert first.terms.effort in first.limits
     low, high = found.limits
     assert high - low == pytest.approx(2.0 * plan.controllers["pid"].handover_step)
     assert found.terms.effort in found.limits

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isclose
+from math import isclose, isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from trunk_control.fuzzy import fired_rules
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.law import LawMemory, LawTerms
 from trunk_control.laws import law_named
-from trunk_control.pid import PidLaw, Terms
+from trunk_control.pid import PidLaw, Terms, limited
 from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util import topics
 from trunk_msgs_util.provenance import ARITHMETIC
@@ -215,6 +215,12 @@ def _last_update(run: RecordedRun, name: str, at_ns: int, commands: JointTable) 
             continue
         before, takes_over = driven.controller.state, driven.controller.takes_over
         moving, moved_to = driven.controller.memory.moving, driven.controller.memory.moved_to
+        if takes_over:
+            acted = driven.measured(stamp_ns, "effort")[driven.joint]
+            moving, moved_to = (
+                True,
+                limited(acted if isfinite(acted) else 0.0, driven.timeline.config.law),
+            )
         answer = driven.answer(stamp_ns)
         config = driven.timeline.config
         if answer.fresh:

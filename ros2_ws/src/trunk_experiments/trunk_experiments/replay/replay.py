@@ -87,7 +87,7 @@ class DrivenController:
         """Return the measured angle and rate at a stamp; None if that state was not recorded."""
         if stamp_ns not in self.states:
             return None
-        position, velocity = (self._measured(stamp_ns, q) for q in ("position", "velocity"))
+        position, velocity = (self.measured(stamp_ns, q) for q in ("position", "velocity"))
         return position[self.joint], velocity[self.joint]
 
     @property
@@ -95,7 +95,7 @@ class DrivenController:
         uses: bool = self.timeline.config.uses_rate
         return uses
 
-    def _measured(self, stamp_ns: int, quantity: str) -> Sequence[float]:
+    def measured(self, stamp_ns: int, quantity: str) -> Sequence[float]:
         """Return a quantity of a state, zeros where the node went on without it."""
         needed = quantity == "position" or (quantity == "velocity" and self._needs_velocity)
         if not needed and not self.states.values(quantity).shape[1]:
@@ -146,7 +146,7 @@ class DrivenController:
     def answer(self, stamp_ns: int) -> Answer:
         """Return the active controller's answer to a recorded state."""
         positions, velocities, efforts = (
-            self._measured(stamp_ns, q) for q in ("position", "velocity", "effort")
+            self.measured(stamp_ns, q) for q in ("position", "velocity", "effort")
         )
         told = stamp_ns in self.terms
         return self.controller.decide(
