@@ -36,6 +36,15 @@ def trunk(site: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+def own_law(folder: Path, old: str = "", new: str = "") -> str:
+    """Return the law of a new package, with a text in it replaced."""
+    for _ in controller_package("mine", folder / "mine_source"):
+        pass
+    law = (folder / "mine_source" / "mine" / "law.py").read_text()
+    assert old in law
+    return law.replace(old, new)
+
+
 ONE_OF_OURS = "from trunk_control.pid_law import LAW\n"
 BAD = {
     "raises": (
@@ -78,10 +87,7 @@ def test_two_of_one_name_are_refused_by_both_packages_names(tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_one_that_numba_refuses_is_swept_by_cpython(tmp_path: Path) -> None:
-    for _ in controller_package("mine", tmp_path / "mine_source"):
-        pass
-    law = (tmp_path / "mine_source" / "mine" / "law.py").read_text()
-    law = law.replace("    wanted = ", "    _ = {str(k): k for k in range(2)}\n    wanted = ")
+    law = own_law(tmp_path, "    wanted = ", "    _ = {str(k): k for k in range(2)}\n    wanted = ")
     install(tmp_path, "mine", "mine = mine:LAW", module=law)
     run = trunk(tmp_path, "check", "controller", "mine")
     (note,) = [line for line in run.stdout.splitlines() if line.startswith("note: compiled")]
@@ -97,10 +103,7 @@ def test_one_that_numba_refuses_is_swept_by_cpython(tmp_path: Path) -> None:
 
 
 def test_an_exception_of_a_law_is_a_line_with_its_place(tmp_path: Path) -> None:
-    for _ in controller_package("mine", tmp_path / "mine_source"):
-        pass
-    law = (tmp_path / "mine_source" / "mine" / "law.py").read_text()
-    law = law.replace("    wanted = ", "    unknown, of_two = (1.0,)\n    wanted = ")
+    law = own_law(tmp_path, "    wanted = ", "    unknown, of_two = (1.0,)\n    wanted = ")
     install(tmp_path, "mine", "mine = mine:LAW", module=law)
     line = 1 + law.splitlines().index("    unknown, of_two = (1.0,)")
     said = f"mine.py, line {line}, in update: ValueError: not enough values to unpack"
@@ -134,9 +137,7 @@ def test_a_node_whose_law_cannot_be_loaded_says_so_in_a_line(tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_a_recording_names_the_package_and_its_sources(tmp_path: Path) -> None:
-    for _ in controller_package("mine", tmp_path / "mine_source"):
-        pass
-    law = (tmp_path / "mine_source" / "mine" / "law.py").read_text()
+    law = own_law(tmp_path)
     install(tmp_path, "mine", "mine = mine:LAW", module=law)
     run = ("simulate", "fig8", "--controller", "mine", "--duration", "0.2", "-o", "a.mcap")
     assert trunk(tmp_path, *run).returncode == 0
@@ -149,6 +150,31 @@ def test_a_recording_names_the_package_and_its_sources(tmp_path: Path) -> None:
         r"package mine: recorded with 0\.1, sources (\w{12}); here 0\.1, sources (?!\1)\w{12}$",
         line,
     )
+    # With our controllers alone nobody needs the package.
+    ours = ("simulate", "fig8", "--controller", "pid", "--duration", "0.2", "-o", "pid.mcap")
+    assert trunk(tmp_path, *ours).returncode == 0
+    (tmp_path / "mine.py").write_text(law)
+    assert "package mine" not in trunk(tmp_path, "verify", "pid.mcap").stdout
+
+
+def test_whoever_stands_beside_a_law_is_not_the_law(tmp_path: Path) -> None:
+    """In the folder of a law that is one module there are other packages."""
+    install(tmp_path, "mine", "mine = mine:LAW", module=own_law(tmp_path))
+    (tmp_path / "other.py").write_text("def divide():\n    return 1 / 0\n")
+    code = (
+        "import other\nfrom trunk_experiments.plans.law_faults import fault_of_a_law\n"
+        "try:\n    other.divide()\nexcept ZeroDivisionError as error:\n"
+        "    print(repr(fault_of_a_law(error)))\n"
+    )
+    path = os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]])
+    run = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert run.stdout == "''\n"
 
 
 @pytest.mark.parametrize(

@@ -69,12 +69,12 @@ def _sources(modules: list[str]) -> str:
     for module in modules:
         with suppress(ImportError, ValueError, OSError):
             spec = find_spec(module)
-            folders = (spec and spec.submodule_search_locations) or ()
-            files = [file for folder in folders for file in Path(folder).rglob("*.py")]
+            folders = [Path(one) for one in (spec and spec.submodule_search_locations) or ()]
+            files = [(one.relative_to(f), one) for f in folders for one in f.rglob("*.py")]
             if spec is not None and not folders and spec.origin:
-                files = [Path(spec.origin)]
-            for file in sorted(files):
-                digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+                files = [(Path(Path(spec.origin).name), Path(spec.origin))]
+            for name, file in sorted(files):
+                digest.update(name.as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
     return digest.hexdigest()[:12]
 
 

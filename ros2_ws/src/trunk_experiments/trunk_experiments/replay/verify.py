@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from trunk_msgs_util.provenance import PACKAGE, packages_of_laws
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import seconds
 
-from ..plans.nodes import CONTROLLERS, unknown_controllers
+from ..plans.nodes import CONTROLLERS, NODES, unknown_controllers
 from ..recorded.run import RecordedRun
 from ..recorded.turns import idle_ns
 from .as_planned import not_as_planned
@@ -60,6 +60,7 @@ def verdict_on(run: RecordedRun) -> Verdict:
     verdict = Verdict()
     verdict.obstacles += filter(None, [recording.unfinished, *recording.further_warnings])
     verdict.altered = recording.alterations()
+    verdict.notes += _other_packages(run)
     uncovered = recording.undigested()
     if uncovered:
         verdict.obstacles.append(f"no digests of {', '.join(uncovered)}: an edit would not show")
@@ -87,16 +88,20 @@ def verdict_on(run: RecordedRun) -> Verdict:
         verdict.obstacles.append(f"recorded parameters cannot be used: {error}")
     except RecordingError as error:
         verdict.obstacles.append(str(error).removeprefix(f"{recording.path}: "))
-    verdict.notes += _other_packages(recording.provenance)
     verdict.notes += [
         f"{kind} is the node {recording.topic(kind)}" for kind in sorted(recording.renamed)
     ]
     return verdict
 
 
-def _other_packages(provenance: Mapping[str, str]) -> list[str]:
-    """Return a line for each package of controllers that is not here as it was when the run was recorded."""
-    told = {name: value for name, value in provenance.items() if name.startswith(PACKAGE)}
+def _other_packages(run: RecordedRun) -> list[str]:
+    """Return a line for each package of controllers that is not here as it was when the run was recorded.
+
+    None where all controllers of the run are ours.
+    """
+    if all(name in NODES and NODES[name].package == "trunk_control" for name in run.controllers):
+        return []
+    told = {n: v for n, v in run.recording.provenance.items() if n.startswith(PACKAGE)}
     here = packages_of_laws() if told else {}
     return [
         f"{name}: recorded with {value}; here {here.get(name, 'it is not installed')}"
