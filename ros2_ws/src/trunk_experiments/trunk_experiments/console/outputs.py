@@ -13,9 +13,8 @@ from typing import Any
 
 import click
 
-from trunk_msgs_util.real_path import real_path
-
 from ..errors import PlanError
+from ..recorded.name import name_of_run
 from .document import json_asked
 
 _STDOUT = (Path("/dev/stdout"), Path("/dev/fd/1"))
@@ -102,10 +101,7 @@ def default_name(run: Path, suffix: str) -> Path:
 
     ``fig8/run.mcap`` and ``fig8`` give ``fig8.png``; ``mine.mcap`` gives ``mine.png``.
     """
-    name = run.stem if run.suffix == ".mcap" else run.name
-    if run.name == "run.mcap" or not name:
-        name = real_path(run).parent.name if run.name == "run.mcap" else real_path(run).name
-    return Path(f"{name or 'run'}{suffix}")
+    return Path(f"{name_of_run(run) or 'run'}{suffix}")
 
 
 def _is_same(path: Path, other: Path) -> bool:

@@ -15,7 +15,6 @@ from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.real_path import real_path
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
@@ -24,6 +23,7 @@ from trunk_sim.disturbances import CHANNELS, pulse
 
 from ..analysis.run_table import RunTable
 from ..plans.nodes import CONTROLLERS
+from ..recorded.name import name_of_run, place_of
 from ..recorded.run import RecordedRun
 from ..recorded.turns import Turn, recorded_turns
 
@@ -190,25 +190,14 @@ def labels(views: Sequence[RunView], name: Callable[[RunView], str] | None = Non
     ``run.mcap``, which is in every run's folder, goes by the folder's name. ``name`` gives other names to
     start from.
     """
-    names = [name(view) if name else _name(view.path) for view in views]
+    names = [name(view) if name else name_of_run(view.path) for view in views]
     if name is None and len(set(names)) < len(names):
-        names = [f"{_place(view.path).parent.name}/{_name(view.path)}" for view in views]
+        names = [f"{place_of(view.path).parent.name}/{name_of_run(view.path)}" for view in views]
     elif len(set(names)) < len(names):
-        names = [f"{n}, {_name(view.path)}" for n, view in zip(names, views, strict=True)]
+        names = [f"{n}, {name_of_run(view.path)}" for n, view in zip(names, views, strict=True)]
     if len(set(names)) < len(names):
         names = [f"{n} #{i}" for i, n in enumerate(names, 1)]
     return names
-
-
-def _name(path: Path) -> str:
-    """Return a recording's name: its folder's, or its file's without suffix."""
-    place = _place(path)
-    return path.stem if path.suffix and place.name == path.name else place.name
-
-
-def _place(path: Path) -> Path:
-    """Return the file or folder that a recording goes by: ``run.mcap`` is in every run's folder."""
-    return real_path(path).parent if path.name == "run.mcap" else real_path(path)
 
 
 def same_pulses(views: Sequence[RunView]) -> list[Pulse]:
