@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +22,6 @@ from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
 from trunk_msgs_util.recording.series import Column, Series, joint_names, read_series, series_of
 from trunk_msgs_util.topics import JOINT_STATE_TYPE
-from trunk_msgs_util.units import seconds
 
 from .joint_table import JointTable
 
@@ -100,7 +98,7 @@ class RecordedRun:
     def joined(self) -> Sequence[str]:
         """Controllers of the graph that may not have been planned: they gave parameters and came up."""
         up = {self.recording.relative(e.node) for e in self.events if e.message == Event.CONFIGURED}
-        return tuple(name for name in _usable() if name in up and name in self.parameters)
+        return tuple(name for name in usable() if name in up and name in self.parameters)
 
     @cached_property
     def parameters(self) -> Mapping[str, Mapping[str, Value]]:
@@ -122,7 +120,7 @@ class RecordedRun:
 
         A law has parameters on record, whether or not its package is installed here.
         """
-        known = set(_usable()) & {*self.controllers, *self.parameters}
+        known = set(usable()) & {*self.controllers, *self.parameters}
         lawful = known or set(self.controllers) & set(self.parameters)
         plant = "simulator" in self.parameters
         return self.mode == "offline" and plant and bool(self.controllers) and not lawful
@@ -130,7 +128,7 @@ class RecordedRun:
     @cached_property
     def judgeable(self) -> Sequence[str]:
         """The controllers whose laws and parameters are known."""
-        return [n for n in self.controllers if n in _usable() and n in self.parameters]
+        return [n for n in self.controllers if n in usable() and n in self.parameters]
 
     @cached_property
     def begin_ns(self) -> int:
@@ -259,7 +257,7 @@ class RecordedRun:
         changed = self.parameter_changes(node)
         # The plant's turns are pauses, in which simulated time stands still.
         wanted = (Event.RETUNED, Event.RESET) + (
-            (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP) if node in _usable() else ()
+            (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP) if node in usable() else ()
         )
         events = [event for event in self.events if event.node == name and event.message in wanted]
         retuned = [event for event in events if event.message == Event.RETUNED]
@@ -297,60 +295,13 @@ class RecordedRun:
         return Timeline(self.config(node), self.changes(node))
 
     def plan(self) -> RunPlan:
-        """Return the plan of the recorded run, as many steps as were recorded, and what happened in it.
+        """Return the plan of the recorded run, as `recorded.plan.plan_of` does."""
+        from .plan import plan_of
 
-        Raises RecordingError if the recording lacks something that this needs.
-        """
-        from trunk_msgs_util.parameters.config import RecorderConfig
-
-        from ..plans.nodes import unknown_controllers
-        from ..plans.plan import RunPlan
-
-        if reason := self.cannot_be_recomputed():
-            raise RecordingError(f"{self.path}: {reason}")
-        controllers = self.controllers
-        if not controllers or not set(controllers) <= set(_usable()):
-            raise RecordingError(
-                f"{self.path}: it cannot be run again: "
-                f"{unknown_controllers(controllers) or 'no controller was recorded'}"
-            )
-        states = self.count(topics.GROUND_TRUTH)
-        missing = {*controllers, "simulator"} - set(self.parameters)
-        if missing or not states:
-            what = f"parameters of {', '.join(sorted(missing))}" if missing else "true states"
-            raise RecordingError(f"{self.path}: no {what} recorded: it cannot be run again")
-        simulator = self.config("simulator")
-        plan = RunPlan(
-            scenario=self.recording.provenance.get("scenario", ""),
-            simulator=replace(simulator, duration=seconds((states - 1) * simulator.period_ns)),
-            controllers={name: self.config(name) for name in controllers},
-            disturbance=self.config("disturbance") if "disturbance" in self.parameters else None,
-            recorder=RecorderConfig(controllers=tuple(controllers)),
-        )
-        changes = {name: self.changes(name) for name in plan.configs}
-        return replace(
-            plan,
-            changes={name: found for name, found in changes.items() if found},
-            references=self._references(),
-        )
-
-    def _references(self) -> dict[int, float]:
-        """Return the controllers' references that came by topic and are in no parameter."""
-        found: dict[int, float] = {}
-        for name in self.controllers:
-            told = any(
-                (change.values or {}).get("reference.profile") == "topic"
-                for change in self.changes(name)
-            )
-            if told or self.config(name).reference_profile == "topic":
-                terms = self.table(topics.controller_state(name))
-                values = terms.values("position")
-                if len(terms) and values.shape[1]:
-                    found |= dict(zip(terms.stamps, values[:, 0].tolist(), strict=True))
-        return found
+        return plan_of(self)
 
 
-def _usable() -> tuple[str, ...]:
+def usable() -> tuple[str, ...]:
     """Return the names of the controllers whose laws are known here."""
     from ..plans.nodes import CONTROLLERS
 
