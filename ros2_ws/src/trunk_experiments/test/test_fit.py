@@ -81,6 +81,7 @@ def test_coefficients_beyond_the_parameters_are_refused():
         ("0,1\n" + "9" * 5000 + "\n", "line 2: '9999"),
         (b"\xff\xfe1,2\n", "not a text in UTF-8"),
         ("x [kg],y\n1,2\n", "line 1: 'x [kg]': it is a mass"),
+        ("0.1,0.2 m\n1,2\n", "line 1: '0.1,0.2 m': give x and y in m"),
         ("x [],y\n1,2\n", "line 1: 'x []'"),
         ("x,y,z\n1,2\n", "line 1: 'x,y,z': give x and y, two columns"),
     ],

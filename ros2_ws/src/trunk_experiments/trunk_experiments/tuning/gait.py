@@ -22,6 +22,7 @@ from ..errors import PlanError
 MOST_POINTS = 1_000_000
 _LONGEST = 1000  # characters of a line
 _UNIT = re.compile(r"[\[(]([^])]*)[])]\s*$")  # in brackets, at a heading's end
+_STARTS_A_NUMBER = re.compile(r"\s*[-+.\d]")
 _LEAST = (
     1e-6  # of the largest singular value: what the points determine worse counts as undetermined
 )
@@ -62,7 +63,7 @@ def read_points(path: Path) -> tuple[Floats, Floats]:
                 found = _point(line)
                 if found is not None:
                     points.append(found)
-                elif number == 1:
+                elif number == 1 and not _STARTS_A_NUMBER.match(line):
                     scales = _units(line, path)
                 elif line.strip():
                     raise PlanError(
