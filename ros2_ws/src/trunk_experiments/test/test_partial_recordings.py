@@ -57,15 +57,17 @@ def without_parameters_of(node):
     )
 
 
+def without_the_last(source, path, topic, count, stopped=False):
+    """Copy a run without so many of the last messages of a topic."""
+    first = Recording.open(source).topics[f"/{topic}"].count - count
+    return copy(
+        source, path, lambda name, data, index: name != topic or index < first, stopped=stopped
+    )
+
+
 def test_a_file_cut_between_a_command_and_its_terms_differs_in_nothing(whole, tmp_path):
-    states = Recording.open(whole).topics[f"/{STATE}"].count
     for cut, expected in ((1, UNJUDGED), (2, DIVERGES)):
-        dropped = range(states - cut, states)
-        path = copy(
-            whole,
-            tmp_path / f"{cut}.mcap",
-            lambda name, data, index, dropped=dropped: name != STATE or index not in dropped,
-        )
+        path = without_the_last(whole, tmp_path / f"{cut}.mcap", STATE, cut)
         with path.open("rb") as file:
             last = make_reader(file).get_summary().chunk_indexes[-1]
         path.write_bytes(path.read_bytes()[: last.chunk_start_offset + last.chunk_length])
@@ -76,17 +78,10 @@ def test_a_file_cut_between_a_command_and_its_terms_differs_in_nothing(whole, tm
 def test_a_recorder_that_is_stopped_between_a_command_and_its_terms_accuses_nobody(
     whole, tmp_path, topic
 ):
-    count = Recording.open(whole).topics[f"/{topic}"].count
     # A command that is missing before the last terms ends what can be judged, terms do not.
     beyond = DIVERGES if topic == STATE else UNJUDGED
     for cut, expected in ((1, UNJUDGED), (2, beyond)):
-        dropped = range(count - cut, count)
-        path = copy(
-            whole,
-            tmp_path / f"{cut}.mcap",
-            lambda name, data, index, dropped=dropped: name != topic or index not in dropped,
-            stopped=True,
-        )
+        path = without_the_last(whole, tmp_path / f"{cut}.mcap", topic, cut, stopped=True)
         assert verify(Recording.open(path)).exit_code == expected
 
 
