@@ -91,7 +91,9 @@ class Run:
         pid = self._pid()
         self.peer.until_started(self.child)
         file = self.folder / "run.mcap"
-        until(lambda: states_in(file) > 50, "50 states are on the disk")
+        goes_on = self.child.process.poll
+        until(lambda: goes_on() is not None or states_in(file) > 50, "50 states are on the disk")
+        assert goes_on() is None, self.child.stderr
         return self._kill(pid)
 
     def _stopping(self) -> Callable[[int], None]:

@@ -20,7 +20,6 @@ from trunk_experiments.runs.processes import find_executable
 
 # A process that was told to end, directly or by what started it, may need so long on the busiest machine.
 _LEFT_S = 60.0
-_OF_FAST_DDS = re.compile(r"^.*RTPS_TRANSPORT_SHM.*\n", re.MULTILINE)
 _TOKEN = "TRUNK_TEST_TOKEN"
 
 
@@ -45,12 +44,8 @@ class Child:
 
     @property
     def stdout(self) -> str:
-        """What it has printed, without what Fast DDS has: it puts complaints of its shared memory there.
-
-        Every process of the machine that uses DDS takes part in that memory, those of other tests too.
-        """
-        printed = (self.folder / f"{self.name}.out").read_text(errors="replace")
-        return _OF_FAST_DDS.sub("", printed)
+        """What it has printed."""
+        return (self.folder / f"{self.name}.out").read_text(errors="replace")
 
     @property
     def stderr(self) -> str:

@@ -289,7 +289,8 @@ def test_a_recorder_that_was_inactive_for_a_while(
         assert child.stop() == 0, child.stderr
     recording = Recording.open(tmp_path / "run.mcap")
     turns = [e.message for e in recording.events() if e.node == "/recorder"]
-    assert turns[-2:] == ["deactivated", "activated"]
+    # On a busy machine it says only then that it is ready.
+    assert [turn for turn in turns if turn != "ready"][-2:] == ["deactivated", "activated"]
     verdict = verify(recording)
     assert verdict.exit_code == UNJUDGED, verdict
     assert any("the recorder was inactive from" in text for text in verdict.obstacles)

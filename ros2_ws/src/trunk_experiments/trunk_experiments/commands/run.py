@@ -76,7 +76,7 @@ def command(
     if not plan.simulator.duration:
         raise PlanError("simulator: duration is 0: a recorded run needs an end; give --duration S")
     # What ROS 2 cannot use is refused before a folder is made.
-    middleware.prepare(participants=1 + (1 if composed else len(plan.configs)))
+    middleware.prepare()
     if output is not None:
         for file in RunFiles(output).all:
             check_not_read(file, files_read(options))

@@ -66,7 +66,7 @@ def run_graph(
     RunError naming the node that ended the run and why; by then every process has been stopped and the
     recording finished.
     """
-    middleware.prepare(participants=1 + (1 if composed else len(plan.configs)))
+    middleware.prepare()
     files.logs.mkdir(parents=True, exist_ok=True)
     plan = files.record(plan)
     running: dict[str, NodeProcess] = {}
