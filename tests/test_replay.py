@@ -13,7 +13,12 @@ from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import replay, replay_plant, stretches
-from trunk_experiments.replay.replay import judged, replay_controllers, replay_disturbance
+from trunk_experiments.replay.replay import (
+    driven_controllers,
+    judged,
+    replay_controllers,
+    replay_disturbance,
+)
 from trunk_experiments.replay.replay_plant import PlantReplay
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
@@ -80,7 +85,7 @@ def whole(tmp_path_factory):
 def all_checked(run, until_ns=None):
     """Return all that the three replays check, by name."""
     return {
-        "commands": list(replay_controllers(run, run.controllers, until_ns)),
+        "commands": list(replay_controllers(run, driven_controllers(run), until_ns)),
         "disturbances": list(replay_disturbance(run, until_ns)),
         "plant": list(PlantReplay(run, until_ns)),
     }
@@ -173,7 +178,7 @@ def test_one_bit_of_a_disturbance_is_found_in_its_place(whole, tmp_path, quantit
 @pytest.mark.parametrize("step", [0, 25, 60])
 def test_one_bit_of_a_command_is_found_in_its_place(whole, tmp_path, step):
     run = planted(whole, tmp_path / "planted.mcap", "effort_command", step, "effort", 0)
-    (found,) = [d for one in replay_controllers(run, run.controllers) for d in one.found]
+    (found,) = [d for one in replay_controllers(run, driven_controllers(run)) for d in one.found]
     assert (found.stamp_ns, found.topic) == (step * MS, "effort_command")
     assert found.field == "effort[trunk]"
     assert found.recorded == nextafter(found.computed, inf)
@@ -183,7 +188,7 @@ def test_one_bit_of_a_command_is_found_in_its_place(whole, tmp_path, step):
 def test_one_bit_of_a_controllers_terms_is_found_in_its_place(whole, tmp_path, column):
     topic = "fuzzy_pid/state"
     run = planted(whole, tmp_path / "planted.mcap", topic, 5, "position", column)
-    (found,) = [d for one in replay_controllers(run, run.controllers) for d in one.found]
+    (found,) = [d for one in replay_controllers(run, driven_controllers(run)) for d in one.found]
     assert (found.stamp_ns, found.topic) == (25 * MS, topic)
     assert found.field == f"position[{STATE_NAMES[column]}]"
 
@@ -198,7 +203,7 @@ def without(topic, index):
 def test_a_command_to_a_state_that_is_not_there_cannot_be_computed(whole, tmp_path):
     copy = copied(whole, tmp_path / "p.mcap", without("joint_states", 25), digests=NONE)
     run = RecordedRun(copy)
-    first = next(d for one in replay_controllers(run, run.controllers) for d in one.found)
+    first = next(d for one in replay_controllers(run, driven_controllers(run)) for d in one.found)
     assert (first.stamp_ns, first.topic, first.field) == (25 * MS, "joint_states", "missing")
 
 
@@ -259,5 +264,5 @@ def test_a_run_without_disturbances_is_passed_over_too(tmp_path, way):
     record_offline(plan, path)
     checked = list(PlantReplay(RecordedRun.open(path)))
     assert [d for one in checked for d in one.found] == []
-    assert len(checked) == (21 if way == "step by step" else 1)
+    assert len(checked) == (21 if way == "step by step" else 2)  # the last state is looked at
     assert replay_plant.acting_at(RecordedRun.open(path).table("disturbance"), 0) == Disturbance()

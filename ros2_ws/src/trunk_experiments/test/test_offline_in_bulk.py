@@ -101,7 +101,7 @@ def same_origin(monkeypatch):
 
 def one_by_one(plan, path):
     """Record a run as the nodes would: message by message."""
-    record_offline_of = offline_recording._OfflineRecorder
+    record_offline_of = offline_recording.OfflineRecorder
     acting = disturbance_source(plan)
     simulator = plan.simulator
 
@@ -121,6 +121,10 @@ def one_by_one(plan, path):
                 self.put(topics.DISTURBANCE, sample)
 
         def write(self, step):
+            while self._changes and self._changes[-1][1].stamp_ns < step.stamp_ns:
+                node, change = self._changes.pop()
+                for topic, data in self._told(node, change):
+                    self._put(topic, change.stamp_ns, data)
             for name, active in step.turned:
                 self.say(Event.ACTIVATED if active else Event.DEACTIVATED, {}, name)
             self.put(topics.GROUND_TRUTH, step.truth)
@@ -164,7 +168,7 @@ def one_by_one(plan, path):
             self.step, self.table, self.falls = step, [0], [0] if step.falls else []
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(offline_recording, "_OfflineRecorder", OneByOne)
+        patch.setattr(offline_recording, "OfflineRecorder", OneByOne)
         patch.setattr(OneByOne, "write", lambda self, some, w=OneByOne.write: w(self, some.step))
         patch.setattr(offline_recording, "states_in_stretches", lambda p: map(Fell, steps(p)))
         return outcome(plan, path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import ClassVar
 
 from trunk_msgs_util.elementary import LARGEST_ANGLE
@@ -54,6 +55,22 @@ class Simulation:
         self._delay = DelayLine(config.delay_steps)
         self.retune(config)
         self._begin()
+
+    @classmethod
+    def resumed(
+        cls,
+        config: SimulatorConfig,
+        step_index: int,
+        trunk: Trunk,
+        falls_now: bool,
+        past: Iterable[PlantState],
+    ) -> Simulation:
+        """Return the simulation at a state of a run; ``past``: the true states that its sensors still see."""
+        one = cls(config)
+        one.step_index, one.trunk, one.falls_now = step_index, trunk, falls_now
+        for state in past:
+            one._delay.push(state)
+        return one
 
     def retune(self, config: SimulatorConfig) -> None:
         """Change plant, sensor or limit parameters; the state stays."""

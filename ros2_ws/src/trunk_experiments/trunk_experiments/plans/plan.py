@@ -186,7 +186,8 @@ def make_plan(
     )
 
 
-def _checked(plan: RunPlan, with_units: Mapping[str, Collection[str]]) -> RunPlan:
+def check_rates(plan: RunPlan) -> None:
+    """Raise PlanError for a controller whose period is not a whole number of the simulator's steps."""
     plant = plan.simulator.update_rate
     for name, controller in plan.controllers.items():
         control = controller.update_rate
@@ -201,6 +202,10 @@ def _checked(plan: RunPlan, with_units: Mapping[str, Collection[str]]) -> RunPla
                 f"{name}: update_rate {control:g} Hz is not an integer divisor of the "
                 f"simulator's {plant:g} Hz: its period would not be a whole number of steps"
             )
+
+
+def _checked(plan: RunPlan, with_units: Mapping[str, Collection[str]]) -> RunPlan:
+    check_rates(plan)
     check_joints(plan)
     check_turns(plan)
     return with_values(

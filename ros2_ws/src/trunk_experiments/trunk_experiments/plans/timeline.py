@@ -51,6 +51,11 @@ class Timeline:
         self._changes = sorted(changes, key=lambda change: change.stamp_ns)[::-1]
 
     @property
+    def to_come(self) -> list[Change]:
+        """The changes that have not been applied yet, in their order."""
+        return self._changes[::-1]
+
+    @property
     def next_ns(self) -> float:
         """The stamp after which the next change takes effect; infinite if there is none."""
         return self._changes[-1].stamp_ns if self._changes else inf
@@ -83,5 +88,6 @@ class Timeline:
 
 def begins_active(config: ControllerConfig, changes: Iterable[Change]) -> bool:
     """Return True if a controller acts from the first state on although no event says so."""
-    told = any(change.event == Event.ACTIVATED for change in changes)
-    return config.autostart and not config.active_times and not told
+    turns = (Event.ACTIVATED, Event.DEACTIVATED)
+    first = next((change.event for change in changes if change.event in turns), None)
+    return config.autostart and not config.active_times and first != Event.ACTIVATED

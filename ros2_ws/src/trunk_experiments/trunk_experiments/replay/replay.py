@@ -7,7 +7,7 @@ is equal; where something is not, this module checks step by step.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
 from typing import NamedTuple
 
@@ -162,6 +162,11 @@ class DrivenController:
         )
 
 
+def driven_controllers(run: RecordedRun) -> dict[str, DrivenController]:
+    """Return all controllers of a run by name. Raises as `DrivenController` does."""
+    return {node: DrivenController(run, node) for node in run.controllers}
+
+
 class CommandWindows:
     """The record of a controller's commands for compiled code, so many rows at a time."""
 
@@ -223,13 +228,12 @@ def judged(stamps: Integers, until_ns: int | None) -> Integers:
 
 
 def replay_controllers(
-    run: RecordedRun, nodes: Sequence[str], until_ns: int | None = None
+    run: RecordedRun, driven: Mapping[str, DrivenController], until_ns: int | None = None
 ) -> Iterator[Checked]:
     """Yield what differs in each recorded command, and in its terms.
 
     In real time a controller acted on those states that its commands answer.
     """
-    driven = {node: DrivenController(run, node) for node in nodes}
     commands = run.table(topics.EFFORT_COMMAND)
     # A file does not keep the order between publishers.
     stamps = judged(np.sort(commands.stamp_ns), until_ns)
@@ -258,7 +262,7 @@ def replay_controllers(
 
 
 def _records(
-    driven: dict[str, DrivenController], commands: JointTable, stamps: Integers
+    driven: Mapping[str, DrivenController], commands: JointTable, stamps: Integers
 ) -> dict[str, CommandWindows]:
     """Return the records for compiled code; none if that is not worthwhile or not possible."""
     if not worth_compiling(stamps):

@@ -15,14 +15,16 @@ from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.noise import Noise, noise_samples
 from trunk_sim.plant import PlantState
+from trunk_sim.simulation import Simulation
 from trunk_sim.step import Trunk, act, at_rest, in_force, noisy, pruned, sense
 
+from ..plans.timeline import Change
 from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
 from ..recorded.turns import idle_ns
 from . import replay, stretches
 from .bits import same
-from .real_time import PossibleDisturbances
+from .real_time import PossibleDisturbances, exact_from_ns
 from .replay import Checked, Difference, acting_at, compare, disturbances_matrix, judged
 
 _QUANTITIES = ("position", "velocity", "effort")
@@ -51,7 +53,9 @@ class PlantReplay:
         self._noise = Noise(config.seed)
         self._windowed = -1, False
         self._held_window: tuple[int, stretches.PlantRecord]
-        self._possible = None if run.exact else PossibleDisturbances(self._disturbances)
+        self._possible = (
+            None if run.exact else PossibleDisturbances(self._disturbances, exact_from_ns(run))
+        )
         self._acting: list[tuple[int, Disturbance]] = []
         self._held = _held(run, self._commands)
         self._steps = self._stamps // config.period_ns
@@ -83,9 +87,25 @@ class PlantReplay:
                 yield Checked(stamp_ns, (), passed, last_ns=last_ns)
                 continue
             yield Checked(stamp_ns, self._looked_at(stamp_ns))
-            if not self._step(stamp_ns):
+            if self._row + 1 == len(self._stamps) or not self._step(stamp_ns):
                 return
             self._row += 1
+
+    def resumed(self) -> Simulation:
+        """Return the simulation before the last state that was judged; call it after all have been."""
+        past = range(max(self._row - self._delay_steps, self._remembered), self._row)
+        return Simulation.resumed(
+            self._timeline.config,
+            int(self._steps[self._row]),
+            self._trunk,
+            self._falls,
+            [self._recorded(row) for row in past],
+        )
+
+    @property
+    def to_come(self) -> list[Change]:
+        """The simulator's changes that take effect after the last state that was judged."""
+        return self._timeline.to_come
 
     def _pass_over(self) -> int:
         """Skip states that are as recorded; return how many."""
@@ -93,7 +113,7 @@ class PlantReplay:
         begin, record = self._window(before)
         # A change stamped k came while state k was the latest: it acts on the step to k + 1.
         last = int(np.searchsorted(self._stamps, self._timeline.next_ns))
-        last = min(last, begin + len(record.truth))
+        last = min(last, begin + len(record.truth), len(self._stamps) - 1)
         row, self._trunk, self._falls = stretches.compiled_plant()(
             before - begin,
             max(last, before) - begin,

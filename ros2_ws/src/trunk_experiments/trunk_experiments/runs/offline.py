@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 from trunk_control.controller import Controller, hip_index, hip_seen
@@ -36,15 +36,39 @@ class Step(NamedTuple):
     falls: bool  # the trunk fell in this state
 
 
+class Begun(NamedTuple):
+    """A run before one of its states: where `steps` begins, or goes on.
+
+    ``effort`` [N m] and ``told_ns`` are the last command and its stamp.
+    """
+
+    simulation: Simulation
+    controllers: Mapping[str, Controller]
+    told_ns: int = 0
+    effort: float = 0.0
+    by_hand: bool = False  # nobody may be active for a while
+
+
+def begun(plan: RunPlan, act: Act | None = None) -> Begun:
+    """Return a plan's run before its first state; ``act`` is that of the `Simulation`."""
+    controllers = {name: Controller(config) for name, config in plan.controllers.items()}
+    for name, controller in controllers.items():
+        if not begins_active(plan.controllers[name], plan.changes.get(name, ())):
+            controller.deactivate()
+    simulation = Simulation(plan.simulator, act)
+    plan.timeline("simulator").advance(0, simulation)  # changes before the first state act on it
+    # Only a recorded run has a gap between two controllers: its last command counts until it is too old.
+    by_hand = any(plan.changes.get(name) for name in plan.controllers)
+    return Begun(simulation, controllers, by_hand=by_hand)
+
+
 class _Participant:
     """A controller in an offline run: it follows every state, and answers in its turns."""
 
-    def __init__(self, name: str, plan: RunPlan) -> None:
+    def __init__(self, name: str, controller: Controller, plan: RunPlan) -> None:
         config, joints = plan.controllers[name], plan.simulator.joints
         self.name = name
-        self.controller = Controller(config)
-        if not begins_active(config, plan.changes.get(name, ())):
-            self.controller.deactivate()
+        self.controller = controller
         self._timeline = plan.timeline(name)
         self._references = plan.references
         self._index = joints.index(config.joint)
@@ -103,16 +127,21 @@ def steps(plan: RunPlan, act: Act | None = None) -> Iterator[Step]:
     DivergedError (after the last finite step) if the loop is unstable.
     """
     check(plan)
-    simulator = plan.simulator
-    simulation = Simulation(simulator, act)
+    yield from steps_from(plan, begun(plan, act))
+
+
+def steps_from(plan: RunPlan, begin: Begun) -> Iterator[Step]:
+    """Yield the steps of a run from a state on, whose nodes ``begin`` holds. Raises as `steps` does.
+
+    The plan has the configurations in force at that state, and what changes from it on.
+    """
+    simulator, simulation = plan.simulator, begin.simulation
     of_simulator = plan.timeline("simulator")
-    participants = [_Participant(name, plan) for name in plan.controllers]
+    participants = [_Participant(name, one, plan) for name, one in begin.controllers.items()]
     disturbances = disturbance_source(plan)
     last = step_count(simulator.duration, simulator.update_rate)
-    of_simulator.advance(0, simulation)  # changes before the first state act on it
-    # Only a recorded run has a gap between two controllers: its last command counts until it is too old.
-    by_hand = any(plan.changes.get(name) for name in plan.controllers)
-    told_ns, effort = 0, 0.0
+    of_simulator.advance(simulation.stamp_ns)  # `begin` has them
+    told_ns, effort, by_hand = begin.told_ns, begin.effort, begin.by_hand
     while True:
         stamp_ns = simulation.stamp_ns
         acting = disturbances(stamp_ns)

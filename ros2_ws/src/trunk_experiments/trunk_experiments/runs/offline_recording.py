@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -75,7 +76,7 @@ def _record(
     diverged = None
     states = states_of(plan)
     with whole_file(path, overwrite=overwrite) as part, RecordingWriter(part) as writer:
-        run = _OfflineRecorder(plan, answering, writer)
+        run = OfflineRecorder(plan, answering, writer)
         run.open()
         try:
             for some in stretches:
@@ -83,11 +84,13 @@ def _record(
                 progress(run.states, states)
         except DivergedError as error:
             diverged = error
+            run.put_changes_to_come()
             run.failed(str(error))
             writer.finish(complete=False, reason=str(error))
         else:
             fell = len(some.table) - 1 in some.falls and plan.simulator.fall_stop
             reason = "the trunk has fallen" if fell else "finished"
+            run.put_changes_to_come()
             run.finished(reason)
             writer.finish(complete=True, reason=reason)
     if diverged is not None:
@@ -95,39 +98,71 @@ def _record(
     return run.states
 
 
-class _OfflineRecorder:
+class Within(NamedTuple):
+    """Where in a recording the states of a run are written: by default they are all that is in it."""
+
+    first: int = 0  # index of the first state
+    ahead_ns: int = 0  # log times less stamps
+    name: Callable[[str], str] = "/{}".format  # the absolute name of a topic or node
+
+
+class OfflineRecorder:
     """Records what the nodes would have published, stamped and logged in simulated time."""
 
-    def __init__(self, plan: RunPlan, answering: Sequence[str], writer: RecordingWriter) -> None:
+    def __init__(
+        self,
+        plan: RunPlan,
+        answering: Sequence[str],
+        writer: RecordingWriter,
+        within: Within = Within(),  # noqa: B008 - immutable
+    ) -> None:
         self._plan = plan
         self._answering = answering
         self._writer = writer
+        self._within = within
+        pictures = topics.PICTURES if plan.recorder.markers else {}
         self._channels = {
-            topic: writer.channel("/" + topic, type_name)
-            for topic, type_name in topics.evidence_types(tuple(answering)).items()
+            topic: writer.channel(within.name(topic), type_name)
+            for topic, type_name in (
+                topics.evidence_types(tuple(answering)) | dict(pictures)
+            ).items()
         }
-        self._film = Film() if plan.recorder.markers else None
-        if self._film is not None:
-            self._channels |= {
-                topic: writer.channel("/" + topic, kind) for topic, kind in topics.PICTURES.items()
-            }
+        self._film = Film() if pictures else None
         # Each source of disturbances is asked at increasing stamps.
-        self._messages = StateMessages(plan, self._channels, disturbance_source(plan))
+        self._messages = StateMessages(plan, self._channels, disturbance_source(plan), within.first)
         self._drawn = disturbance_source(plan)
-        self._last_ns = -1
+        self._last_ns = self._before(within.first)
         self._reference: float | None = None  # the last that a controller told
         self._of_simulator = plan.timeline("simulator")
-        self.states = 0
+        # The next change last, as `Timeline` orders a node's.
+        changes = [(node, one) for node, some in plan.changes.items() for one in some]
+        self._changes = sorted(changes, key=lambda change: change[1].stamp_ns)[::-1]
+        self.states = within.first
+
+    def _before(self, state: int) -> int:
+        """Return the stamp before a state's, -1 before the first's."""
+        return (state - 1) * self._plan.simulator.period_ns if state else -1
+
+    def _logged(self, stamp_ns: int) -> int:
+        # A change before the first state is stamped -1 ns.
+        return max(stamp_ns, 0) + self._within.ahead_ns
 
     def _put(self, topic: str, stamp_ns: int, data: bytes) -> None:
-        log_time = max(stamp_ns, 0)  # a change before the first state is stamped -1 ns
+        log_time = self._logged(stamp_ns)
         self._writer.write(self._channels[topic], log_time, log_time, data)
 
-    def _event(
-        self, message: Event, values: Mapping[str, str], node: str = "simulator", level: int = 0
+    def tell(
+        self,
+        message: Event,
+        values: Mapping[str, str],
+        node: str = "simulator",
+        level: int = 0,
+        stamp_ns: int | None = None,
     ) -> None:
-        data = event(self._last_ns, f"/{node}", message, values, level=level)
-        self._put(topics.RUN_EVENTS, self._last_ns, data)
+        """Write an event, by default at the last state's stamp."""
+        at_ns = self._last_ns if stamp_ns is None else stamp_ns
+        data = event(at_ns, self._within.name(node), message, values, level=level)
+        self._put(topics.RUN_EVENTS, at_ns, data)
 
     def open(self) -> None:
         """Write provenance and every node's full parameters."""
@@ -143,31 +178,53 @@ class _OfflineRecorder:
         )
         for name, config in plan.configs.items():
             if name != "recorder":
-                self._parameters(0, name, values_of(config), {})
-        for name, changes in plan.changes.items():
-            for change in changes:
-                self._change(name, change)
-        self._event(Event.STARTED, {"rate": str(plan.simulator.update_rate)})
+                self.put_parameters(name, config)
+        self.tell(Event.STARTED, {"rate": str(plan.simulator.update_rate)})
+
+    def put_parameters(self, node: str, config: Any) -> None:
+        """Write all parameters of a node at its start."""
+        self._put(topics.RUN_PARAMETERS, 0, self._parameters(0, node, values_of(config), {}))
 
     def _parameters(
         self, stamp_ns: int, node: str, new: Mapping[str, Value], changed: Mapping[str, Value]
-    ) -> None:
+    ) -> bytes:
         kinds = {name: d.kind for name, d in declarations(NODES[node].config).items()}
-        data = parameter_event(stamp_ns, f"/{node}", new, changed, kinds)
-        self._put(topics.RUN_PARAMETERS, stamp_ns, data)
+        return parameter_event(stamp_ns, self._within.name(node), new, changed, kinds)
 
-    def _change(self, node: str, change: Change) -> None:
-        """Write what came from outside, as in the original recording."""
+    def _changed(self, states: States) -> Iterator[Rows]:
+        """Yield what came from outside before these states, as a graph records it."""
+        period_ns = self._plan.simulator.period_ns
+        while self._changes:
+            node, change = self._changes[-1]
+            row = max(change.stamp_ns // period_ns + 1 - states.first, 0)
+            if row >= len(states.table):
+                return
+            self._changes.pop()
+            for topic, data in self._told(node, change):
+                yield self._single(topic, row * PLACES + TURNED, change.stamp_ns, data)
+
+    def _told(self, node: str, change: Change) -> Iterator[tuple[str, bytes]]:
+        """Yield the messages that tell of a change, each with its topic."""
         word = change.event if change.values is None else Event.RETUNED
-        data = event(change.stamp_ns, f"/{node}", word)
-        self._put(topics.RUN_EVENTS, change.stamp_ns, data)
+        yield topics.RUN_EVENTS, event(change.stamp_ns, self._within.name(node), word)
         if change.values is not None:
-            self._parameters(change.stamp_ns, node, {}, change.values)
+            changed = self._parameters(change.stamp_ns, node, {}, change.values)
+            yield topics.RUN_PARAMETERS, changed
+
+    def _later(self, rows: Rows) -> Rows:
+        return rows._replace(time_ns=rows.time_ns + self._within.ahead_ns)
+
+    def put_changes_to_come(self) -> None:
+        """Write the changes that no state has seen."""
+        while self._changes:
+            node, change = self._changes.pop()
+            for topic, data in self._told(node, change):
+                self._put(topic, change.stamp_ns, data)
 
     def write(self, states: States) -> None:
         """Write some states, each in the graph's order."""
         stamp_ns = self._messages.stamps(states.first, len(states.table))
-        rows = self._messages.of(states, stamp_ns)
+        rows = [*self._messages.of(states, stamp_ns), *self._changed(states)]
         for row, name, active in states.turned:
             word = Event.ACTIVATED if active else Event.DEACTIVATED
             before_ns = self._last_ns if row == 0 else int(stamp_ns[row - 1])
@@ -182,7 +239,7 @@ class _OfflineRecorder:
                 rows.append(self._event_row(row, FELL, at_ns, Event.FELL, values, level=1))
             if row in drawn:
                 rows += self._pictures(states, row, at_ns)
-        self._writer.write_rows(rows)
+        self._writer.write_rows([self._later(one) for one in rows])
         self._last_ns = int(stamp_ns[-1])
         self.states += len(states.table)
 
@@ -217,7 +274,7 @@ class _OfflineRecorder:
         node: str = "simulator",
         level: int = 0,
     ) -> Rows:
-        data = event(stamp_ns, f"/{node}", message, values, level=level)
+        data = event(stamp_ns, self._within.name(node), message, values, level=level)
         return self._single(topics.RUN_EVENTS, row * PLACES + place, stamp_ns, data)
 
     def _single(self, topic: str, place: int, stamp_ns: int, data: bytes) -> Rows:
@@ -230,8 +287,8 @@ class _OfflineRecorder:
 
     def finished(self, reason: str) -> None:
         """Write the event that ends a whole run."""
-        self._event(Event.FINISHED, {"reason": reason, "states": str(self.states)})
+        self.tell(Event.FINISHED, {"reason": reason, "states": str(self.states)})
 
     def failed(self, reason: str) -> None:
         """Write the event that ends a run that failed."""
-        self._event(Event.FAILED, {"reason": reason, "states": str(self.states)}, level=2)
+        self.tell(Event.FAILED, {"reason": reason, "states": str(self.states)}, level=2)

@@ -42,9 +42,11 @@ class StateMessages:
         plan: RunPlan,
         channels: Mapping[str, int],
         acting: Callable[[int], Disturbance],
+        first: int = 0,
     ) -> None:
-        """``acting`` gives the disturbance at increasing stamps, ns."""
+        """``acting`` gives the disturbance at increasing stamps, ns; ``first`` is the first state's index."""
         self._plan, self._channels, self._acting = plan, channels, acting
+        self._first = first
 
     def stamps(self, first: int, count: int) -> Integers:
         return np.arange(first, first + count) * self._plan.simulator.period_ns
@@ -98,7 +100,7 @@ class StateMessages:
             np.vstack([states.table[:, columns], [values]])
             for columns, values in ((ACTING, ahead[:2]), (OFFSET, ahead[2:]))
         )
-        new = slice(0 if states.first == 0 else 1, None)
+        new = slice(0 if states.first == self._first else 1, None)
         return self._joints(
             topics.DISTURBANCE,
             place[new],

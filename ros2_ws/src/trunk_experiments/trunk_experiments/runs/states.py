@@ -90,13 +90,13 @@ def tell_terms(law: Law) -> Callable[[Floats, int, Answer, Measurement], None]:
     return write_down
 
 
-def in_stretches(steps: Iterable[Step], states: int) -> Iterator[States]:
-    """Yield steps that CPython does, so many states at a time.
+def in_stretches(steps: Iterable[Step], states: int, first: int = 0) -> Iterator[States]:
+    """Yield steps that CPython does, so many states at a time; ``first`` is the first one's index.
 
     Raises what ``steps`` raises; where that is DivergedError, what was done before it is yielded first.
     """
     rows: list[tuple[float, ...]] = []
-    first, found = 0, _Irregular([], [], [], {})
+    found = _Irregular([], [], [], {})
     try:
         for step in steps:
             rows.append(_row(step))

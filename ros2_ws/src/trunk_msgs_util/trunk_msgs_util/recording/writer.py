@@ -55,7 +55,10 @@ class RecordingWriter:
         self._digests.header(PROFILE, _LIBRARY)
 
     def channel(self, topic: str, type_name: str) -> int:
-        """Add a topic and return its channel. Raises ValueError for an unknown type."""
+        """Add a topic, unless it is there, and return its channel. Raises ValueError for an unknown type."""
+        for number, name in self._topics.items():
+            if name == topic and self._types[number] == type_name:
+                return number
         text = definition(type_name)
         if type_name not in self._schemas:
             self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", text)
