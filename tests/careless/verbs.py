@@ -27,6 +27,7 @@ class Verb(NamedTuple):
 
 VERBS = (
     Verb(("simulate",), ("demo",), ".mcap"),
+    Verb(("branch", "--at", "0.1"), ("a.mcap",), ".mcap"),
     Verb(("plan",), ("demo",), ".yaml"),
     Verb(("metrics",), ("a.mcap",)),
     Verb(("report",), ("a.mcap",), ".html"),

@@ -37,6 +37,8 @@ CASES = [
     Case("simulate-1", "simulate fig8 --controller pid --duration 0.1 -o new.mcap"),
     Case("simulate-1", "simulate --like a.mcap -o again.mcap"),
     Case("simulate-1", "simulate fig6 --controller pid --set pid.gains.d=1e6 -o new.mcap", 1),
+    Case("branch-1", "branch a.mcap --at 0.1 --push 9Nm:0.1s -o new.mcap"),
+    Case("branch-1", "branch a.mcap --at 0.1 --set simulator.max_effort=9 --at 0.2 -o new"),
     Case("plan-1", "plan fig8 --lockstep"),
     Case("metrics-1", "metrics a.mcap"),
     Case("metrics-1", "metrics cut.mcap"),

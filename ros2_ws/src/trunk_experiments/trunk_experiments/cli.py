@@ -21,6 +21,7 @@ from .similar import did_you_mean
 _VERBS = {
     "run": ("run", "Run a scenario in the ROS 2 graph and record it."),
     "simulate": ("simulate", "Run a scenario without ROS, with the same functions."),
+    "branch": ("branch", "Branch a recorded run: what if, from a time on."),
     "plan": ("plan", "Write a run's parameter file, to start its nodes elsewhere."),
     "metrics": ("metrics", "Print a recorded run's metrics."),
     "report": ("report", "Write recorded runs as one HTML page."),

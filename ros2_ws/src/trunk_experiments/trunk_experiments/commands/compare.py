@@ -72,8 +72,15 @@ def as_values(found: Comparison, files: Sequence[Path]) -> dict[str, object]:
     """Return a comparison of the runs in some files as plain values; ``best`` holds names of runs."""
     return {
         "runs": [
-            {"name": name, "file": file, "doubts": one.as_values()}
-            for name, file, one in zip(found.names, files, found.doubts, strict=True)
+            {
+                "name": name,
+                "file": file,
+                "doubts": one.as_values(),
+                "branch": None if branch is None else branch._asdict(),
+            }
+            for name, file, one, branch in zip(
+                found.names, files, found.doubts, found.branches, strict=True
+            )
         ],
         "different_tasks": list(found.tasks),
         "metrics": {
@@ -119,8 +126,18 @@ def as_markdown(found: Comparison) -> str:
     if found.parameters:
         lines += ["", _line(("parameter", *found.names)), _line(("---",) * (1 + len(found.names)))]
         lines += [_line((k, *map(setting, v))) for k, v in found.parameters.items()]
-    lines += ["", *(f"- {name}: {where}" for name, where in divergences(found))]
+    told = [*branched(found), *divergences(found)]
+    lines += ["", *(f"- {name}: {where}" for name, where in told)]
     return "\n".join(lines).rstrip()
+
+
+def branched(found: Comparison) -> list[tuple[str, str]]:
+    """Return the name of each run that is a branch, and whose."""
+    return [
+        (name, one.describe())
+        for name, one in zip(found.names, found.branches, strict=True)
+        if one is not None
+    ]
 
 
 def _line(cells: tuple[str, ...]) -> str:
@@ -180,5 +197,7 @@ def _show(found: Comparison) -> None:
             ("parameter", *found.names),
             [(name, *map(setting, values)) for name, values in found.parameters.items()],
         )
+    for name, whose in branched(found):
+        click.echo(f"{name}: {whose}")
     for name, where in divergences(found):
         click.echo(f"{name} against {found.names[0]}: {where}")

@@ -44,11 +44,11 @@ def plan_of(run: RecordedRun) -> RunPlan:
     return replace(
         plan,
         changes={name: found for name, found in changes.items() if found},
-        references=_references(run),
+        references=references_of(run),
     )
 
 
-def _references(run: RecordedRun) -> dict[int, float]:
+def references_of(run: RecordedRun) -> dict[int, float]:
     """Return the controllers' references that came by topic and are in no parameter."""
     found: dict[int, float] = {}
     for name in run.controllers:

@@ -23,6 +23,7 @@ from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
 from trunk_msgs_util.recording.series import Column, Series, joint_names, read_series, series_of
 from trunk_msgs_util.topics import JOINT_STATE_TYPE
 
+from .branch_of import BranchOf, branch_of
 from .joint_table import JointTable
 
 if TYPE_CHECKING:
@@ -69,6 +70,11 @@ class RecordedRun:
     def exact(self) -> bool:
         """True if time was exact: every state was answered, and can be recomputed."""
         return self.mode in EXACT_MODES
+
+    @cached_property
+    def branch(self) -> BranchOf | None:
+        """Whose branch the run is; None if it is nobody's."""
+        return branch_of(self.recording.provenance)
 
     @property
     def arithmetic(self) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import Integers
-from trunk_msgs_util.units import seconds
+from trunk_msgs_util.units import nanoseconds, seconds
 
 from ..recorded.run import RecordedRun
 from ..recorded.turns import idle_ns
@@ -29,13 +29,22 @@ def gaps(run: RecordedRun, period_ns: int) -> list[str]:
             stamps = np.sort(stamps)  # a file does not keep the order between publishers
         found += _disorder(relative, stamps)
         if run.exact or relative == topics.JOINT_STATES:
-            absent = np.setdiff1d(truth, stamps)
+            needed = truth
+            if relative == topics.DISTURBANCE and run.branch is not None:
+                needed = _since_it_joined(truth, stamps, nanoseconds(run.branch.at))
+            absent = np.setdiff1d(needed, stamps)
             if relative == topics.EFFORT_COMMAND:
                 absent = np.setdiff1d(absent, idle_ns(run))
             found += _missing(relative, len(absent), int(absent[0]) if len(absent) else 0)
     if not len(truth):
         found.append(f"{topics.GROUND_TRUTH}: no messages")
     return found
+
+
+def _since_it_joined(truth: Integers, stamps: Integers, branch_ns: int) -> Integers:
+    """Return the states that need a disturbance where its node may have joined at a branch."""
+    joined = len(stamps) > 0 and int(stamps.min()) >= branch_ns
+    return truth[truth >= branch_ns] if joined else truth
 
 
 def absent_steps(stamps: Integers, period_ns: int) -> tuple[int, int]:

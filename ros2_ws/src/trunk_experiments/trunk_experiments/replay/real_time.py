@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
+from math import inf
 
 import numpy as np
 
@@ -23,6 +24,13 @@ from .bits import same
 from .replay import Checked, Difference, acting_at, disturbances_matrix, judged
 
 
+def exact_from_ns(run: RecordedRun) -> float:
+    """Return the stamp, ns, from which on a branch of a real-time run was simulated; infinite without."""
+    if run.branch is None or run.exact:
+        return inf
+    return nanoseconds(run.branch.at)
+
+
 class PossibleDisturbances:
     """The disturbances that may have acted at a stamp, the newest first.
 
@@ -31,7 +39,9 @@ class PossibleDisturbances:
     was in force: the oldest is assumed, so that whatever is possible later stays possible.
     """
 
-    def __init__(self, disturbances: JointTable) -> None:
+    def __init__(self, disturbances: JointTable, exact_ns: float = inf) -> None:
+        """From ``exact_ns`` on, it is the one with the stamp."""
+        self._exact_ns = exact_ns
         self._table = disturbances
         self._stamps = sorted(disturbances.rows)
         self._first = _first_alike(disturbances, self._stamps)
@@ -48,6 +58,9 @@ class PossibleDisturbances:
 
         Where nothing acts, the stamp is that of the message in force, -1 if there is none.
         """
+        if stamp_ns >= self._exact_ns:
+            yield stamp_ns, acting_at(self._table, stamp_ns)
+            return
         oldest = bisect_left(self._stamps, max(self._since_ns, stamp_ns - timeout_ns))
         row = bisect_right(self._stamps, stamp_ns) - 1
         none = row < oldest
@@ -79,7 +92,8 @@ def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Ch
     """Yield, for each step, whether its torque is that of a command that could be in force.
 
     That is the command for this state or an earlier one, never older than one that was in force before;
-    0 before the first, and where the newest is older than ``command_timeout``.
+    0 before the first, and where the newest is older than ``command_timeout``. From where a branch was
+    simulated on, it is the command for this state; the one before it, where nobody answered.
     """
     truth, commands = run.table(topics.GROUND_TRUTH), run.table(topics.EFFORT_COMMAND)
     timeline = run.timeline("simulator")
@@ -87,6 +101,7 @@ def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Ch
     told = sorted(commands.rows)
     first = 0  # the oldest command that may be in force
     since_ns = -1
+    exact_ns = exact_from_ns(run)
     for row in range(1, len(stamps)):
         now, after = stamps[row - 1], stamps[row]
         timeline.advance(now + 1)
@@ -94,6 +109,8 @@ def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Ch
         torque = truth.get(after, "effort")[1]
         timeout_ns = nanoseconds(config.command_timeout)
         newest = bisect_right(told, now)
+        if now >= exact_ns:
+            first = max(first, newest - 1)
         match = -1
         for at in range(max(first, bisect_left(told, now - timeout_ns)), newest):
             effort = commands.get(told[at], "effort", 1)[0]

@@ -28,7 +28,7 @@ from .attributable import (
 from .consistency import contradictions, failures, uncounted
 from .gaps import gaps
 from .real_time import replay_torques
-from .replay import Checked, replay_controllers, replay_disturbance
+from .replay import Checked, driven_controllers, replay_controllers, replay_disturbance
 from .replay_plant import PlantReplay
 from .told import untellable
 from .verdict import DIVERGES, ORIGIN, UNJUDGED, VERIFIED, Part, Verdict, describe
@@ -56,10 +56,11 @@ def verify(recording: Recording) -> Verdict:
 def verdict_on(run: RecordedRun) -> Verdict:
     """Return the verdict on a recorded run, as `verify` does."""
     recording = run.recording
-    survey = _surveyed(run)
+    survey = surveyed(run)
     verdict = Verdict()
     verdict.obstacles += filter(None, [recording.unfinished, *recording.further_warnings])
     verdict.altered = recording.alterations()
+    verdict.notes += [run.branch.describe()] if run.branch else []
     verdict.notes += _other_packages(run)
     uncovered = recording.undigested()
     if uncovered:
@@ -110,7 +111,7 @@ def _other_packages(run: RecordedRun) -> list[str]:
     ]
 
 
-def _surveyed(run: RecordedRun) -> Survey | None:
+def surveyed(run: RecordedRun) -> Survey | None:
     """Read a sound recording once for digests, heads, layouts and tables; None if it is not sound.
 
     What that does not find is read when it is needed.
@@ -191,6 +192,8 @@ def _span(run: RecordedRun, until_ns: int | None) -> str:
         return "no state"
     first, last = (seconds(int(stamps[i])) for i in (0, -1))
     mode = _MODES.get(run.mode, f"mode {run.mode or 'unknown'}")
+    if run.branch is not None and not run.exact:
+        mode += f" to t = {run.branch.at:g} s, then in lock-step"
     return f"t = {first:g} to {last:g} s, {len(stamps)} states, {mode}"
 
 
@@ -234,7 +237,7 @@ def _too_few(run: RecordedRun, parts: list[Part], until_ns: int | None) -> list[
 def _commands(run: RecordedRun, until_ns: int | None) -> list[Part]:
     parts = {name: Part(f"commands of {name}") for name in run.controllers}
     nobodys = Part("commands without one active controller")
-    for checked in replay_controllers(run, run.controllers, until_ns):
+    for checked in replay_controllers(run, driven_controllers(run), until_ns):
         parts.get(checked.controller, nobodys).take(checked)
     return [*parts.values(), *([nobodys] if nobodys.steps else [])]
 

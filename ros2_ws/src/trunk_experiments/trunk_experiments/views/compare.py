@@ -10,6 +10,7 @@ from trunk_msgs_util.recording.reader import RecordingError
 
 from ..analysis.metrics import QUANTITIES, has_level, metrics, missing
 from ..plans.nodes import CONTROLLERS
+from ..recorded.branch_of import BranchOf
 from ..recorded.run import RecordedRun
 from ..replay.diff import RunDiff, diff
 from ..replay.doubts import Doubts, doubts_of
@@ -41,6 +42,7 @@ class Comparison:
     tasks: tuple[str, ...]  # what makes the runs' tasks different, so that none is the best
     rows: tuple[Row, ...]
     parameters: Mapping[str, tuple[Value | None, ...]]
+    branches: tuple[BranchOf | None, ...]
     diffs: tuple[RunDiff, ...]  # of the second run and the following against the first
 
 
@@ -122,5 +124,6 @@ def compare(views: Sequence[RunView]) -> Comparison:
         tasks=tasks,
         rows=metric_rows(views, found, tasks),
         parameters=differing_parameters(views),
+        branches=tuple(view.run.branch for view in views),
         diffs=tuple(divergence(views[0].run, view.run) for view in views[1:]),
     )

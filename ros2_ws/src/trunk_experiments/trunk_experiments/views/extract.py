@@ -13,15 +13,14 @@ from mcap.writer import Writer
 
 from trunk_msgs_util import topics as names
 from trunk_msgs_util.recording.file import RecordingFile
-from trunk_msgs_util.recording.joint_arrays import Integers
-from trunk_msgs_util.recording.messages import Messages, unaligned
+from trunk_msgs_util.recording.messages import Messages
 from trunk_msgs_util.recording.own_records import END, PROVENANCE
 from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.topic import STAMPED
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_msgs_util.whole_file import whole_file
 
 from ..analysis.run_table import CSV_COLUMNS, RunTable
+from ..recorded.message_stamps import message_stamps
 
 COLUMNS = (*CSV_COLUMNS, "alpha")
 
@@ -77,7 +76,7 @@ def write_mcap(
         schemas: dict[tuple[str, bytes], int] = {}
         for source, messages in recording.copies(wanted):
             number = messages.channels()
-            stamp_ns = _stamps(source, messages, number)
+            stamp_ns = message_stamps(source, messages, number)
             is_parameters = np.array(
                 [source.channels[int(c)].topic == parameters for c in np.unique(number)]
             )[np.searchsorted(np.unique(number), number)]
@@ -121,20 +120,6 @@ def _span(start: float, end: float) -> str:
 
 def _ns(time: float) -> float:
     return time if abs(time) == inf else round(time * NANOSECONDS)
-
-
-def _stamps(source: RecordingFile, messages: Messages, number: Integers) -> Integers:
-    """Return each message's stamp in ns."""
-    stamped = {c for c in np.unique(number).tolist() if source.type_of(c) in STAMPED}
-    _, log, start, end = messages
-    found = log.copy()
-    rows = np.flatnonzero(np.isin(number, list(stamped)) & (end - start >= 12))
-    octets = np.frombuffer(messages.data, np.uint8)
-    for order, little in (("<", True), (">", False)):
-        some = rows[(octets[start[rows] + 1] == 1) == little]
-        sec = unaligned(messages.data, f"{order}i4")[start[some] + 4].astype(np.int64)
-        found[some] = sec * NANOSECONDS + unaligned(messages.data, f"{order}u4")[start[some] + 8]
-    return found
 
 
 def _channel(

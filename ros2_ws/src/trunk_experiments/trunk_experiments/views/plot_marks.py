@@ -21,6 +21,9 @@ from .run_view import RunView, same_pulses
 BAND, PULSE, REFERENCE, LIMIT = "#7a7a7a", "#E69F00", "#222222", "#B00020"
 TURN = "#555555"
 TURN_LINE: dict[str, Any] = {"color": TURN, "linewidth": 1.0, "linestyle": (0, (5, 2, 1, 2))}
+BRANCH = "#0072B2"
+BRANCH_LINE: dict[str, Any] = {"color": BRANCH, "linewidth": 1.4, "linestyle": (0, (6, 2))}
+_COLUMNS = 5  # of the legend: more are wider than the figure
 _NAMED_TURNS = 6  # more would overlap
 
 
@@ -48,6 +51,8 @@ def context_handles(views: Sequence[RunView], limits: bool = True) -> list[Line2
         found.append(Patch(color=PULSE, alpha=0.45, linewidth=0, label="pulse acts"))
     if any(len(view.turns) > 1 for view in views):
         found.append(Line2D([], [], label="another controller takes over", **TURN_LINE))
+    if any(view.run.branch for view in views):
+        found.append(Line2D([], [], label="a branch begins", **BRANCH_LINE))
     if limits and any(isfinite(bound) for view in views for bound in view.limits):
         found.append(Line2D([], [], color=LIMIT, linewidth=1.0, label="torque limits"))
     return found
@@ -57,10 +62,11 @@ def legend(
     figure: Figure, where: str, runs: list[Line2D | Patch], context: list[Line2D | Patch]
 ) -> None:
     """Add a legend outside all axes: rows of runs, then a row of everything else."""
-    columns = max(min(4, len(runs)), len(context))
-    rows = [runs[i : i + columns] for i in range(0, len(runs), columns)] + [context]
-    if len(runs) == 1:
-        rows, columns = [runs + context], 1 + len(context)
+    columns = min(max(min(4, len(runs)), len(context)), _COLUMNS)
+    groups = [runs, context]
+    if len(runs) == 1 and len(context) < _COLUMNS:
+        groups, columns = [runs + context], 1 + len(context)
+    rows = [some[i : i + columns] for some in groups for i in range(0, len(some), columns)]
     blank = Line2D([], [], alpha=0.0, label=" ")
     filled = [row + [blank] * (columns - len(row)) for row in rows]
     # Matplotlib fills column by column.
@@ -95,6 +101,12 @@ def turns(axes: Axes, views: Sequence[RunView], named: bool = False) -> None:
             color=TURN,
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 1.0},
         )
+
+
+def branches(axes: Axes, views: Sequence[RunView]) -> None:
+    """Mark where branches begin: up to there they are their parent."""
+    for start in sorted({view.run.branch.at for view in views if view.run.branch}):
+        axes.axvline(start, zorder=1.1, **BRANCH_LINE)
 
 
 def falls(axes: Axes, views: Sequence[RunView]) -> None:

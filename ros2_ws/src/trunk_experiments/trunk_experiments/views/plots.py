@@ -24,6 +24,7 @@ from .plot_marks import (
     BAND,
     LIMIT,
     REFERENCE,
+    branches,
     context_handles,
     falls,
     legend,
@@ -100,6 +101,7 @@ def _angle(axes: Axes, views: Sequence[RunView]) -> None:
     drawn: set[Any] = set()
     pulse_spans(axes, views)
     turns(axes, views)
+    branches(axes, views)
     falls(axes, views)
     for i, view in enumerate(views):
         t, reference = view.table.t, np.degrees(view.table.reference)
@@ -136,6 +138,7 @@ def _peak(view: RunView) -> float:
 def _torque(axes: Axes, views: Sequence[RunView]) -> None:
     pulse_spans(axes, views)
     turns(axes, views, named=True)
+    branches(axes, views)
     for i, view in enumerate(views):
         # Torque is held over each period: steps, not slopes.
         axes.step(view.table.t, view.table.torque, where="post", **line_style(i), linewidth=1.2)

@@ -123,6 +123,7 @@ def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
         ("mode", recording.provenance.get("mode", "not recorded")),
         ("states", f"{len(table.t)} from {table.t[0]:g} s to {table.t[-1]:g} s"),
         ("file", f"{real_path(view.path).name}, {state}"),
+        *((("branch", view.run.branch.describe()),) if view.run.branch else ()),
         *((("fell", f"at t = {seconds(fell):g} s"),) if fell is not None else ()),
     )
     return RunSection(

@@ -84,6 +84,7 @@ def _run(view: RunView, label: str, own: Sequence[OwnTerm]) -> dict[str, Any]:
         },
         "pulses": [{"start": p.start, "end": p.end, "text": pulse_text(p)} for p in view.pulses],
         "fell": _fell(view),
+        "branch": None if view.run.branch is None else view.run.branch.at,
         "turns": [turn._asdict() for turn in view.turns],
         "torqueRange": off_scale(table.torque),
         "fuzzy": _surfaces(view, controller) if isinstance(controller, FuzzyPidConfig) else None,

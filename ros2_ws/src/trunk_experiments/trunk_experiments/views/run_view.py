@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
@@ -16,10 +16,11 @@ from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.time_table import held
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
-from trunk_sim.disturbances import CHANNELS, pulse
+from trunk_sim.disturbances import CHANNELS, Signals, pulse
 
 from ..analysis.run_table import RunTable
 from ..plans.nodes import CONTROLLERS
@@ -161,27 +162,43 @@ def _in_words(name: str, config: ControllerConfig | None) -> str:
 
 
 def _pulses(run: RecordedRun, stamps: Integers) -> list[Pulse]:
-    """Return the windows of stamps in which a pulse acted, with parameter changes applied."""
+    """Return the windows of stamps in which a pulse acted, with parameter changes applied.
+
+    A table whose values are held makes pulses too: each value that is not zero is one.
+    """
+    return sorted([*_windows(run, stamps, _pulse_at), *_windows(run, stamps, _held_at)])
+
+
+def _pulse_at(stamp_ns: int, s: Signals) -> tuple[int, float]:
+    return s.pulse_channel, pulse(stamp_ns, s.pulse_starts, s.pulse_duration, s.pulse_magnitude)
+
+
+def _held_at(stamp_ns: int, s: Signals) -> tuple[int, float]:
+    if s.table_linear or not s.table_times:
+        return s.table_channel, 0.0
+    return s.table_channel, held(stamp_ns, s.table_times, s.table_values, 0.0)
+
+
+def _windows(
+    run: RecordedRun, stamps: Integers, at: Callable[[int, Signals], tuple[int, float]]
+) -> Iterator[Pulse]:
+    """Yield the windows of stamps in which a signal, which is constant in pieces, is not zero."""
     timeline = run.timeline("disturbance")
     signals = timeline.config.signals
-    found: list[Pulse] = []
-    open_since: tuple[int, str, float] | None = None
+    open_since: tuple[int, int, float] | None = None
     for stamp_ns in stamps.tolist():
         if timeline.advance(stamp_ns):
             signals = timeline.config.signals
-        value = pulse(
-            stamp_ns, signals.pulse_starts, signals.pulse_duration, signals.pulse_magnitude
-        )
-        if open_since is not None and value != open_since[2]:
-            start, channel, magnitude = open_since
-            found.append(Pulse(seconds(start), seconds(stamp_ns), channel, magnitude))
+        channel, value = at(stamp_ns, signals)
+        if open_since is not None and (channel, value) != open_since[1:]:
+            start, before, magnitude = open_since
+            yield Pulse(seconds(start), seconds(stamp_ns), CHANNELS[before], magnitude)
             open_since = None
         if value != 0.0 and open_since is None:
-            open_since = stamp_ns, CHANNELS[signals.pulse_channel], value
+            open_since = stamp_ns, channel, value
     if open_since is not None:
-        start, channel, magnitude = open_since
-        found.append(Pulse(seconds(start), seconds(int(stamps[-1])), channel, magnitude))
-    return found
+        start, before, magnitude = open_since
+        yield Pulse(seconds(start), seconds(int(stamps[-1])), CHANNELS[before], magnitude)
 
 
 def labels(views: Sequence[RunView], name: Callable[[RunView], str] | None = None) -> list[str]:

@@ -36,6 +36,12 @@ _ACTS = {
     "noise.": ("noise.rms",),
     "table.": ("table.times",),
 }
+# What is another task if it changes during the run.
+_LATER = {
+    "simulator": _OF_SIMULATOR,
+    "controller": _OF_CONTROLLER,
+    "disturbance": tuple(_ACTS),
+}
 _LISTED = 4  # of the parameters that differ, in a line
 
 
@@ -78,6 +84,11 @@ def _task(view: RunView) -> dict[str, Value]:
     for node, values in view.parameters.items():
         if node in CONTROLLERS:
             task |= _chosen("controller", values, _OF_CONTROLLER)
+    for change in view.recording.parameter_changes():
+        node = view.recording.relative(change.node)
+        role = "controller" if node in CONTROLLERS else node
+        for name, value in _chosen(role, change.changed, _LATER.get(role, ())).items():
+            task[name] = f"{task.get(name)!r}, {change.stamp_ns}: {value!r}"
     return task
 
 

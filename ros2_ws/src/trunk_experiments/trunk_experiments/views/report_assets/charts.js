@@ -69,6 +69,11 @@ const timeChart = (id, column, symbol, unit, options = {}) => {
       type: "line", xref: "x", yref: "paper", x0: at, x1: at, y0: 0, y1: 1, layer: "below",
       line: { color: cssColor("--soft"), width: 1, dash: "5px,2px,1px,2px" },
     })));
+    const branches = new Set(report.runs.map((run) => run.branch).filter((at) => at !== null));
+    made.shapes.push(...[...branches].map((at) => ({
+      type: "line", xref: "x", yref: "paper", x0: at, x1: at, y0: 0, y1: 1,
+      line: { color: cssColor("--branch"), width: 1.4, dash: "6px,2px" },
+    })));
     made.shapes.push(...report.runs.filter((run) => run.fell !== null).map((run) => ({
       type: "line", xref: "x", yref: "paper", x0: run.fell, x1: run.fell, y0: 0, y1: 1,
       line: { color: cssColor("--limit"), width: 1.6, dash: "2px,3px" },
@@ -144,6 +149,7 @@ const makeTimeCharts = () => {
   if (differs.length) legendHas("measured");
   if (report.runs.some((run) => run.pulses.length)) legendHas("pulses");
   if (report.runs.some((run) => run.turns.length > 1)) legendHas("turns");
+  if (report.runs.some((run) => run.branch !== null)) legendHas("branches");
   if (report.runs.some((run) => run.fell !== null)) legendHas("falls");
 
   timeChart("angle", "theta", "θ", "°", {

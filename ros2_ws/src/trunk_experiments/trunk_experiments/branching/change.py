@@ -1,0 +1,174 @@
+"""A branch's changes, applied to the plan of a resumed run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from trunk_control.controller import Controller
+from trunk_control.controller_config import ControllerConfig
+from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
+from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
+from trunk_msgs_util.parameters.files import Layer, Section, check_names
+from trunk_msgs_util.units import seconds
+from trunk_sim.disturbance_config import DisturbanceConfig
+
+from ..errors import PlanError
+from ..plans.files import SCENARIOS, parse_setting, scenario_layers
+from ..plans.layers import config_from
+from ..plans.nodes import CONTROLLERS, NODES, declared_names
+from ..plans.plan import RunPlan, check_joints, check_rates
+from ..plans.timeline import Change
+from ..recorded.run import RecordedRun
+from .branch import Branch
+from .pushes import parse_push, pushed
+from .resume import Resumed
+
+_TURNS = (Event.ACTIVATED, Event.DEACTIVATED)
+
+
+class Branched(NamedTuple):
+    """A resumed run with a branch's changes; ``new`` are the nodes that the parent does not have."""
+
+    resumed: Resumed
+    new: Mapping[str, Any]  # configurations at the start, by node
+
+
+def branched(run: RecordedRun, resumed: Resumed, branch: Branch, until: float | None) -> Branched:
+    """Return a resumed run with a branch's changes, to ``until`` s or as planned.
+
+    What a controller or the disturbance is told acts on the state at the branch; what the simulator is
+    told acts from that state on. Raises PlanError and ParameterError for changes that cannot be.
+    """
+    plan, at = resumed.plan, seconds(resumed.stamp_ns)
+    if until is not None:
+        if not until >= at:
+            raise PlanError(f"--duration {until:g}: the branch begins at t = {at:g} s: give more")
+        plan = replace(plan, simulator=replace(plan.simulator, duration=until))
+    new: dict[str, Any] = {}
+    begun = resumed.begun
+    if branch.controller:
+        plan, config = _with_controller(plan, resumed, branch)
+        if config is not None:
+            new[branch.controller] = config
+            controller = Controller(config)
+            controller.deactivate()
+            seen = _seen(run, config, resumed.stamp_ns)
+            if seen is not None:
+                controller.see(*seen)
+            begun = begun._replace(controllers={**begun.controllers, branch.controller: controller})
+    pushes = [parse_push(text, at) for text in branch.pushes]
+    layers = [parse_setting(text) for text in branch.settings]
+    check_names(layers, declared_names())
+    named = {section.pattern for layer in layers for section in layer.sections}
+    if plan.disturbance is None and (pushes or "disturbance" in named):
+        simulator = plan.simulator
+        quiet = DisturbanceConfig(update_rate=simulator.update_rate, joints=simulator.joints)
+        plan = replace(plan, disturbance=quiet)
+        new["disturbance"] = quiet
+    changes = {node: list(some) for node, some in plan.changes.items()}
+    before_ns = resumed.stamp_ns - plan.simulator.period_ns if resumed.first else -1
+    for node in sorted(named):
+        stamp_ns = resumed.stamp_ns if node == "simulator" else before_ns
+        values = _changed(plan, node, layers)
+        if node == "disturbance" and pushes:
+            continue  # with the pushes
+        if values:
+            changes.setdefault(node, []).append(Change(stamp_ns, values))
+    if pushes:
+        config = _config(plan, "disturbance", layers)
+        values = {**_changed(plan, "disturbance", layers), **pushed(config, pushes)}
+        changes.setdefault("disturbance", []).append(Change(before_ns, values))
+    plan = replace(plan, changes={node: some for node, some in changes.items() if some})
+    check_joints(plan)
+    check_rates(plan)
+    return Branched(resumed._replace(plan=plan, begun=begun), new)
+
+
+def _config(plan: RunPlan, node: str, layers: Sequence[Layer]) -> Any:
+    """Return a node's configuration at the branch with the settings for it."""
+    if node not in plan.configs:
+        raise PlanError(
+            f"--set {node}: it is not in the run: there are {', '.join(plan.configs)}"
+            + ("; --controller makes one act" if node in CONTROLLERS else "")
+        )
+    now = Layer("the recording", (Section(node, dict(values_of(plan.configs[node]))),))
+    return config_from(node, [now, *layers], "").config
+
+
+def _changed(plan: RunPlan, node: str, layers: Sequence[Layer]) -> dict[str, Value]:
+    """Return the parameters of a node that the settings change. Raises PlanError for what is fixed."""
+    before = values_of(plan.configs[node]) if node in plan.configs else {}
+    after = values_of(_config(plan, node, layers))
+    changed = {name: value for name, value in after.items() if value != before[name]}
+    declared = declarations(NODES[node].config)
+    fixed = [name for name in changed if declared[name].fixed]
+    if fixed:
+        more = "; --duration gives the branch another end" if fixed == ["duration"] else ""
+        raise PlanError(
+            f"--set {node}.{fixed[0]}: it is fixed when a run starts: a branch changes what can be changed "
+            f"while the graph runs{more}"
+        )
+    return changed
+
+
+def _with_controller(
+    plan: RunPlan, resumed: Resumed, branch: Branch
+) -> tuple[RunPlan, ControllerConfig | None]:
+    """Return the plan with a controller that acts from the branch to the end, and it, if it is new."""
+    name, at_ns = branch.controller, resumed.stamp_ns
+    for node, config in plan.controllers.items():
+        later = [seconds(t) for t in config.active_times_ns if t >= at_ns and t > 0]
+        if later:
+            raise PlanError(
+                f"--controller {name}: active.times of {node} has a turn at t = {later[0]:g} s that would "
+                "undo it: branch after it"
+            )
+    acting = [n for n, one in resumed.begun.controllers.items() if one.active]
+    if acting == [name]:
+        raise PlanError(f"--controller {name}: it acts at t = {seconds(at_ns):g} s anyway")
+    changes = {
+        node: [c for c in some if c.values is not None or c.event not in _TURNS]
+        for node, some in plan.changes.items()
+    }
+    before_ns = at_ns - plan.simulator.period_ns if resumed.first else -1
+    for node in acting:
+        changes[node] = [Change(before_ns, None, Event.DEACTIVATED), *changes.get(node, [])]
+    changes[name] = [Change(before_ns, None, Event.ACTIVATED), *changes.get(name, [])]
+    controllers, new = dict(plan.controllers), None
+    if name not in controllers:
+        new = _new_controller(plan, name, acting)
+        controllers[name] = new
+    return replace(plan, controllers=controllers, changes=changes), new
+
+
+def _new_controller(plan: RunPlan, name: str, acting: Sequence[str]) -> ControllerConfig:
+    """Return the configuration of a controller that was not in the run: its scenario's, and what it tracks.
+
+    Rate, joints, limits of time and reference are those of the controller whose place it takes.
+    """
+    layers = scenario_layers(plan.scenario) if plan.scenario in SCENARIOS else []
+    config: ControllerConfig = config_from(name, layers, "").config
+    model = plan.controllers[next(iter(acting), plan.controller_name)]
+    declared = declarations(type(config))
+    taken = {
+        key: value
+        for key, value in values_of(model).items()
+        if (key.startswith("reference.") or key in ("update_rate", "joint", "lockstep.enabled"))
+        and key in declared
+    }
+    if "hip_joint" in declared:
+        taken["hip_joint"] = plan.simulator.joints[0]
+    layer = Layer("the recording", (Section(name, taken),))
+    return config_from(name, [*layers, layer], "").config  # type: ignore[no-any-return]
+
+
+def _seen(run: RecordedRun, config: ControllerConfig, stamp_ns: int) -> tuple[int, float] | None:
+    """Return the last measured state before a stamp: its own, ns, and the angle, rad; None at the start."""
+    states = run.table(topics.JOINT_STATES)
+    before_ns = stamp_ns - run.config("simulator").period_ns
+    if before_ns not in states:
+        return None
+    return before_ns, states.get(before_ns, "position")[states.index(config.joint)]

@@ -1,0 +1,101 @@
+"""What a branch has in common with its parent: the messages before it, copied byte for byte."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.parameters.declarations import declarations
+from trunk_msgs_util.recording.file import RecordingFile
+from trunk_msgs_util.recording.joint_arrays import Integers
+from trunk_msgs_util.recording.messages import Messages, unaligned
+from trunk_msgs_util.recording.reader import RecordingError
+from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
+from trunk_msgs_util.recording.topic import STAMPED
+from trunk_msgs_util.recording.writer import RecordingWriter
+from trunk_msgs_util.recording.writing.interleaved import Rows
+
+from ..plans.nodes import NODES
+from ..recorded.message_stamps import message_stamps
+from ..recorded.run import RecordedRun
+
+Replaced = Mapping[str, Mapping[str, Any]]  # parameters that begin otherwise, by node
+
+
+class Past:
+    """The parent's messages stamped before a branch, those without a stamp by their log time."""
+
+    def __init__(self, run: RecordedRun, stamp_ns: int, replaced: Replaced) -> None:
+        self._run, self._stamp_ns, self._replaced = run, stamp_ns, replaced
+        truth = run.table(topics.GROUND_TRUTH)
+        self._log_ns = int(truth.log_time_ns[truth.stamp_ns == stamp_ns][0])
+
+    @property
+    def ahead_ns(self) -> int:
+        """By how much the log times are ahead of the stamps at the branch."""
+        return self._log_ns - max(self._stamp_ns, 0)
+
+    def copy(self, writer: RecordingWriter) -> None:
+        """Write the messages. Raises RecordingError for a topic of a type that cannot be written."""
+        recording = self._run.recording
+        numbers: dict[str, int] = {}
+        for name, topic in recording.topics.items():
+            try:
+                numbers[name] = writer.channel(name, topic.type)
+            except ValueError as error:
+                raise RecordingError(
+                    f"{recording.path}: {name} cannot be copied: {error}"
+                ) from None
+        for source, messages in recording.copies(list(recording.topics)):
+            writer.write_rows(list(self._rows(source, messages, numbers)))
+
+    def _rows(
+        self, source: RecordingFile, messages: Messages, numbers: Mapping[str, int]
+    ) -> Iterator[Rows]:
+        """Yield the messages of a block that belong to the past, in their order."""
+        channels = messages.channels()
+        before = self._before(source, messages, channels)
+        parameters = self._run.recording.topic(topics.RUN_PARAMETERS)
+        sizes = messages.end - messages.start
+        for channel in np.unique(channels[before]).tolist():
+            name = source.channels[channel].topic
+            rows = np.flatnonzero(before & (channels == channel))
+            size = int(sizes[rows[0]])
+            if name != parameters and (sizes[rows] == size).all():
+                data = unaligned(messages.data, f"V{size}")[messages.start[rows]]
+                yield Rows(numbers[name], rows, messages.log_time_ns[rows], data)
+                continue
+            for row in rows.tolist():
+                one = messages.data[int(messages.start[row]) : int(messages.end[row])]
+                if name == parameters:
+                    one = self._parameters(one)
+                data = np.frombuffer(one, f"V{len(one)}")
+                at = np.array([row])
+                yield Rows(numbers[name], at, messages.log_time_ns[at], data)
+
+    def _before(self, source: RecordingFile, messages: Messages, channels: Integers) -> Any:
+        stamps = message_stamps(source, messages, channels)
+        stamped = [c for c in np.unique(channels).tolist() if source.type_of(c) in STAMPED]
+        known = np.isin(channels, stamped)
+        return np.where(known, stamps < self._stamp_ns, messages.log_time_ns < self._log_ns) | (
+            known & (stamps <= 0) & self._is_information(source, channels)
+        )
+
+    def _is_information(self, source: RecordingFile, channels: Integers) -> Any:
+        """Return which messages are sets of parameters: those of a start are stamped 0."""
+        name = self._run.recording.topic(topics.RUN_PARAMETERS)
+        told = [c for c in np.unique(channels).tolist() if source.channels[c].topic == name]
+        return np.isin(channels, told)
+
+    def _parameters(self, data: bytes) -> bytes:
+        """Return a message on ``run/parameters``, with other values where the branch begins with them."""
+        change = parse_parameter_event(data)
+        node = self._run.recording.relative(change.node)
+        if not change.new or node not in self._replaced:
+            return data
+        kinds = {name: d.kind for name, d in declarations(NODES[node].config).items()}
+        new = {**change.new, **self._replaced[node]}
+        return parameter_event(change.stamp_ns, change.node, new, {}, kinds)

@@ -1,0 +1,110 @@
+"""Pushes of a branch: rectangular pulses, added to what disturbs the run anyway."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from trunk_msgs_util.parameters.declarations import Value
+from trunk_msgs_util.parameters.in_si import number_in
+from trunk_msgs_util.parameters.quantity_text import UnitError
+from trunk_msgs_util.time_table import held
+from trunk_msgs_util.units import nanoseconds, seconds
+from trunk_sim.disturbance_config import DisturbanceConfig
+from trunk_sim.disturbances import CHANNELS
+
+from ..errors import PlanError
+
+_UNITS = dict(zip(CHANNELS, ("N", "N m", "m", "rad"), strict=True))
+_USUAL = "trunk_effort"
+
+
+class Push(NamedTuple):
+    """A constant value on a channel for a while; times in s, the value in the channel's unit."""
+
+    channel: str
+    value: float
+    start: float
+    duration: float
+
+
+def parse_push(text: str, at: float) -> Push:
+    """Return what ``[CHANNEL=]VALUE:DURATION[@TIME]`` stands for; without a time it starts at ``at`` s.
+
+    Raises PlanError.
+    """
+    what, _, time_text = text.partition("@")
+    channel, equals, amount = what.rpartition("=")
+    channel = channel if equals else _USUAL
+    value_text, colon, duration_text = amount.partition(":")
+    needed = (
+        f"--push {text!r}: [CHANNEL=]VALUE:DURATION[@TIME] is needed, such as 60Nm:0.1s or "
+        f"hip_effort=300N:50ms@2.5s, CHANNEL one of {', '.join(CHANNELS)}"
+    )
+    if channel not in CHANNELS or not colon:
+        raise PlanError(needed)
+    try:
+        value = number_in(value_text, _UNITS[channel])
+        duration = number_in(duration_text, "s")
+        start = number_in(time_text, "s") if "@" in text else at
+    except UnitError as error:
+        raise PlanError(f"{needed}: {error}") from None
+    if not (0.0 < duration < 1e6 and abs(value) <= 1e9):
+        raise PlanError(f"{needed}; DURATION above 0 s")
+    if not at <= start < 1e6:
+        raise PlanError(f"--push {text!r}: it starts at {start:g} s, before the branch at {at:g} s")
+    return Push(channel, value, start, duration)
+
+
+def pushed(config: DisturbanceConfig, pushes: Sequence[Push]) -> Mapping[str, Value]:
+    """Return the parameters of a disturbance that make its pushes act, and change nothing else.
+
+    They go into its table if that is free, or holds its values on the same channel; or else, if they are
+    alike, they are its pulses, if it has none. Raises PlanError if neither can be.
+    """
+    channels = {one.channel for one in pushes}
+    free = not any(config.table_values)
+    holds = config.table_interpolation == "hold" and channels == {config.table_channel}
+    if len(channels) == 1 and (free or holds):
+        times, values = _held_table(config, pushes)
+        return {
+            "table.channel": pushes[0].channel,
+            "table.times": times,
+            "table.values": values,
+            "table.interpolation": "hold",
+        }
+    alike = {one._replace(start=0.0) for one in pushes}
+    no_pulses = not (config.pulse_start_times or config.pulse_random_count)
+    if len(alike) == 1 and no_pulses:
+        return {
+            "pulse.channel": pushes[0].channel,
+            "pulse.start_times": tuple(sorted(one.start for one in pushes)),
+            "pulse.duration": pushes[0].duration,
+            "pulse.magnitude": pushes[0].value,
+        }
+    raise PlanError(
+        f"--push: {'one channel' if len(channels) > 1 else pushes[0].channel}: the disturbance has one table "
+        f"({'free' if free else f'{config.table_interpolation} on {config.table_channel}'}) and one kind of "
+        f"pulse ({'free' if no_pulses else 'in use'}): give pushes on one channel, or alike"
+    )
+
+
+def _held_table(
+    config: DisturbanceConfig, pushes: Sequence[Push]
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return times, s, and values of the table with the pushes added to it."""
+    before = tuple(map(nanoseconds, config.table_times)) if any(config.table_values) else ()
+    spans = [_span(one) for one in pushes]
+    rows = sorted({*before, *(edge for span in spans for edge in span)})
+    values = []
+    for at_ns in rows:
+        value = held(at_ns, before, config.table_values, 0.0)
+        for one, (start, end) in zip(pushes, spans, strict=True):
+            value += one.value if start <= at_ns < end else 0.0
+        values.append(value)
+    return tuple(map(seconds, rows)), tuple(values)
+
+
+def _span(push: Push) -> tuple[int, int]:
+    start = nanoseconds(push.start)
+    return start, start + nanoseconds(push.duration)

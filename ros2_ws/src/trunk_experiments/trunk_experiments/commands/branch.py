@@ -1,0 +1,189 @@
+"""``trunk branch``: a recorded run as it was up to a time, and from then on with a change."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+
+from trunk_msgs_util.recording.topic import RecordingError
+from trunk_sim.simulation import DivergedError
+
+from ..branching.branch import Branch, fanned
+from ..console.common import Number
+from ..console.controller_name import ControllerName
+from ..console.document import json_option, write_json
+from ..console.mistakes import line_of, tell
+from ..console.outputs import check_folder, check_output, output_options
+from ..console.reading import open_run, written_values
+from ..errors import PlanError
+
+_LONG = 100_000  # states, which take seconds
+
+
+class _InOrder(click.Command):
+    """Keeps in which order the options were given: each ``--at`` begins a branch."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse as click does, once more for the order."""
+        _, _, order = self.make_parser(ctx).parse_args(list(args))
+        ctx.meta[__name__] = [parameter.name for parameter in order]
+        return super().parse_args(ctx, args)
+
+
+@click.command("branch", cls=_InOrder)
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option(
+    "--at",
+    "times",
+    multiple=True,
+    required=True,
+    type=Number("s"),
+    metavar="T",
+    help="Where it branches, s; repeatable: what follows belongs to this branch.",
+)
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="NODE.PARAM=VALUE",
+    help="A parameter's value from there on; repeatable.",
+)
+@click.option(
+    "--controller",
+    "controllers",
+    multiple=True,
+    type=ControllerName(),
+    help="Who acts from there on, from the torque that acts.",
+)
+@click.option(
+    "--push",
+    "pushes",
+    multiple=True,
+    metavar="[CHANNEL=]VALUE:DURATION[@TIME]",
+    help="A pulse, such as 60Nm:0.1s or hip_effort=300N:50ms@2.5s; repeatable.",
+)
+@click.option(
+    "--grid",
+    multiple=True,
+    metavar="NODE.PARAM=A,B,C",
+    help="A branch for each of these values, and combination of them; repeatable.",
+)
+@click.option(
+    "--duration",
+    type=Number("s"),
+    metavar="S",
+    help="When the branches end, s; as planned, if not given.",
+)
+@output_options("The MCAP file to write; for several branches, a folder.", required=True)
+@json_option("branch-1")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    /,
+    run: Path,
+    grid: tuple[str, ...],
+    duration: float | None,
+    output: Path,
+    force: bool,
+    as_json: bool,
+    **_given: Any,
+) -> None:
+    """Branch a recorded run: as recorded up to T s, then simulated with a change.
+
+    Disturbances, references, noise and what happened later stay as they were. The branch names its parent,
+    and verifies.
+    """
+    branches = fanned(list(_branches(ctx)), grid)
+    paths = _paths(branches, run, output, force)
+    parent = open_run(run)
+    told: list[dict[str, object]] = []
+    failed = 0
+    for branch, path in zip(branches, paths, strict=True):
+        states, diverged = _recorded(parent, branch, duration, path, force)
+        if as_json:
+            values = {
+                "at_s": branch.at,
+                "changes": branch.describe(),
+                "failure": None if diverged is None else line_of(diverged),
+            }
+            told.append({**written_values(path), **values})
+        elif diverged is None:
+            click.echo(f"{path}: {states} states, from t = {branch.at:g} s {branch.describe()}")
+        if diverged is not None:
+            failed = tell(diverged)
+    if as_json:
+        write_json("branch-1", {"parent": run, "branches": told})
+    ctx.exit(failed)
+
+
+def _branches(ctx: click.Context) -> Iterator[Branch]:
+    """Yield the branches that the options ask for. Raises PlanError for one before ``--at``."""
+    names = {"settings": "--set", "controllers": "--controller", "pushes": "--push"}
+    values = {name: iter(ctx.params[name]) for name in ("times", *names)}
+    branch: Branch | None = None
+    for name in ctx.meta[__name__]:
+        if name not in values:
+            continue
+        value = next(values[name])
+        if name == "times":
+            if branch is not None:
+                yield branch
+            branch = Branch(value)
+        elif branch is None:
+            raise PlanError(f"{names[name]} {value}: give --at T first: what follows belongs to it")
+        elif name == "controllers":
+            if branch.controller:
+                raise PlanError(f"--controller {value}: one for each --at")
+            branch = branch._replace(controller=value)
+        elif name == "settings":
+            branch = branch._replace(settings=(*branch.settings, value))
+        else:
+            branch = branch._replace(pushes=(*branch.pushes, value))
+    if branch is not None:
+        yield branch
+
+
+def _paths(branches: list[Branch], run: Path, output: Path, force: bool) -> list[Path]:
+    """Return where each branch is written, checked before any work. Raises PlanError."""
+    if len(branches) == 1 and output.suffix.lower() == ".mcap":
+        return [check_output(output, (".mcap",), force, [run])]
+    if len(branches) > 1 and output.suffix.lower() == ".mcap":
+        raise PlanError(f"--output {output}: {len(branches)} branches: name a folder")
+    check_folder(output, force)
+    names = [_name(branch) for branch in branches]
+    doubled = sorted({name for name in names if names.count(name) > 1})
+    if doubled:
+        raise PlanError(f"two branches are the same: {doubled[0]}")
+    output.mkdir(parents=True, exist_ok=True)
+    return [check_output(output / f"{name}.mcap", (".mcap",), force, [run]) for name in names]
+
+
+def _name(branch: Branch) -> str:
+    """Return a file's name that says what a branch changes."""
+    text = f"at_{branch.at:g}_{branch.describe()}"
+    kept = "".join(c if c.isalnum() or c in "._=+-" else "_" for c in text)
+    return kept[:120]
+
+
+def _recorded(
+    parent: Any, branch: Branch, duration: float | None, path: Path, force: bool
+) -> tuple[int, DivergedError | None]:
+    """Write a branch, telling how far it is; return the number of states, or why it diverged."""
+    from ..branching.change import branched
+    from ..branching.record import record_branch
+    from ..branching.resume import resumed, state_at
+    from ..console.progress import progress_bar
+
+    try:
+        begun = resumed(parent, state_at(parent, branch.at))
+    except KeyError as error:
+        raise RecordingError(f"{parent.path}: it cannot be branched: {error} is missing") from None
+    with progress_bar(f"simulating {path.name}", _LONG) as tell_done:
+        try:
+            made = branched(parent, begun, branch, duration)
+            return record_branch(parent, branch, made, path, force, tell_done), None
+        except DivergedError as error:
+            return 0, error

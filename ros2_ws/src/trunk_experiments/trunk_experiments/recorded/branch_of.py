@@ -1,0 +1,42 @@
+"""Whose branch a recording is, by its provenance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import isfinite
+from typing import NamedTuple
+
+# The keys of a branch's provenance.
+OF, PARENT, AT, CHANGES, MADE_BY = (
+    "branch_of",  # SHA-256 of the parent's file
+    "branch_parent",  # its name
+    "branch_at",  # s
+    "branch_changes",
+    "branch_made_by",  # version and commit
+)
+
+
+class BranchOf(NamedTuple):
+    """The run up to ``at`` s is the parent's; what follows was simulated, with these changes."""
+
+    parent: str
+    sha256: str
+    at: float
+    changes: str
+
+    def describe(self) -> str:
+        """Return whose branch it is in a line."""
+        return (
+            f"from t = {self.at:g} s on simulated with {self.changes}: "
+            f"branch of {self.parent}, SHA-256 {self.sha256[:12]}…"
+        )
+
+
+def branch_of(provenance: Mapping[str, str]) -> BranchOf | None:
+    """Return whose branch a run is; None if it is nobody's, or does not say from when on."""
+    try:
+        at = float(provenance[AT])
+        found = BranchOf(provenance[PARENT], provenance[OF], at, provenance[CHANGES])
+    except (KeyError, ValueError):
+        return None
+    return found if isfinite(at) else None

@@ -1,0 +1,99 @@
+"""Runs of the real nodes are branched: their past as recorded, what follows simulated; both verify."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from std_srvs.srv import Trigger
+
+from trunk_experiments.branching.branch import Branch
+from trunk_experiments.branching.change import branched
+from trunk_experiments.branching.record import record_branch
+from trunk_experiments.branching.resume import resumed, state_at
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.diff import RunDiff, diff
+from trunk_experiments.replay.verify import VERIFIED, verdict_on
+from trunk_msgs_util import topics
+from trunk_msgs_util.units import nanoseconds, seconds
+
+from ..branches.check import differences
+from .lifecycle import Life
+from .peer import Peer
+from .processes import Children
+from .test_live_parameters import Services
+
+pytestmark = pytest.mark.graph
+
+CHANGES = (
+    Branch(0.0, controller="lqr"),
+    Branch(0.0, ("simulator.max_effort=30", "disturbance.sine.amplitude=10")),
+    Branch(0.0, pushes=("60Nm:0.1s",)),
+    Branch(0.0, controller="computed_torque", pushes=("hip_effort=100N:50ms",)),
+)
+
+
+def made(path: Path, branch: Branch, out: Path) -> RunDiff:
+    """Branch a run; return in what it differs from its parent. Whatever was changed, it verifies."""
+    run = RecordedRun.open(path)
+    begun = resumed(run, state_at(run, branch.at))
+    record_branch(run, branch, branched(run, begun, branch, None), out, overwrite=True)
+    found = RecordedRun.open(out)
+    verdict = verdict_on(found)
+    assert verdict.exit_code == VERIFIED, (branch, verdict.reasons)
+    assert any("simulated with" in note for note in verdict.notes)
+    return diff(run, found)
+
+
+@pytest.mark.parametrize("mode", ["lock-step", "real time"])
+def test_a_run_of_the_real_nodes_is_branched(children: Children, tmp_path: Path, mode: str) -> None:
+    more = ["--lockstep"] if mode == "lock-step" else []
+    run = children.trunk(
+        "run", "demo", "--controller", "pid", "--duration", 1.5, "-o", "run", *more
+    )
+    assert run.wait() == 0, run.stderr
+    path = tmp_path / "run" / "run.mcap"
+    for at in (0.0, 0.3331, 1.0, 1.5):
+        if mode == "lock-step":
+            assert differences(path, at, tmp_path) == []
+        for change in CHANGES:
+            found = made(path, change._replace(at=at), tmp_path / "branch.mcap")
+            assert found.first is None or found.first.stamp_ns >= nanoseconds(at)
+
+
+def test_a_run_to_which_much_is_done_is_branched_at_any_time(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
+    truth = peer.hear(topics.GROUND_TRUTH)
+    recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
+    pid = children.node("pid", "gains.i:=20.0")
+    simulator = children.node(
+        "simulator", "duration:=0.0", "update_rate:=200.0", "wait_for:=[effort_command,recorder]"
+    )
+    plant, controller = Life(peer, "simulator"), Life(peer, "pid")
+    gains, mechanics = Services(peer, "pid"), Services(peer, "simulator")
+    for i_gain in (35.0, 5.0):
+        later = len(truth) + 50
+        peer.until(lambda later=later: len(truth) > later, "the run goes on")
+        assert gains.set(gains__i=i_gain).successful
+        assert mechanics.set(plant__length=1.0 + 0.001 * i_gain).successful
+        assert plant.change("deactivate")
+        assert controller.change("deactivate")
+        assert peer.call(Trigger, "/pid/reset").success
+        assert controller.change("activate")
+        assert plant.change("activate")
+        assert peer.call(Trigger, "/simulator/reset").success
+    later = len(truth) + 50
+    peer.until(lambda: len(truth) > later, "the run goes on")
+    for child in (simulator, pid, recorder):
+        assert child.stop() == 0, child.stderr
+    path = tmp_path / "run.mcap"
+    run = RecordedRun.open(path)
+    assert verdict_on(run).exit_code == VERIFIED
+    turns = sorted({max(event.stamp_ns, 0) for event in run.events})
+    last = int(run.table(topics.GROUND_TRUTH).stamp_ns.max())
+    for stamp_ns in (*turns, *(one + 5_000_000 for one in turns)):
+        at = seconds(min(stamp_ns, last))
+        for change in (Branch(at), Branch(at, controller="lqr"), Branch(at, ("pid.gains.p=80",))):
+            found = made(path, change, tmp_path / "branch.mcap")
+            assert found.first is None or found.first.stamp_ns >= nanoseconds(at)
