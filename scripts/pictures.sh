@@ -27,6 +27,9 @@ trunk plot --force "$runs"/{fig8-pid,fig8-fuzzy-pid}.mcap -o "$images/plot.png"
 trunk report "$runs"/{fig8-pid,fig8-fuzzy-pid}.mcap -o "$runs/report.html"
 trunk report "$runs/demo.mcap" -o "$runs/surface.html"
 
+trunk sweep actuator -o "$runs/actuator.parquet"
+trunk map "$runs/actuator.parquet" -o "$images/actuator.png" --force
+
 python - "$browser" "$runs" "$images" <<'END'
 import sys
 from pathlib import Path

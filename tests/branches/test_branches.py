@@ -30,5 +30,5 @@ def test_the_pages_commands_work_in_their_order(tmp_path: Path) -> None:
     assert len(commands) == 7
     for command in commands:
         subprocess.run(shlex.split(command), cwd=tmp_path, env=os.environ, check=True)
-    assert len(list((tmp_path / "branches").iterdir())) == 2
-    assert len(list((tmp_path / "limits").iterdir())) == 3
+    assert len(list((tmp_path / "runs" / "branches").iterdir())) == 2
+    assert len(list((tmp_path / "runs" / "limits").iterdir())) == 3

@@ -60,8 +60,12 @@ class Run:
         if self.ends_by_fault and cell.phase != STOPPING:
             self.duration = LONG_S
         self.folder = children.folder / "run"
+        # A stop that ends is shorter than any limit, but a busy machine may take long to make up for it.
+        patient = ("--set", "simulator.lockstep.timeout=300") if cell.signal == "SIGSTOP" else ()
         self.child: Child = children.trunk(
-            *("run", "demo", "--duration", self.duration, "--output", "run"), *OPTIONS[cell.mode]
+            *("run", "demo", "--duration", self.duration, "--output", "run"),
+            *OPTIONS[cell.mode],
+            *patient,
         )
 
     def reach(self) -> Callable[[int], None]:

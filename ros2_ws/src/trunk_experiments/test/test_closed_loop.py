@@ -28,6 +28,7 @@ from trunk_experiments.runs.loop import chains_of, surroundings_of
 from trunk_experiments.runs.offline import steps
 from trunk_msgs_util import compiled
 from trunk_msgs_util.parameters.declarations import declarations, values_of
+from trunk_sim.actuator import saturate
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +163,7 @@ def test_it_compiles_even_without_a_writable_folder(tmp_path, monkeypatch):
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
-    twin = compiled.compiled(closed_loop.saturate)
+    twin = compiled.compiled(saturate)
     assert twin(3.0, 2.0) == 2.0
 
 

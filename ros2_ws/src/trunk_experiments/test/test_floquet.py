@@ -48,6 +48,10 @@ CASES = {
         ],
     ),
     "fuzzy_pid, delayed": ("fuzzy_pid", ["simulator.sensor.delay=0.045"]),
+    "pid, by a real drive": (
+        "pid",
+        ["simulator.actuator.time_constant=0.08", "simulator.actuator.viscous_friction=0.1"],
+    ),
 }
 
 

@@ -126,7 +126,7 @@ def test_nothing_and_nowhere(tmp_path, told):
     [
         ("scenarios", set(SCENARIOS)),
         ("controllers", set(CONTROLLERS)),
-        ("studies", {"delay_gain", "limit_pulse", "robustness"}),
+        ("studies", {"actuator", "delay_gain", "limit_pulse", "robustness"}),
         ("files", {*SCENARIOS, "pid_as_printed"}),
         ("schemas", {"metrics-1", "error-1"}),
     ],

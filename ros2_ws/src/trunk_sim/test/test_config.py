@@ -19,7 +19,8 @@ def test_defaults_are_those_of_the_model():
     assert config.body == Body(2.0, 0.5, 1.0, 9.81, 1.0, 1.0, False)
     assert config.initial_state == PlantState(0.0, pi / 6.0, 1.0, 0.0)
     assert (config.max_effort, config.delay_steps) == (inf, 0)
-    assert config.sensor == (0.0, 0.0, 0.0, 0.0)
+    assert config.sensor == (0.0, 0.0, 0.0, 0.0, None)
+    assert config.plant.actuator is None
 
 
 def test_default_pulse_is_that_of_the_paper():

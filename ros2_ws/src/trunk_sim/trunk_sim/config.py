@@ -12,8 +12,9 @@ from trunk_msgs_util.parameters.config import ManagedConfig
 from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 from trunk_msgs_util.units import nanoseconds, period_ns, seconds
 
+from .actuator import Actuator, approach_of
 from .plant import PlantState
-from .step import Plant, SensorParameters
+from .step import Plant, Scale, SensorParameters
 
 _JOINTS = ("hip", "trunk")
 EQUATIONS = ("derived", "as_printed")
@@ -100,6 +101,57 @@ class SimulatorConfig(ManagedConfig):
         above=0.0,
         unbounded=True,
     )
+    actuator_time_constant: float = parameter(
+        "actuator.time_constant",
+        0.0,
+        "Time constant of the actuator's lag; 0: none",
+        unit="s",
+        minimum=0.0,
+        maximum=1e3,
+    )
+    actuator_rate_limit: float = parameter(
+        "actuator.rate_limit",
+        inf,
+        "The fastest change of its torque",
+        unit="N m/s",
+        above=0.0,
+        unbounded=True,
+    )
+    actuator_dead_band: float = parameter(
+        "actuator.dead_band",
+        0.0,
+        "Commands within +- this give none, others so much less",
+        unit="N m",
+        minimum=0.0,
+        maximum=1e6,
+    )
+    actuator_resolution: float = parameter(
+        "actuator.resolution",
+        0.0,
+        "Its torque is a multiple of this, before bias and lag; 0: continuous",
+        unit="N m",
+        minimum=0.0,
+        maximum=1e6,
+    )
+    actuator_bias: float = parameter(
+        "actuator.bias", 0.0, "Torque added to it", unit="N m", minimum=-1e6, maximum=1e6
+    )
+    coulomb_friction: float = parameter(
+        "actuator.coulomb_friction",
+        0.0,
+        "Friction in the joint against any motion",
+        unit="N m",
+        minimum=0.0,
+        maximum=1e6,
+    )
+    viscous_friction: float = parameter(
+        "actuator.viscous_friction",
+        0.0,
+        "Friction in the joint in proportion to the trunk's rate",
+        unit="N m s/rad",
+        minimum=0.0,
+        maximum=1e6,
+    )
     command_timeout: float = parameter(
         "command_timeout",
         0.2,
@@ -140,6 +192,38 @@ class SimulatorConfig(ManagedConfig):
         unit="rad/s",
         minimum=-1e3,
         maximum=1e3,
+    )
+    position_resolution: float = parameter(
+        "sensor.position_resolution",
+        0.0,
+        "The measured angle is a multiple of this; 0: continuous",
+        unit="rad",
+        minimum=0.0,
+        maximum=1e3,
+    )
+    velocity_resolution: float = parameter(
+        "sensor.velocity_resolution",
+        0.0,
+        "The measured rate is a multiple of this; 0: continuous",
+        unit="rad/s",
+        minimum=0.0,
+        maximum=1e3,
+    )
+    position_limit: float = parameter(
+        "sensor.position_limit",
+        inf,
+        "The largest angle that is measured, either way",
+        unit="rad",
+        above=0.0,
+        unbounded=True,
+    )
+    velocity_limit: float = parameter(
+        "sensor.velocity_limit",
+        inf,
+        "The largest rate that is measured, either way",
+        unit="rad/s",
+        above=0.0,
+        unbounded=True,
     )
     delay: float = parameter(
         "sensor.delay",
@@ -246,8 +330,28 @@ class SimulatorConfig(ManagedConfig):
     def plant(self) -> Plant:
         """What `act` takes besides the trunk, the effort and the disturbance."""
         return Plant(
-            self.body, seconds(self.period_ns), self.substeps, self.max_effort, self.fall_angle
+            self.body,
+            seconds(self.period_ns),
+            self.substeps,
+            self.max_effort,
+            self.fall_angle,
+            self.actuator,
         )
+
+    @property
+    def actuator(self) -> Actuator | None:
+        """The actuator's constants for a period; None if they change nothing."""
+        period = seconds(self.period_ns)
+        found = Actuator(
+            approach_of(self.actuator_time_constant, period),
+            self.actuator_rate_limit * period,
+            self.actuator_dead_band,
+            self.actuator_resolution,
+            self.actuator_bias,
+            self.coulomb_friction,
+            self.viscous_friction,
+        )
+        return None if found == Actuator() else found
 
     @property
     def initial_state(self) -> PlantState:
@@ -258,8 +362,18 @@ class SimulatorConfig(ManagedConfig):
     @property
     def sensor(self) -> SensorParameters:
         """The sensors' constants."""
+        scale = Scale(
+            self.position_resolution,
+            self.velocity_resolution,
+            self.position_limit,
+            self.velocity_limit,
+        )
         return SensorParameters(
-            self.position_noise, self.velocity_noise, self.position_bias, self.velocity_bias
+            self.position_noise,
+            self.velocity_noise,
+            self.position_bias,
+            self.velocity_bias,
+            None if scale == Scale() else scale,
         )
 
     @property

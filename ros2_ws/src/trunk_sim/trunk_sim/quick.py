@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from trunk_msgs_util.with_arrays import with_arrays
 
+from .actuator import Actuator
 from .config import SimulatorConfig
 from .disturbances import Disturbance
 from .step import Plant, Trunk, act, at_rest
@@ -48,9 +49,9 @@ def plant_for(function: Act, plant: Plant) -> Plant:
 
 
 def _with_array(plant: Plant) -> Plant:
-    """Return a plant whose harmonics are an array, empty if there are none.
+    """Return a plant whose harmonics are an array, empty if there are none, and that has an actuator.
 
-    It has one type, so that nothing is compiled anew where a running simulator's path changes.
+    It has one type, so that nothing is compiled anew where a running simulator's path or actuator changes.
     """
-    body = plant.body
-    return with_arrays(plant._replace(body=body._replace(harmonics=body.harmonics or ())))
+    body = plant.body._replace(harmonics=plant.body.harmonics or ())
+    return with_arrays(plant._replace(body=body, actuator=plant.actuator or Actuator()))

@@ -10,13 +10,14 @@ from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import seconds
 
+from .actuator import saturate
 from .config import SimulatorConfig
 from .disturbances import Disturbance
 from .noise import Noise
 from .plant import PlantState
 from .quick import Act, act_for, plant_for
 from .sensors import DelayLine
-from .step import Plant, Trunk, at_rest, noisy, saturate, sense
+from .step import Plant, Trunk, at_rest, noisy, sense
 
 
 class DivergedError(TrunkError, ArithmeticError):

@@ -8,15 +8,25 @@ Pure: scalar functions of floats and named tuples, which CPython runs and numba 
 
 from __future__ import annotations
 
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, NamedTuple
 
 from trunk_msgs_util.mechanics import Body
 from trunk_msgs_util.with_arrays import with_arrays
 
+from .actuator import Actuator, driven, quantised, saturate, with_friction
 from .disturbances import Disturbance
 from .integrator import advance
 from .plant import PlantState
+
+
+class Scale(NamedTuple):
+    """Resolutions and limits of the measured trunk angle [rad] and rate [rad/s]; resolution 0: continuous."""
+
+    position_resolution: float = 0.0
+    velocity_resolution: float = 0.0
+    position_limit: float = inf
+    velocity_limit: float = inf
 
 
 class SensorParameters(NamedTuple):
@@ -26,6 +36,7 @@ class SensorParameters(NamedTuple):
     velocity_noise: float = 0.0
     position_bias: float = 0.0
     velocity_bias: float = 0.0
+    scale: Scale | None = None  # None: continuous, and without limits
 
 
 class Plant(NamedTuple):
@@ -36,6 +47,9 @@ class Plant(NamedTuple):
     substeps: int
     max_effort: float  # N m
     fall_angle: float  # rad
+    actuator: Actuator | None = (
+        None  # None: it gives what it is told, and the joint has no friction
+    )
 
 
 def pruned(plant: Plant) -> Plant:
@@ -78,9 +92,9 @@ def at_rest(state: PlantState, plant: Plant) -> Trunk:
     return Trunk(state, 0.0, beyond_fall(state, plant), False)
 
 
-def saturate(effort: float, limit: float) -> float:
-    """Return the effort in N m, clamped to +- limit."""
-    return limit if effort > limit else -limit if effort < -limit else effort
+def torque_of(before: float, effort: float, plant: Plant) -> float:
+    """Return the actuator's torque over a period, N m, after ``before`` and with a command, both N m."""
+    return driven(before, effort, plant.max_effort, plant.actuator)
 
 
 def noisy(p: SensorParameters) -> bool:
@@ -95,31 +109,51 @@ def sense(
     velocity_sample: float,
     p: SensorParameters,
 ) -> Measurement:
-    """Return ``true + offset + bias + sigma n`` for the trunk, with standard normal samples n.
+    """Return ``true + offset + bias + sigma n`` for the trunk, with standard normal samples n, as it is read.
 
     ``state`` is the true state that the sensors see now, already delayed. The hip gets only its offset.
     """
-    return Measurement(
-        state.x + disturbance.hip_offset,
+    theta = (
         state.theta
         + disturbance.trunk_offset
         + p.position_bias
-        + p.position_noise * position_sample,
-        state.x_dot,
-        state.theta_dot + p.velocity_bias + p.velocity_noise * velocity_sample,
+        + p.position_noise * position_sample
     )
+    theta_dot = state.theta_dot + p.velocity_bias + p.velocity_noise * velocity_sample
+    theta, theta_dot = as_read(theta, theta_dot, p.scale)
+    return Measurement(state.x + disturbance.hip_offset, theta, state.x_dot, theta_dot)
+
+
+def as_read(theta: float, theta_dot: float, scale: Scale | None) -> tuple[float, float]:
+    """Return angle and rate as the sensors give them: multiples of their resolutions, within their limits."""
+    if scale is None:
+        return theta, theta_dot
+    if scale.position_resolution > 0.0:
+        theta = quantised(theta, scale.position_resolution)
+    if scale.velocity_resolution > 0.0:
+        theta_dot = quantised(theta_dot, scale.velocity_resolution)
+    return saturate(theta, scale.position_limit), saturate(theta_dot, scale.velocity_limit)
 
 
 def act(trunk: Trunk, effort: float, disturbance: Disturbance, plant: Plant) -> Trunk:
-    """Return the trunk one period later; the commanded effort [N m] is clamped and held over it.
+    """Return the trunk one period later, with what the actuator makes of the commanded effort [N m].
 
     If the new state is not finite, the old one stays and is marked ``diverged``.
     """
-    torque = saturate(effort, plant.max_effort)
+    return moved(trunk, torque_of(trunk.effort, effort, plant), disturbance, plant)
+
+
+def torque_on(state: PlantState, torque: float, disturbance: Disturbance, plant: Plant) -> float:
+    """Return all that turns the trunk over a period, N m: actuator's torque, disturbance, friction."""
+    return with_friction(torque + disturbance.trunk_torque, state.theta_dot, plant.actuator)
+
+
+def moved(trunk: Trunk, torque: float, disturbance: Disturbance, plant: Plant) -> Trunk:
+    """Return the trunk one period later, with the actuator's torque [N m] held over it; as `act` does."""
     state = advance(
         trunk.state,
         disturbance.hip_force,
-        torque + disturbance.trunk_torque,
+        torque_on(trunk.state, torque, disturbance, plant),
         plant.period,
         plant.substeps,
         plant.body,

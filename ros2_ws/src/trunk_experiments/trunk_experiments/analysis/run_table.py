@@ -9,11 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.parameters.declarations import ParameterError, build
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.recording.series import in_turn, series_of
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_msgs_util.whole_file import whole_file
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.step import torque_of
 
 from ..recorded.run import RecordedRun
 
@@ -100,9 +103,9 @@ class RunTable:
         torque = np.append(effort[1:], np.nan)
         command = found.pop(topics.EFFORT_COMMAND)
         last = _matched(at[-1:], command.stamp_ns, command.column("effort", trunk))
-        limit = _max_effort(run, int(at[-1]))
-        torque[-1] = effort[-1] if np.isnan(last[0]) else last[0]
-        torque[-1] = np.clip(torque[-1], -limit, limit)
+        torque[-1] = effort[-1]
+        if not np.isnan(last[0]):
+            torque[-1] = _made_of(float(last[0]), float(effort[-1]), run, int(at[-1]))
         return cls(
             t=at / NANOSECONDS,
             x=truth.column("position", hip),
@@ -208,10 +211,16 @@ def _joints(run: RecordedRun) -> tuple[str, str]:
     return joints
 
 
-def _max_effort(run: RecordedRun, stamp_ns: int) -> float:
-    """Return the actuator's limit in N m at a state's stamp; infinite if it was not recorded."""
-    limit = run.parameters.get("simulator", {}).get("max_effort", np.inf)
+def _made_of(command: float, before: float, run: RecordedRun, stamp_ns: int) -> float:
+    """Return what the actuator makes of a state's command after a torque, both N m.
+
+    It is the command itself where the simulator's parameters are not on record, or cannot be used.
+    """
+    values = dict(run.parameters.get("simulator", {}))
     for change in run.parameter_changes("simulator"):
         if change.stamp_ns < stamp_ns:
-            limit = change.changed.get("max_effort", limit)
-    return limit if isinstance(limit, float) else np.inf
+            values |= change.changed
+    try:
+        return torque_of(before, command, build(SimulatorConfig, values).plant)
+    except ParameterError:
+        return command

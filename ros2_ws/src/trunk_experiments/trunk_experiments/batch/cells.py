@@ -23,8 +23,9 @@ SAMPLE = 16  # measurement, rate, the hip's position and rate
 MEMORY = 20  # of the law, 5: its state but for ``started``
 TORQUE = 25
 LEFT = 26  # 1.0 in a lane that has left the regular course
-INPUTS = 27  # what a law's tables are looked up by, 2
-SUMS = 29
+TURNING = 27  # all that turns the trunk over a period
+INPUTS = 28  # what a law's tables are looked up by, 2
+SUMS = 30
 PARAMETERS = SUMS + len(
     Sums._fields
 )  # of the run, as many as it has; then the cell of a law's tables

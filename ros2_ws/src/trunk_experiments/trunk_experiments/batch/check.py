@@ -7,7 +7,7 @@ import numpy as np
 from trunk_control.laws import law_named
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.simulation import DivergedError
-from trunk_sim.step import act
+from trunk_sim.step import act, torque_of
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan
@@ -82,7 +82,7 @@ def _refusal_difference(plan: RunPlan, reason: str) -> str | None:
 
 
 def _table_difference(plan: RunPlan, outcome: Outcome, taken: list[Step]) -> str | None:
-    table, limit = outcome.table, plan.simulator.max_effort
+    table, plant = outcome.table, plan.simulator.plant
     held = [float("nan")] * 5
     columns: list[list[float]] = []
     for step in taken:
@@ -92,7 +92,7 @@ def _table_difference(plan: RunPlan, outcome: Outcome, taken: list[Step]) -> str
         terms = answer.terms
         if answer.fresh:
             held = [answer.reference, *gains_of(law_named(step.controller))(terms)]
-        torque = min(max(answer.effort, -limit), limit)
+        torque = torque_of(step.truth.effort[1], answer.effort, plant)
         columns.append(
             [
                 step.stamp_ns / NANOSECONDS,

@@ -18,7 +18,7 @@ from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.noise import noise_samples
-from trunk_sim.step import Measurement, Plant, Trunk, at_rest, noisy, saturate
+from trunk_sim.step import Measurement, Plant, Trunk, at_rest, noisy, torque_of
 
 from ..analysis.metrics import Metrics, metrics
 from ..analysis.run_table import RunTable
@@ -82,7 +82,7 @@ def keep_rows(
     """Write state k into column k of ``out`` [ROWS, N]; reference and gains are those of the last update."""
     out[X, k], out[THETA, k], out[X_DOT, k], out[THETA_DOT, k] = trunk.state
     out[MEASURED, k] = measured.theta
-    out[TORQUE, k] = saturate(acted.effort, plant.max_effort)
+    out[TORQUE, k] = torque_of(trunk.effort, acted.effort, plant)
     if not acted.fresh:
         for row in (REFERENCE, KP, KI, KD, ALPHA):
             out[row, k] = out[row, k - 1] if k > 0 else nan

@@ -20,7 +20,15 @@ from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds
 from trunk_sim.disturbances import Signals, disturbance_at
 from trunk_sim.integrator import rk4_step
-from trunk_sim.step import Plant, SensorParameters, beyond_fall, finite, saturate, sense
+from trunk_sim.step import (
+    Plant,
+    SensorParameters,
+    beyond_fall,
+    finite,
+    sense,
+    torque_of,
+    torque_on,
+)
 
 from ..analysis.sums import with_row
 from ..runs.loop import reading_of
@@ -35,6 +43,7 @@ from .cells import (
     SEEN,
     STATE,
     TORQUE,
+    TURNING,
     WANTED,
     acting_at,
     keep_memory,
@@ -135,8 +144,11 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
                 ends = not finite(state) or (c.fall_stop and beyond_fall(state, plant))
                 left = cells[LEFT * LANES + lane]
                 cells[LEFT * LANES + lane] = 1.0 if ends else left
-                torque = saturate(cells[(MEMORY + 4) * LANES + lane], plant.max_effort)
+                before, command = cells[TORQUE * LANES + lane], cells[(MEMORY + 4) * LANES + lane]
+                torque = torque_of(before, command, plant)
                 cells[TORQUE * LANES + lane] = torque
+                turning = torque_on(state, torque, acting_at(cells, lane), plant)
+                cells[TURNING * LANES + lane] = turning
                 sums = with_row(
                     sums_at(cells, lane),
                     t,
@@ -155,7 +167,7 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
                     state = rk4_step(
                         state_at(cells, STATE, lane),
                         acting.hip_force,
-                        cells[TORQUE * LANES + lane] + acting.trunk_torque,
+                        cells[TURNING * LANES + lane],
                         h,
                         read_plant(cells, lane, c.plant).body,
                     )

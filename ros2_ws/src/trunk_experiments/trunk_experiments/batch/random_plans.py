@@ -140,6 +140,22 @@ def random_plan(index: int) -> RunPlan:
     )
 
 
+# Of a real drive and of real sensors: what changes nothing, and the largest value drawn.
+_REAL_DRIVE = (
+    ("actuator.time_constant", 0.0, 0.1),
+    ("actuator.rate_limit", inf, 5000.0),
+    ("actuator.dead_band", 0.0, 3.0),
+    ("actuator.resolution", 0.0, 5.0),
+    ("actuator.bias", 0.0, 5.0),
+    ("actuator.coulomb_friction", 0.0, 3.0),
+    ("actuator.viscous_friction", 0.0, 3.0),
+    ("sensor.position_resolution", 0.0, 0.05),
+    ("sensor.velocity_resolution", 0.0, 0.5),
+    ("sensor.position_limit", inf, 3.0),
+    ("sensor.velocity_limit", inf, 30.0),
+)
+
+
 def _simulator(draw: Draw, rate: float) -> dict[str, Value]:
     """Return the values that keep a run in bounds, or that depend on one another."""
     printed = draw.rng.random() < 0.1
@@ -158,6 +174,8 @@ def _simulator(draw: Draw, rate: float) -> dict[str, Value]:
     }
     for name in ("sensor.position_noise", "sensor.velocity_noise"):
         values[name] = draw.pick(0.0, float(draw.rng.uniform(0.0, 0.3)))
+    for name, neutral, most in _REAL_DRIVE:
+        values[name] = draw.pick(neutral, float(draw.rng.uniform(1e-3, 1.0)) * most)
     if printed:
         values.update({"path.amplitude": 1.0, "path.wavenumber": 1.0, "hip.mode": "passive"})
         values.update({"path.cosines": (), "path.sines": ()})

@@ -61,6 +61,9 @@ def print_margins(plan: RunPlan, found: Sequence[LoopMargins]) -> None:
     if not found:
         click.echo(f"no margins: {plan.controller_name} tells no gains to linearise with")
         return
+    if plan.simulator.actuator is not None:
+        told = "trunk: warning: margins are those of a drive without lag, limits and friction"
+        click.echo(f"{told}; trunk map draws the multipliers with its lag", err=True)
     rows = []
     for one in found:
         m = one.margins

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from trunk_control.pid import Gains, PidLaw, PidState, limited, pid_update
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_sim.integrator import rk4_step
-from trunk_sim.step import Plant, SensorParameters, beyond_fall, finite, saturate, sense
+from trunk_sim.step import Plant, SensorParameters, beyond_fall, finite, sense, torque_of, torque_on
 
 from ..batch.cells import ACTING, NOISE, PARAMETERS, SEEN, STATE, acting_at, keep_state, state_at
 from ..batch.columns import LANES
@@ -31,7 +31,8 @@ REWARD = BEFORE + 4
 FELL = REWARD + 1
 DIVERGED = FELL + 1
 OVER = DIVERGED + 1
-ROWS = OVER + 1
+TURNING = OVER + 1  # N m, all that turns the trunk over the period
+ROWS = TURNING + 1
 
 OBSERVED = 5  # numbers of an observation
 
@@ -91,16 +92,19 @@ def advance(
             for i in range(4 * LANES):
                 cells[BEFORE * LANES + i] = cells[STATE * LANES + i]
             for lane in range(LANES):
-                cells[TORQUE * LANES + lane] = saturate(
-                    cells[COMMAND * LANES + lane], c.plant.max_effort
-                )
+                before, wanted = cells[APPLIED * LANES + lane], cells[COMMAND * LANES + lane]
+                torque = torque_of(before, wanted, c.plant)
+                cells[TORQUE * LANES + lane] = torque
+                start = state_at(cells, STATE, lane)
+                turning = torque_on(start, torque, acting_at(cells, lane), c.plant)
+                cells[TURNING * LANES + lane] = turning
             for _ in range(c.plant.substeps):
                 for lane in range(LANES):
                     acting = acting_at(cells, lane)
                     state = rk4_step(
                         state_at(cells, STATE, lane),
                         acting.hip_force,
-                        cells[TORQUE * LANES + lane] + acting.trunk_torque,
+                        cells[TURNING * LANES + lane],
                         h,
                         c.plant.body,
                     )

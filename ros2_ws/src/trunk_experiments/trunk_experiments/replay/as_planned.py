@@ -20,14 +20,26 @@ if TYPE_CHECKING:
 
     from ..recorded.run import RecordedRun
 
-# What recordings of earlier versions lack, all of it: declared later. What is judged takes the defaults.
-_LATER = {
-    "recorder": ("markers",),
-    "simulator": ("path.cosines", "path.sines"),
-    "computed_torque": ("model.path_cosines", "model.path_sines"),
+# What recordings of earlier versions lack, all of a group: declared later. What is judged takes the defaults.
+_LATER: dict[str, tuple[tuple[str, ...], ...]] = {
+    "recorder": (("markers",),),
+    "simulator": (
+        ("path.cosines", "path.sines"),
+        (
+            *("actuator.time_constant", "actuator.rate_limit", "actuator.dead_band"),
+            *("actuator.resolution", "actuator.bias"),
+            *("actuator.coulomb_friction", "actuator.viscous_friction"),
+            *("sensor.position_resolution", "sensor.velocity_resolution"),
+            *("sensor.position_limit", "sensor.velocity_limit"),
+        ),
+    ),
+    "computed_torque": (("model.path_cosines", "model.path_sines"),),
     "disturbance": (
-        *("pulse.random_count", "pulse.random_from", "pulse.random_until", "pulse.random_seed"),
-        *("table.channel", "table.times", "table.values", "table.interpolation"),
+        (
+            *("pulse.random_count", "pulse.random_from", "pulse.random_until"),
+            *("pulse.random_seed", "table.channel", "table.times", "table.values"),
+            "table.interpolation",
+        ),
     ),
 }
 
@@ -105,8 +117,8 @@ def _parameters(run: RecordedRun) -> Iterator[str]:
         declared = declarations(NODES[node].config)
         if change.new:
             sets[node] += 1
-            later = set(_LATER.get(node, ()))
-            lacking = later if later.isdisjoint(change.new) else set()
+            groups = _LATER.get(node, ())
+            lacking = {n for some in groups if not set(some) & set(change.new) for n in some}
             whole = tuple(name for name in declared if name not in lacking)
             if tuple(change.new) != whole:
                 odd = ", ".join(sorted(set(whole) ^ set(change.new))) or "their order"

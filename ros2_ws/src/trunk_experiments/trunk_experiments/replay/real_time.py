@@ -16,7 +16,7 @@ import numpy as np
 from trunk_msgs_util import topics
 from trunk_msgs_util.units import nanoseconds
 from trunk_sim.disturbances import Disturbance
-from trunk_sim.step import saturate
+from trunk_sim.step import torque_of
 
 from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
@@ -102,11 +102,13 @@ def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Ch
     first = 0  # the oldest command that may be in force
     since_ns = -1
     exact_ns = exact_from_ns(run)
+    plant = timeline.config.plant
     for row in range(1, len(stamps)):
         now, after = stamps[row - 1], stamps[row]
-        timeline.advance(now + 1)
+        if timeline.advance(now + 1):
+            plant = timeline.config.plant
         config = timeline.config
-        torque = truth.get(after, "effort")[1]
+        before, torque = (truth.get(stamp, "effort")[1] for stamp in (now, after))
         timeout_ns = nanoseconds(config.command_timeout)
         newest = bisect_right(told, now)
         if now >= exact_ns:
@@ -114,20 +116,20 @@ def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Ch
         match = -1
         for at in range(max(first, bisect_left(told, now - timeout_ns)), newest):
             effort = commands.get(told[at], "effort", 1)[0]
-            if same(saturate(effort, config.max_effort), torque):
+            if same(torque_of(before, effort, plant), torque):
                 match = at
                 break
         timed_out = since_ns < 0 or now - since_ns > timeout_ns
         if match >= 0:
             first, since_ns = match, told[match]
             yield Checked(after, ())
-        elif torque == 0.0 and timed_out:
+        elif timed_out and torque == torque_of(before, 0.0, plant):
             yield Checked(after, ())
         else:
-            computed = 0.0
+            computed = torque_of(before, 0.0, plant)
             if newest > 0:
                 effort = commands.get(told[newest - 1], "effort", 1)[0]
-                computed = saturate(effort, config.max_effort)
+                computed = torque_of(before, effort, plant)
                 first, since_ns = newest - 1, told[newest - 1]
             difference = Difference(after, truth.topic, "effort[in force]", torque, computed)
             yield Checked(after, [difference])

@@ -16,7 +16,7 @@ from trunk_sim.disturbances import Disturbance
 from trunk_sim.noise import Noise, noise_samples
 from trunk_sim.plant import PlantState
 from trunk_sim.simulation import Simulation
-from trunk_sim.step import Trunk, act, at_rest, in_force, noisy, pruned, sense
+from trunk_sim.step import Trunk, act, at_rest, in_force, moved, noisy, pruned, sense
 
 from ..plans.timeline import Change
 from ..recorded.joint_table import JointTable
@@ -124,6 +124,7 @@ class PlantReplay:
             pruned(self._plant),
             self._sensor,
             record,
+            self._possible is not None,
         )
         self._row = begin + row
         return self._row - before
@@ -187,7 +188,9 @@ class PlantReplay:
         if command is None:
             return True
         self._timeline.advance(stamp_ns + 1, self)
-        steps = [(one, act(self._trunk, command, one[1], self._plant)) for one in self._acting]
+        # In real time it is the recorded torque, whatever the actuator made it of.
+        make = act if self._possible is None else moved
+        steps = [(one, make(self._trunk, command, one[1], self._plant)) for one in self._acting]
         fitting = [one for one in steps if self._fits(one[1])]
         if self._possible is not None and fitting:
             self._possible.chosen(min(since_ns for (since_ns, _), _ in fitting))

@@ -21,7 +21,7 @@ from trunk_control.laws import law_named
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
 from trunk_sim.plant import PlantState
-from trunk_sim.step import Plant, SensorParameters, Trunk, act, sense
+from trunk_sim.step import Plant, SensorParameters, Trunk, moved, sense, torque_of
 
 from .bits import alike
 
@@ -49,10 +49,12 @@ def plant_stretch(
     plant: Plant,
     sensor: SensorParameters,
     record: PlantRecord,
+    applied: bool,
 ) -> tuple[int, Trunk, bool]:
     """Return the first row in [first, last] that is not skipped, and trunk and fall there.
 
-    ``remembered`` is the oldest row that the sensors' delay may reach back to.
+    ``remembered`` is the oldest row that the sensors' delay may reach back to. ``applied``: the record's
+    torques are what the actuator made of the commands.
     """
     for row in range(first, last):
         state = trunk.state
@@ -88,7 +90,8 @@ def plant_stretch(
         command = record.command[row]
         if command - command != 0.0:
             return row, trunk, falls
-        after = act(trunk, command, acting, plant)
+        torque = command if applied else torque_of(trunk.effort, command, plant)
+        after = moved(trunk, torque, acting, plant)
         if after.diverged:
             return row, trunk, falls
         falls = after.fallen and not trunk.fallen

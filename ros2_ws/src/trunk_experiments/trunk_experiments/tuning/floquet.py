@@ -24,24 +24,26 @@ from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds
 from trunk_msgs_util.with_arrays import with_arrays
+from trunk_sim.actuator import Actuator
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
-from trunk_sim.step import Plant, SensorParameters, act, at_rest, sense
+from trunk_sim.step import Plant, SensorParameters, Trunk, act, sense
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan
 
 _STEP = 1e-6  # of the differences: rad, rad/s, rad s, N m
-_INPUTS = 9  # angle, rate, both delayed, and five of the law's memory
-_OUTPUTS = 7  # angle, rate, and the law's memory: integral, error, measurement, derivative, effort
+_INPUTS = 10  # angle, rate, both delayed, five of the law's memory, and the actuator's torque
+# Angle, rate, the law's memory (integral, error, measurement, derivative, effort), the actuator's torque.
+_OUTPUTS = 8
 _MOST_STEPS = 1_000_000  # of a period
 
 _QUIET = Disturbance()
-_SENSOR = SensorParameters(0.0, 0.0, 0.0, 0.0)
+_SENSOR = SensorParameters(0.0, 0.0, 0.0, 0.0, None)
 
 
 class SampledLoop(NamedTuple):
-    """Plant and sampled law, without what a small error never reaches: actuator limits, falls."""
+    """Plant and sampled law, without limits, falls, and what an actuator does to small torques alone."""
 
     plant: Plant
     law: PidLaw
@@ -82,12 +84,14 @@ def monodromy_of(update: Update) -> Callable[..., int]:
             hip = Hip(measured.x, measured.x_dot)
             read = Sample(0.0, measured.theta, measured.theta_dot, dt, hip)
             memory, _ = update(memory, read, constants, s.law)
-        trunk = act(at_rest(PlantState(x, z[0], v, z[1]), s.plant), memory.effort, _QUIET, s.plant)
+        before = Trunk(PlantState(x, z[0], v, z[1]), z[9], False, False)
+        trunk = act(before, memory.effort, _QUIET, s.plant)
         state = trunk.state
         out[0], out[1], out[2], out[3] = state.theta, state.theta_dot, memory.integral, memory.error
         if trunk.diverged:
             out[0], out[1] = nan, nan
         out[4], out[5], out[6] = memory.measurement, memory.derivative, memory.effort
+        out[7] = trunk.effort
 
     def monodromy_loop(
         v: float,
@@ -99,7 +103,7 @@ def monodromy_of(update: Update) -> Callable[..., int]:
         past: Floats,
         workspace: Workspace,
     ) -> int:
-        """Multiply the linearised samples of one period onto ``now`` [7, n] and ``past`` [d, 2, n].
+        """Multiply the linearised samples of one period onto ``now`` [8, n] and ``past`` [d, 2, n].
 
         ``past`` holds angle and rate of the last d samples in a ring. Returns the slot of the oldest.
         """
@@ -156,6 +160,13 @@ def _compiled(controller: str) -> Callable[..., int]:
     return compiled(monodromy_of(law_named(controller).update))
 
 
+def _linear(actuator: Actuator | None) -> Actuator | None:
+    """Return an actuator without dead band, resolution and bias, which have no slope at zero torque."""
+    if actuator is None:
+        return None
+    return actuator._replace(dead_band=0.0, resolution=0.0, bias=0.0)
+
+
 def floquet(plan: RunPlan) -> Floquet:
     """Return a plan's multipliers, its hip prescribed at its initial speed.
 
@@ -166,7 +177,7 @@ def floquet(plan: RunPlan) -> Floquet:
     plant = simulator.plant
     body = with_arrays(plant.body._replace(prescribed=True))
     loop = SampledLoop(
-        plant._replace(body=body, max_effort=inf, fall_angle=inf),
+        plant._replace(body=body, max_effort=inf, fall_angle=inf, actuator=_linear(plant.actuator)),
         config.law,
         simulator.period_ns,
         config.period_ns,

@@ -1,0 +1,50 @@
+"""Real drives and sensors: in lock-step the nodes have the offline run's bits; in real time they verify."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.diff import diff
+from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.recording.reader import Recording
+
+from .processes import Children
+
+pytestmark = pytest.mark.graph
+
+DRIVE = (
+    "simulator.actuator.time_constant=0.02",
+    "simulator.actuator.rate_limit=2000",
+    "simulator.actuator.dead_band=0.2",
+    "simulator.actuator.resolution=0.05",
+    "simulator.actuator.bias=-0.3",
+    "simulator.actuator.coulomb_friction=0.1",
+    "simulator.actuator.viscous_friction=0.05",
+    "simulator.sensor.position_resolution=0.001",
+    "simulator.sensor.velocity_resolution=0.01",
+    "simulator.sensor.position_limit=1.2",
+)
+
+
+@pytest.mark.parametrize("mode", ["lock-step", "real time"])
+def test_the_nodes_drive_as_the_offline_run_does(
+    children: Children, tmp_path: Path, mode: str
+) -> None:
+    settings = [word for one in DRIVE for word in ("--set", one)]
+    more = ["--lockstep"] if mode == "lock-step" else []
+    run = children.trunk("run", "demo", "--duration", 1.5, "-o", "run", *settings, *more)
+    assert run.wait() == 0, run.stderr
+    path = tmp_path / "run" / "run.mcap"
+    verdict = verify(Recording.open(path))
+    assert verdict.exit_code == VERIFIED, verdict.reasons
+    if mode == "lock-step":
+        offline = tmp_path / "offline.mcap"
+        plan = make_plan("demo", "fuzzy_pid", everywhere={"duration": 1.5}, settings=DRIVE)
+        record_offline(plan, offline)
+        found = diff(RecordedRun.open(offline), RecordedRun.open(path))
+        assert found.first is None, found.describe()
