@@ -120,7 +120,9 @@ def test_mistakes(text, line):
 
 
 def test_no_such_study():
-    with pytest.raises(StudyError, match=r"no study 'nix': give a file, or one of delay_gain"):
+    with pytest.raises(
+        StudyError, match=r"no study 'nix': give a file, or one of actuator, delay_gain"
+    ):
         read_study("nix")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,6 @@ from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.recording.series import in_turn, series_of
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_msgs_util.whole_file import whole_file
-from trunk_sim.config import SimulatorConfig
-from trunk_sim.step import torque_of
 
 from ..recorded.run import RecordedRun
 
@@ -220,6 +219,13 @@ def _made_of(command: float, before: float, run: RecordedRun, stamp_ns: int) -> 
     for change in run.parameter_changes("simulator"):
         if change.stamp_ns < stamp_ns:
             values |= change.changed
+    limit = values.get("max_effort", inf)
+    if all(value in (0.0, inf) for name, value in values.items() if name.startswith("actuator.")):
+        # The plant is not loaded for a drive that does what it is told.
+        return min(max(command, -limit), limit) if isinstance(limit, float) else command
+    from trunk_sim.config import SimulatorConfig
+    from trunk_sim.step import torque_of
+
     try:
         return torque_of(before, command, build(SimulatorConfig, values).plant)
     except ParameterError:
