@@ -15,6 +15,7 @@ from trunk_experiments.cli import main
 from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
+from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.branch_of import branch_of
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
@@ -164,6 +165,101 @@ def test_a_branch_ends_when_it_is_told_or_was_planned(branch, parent, plan, tmp_
     assert saved.count("joint_states") == 401
 
 
+def twice(capsys, tmp_path, parent, first, second):
+    """Branch a run, then its branch; return the second one's run, which verifies."""
+    path = parent
+    for i, words in enumerate((first, second)):
+        out = tmp_path / f"{i}.mcap"
+        _, told, code = cli(capsys, "branch", path, *words, "-o", out, "--force")
+        assert code == 0, told
+        verdict = verdict_on(RecordedRun.open(out))
+        assert verdict.exit_code == VERIFIED, verdict.reasons
+        path = out
+    return RecordedRun.open(path)
+
+
+def test_a_controller_that_has_given_no_command_yet_is_there(tmp_path, capsys):
+    path = tmp_path / "swap.mcap"
+    swap = make_plan("demo", "fuzzy_pid", everywhere={"duration": 1.0}, swaps=(Swap(2.0, "pid"),))
+    record_offline(swap, path)
+    run = twice(capsys, tmp_path, path, ("--at", 0.3), ("--at", 0.5, "--duration", 3))
+    assert run.count("pid/state") == 201
+    run = twice(
+        capsys,
+        tmp_path,
+        path,
+        ("--at", 0.3, "--duration", 2.5),
+        ("--at", 2.2, "--controller", "lqr"),
+    )
+    assert list(run.controllers) == ["fuzzy_pid", "pid", "lqr"]
+    late = ("--at", 0.5, "--controller", "pid", "--duration", 1)
+    run = twice(capsys, tmp_path, path, ("--at", 0.1, "--controller", "lqr", "--duration", 1), late)
+    assert run.count("pid/state") == 101
+    scheduled = ("--at", 0, "--controller", "lqr", "--duration", 1, "-o", tmp_path / "x.mcap")
+    assert "turn at t = 0 s that would undo it" in cli(capsys, "branch", path, *scheduled)[1]
+
+
+def test_changes_at_the_same_time_add_up(parent, plan, tmp_path, capsys):
+    limited = ("--at", 0.5, "--set", "simulator.max_effort=5")
+    run = twice(
+        capsys, tmp_path, parent, limited, ("--at", 0.5, "--set", "simulator.max_effort=inf")
+    )
+    assert same(run, plan, tmp_path) is True
+    at_once = ("--at", 0, "--set", "simulator.max_effort=20")
+    run = twice(capsys, tmp_path, parent, at_once, ("--at", 0))
+    changes = {"simulator": [Change(0, {"max_effort": 20.0})]}
+    assert same(run, replace(plan, changes=changes), tmp_path) is True
+    run = twice(
+        capsys, tmp_path, parent, ("--at", 1, "--set", "simulator.max_effort=3"), ("--at", 0.5)
+    )
+    assert [one.changed for one in run.parameter_changes("simulator")] == [{"max_effort": 3.0}]
+
+
+def test_a_disturbance_that_joined_at_a_branch_is_there_in_the_next(tmp_path, capsys):
+    path = tmp_path / "quiet.mcap"
+    record_offline(make_plan("fig6", "pid", everywhere={"duration": 0.9}), path)
+    push = ("--push", "hip_effort=200N:0.05s")
+    run = twice(capsys, tmp_path, path, ("--at", 0.3, *push), ("--at", 0.6))
+    assert run.table("disturbance").stamp_ns[0] == 300_000_000
+    twice(capsys, tmp_path, path, ("--at", 0.6, *push), ("--at", 0.3))
+    later = ("--at", 0.2, "--push", "hip_effort=30N:1s")
+    _, told, code = cli(capsys, "branch", tmp_path / "0.mcap", *later, "-o", tmp_path / "x.mcap")
+    assert (code, "which would undo it: branch after that" in told) == (2, True)
+
+
+def test_disturbances_that_acted_before_a_branch_have_to_be_there(parent, tmp_path, capsys):
+    """Whoever takes them out of a branch is found: their node was not quiet by its parameters."""
+    out = tmp_path / "b.mcap"
+    assert cli(capsys, "branch", parent, "--at", 0.5, "-o", out)[2] == 0
+    path = tmp_path / "edited.mcap"
+    with out.open("rb") as file, RecordingWriter(path) as writer:
+        writer.add_metadata(PROVENANCE, RecordedRun.open(out).recording.provenance)
+        for schema, channel, message in make_reader(file).iter_messages():
+            number = writer.channel(channel.topic, schema.name)
+            if channel.topic != "/disturbance" or message.log_time >= AT:
+                writer.write(number, message.log_time, message.publish_time, message.data)
+    verdict = verdict_on(RecordedRun.open(path))
+    assert verdict.exit_code != VERIFIED
+    assert "disturbance: 100 steps missing, the first at t = 0 s" in verdict.obstacles
+
+
+def test_nothing_is_left_of_branches_that_cannot_be(parent, tmp_path, capsys):
+    for words in (
+        ("--at", 0.1, "--at", 5),
+        ("--at", 0.1, "--grid", "simulator.max_effort=3,-4"),
+        ("--at", 0.1, "--at", 0.1),
+    ):
+        _, told, code = cli(capsys, "branch", parent, *words, "-o", tmp_path / "folder")
+        assert (code, len(told.splitlines())) == (2, 1)
+        assert not (tmp_path / "folder").exists()
+    long = [
+        word for p in "pid" for word in ("--set", f"pid.gains.{p}=12.3456789012345678901234567890")
+    ]
+    grid = ("--grid", "simulator.actuator.coulomb_friction=0.1,0.2")
+    assert cli(capsys, "branch", parent, "--at", 0.9, *long, *grid, "-o", tmp_path / "long")[2] == 0
+    assert len(list((tmp_path / "long").iterdir())) == 2
+
+
 def test_several_branches_and_a_fan_go_into_a_folder(parent, tmp_path, capsys):
     said = cli(capsys, "branch", parent, "--at", 0.3, "--controller", "lqr", "--at", 0.6, "--push", "9:0.1",
                "--grid", "simulator.max_effort=40,50", "-o", tmp_path / "fan", "--json")  # fmt: skip
@@ -202,6 +298,10 @@ def test_several_branches_and_a_fan_go_into_a_folder(parent, tmp_path, capsys):
         (["--at", "0.5", "--push", "x=60:1"], "CHANNEL one of"),
         (["--at", "0.5", "--push", "1:1", "--push", "hip_effort=1:1"], "pushes on one channel"),
         (["--at", "0.5", "--duration", "0.2"], "--duration 0.2: the branch begins at t = 0.5 s"),
+        (["--at", "0.5", "--duration", "inf"], "duration"),
+        (["--at", "0.5", "--duration", "2e6"], "duration"),
+        (["--at", "0.5", "--push", "1Nm:0.1s@5s"], "the branch ends at t = 1 s"),
+        (["--at", "0.5", "--push", "1Nm:1e-12s"], "above 0 s"),
         (["--at", "0.5", "--grid", "pid.gains.p"], "NODE.PARAM=A,B,C is needed"),
         (["--at", "0.5", "--at", "0.6"], "2 branches: name a folder"),
     ],

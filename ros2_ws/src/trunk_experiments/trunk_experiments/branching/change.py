@@ -12,7 +12,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
 from trunk_msgs_util.parameters.files import Layer, Section, check_names
-from trunk_msgs_util.units import seconds
+from trunk_msgs_util.units import nanoseconds, seconds
 from trunk_sim.disturbance_config import DisturbanceConfig
 
 from ..errors import PlanError
@@ -23,7 +23,7 @@ from ..plans.plan import RunPlan, check_joints, check_rates
 from ..plans.timeline import Change
 from ..recorded.run import RecordedRun
 from .branch import Branch
-from .pushes import parse_push, pushed
+from .pushes import Push, parse_push, pushed
 from .resume import Resumed
 
 _TURNS = (Event.ACTIVATED, Event.DEACTIVATED)
@@ -46,7 +46,8 @@ def branched(run: RecordedRun, resumed: Resumed, branch: Branch, until: float | 
     if until is not None:
         if not until >= at:
             raise PlanError(f"--duration {until:g}: the branch begins at t = {at:g} s: give more")
-        plan = replace(plan, simulator=replace(plan.simulator, duration=until))
+        layer = Layer("--duration", (Section("simulator", {"duration": until}),))
+        plan = replace(plan, simulator=_config(plan, "simulator", [layer], resumed.stamp_ns))
     new: dict[str, Any] = {}
     begun = resumed.begun
     if branch.controller:
@@ -72,14 +73,17 @@ def branched(run: RecordedRun, resumed: Resumed, branch: Branch, until: float | 
     before_ns = resumed.stamp_ns - plan.simulator.period_ns if resumed.first else -1
     for node in sorted(named):
         stamp_ns = resumed.stamp_ns if node == "simulator" else before_ns
-        values = _changed(plan, node, layers)
+        values = _changed(plan, node, layers, stamp_ns)
         if node == "disturbance" and pushes:
             continue  # with the pushes
         if values:
             changes.setdefault(node, []).append(Change(stamp_ns, values))
     if pushes:
-        config = _config(plan, "disturbance", layers)
-        values = {**_changed(plan, "disturbance", layers), **pushed(config, pushes)}
+        end = plan.simulator.duration
+        config = _config(plan, "disturbance", layers, before_ns)
+        made = pushed(config, pushes)
+        _check_pushes(pushes, made, plan.changes.get("disturbance", ()), end)
+        values = {**_changed(plan, "disturbance", layers, before_ns), **made}
         changes.setdefault("disturbance", []).append(Change(before_ns, values))
     plan = replace(plan, changes={node: some for node, some in changes.items() if some})
     check_joints(plan)
@@ -87,21 +91,43 @@ def branched(run: RecordedRun, resumed: Resumed, branch: Branch, until: float | 
     return Branched(resumed._replace(plan=plan, begun=begun), new)
 
 
-def _config(plan: RunPlan, node: str, layers: Sequence[Layer]) -> Any:
-    """Return a node's configuration at the branch with the settings for it."""
+def _check_pushes(
+    pushes: Sequence[Push], made: Mapping[str, Value], later: Sequence[Change], end: float
+) -> None:
+    """Raise PlanError for a push after the end, and for one that the parent would change later."""
+    for push in pushes:
+        if push.start > end:
+            raise PlanError(f"--push at {push.start:g} s: the branch ends at t = {end:g} s")
+    for change in later:
+        if set(made) & set(change.values or ()):
+            raise PlanError(
+                f"--push: the run changes {', '.join(sorted(set(made) & set(change.values or ())))} at "
+                f"t = {seconds(change.stamp_ns):g} s, which would undo it: branch after that"
+            )
+
+
+def _in_force(plan: RunPlan, node: str, stamp_ns: int) -> Any:
+    """Return a node's configuration after all that changed up to a stamp."""
+    timeline = plan.timeline(node)
+    timeline.advance(stamp_ns + 1)
+    return timeline.config
+
+
+def _config(plan: RunPlan, node: str, layers: Sequence[Layer], stamp_ns: int) -> Any:
+    """Return a node's configuration after a stamp with the settings for it."""
     if node not in plan.configs:
         raise PlanError(
             f"--set {node}: it is not in the run: there are {', '.join(plan.configs)}"
             + ("; --controller makes one act" if node in CONTROLLERS else "")
         )
-    now = Layer("the recording", (Section(node, dict(values_of(plan.configs[node]))),))
+    now = Layer("the recording", (Section(node, dict(values_of(_in_force(plan, node, stamp_ns)))),))
     return config_from(node, [now, *layers], "").config
 
 
-def _changed(plan: RunPlan, node: str, layers: Sequence[Layer]) -> dict[str, Value]:
+def _changed(plan: RunPlan, node: str, layers: Sequence[Layer], stamp_ns: int) -> dict[str, Value]:
     """Return the parameters of a node that the settings change. Raises PlanError for what is fixed."""
-    before = values_of(plan.configs[node]) if node in plan.configs else {}
-    after = values_of(_config(plan, node, layers))
+    after = values_of(_config(plan, node, layers, stamp_ns))
+    before = values_of(_in_force(plan, node, stamp_ns))
     changed = {name: value for name, value in after.items() if value != before[name]}
     declared = declarations(NODES[node].config)
     fixed = [name for name in changed if declared[name].fixed]
@@ -120,7 +146,8 @@ def _with_controller(
     """Return the plan with a controller that acts from the branch to the end, and it, if it is new."""
     name, at_ns = branch.controller, resumed.stamp_ns
     for node, config in plan.controllers.items():
-        later = [seconds(t) for t in config.active_times_ns if t >= at_ns and t > 0]
+        end_ns = nanoseconds(plan.simulator.duration)
+        later = [seconds(t) for t in config.active_times_ns if at_ns <= t <= end_ns]
         if later:
             raise PlanError(
                 f"--controller {name}: active.times of {node} has a turn at t = {later[0]:g} s that would "

@@ -80,15 +80,14 @@ class Past:
         stamps = message_stamps(source, messages, channels)
         stamped = [c for c in np.unique(channels).tolist() if source.type_of(c) in STAMPED]
         known = np.isin(channels, stamped)
-        return np.where(known, stamps < self._stamp_ns, messages.log_time_ns < self._log_ns) | (
-            known & (stamps <= 0) & self._is_information(source, channels)
-        )
-
-    def _is_information(self, source: RecordingFile, channels: Integers) -> Any:
-        """Return which messages are sets of parameters: those of a start are stamped 0."""
+        before = np.where(known, stamps < self._stamp_ns, messages.log_time_ns < self._log_ns)
+        # Sets of parameters are stamped 0 and belong to any past, unlike changes at that time.
         name = self._run.recording.topic(topics.RUN_PARAMETERS)
-        told = [c for c in np.unique(channels).tolist() if source.channels[c].topic == name]
-        return np.isin(channels, told)
+        for row in np.flatnonzero(~before & (stamps == 0)).tolist():
+            if source.channels[int(channels[row])].topic == name:
+                data = messages.data[int(messages.start[row]) : int(messages.end[row])]
+                before[row] = bool(parse_parameter_event(data).new)
+        return before
 
     def _parameters(self, data: bytes) -> bytes:
         """Return a message on ``run/parameters``, with other values where the branch begins with them."""

@@ -49,7 +49,7 @@ def parse_push(text: str, at: float) -> Push:
         start = number_in(time_text, "s") if "@" in text else at
     except UnitError as error:
         raise PlanError(f"{needed}: {error}") from None
-    if not (0.0 < duration < 1e6 and abs(value) <= 1e9):
+    if not (0.0 < duration < 1e6 and nanoseconds(duration) and abs(value) <= 1e9):
         raise PlanError(f"{needed}; DURATION above 0 s")
     if not at <= start < 1e6:
         raise PlanError(f"--push {text!r}: it starts at {start:g} s, before the branch at {at:g} s")

@@ -10,6 +10,7 @@ from pathlib import Path
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.process_id import process_id
+from trunk_msgs_util.real_path import real_path
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.whole_file import whole_file
 from trunk_sim.simulation import DivergedError
@@ -64,6 +65,7 @@ def record_branch(
                 progress(recorder.states - first, states_of(plan) - first)
         except DivergedError as error:
             diverged = error
+            words.to_come()
             recorder.failed(str(error))
             writer.finish(complete=False, reason=str(error))
         else:
@@ -71,6 +73,7 @@ def record_branch(
             reason = "the trunk has fallen" if fell else "finished"
             if not planned and not replaced:
                 reason = "stopped on request"
+            words.to_come()
             recorder.finished(reason)
             words.published()
             writer.finish(complete=True, reason=reason)
@@ -94,7 +97,7 @@ def _origin(run: RecordedRun, branch: Branch, plan: RunPlan) -> dict[str, str]:
     here = provenance.gather()
     told = {
         OF: digest_of(run.recording.files),
-        PARENT: run.path.name,
+        PARENT: real_path(run.path).name,
         AT: repr(branch.at),
         CHANGES: branch.describe(),
         MADE_BY: f"trunk_experiments {here['trunk_experiments']}, commit {here['commit']}",
@@ -144,6 +147,11 @@ class _Words:
                 self._commands[name] += end - begin
                 self._updates[name] += int(states.table[begin:end, FRESH].sum())
 
+    def to_come(self) -> None:
+        """Tell what changed after the last state was answered; nothing changes in a graph after its end."""
+        last_ns = (self._recorder.states - 1) * self._resumed.plan.simulator.period_ns
+        self._recorder.put_changes_to_come(last_ns if self._graph else None)
+
     def published(self) -> None:
         """Tell how much each node of a graph has published, as it does when it ends."""
         if not self._graph:
@@ -152,9 +160,10 @@ class _Words:
         states = self._recorder.states
         counts = {"simulator": dict.fromkeys(PUBLISHES["simulator"], states)}
         if plan.disturbance is not None:
-            # One that the parent does not have has been there since the branch.
-            silent = self._resumed.first if "disturbance" in self._new else 0
-            counts["disturbance"] = {topics.DISTURBANCE: states + 1 - silent}
+            told_ns = self._run.table(topics.DISTURBANCE).stamp_ns
+            before = int((told_ns < self._resumed.stamp_ns).sum())
+            since = states + 1 - self._resumed.first
+            counts["disturbance"] = {topics.DISTURBANCE: before + since}
         for name in plan.controllers:
             told, effort = PUBLISHES[name]
             counts[name] = {effort: self._commands[name], told: self._updates[name]}

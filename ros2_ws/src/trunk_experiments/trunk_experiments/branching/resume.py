@@ -70,6 +70,8 @@ def _not_ours(run: RecordedRun) -> str:
     """Return why nodes of ours have not made a run, or not with these bits; empty if they have."""
     if reason := run.cannot_be_recomputed():
         return reason
+    if run.recording.damage and not run.count(topics.GROUND_TRUTH):
+        return run.recording.damage[0]
     if run.another_robot or run.another_controller:
         return "its states or commands come from another robot or controller"
     if not run.controllers or not set(run.controllers) <= set(usable()):
@@ -97,6 +99,10 @@ def resumed(run: RecordedRun, first: int) -> Resumed:
             raise _refused(run, stamp_ns, describe(checked.found[0]))
         if checked.controller:
             commands[checked.controller] += checked.steps
+    told = set(run.parameters) & set(usable())
+    # Those that have given no command yet are there all the same.
+    driven |= {node: DrivenController(run, node) for node in told - set(driven)}
+    driven = {node: driven[node] for node in run.parameters if node in driven}
     for one in driven.values():
         _bring(one, stamp_ns, run)
     effort, told_ns = _last_command(run, stamp_ns)

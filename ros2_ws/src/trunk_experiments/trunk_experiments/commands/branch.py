@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -20,7 +20,12 @@ from ..console.outputs import check_folder, check_output, output_options
 from ..console.reading import open_run, written_values
 from ..errors import PlanError
 
+if TYPE_CHECKING:
+    from ..branching.change import Branched
+    from ..recorded.run import RecordedRun
+
 _LONG = 100_000  # states, which take seconds
+_NAME = 120  # characters of a file's name
 
 
 class _InOrder(click.Command):
@@ -99,10 +104,13 @@ def command(
     branches = fanned(list(_branches(ctx)), grid)
     paths = _paths(branches, run, output, force)
     parent = open_run(run)
+    made = [_branched(parent, branch, duration) for branch in branches]
+    if len(branches) > 1:
+        output.mkdir(parents=True, exist_ok=True)
     told: list[dict[str, object]] = []
     failed = 0
-    for branch, path in zip(branches, paths, strict=True):
-        states, diverged = _recorded(parent, branch, duration, path, force)
+    for branch, path, one in zip(branches, paths, made, strict=True):
+        states, diverged = _recorded(parent, branch, one, path, force)
         if as_json:
             values = {
                 "at_s": branch.at,
@@ -153,37 +161,45 @@ def _paths(branches: list[Branch], run: Path, output: Path, force: bool) -> list
     if len(branches) > 1 and output.suffix.lower() == ".mcap":
         raise PlanError(f"--output {output}: {len(branches)} branches: name a folder")
     check_folder(output, force)
-    names = [_name(branch) for branch in branches]
-    doubled = sorted({name for name in names if names.count(name) > 1})
-    if doubled:
-        raise PlanError(f"two branches are the same: {doubled[0]}")
-    output.mkdir(parents=True, exist_ok=True)
-    return [check_output(output / f"{name}.mcap", (".mcap",), force, [run]) for name in names]
+    names: list[str] = []
+    for i, branch in enumerate(branches):
+        if branch in branches[:i]:
+            raise PlanError(f"two branches are the same: at {branch.at:g} s, {branch.describe()}")
+        name = _name(branch)
+        names.append(f"{name}_{i + 1}" if name in names else name)
+    for name in names if output.is_dir() else ():
+        check_output(output / f"{name}.mcap", (".mcap",), force, [run])
+    return [output / f"{name}.mcap" for name in names]
 
 
 def _name(branch: Branch) -> str:
     """Return a file's name that says what a branch changes."""
     text = f"at_{branch.at:g}_{branch.describe()}"
     kept = "".join(c if c.isalnum() or c in "._=+-" else "_" for c in text)
-    return kept[:120]
+    return kept[:_NAME]
 
 
-def _recorded(
-    parent: Any, branch: Branch, duration: float | None, path: Path, force: bool
-) -> tuple[int, DivergedError | None]:
-    """Write a branch, telling how far it is; return the number of states, or why it diverged."""
+def _branched(parent: RecordedRun, branch: Branch, duration: float | None) -> Branched:
+    """Return a branch before it is run. Raises PlanError and RecordingError for one that cannot be."""
     from ..branching.change import branched
-    from ..branching.record import record_branch
     from ..branching.resume import resumed, state_at
-    from ..console.progress import progress_bar
 
     try:
         begun = resumed(parent, state_at(parent, branch.at))
     except KeyError as error:
         raise RecordingError(f"{parent.path}: it cannot be branched: {error} is missing") from None
+    return branched(parent, begun, branch, duration)
+
+
+def _recorded(
+    parent: RecordedRun, branch: Branch, made: Branched, path: Path, force: bool
+) -> tuple[int, DivergedError | None]:
+    """Write a branch, telling how far it is; return the number of states, or why it diverged."""
+    from ..branching.record import record_branch
+    from ..console.progress import progress_bar
+
     with progress_bar(f"simulating {path.name}", _LONG) as tell_done:
         try:
-            made = branched(parent, begun, branch, duration)
             return record_branch(parent, branch, made, path, force, tell_done), None
         except DivergedError as error:
             return 0, error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from math import inf
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.joint_arrays import Integers
-from trunk_msgs_util.units import seconds
+from trunk_msgs_util.units import nanoseconds, seconds
 
 from ..plans.timeline import begins_active
 from .run import RecordedRun
@@ -43,16 +44,28 @@ def acting(stamps: Integers, turns: Iterable[tuple[int, bool]], begins: bool) ->
     return found if since is None else found | (stamps > since)
 
 
+def exact_from_ns(run: RecordedRun) -> float:
+    """Return the stamp, ns, from which on every state is answered at once; infinite if none is to be.
+
+    That is all of a run whose time was exact, and what was simulated of a branch of a real-time run.
+    """
+    if run.exact:
+        return -1.0
+    return inf if run.branch is None else float(nanoseconds(run.branch.at))
+
+
 def idle_ns(run: RecordedRun) -> Integers:
     """Return the stamps, ns, of the states of an offline run that no controller was to answer.
 
     That is between two controllers that somebody switched by hand. In a graph nobody can tell: in
-    lock-step the plant waits for an answer, and in real time an answer may be late. Raises RecordingError
-    and ParameterError as `RecordedRun.changes` and `config` do.
+    lock-step the plant waits for an answer, and in real time an answer may be late. Of a branch of a
+    real-time run it is told where it was simulated. Raises RecordingError and ParameterError as
+    `RecordedRun.changes` and `config` do.
     """
     stamps = run.table(topics.GROUND_TRUTH).stamp_ns
-    if run.mode != "offline" or run.another_controller:
+    if run.mode == "lockstep" or run.another_controller:
         return stamps[:0]
+    stamps = stamps[stamps >= exact_from_ns(run)]
     anybody = np.zeros(len(stamps), bool)
     for name in run.controllers:
         changes = run.changes(name)

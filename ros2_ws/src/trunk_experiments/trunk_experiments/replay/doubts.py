@@ -12,6 +12,7 @@ from math import degrees
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
@@ -19,6 +20,7 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.units import seconds
 
 if TYPE_CHECKING:
+    from trunk_msgs_util.recording.joint_arrays import Floats, Integers
     from trunk_msgs_util.recording.reader import Recording
 
     from ..recorded.run import RecordedRun
@@ -185,8 +187,29 @@ def late_steps(run: RecordedRun) -> Late | None:
     acted = applied == wanted
     for limit in limits:
         acted |= applied == np.clip(wanted, -limit, limit)
+    before = truth.values("effort")[rows][:-1, 1]
+    acted |= _driven(run, at, before, wanted, applied)
     in_time = acted & (age < every * period_ns)
     return Late(int(np.count_nonzero(~in_time)), len(at))
+
+
+def _driven(
+    run: RecordedRun, at: Integers, before: Floats, wanted: Floats, applied: Floats
+) -> NDArray[np.bool_]:
+    """Return where the torque is what a drive that lags, or the like, makes of the wanted one."""
+    found = np.zeros(len(at), np.bool_)
+    timeline = run.timeline("simulator")
+    changed = [timeline.config, *(one.changed for one in run.parameter_changes("simulator"))]
+    if timeline.config.actuator is None and not any("actuator." in str(one) for one in changed[1:]):
+        return found
+    from trunk_sim.step import torque_of
+
+    plant = timeline.config.plant
+    for k, stamp_ns in enumerate(at.tolist()):
+        if timeline.advance(stamp_ns + 1):
+            plant = timeline.config.plant
+        found[k] = torque_of(float(before[k]), float(wanted[k]), plant) == applied[k]
+    return found
 
 
 def moved_deg(run: RecordedRun) -> float | None:

@@ -6,10 +6,10 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import Integers
-from trunk_msgs_util.units import nanoseconds, seconds
+from trunk_msgs_util.units import seconds
 
 from ..recorded.run import RecordedRun
-from ..recorded.turns import idle_ns
+from ..recorded.turns import exact_from_ns, idle_ns
 
 
 def gaps(run: RecordedRun, period_ns: int) -> list[str]:
@@ -28,10 +28,11 @@ def gaps(run: RecordedRun, period_ns: int) -> list[str]:
         if relative == topics.EFFORT_COMMAND and len(run.controllers) > 1:
             stamps = np.sort(stamps)  # a file does not keep the order between publishers
         found += _disorder(relative, stamps)
-        if run.exact or relative == topics.JOINT_STATES:
-            needed = truth
+        since_ns = 0 if relative == topics.JOINT_STATES else exact_from_ns(run)
+        needed = truth[truth >= since_ns]
+        if len(needed):
             if relative == topics.DISTURBANCE and run.branch is not None:
-                needed = _since_it_joined(truth, stamps, nanoseconds(run.branch.at))
+                needed = _since_it_joined(run, needed, stamps)
             absent = np.setdiff1d(needed, stamps)
             if relative == topics.EFFORT_COMMAND:
                 absent = np.setdiff1d(absent, idle_ns(run))
@@ -41,10 +42,19 @@ def gaps(run: RecordedRun, period_ns: int) -> list[str]:
     return found
 
 
-def _since_it_joined(truth: Integers, stamps: Integers, branch_ns: int) -> Integers:
-    """Return the states that need a disturbance where its node may have joined at a branch."""
-    joined = len(stamps) > 0 and int(stamps.min()) >= branch_ns
-    return truth[truth >= branch_ns] if joined else truth
+def _since_it_joined(run: RecordedRun, needed: Integers, stamps: Integers) -> Integers:
+    """Return the states that need a disturbance: not those before its node joined at a branch.
+
+    It was quiet by its parameters until then.
+    """
+    if not len(stamps):
+        return needed
+    first_ns = int(stamps.min())
+    timeline = run.timeline("disturbance")
+    quiet = not timeline.config.active
+    timeline.advance(first_ns - run.config("simulator").period_ns)
+    joined = quiet and not timeline.config.active
+    return needed[needed >= first_ns] if joined else needed
 
 
 def absent_steps(stamps: Integers, period_ns: int) -> tuple[int, int]:

@@ -20,15 +20,9 @@ from trunk_sim.step import torque_of
 
 from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
+from ..recorded.turns import exact_from_ns
 from .bits import same
 from .replay import Checked, Difference, acting_at, disturbances_matrix, judged
-
-
-def exact_from_ns(run: RecordedRun) -> float:
-    """Return the stamp, ns, from which on a branch of a real-time run was simulated; infinite without."""
-    if run.branch is None or run.exact:
-        return inf
-    return nanoseconds(run.branch.at)
 
 
 class PossibleDisturbances:

@@ -21,10 +21,10 @@ from trunk_sim.step import Trunk, act, at_rest, in_force, moved, noisy, pruned, 
 from ..plans.timeline import Change
 from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
-from ..recorded.turns import idle_ns
+from ..recorded.turns import exact_from_ns, idle_ns
 from . import replay, stretches
 from .bits import same
-from .real_time import PossibleDisturbances, exact_from_ns
+from .real_time import PossibleDisturbances
 from .replay import Checked, Difference, acting_at, compare, disturbances_matrix, judged
 
 _QUANTITIES = ("position", "velocity", "effort")

@@ -214,10 +214,12 @@ class OfflineRecorder:
     def _later(self, rows: Rows) -> Rows:
         return rows._replace(time_ns=rows.time_ns + self._within.ahead_ns)
 
-    def put_changes_to_come(self) -> None:
-        """Write the changes that no state has seen."""
+    def put_changes_to_come(self, until_ns: int | None = None) -> None:
+        """Write the changes that no state has seen, those up to a stamp if one is given."""
         while self._changes:
             node, change = self._changes.pop()
+            if until_ns is not None and change.stamp_ns > until_ns:
+                return
             for topic, data in self._told(node, change):
                 self._put(topic, change.stamp_ns, data)
 
