@@ -24,12 +24,12 @@ def worth_compiling(config: SimulatorConfig) -> bool:
     return _steps(config) >= WORTH_COMPILING
 
 
-def act_for(config: SimulatorConfig) -> Act:
+def act_for(config: SimulatorConfig, loaded: bool = False) -> Act:
     """Return `act` for a run with this configuration, ready to use: compiled if that is quicker, and can be.
 
-    Both return the same bits.
+    Both return the same bits. ``loaded``: the compiler is, for something else.
     """
-    if _steps(config) < WORTH_A_STEP:
+    if _steps(config) < (WORTH_COMPILING if loaded else WORTH_A_STEP):
         return act
     try:
         from trunk_msgs_util.compiled import ready

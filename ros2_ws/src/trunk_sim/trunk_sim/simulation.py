@@ -65,9 +65,10 @@ class Simulation:
         trunk: Trunk,
         falls_now: bool,
         past: Iterable[PlantState],
+        act: Act | None = None,
     ) -> Simulation:
         """Return the simulation at a state of a run; ``past``: the true states that its sensors still see."""
-        one = cls(config)
+        one = cls(config, act)
         one.step_index, one.trunk, one.falls_now = step_index, trunk, falls_now
         for state in past:
             one._delay.push(state)

@@ -213,9 +213,12 @@ def _finite(value: float) -> float:
     return value if isfinite(value) else 0.0
 
 
-def worth_compiling(stamps: Integers) -> bool:
-    """Return True if compiled code is there, is worthwhile, and takes these stamps: they ascend."""
-    long = len(stamps) >= WORTH_COMPILING and stretches.available()
+def worth_compiling(stamps: Integers, cost: int = 1) -> bool:
+    """Return True if compiled code is there, is worthwhile, and takes these stamps: they ascend.
+
+    ``cost``: of a step, in that of a controller's.
+    """
+    long = len(stamps) * cost >= WORTH_COMPILING and stretches.available()
     return long and bool((stamps[1:] > stamps[:-1]).all())
 
 

@@ -15,6 +15,7 @@ from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.noise import Noise, noise_samples
 from trunk_sim.plant import PlantState
+from trunk_sim.quick import act_for
 from trunk_sim.simulation import Simulation
 from trunk_sim.step import Trunk, act, at_rest, in_force, moved, noisy, pruned, sense
 
@@ -60,6 +61,7 @@ class PlantReplay:
         self._held = _held(run, self._commands)
         self._steps = self._stamps // config.period_ns
         self._row = -1  # before the first state
+        self._regular = False
         self.retune(config)
         self.reset()
         self._timeline.advance(0, self)  # changes before the first state act on it
@@ -77,7 +79,7 @@ class PlantReplay:
 
     def __iter__(self) -> Iterator[Checked]:
         """Yield what differs in each recorded true state and in its measurement."""
-        regular = self._is_regular()
+        self._regular = regular = self._is_regular()
         while self._row < len(self._stamps):
             stamp_ns = int(self._stamps[self._row])
             if regular and (passed := self._pass_over()):
@@ -100,6 +102,7 @@ class PlantReplay:
             self._trunk,
             self._falls,
             [self._recorded(row) for row in past],
+            act_for(self._timeline.config, self._regular),
         )
 
     @property
@@ -215,10 +218,11 @@ class PlantReplay:
     def _is_regular(self) -> bool:
         """Return True if compiled code is worthwhile, and the record is as it takes it."""
         stamps, disturbances = self._stamps, self._disturbances
+        cost = max(self._plant.substeps // 2, 1)  # two Runge-Kutta steps take as long as a law
         return (
             all(_is_whole(table) for table in (self._truth, self._measured))
             and self._marked
-            and replay.worth_compiling(stamps)
+            and replay.worth_compiling(stamps, cost)
             and np.array_equal(self._steps, np.arange(len(stamps)))
             and self._commands.widths["effort"] == 1
             and (
