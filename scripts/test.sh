@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# All checks, the same for a person and for CI: scripts/test.sh [--quick | pytest arguments]
+# All checks, the same for a person and for CI: scripts/test.sh [--quick | --all | pytest arguments]
+# --all: also what is long, and tested more briefly by others.
 # --quick, between edits: neither processes, nor browser, nor what takes more than a few seconds.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -32,15 +33,18 @@ stage licences python scripts/licences.py
 if [[ ${1:-} == --quick ]]; then
     stage 'pytest: quick' "${run[@]}" -n auto -q -m 'not (graph or browser or slow)' "${@:2}"
     left='; not run: processes, browser, slow ones (scripts/test.sh)'
-elif (($#)); then
+elif (($#)) && [[ $1 != --all ]]; then
     stage pytest python -m pytest "$@"
 else
+    some=' and not long'
+    left='; not run: long ones (scripts/test.sh --all)'
+    [[ ${1:-} != --all ]] || some='' left=''
     # colcon finds and runs each package's pytest: a few tests of each, as pytest below runs them all.
     stage 'colcon test: a few' bash scripts/colcon_test.sh -q -k 'test_units or test_config or test_timeline'
     bash scripts/browser.sh >/dev/null || true # says why, and its tests are skipped
-    stage 'pytest: in one process' "${run[@]}" -n auto -m 'not graph' --durations=8
+    stage 'pytest: in one process' "${run[@]}" -n auto -m "not graph$some" --durations=8
     # Processes wait for each other more than they work: two tests at once for each core.
-    stage 'pytest: the graph' "${run[@]}" -n "$((2 * $(nproc)))" -m graph --durations=8
+    stage 'pytest: the graph' "${run[@]}" -n "$((2 * $(nproc)))" -m "graph$some" --durations=8
 fi
 
 skipped=$(sort -u "$TRUNK_SKIPPED" | paste -sd';' | sed 's/;/; /g')

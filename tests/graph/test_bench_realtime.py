@@ -10,7 +10,7 @@ from trunk_experiments.bench.realtime import LATENCY, MEASURES
 
 from .processes import Children
 
-pytestmark = [pytest.mark.graph, pytest.mark.slow]
+pytestmark = [pytest.mark.graph, pytest.mark.slow, pytest.mark.long]
 
 LOOPS = ("bare pair", "pid", "fuzzy_pid", "fuzzy_pid, recorder")
 

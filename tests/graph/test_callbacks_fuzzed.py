@@ -57,8 +57,8 @@ LOCKSTEP = ("-p", "lockstep.enabled:=true")
     [
         (Controllers, node_of("pid"), ()),
         (Controllers, node_of("fuzzy_pid"), LOCKSTEP),
-        (Controllers, node_of("lqr"), LOCKSTEP),
-        (Controllers, node_of("computed_torque"), ()),
+        pytest.param(Controllers, node_of("lqr"), LOCKSTEP, marks=pytest.mark.long),
+        pytest.param(Controllers, node_of("computed_torque"), (), marks=pytest.mark.long),
         (Simulators, SimulatorNode, LOCKSTEP),
     ],
     ids=["pid", "fuzzy_pid", "lqr", "computed_torque", "simulator"],

@@ -25,6 +25,7 @@ def commands_of(page: Path) -> str:
     )
 
 
+@pytest.mark.long
 def test_the_pages_commands_work(children: Children, peer: Peer, tmp_path: Path) -> None:
     assert NAME not in CONTROLLERS
     script = tmp_path / "page.sh"

@@ -79,6 +79,7 @@ def test_rows(monkeypatch, short_runs):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_rows_of_lanes(short_runs):
     rows = lanes.bench_lanes(rounds=1)
     assert [row.goal for row in rows] == [">= 3"] * 4 + ["<= 1.15", "<= 1.3", ">= 1.9"]
