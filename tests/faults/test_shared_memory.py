@@ -13,6 +13,7 @@ from trunk_msgs_util.node import middleware
 from trunk_msgs_util.recording.reader import Recording
 
 from ..failed import FAILED
+from ..graph.peer import Peer
 from ..graph.processes import Children
 
 pytestmark = pytest.mark.graph
@@ -65,16 +66,25 @@ def test_full_shared_memory_is_named(within: Callable[[str], Children]) -> None:
     assert len(node.stderr.splitlines()) == 1
 
 
+def test_no_message_goes_by_shared_memory(children: Children, peer: Peer) -> None:
+    """Whoever opens a port there takes its owner for dead if it does not answer in time."""
+    node = children.node("pid")
+    peer.until_up("pid")
+    mapped = Path(f"/proc/{children.pid_of('pid')}/maps").read_text()
+    assert "librmw_fastrtps" in mapped
+    assert "fastrtps_port" not in mapped
+    assert node.stop() == 0
+
+
 def test_settings_that_are_there_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     def prepared(**given: str) -> str | None:
-        for name in (middleware.TRANSPORTS, middleware.PROFILES_FILE, "RMW_IMPLEMENTATION"):
+        for name in (middleware.TRANSPORTS, middleware.PROFILES_FILE):
             monkeypatch.delenv(name, raising=False)
         for name, value in given.items():
             monkeypatch.setenv(name, value)
         middleware.prepare()
-        return os.environ.get(middleware.TRANSPORTS)
+        return os.environ.get(middleware.PROFILES_FILE)
 
-    assert prepared() == "UDPv4"
-    assert prepared(**{middleware.TRANSPORTS: "SHM"}) == "SHM"
-    assert prepared(**{middleware.PROFILES_FILE: "mine.xml"}) is None
-    assert prepared(RMW_IMPLEMENTATION="rmw_zenoh_cpp") is None
+    assert prepared() == str(middleware.PROFILES)
+    assert prepared(**{middleware.PROFILES_FILE: "mine.xml"}) == "mine.xml"
+    assert prepared(**{middleware.TRANSPORTS: "SHM"}) is None

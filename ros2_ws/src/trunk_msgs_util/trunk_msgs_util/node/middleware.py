@@ -23,22 +23,18 @@ class MiddlewareError(TrunkError):
 
 
 def prepare(shared_memory: Path = _SHARED_MEMORY) -> None:
-    """Point Fast DDS to our profiles and to UDP, unless others are set; call it before rclpy is initialised.
+    """Point Fast DDS to our profiles, unless the user has settings; call it before rclpy is initialised.
 
-    Processes started one after the other then discover each other sooner, and heartbeats are more frequent:
-    the next one repairs what was sent to a half-discovered reader, and a node that ends waits for one.
-
-    Messages go by UDP within a host too. Fast DDS's shared memory is no faster for messages of 200 bytes, and
-    whoever opens another process's port takes it for dead if it does not answer within a second: on a busy
-    machine a node then stays deaf for the rest of the run.
+    Processes started one after the other then discover each other sooner, heartbeats are more frequent (the
+    next one repairs what was sent to a half-discovered reader, and a node that ends waits for one), and
+    messages go by UDP within a host too: shared memory can make a node deaf (fastdds.xml).
 
     Raises MiddlewareError where ROS 2 would die as it is loaded, and SettingError where a setting of the
     environment cannot be used.
     """
     settings.check()
-    if PROFILES_FILE not in os.environ and _is_fast_dds():
-        os.environ.setdefault(TRANSPORTS, "UDPv4")  # what this process starts inherits it
-    os.environ.setdefault(PROFILES_FILE, str(PROFILES))
+    if TRANSPORTS not in os.environ:  # with shared memory alone, nobody could reach us by UDP
+        os.environ.setdefault(PROFILES_FILE, str(PROFILES))
     try:
         found = os.statvfs(shared_memory)
     except OSError:
@@ -56,7 +52,3 @@ def _tracing_pages(shared_memory: Path) -> int:
     pattern, pages = _TRACING
     there = sum(path.stat().st_blocks > 0 for path in shared_memory.glob(pattern))
     return max(pages - there, 0)
-
-
-def _is_fast_dds() -> bool:
-    return "fastrtps" in os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
