@@ -3,30 +3,22 @@
 from __future__ import annotations
 
 import json
-import struct
 from dataclasses import replace
 
 import pytest
-from mcap.reader import make_reader
 
 from trunk_experiments.branching.branch import Branch, fanned
-from trunk_experiments.branching.pushes import Push, parse_push, pushed
 from trunk_experiments.cli import main
-from trunk_experiments.errors import PlanError
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
-from trunk_experiments.recorded.branch_of import branch_of
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
+from trunk_experiments.replay.verify import VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views.compare import compare
 from trunk_experiments.views.run_view import RunView
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
-from trunk_sim.disturbance_config import DisturbanceConfig
-from trunk_sim.disturbances import disturbance_at
 
 STEP = 5_000_000  # ns, at 200 Hz
 AT = 500_000_000  # ns
@@ -227,39 +219,6 @@ def test_a_disturbance_that_joined_at_a_branch_is_there_in_the_next(tmp_path, ca
     assert (code, "which would undo it: branch after that" in told) == (2, True)
 
 
-def test_disturbances_that_acted_before_a_branch_have_to_be_there(parent, tmp_path, capsys):
-    """Whoever takes them out of a branch is found: their node was not quiet by its parameters."""
-    out = tmp_path / "b.mcap"
-    assert cli(capsys, "branch", parent, "--at", 0.5, "-o", out)[2] == 0
-    path = tmp_path / "edited.mcap"
-    with out.open("rb") as file, RecordingWriter(path) as writer:
-        writer.add_metadata(PROVENANCE, RecordedRun.open(out).recording.provenance)
-        for schema, channel, message in make_reader(file).iter_messages():
-            number = writer.channel(channel.topic, schema.name)
-            if channel.topic != "/disturbance" or message.log_time >= AT:
-                writer.write(number, message.log_time, message.publish_time, message.data)
-    verdict = verdict_on(RecordedRun.open(path))
-    assert verdict.exit_code != VERIFIED
-    assert "disturbance: 100 steps missing, the first at t = 0 s" in verdict.obstacles
-
-
-def test_nothing_is_left_of_branches_that_cannot_be(parent, tmp_path, capsys):
-    for words in (
-        ("--at", 0.1, "--at", 5),
-        ("--at", 0.1, "--grid", "simulator.max_effort=3,-4"),
-        ("--at", 0.1, "--at", 0.1),
-    ):
-        _, told, code = cli(capsys, "branch", parent, *words, "-o", tmp_path / "folder")
-        assert (code, len(told.splitlines())) == (2, 1)
-        assert not (tmp_path / "folder").exists()
-    long = [
-        word for p in "pid" for word in ("--set", f"pid.gains.{p}=12.3456789012345678901234567890")
-    ]
-    grid = ("--grid", "simulator.actuator.coulomb_friction=0.1,0.2")
-    assert cli(capsys, "branch", parent, "--at", 0.9, *long, *grid, "-o", tmp_path / "long")[2] == 0
-    assert len(list((tmp_path / "long").iterdir())) == 2
-
-
 def test_several_branches_and_a_fan_go_into_a_folder(parent, tmp_path, capsys):
     said = cli(capsys, "branch", parent, "--at", 0.3, "--controller", "lqr", "--at", 0.6, "--push", "9:0.1",
                "--grid", "simulator.max_effort=40,50", "-o", tmp_path / "fan", "--json")  # fmt: skip
@@ -272,99 +231,6 @@ def test_several_branches_and_a_fan_go_into_a_folder(parent, tmp_path, capsys):
     ]
     assert len(list((tmp_path / "fan").glob("*.mcap"))) == 4
     assert fanned([Branch(1.0)], ()) == [Branch(1.0)]
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--at", "1.5"], "--at 1.5: outside of the run, t = 0 to 1 s"),
-        (["--at", "-1"], "--at -1: outside of the run"),
-        (["--at", "nan"], "nan"),
-        (["--set", "pid.gains.p=1", "--at", "0.5"], "--set pid.gains.p=1: give --at T first"),
-        (["--at", "0.5", "--set", "pid.update_rate=100"], "--set pid.update_rate: it is fixed"),
-        (
-            ["--at", "0.5", "--set", "simulator.duration=3"],
-            "--duration gives the branch another end",
-        ),
-        (["--at", "0.5", "--set", "lqr.gains.p=3"], "--controller makes one act"),
-        (["--at", "0.5", "--set", "pid.gain.p=3"], "did you mean"),
-        (["--at", "0.5", "--controller", "pid"], "it acts at t = 0.5 s anyway"),
-        (["--at", "0.5", "--controller", "lqr", "--controller", "lqr"], "one for each --at"),
-        (["--at", "0.5", "--push", "60"], "VALUE:DURATION"),
-        (["--at", "0.5", "--push", "60Nm:-1s"], "above 0 s"),
-        (["--at", "0.5", "--push", "nan:1s"], "VALUE:DURATION"),
-        (["--at", "0.5", "--push", "60kg:1s"], "kg"),
-        (["--at", "0.5", "--push", "60:1@0.2"], "before the branch at 0.5 s"),
-        (["--at", "0.5", "--push", "x=60:1"], "CHANNEL one of"),
-        (["--at", "0.5", "--push", "1:1", "--push", "hip_effort=1:1"], "pushes on one channel"),
-        (["--at", "0.5", "--duration", "0.2"], "--duration 0.2: the branch begins at t = 0.5 s"),
-        (["--at", "0.5", "--duration", "inf"], "duration"),
-        (["--at", "0.5", "--duration", "2e6"], "duration"),
-        (["--at", "0.5", "--push", "1Nm:0.1s@5s"], "the branch ends at t = 1 s"),
-        (["--at", "0.5", "--push", "1Nm:1e-12s"], "above 0 s"),
-        (["--at", "0.5", "--grid", "pid.gains.p"], "NODE.PARAM=A,B,C is needed"),
-        (["--at", "0.5", "--at", "0.6"], "2 branches: name a folder"),
-    ],
-)
-def test_what_cannot_be_branched_is_a_line(parent, tmp_path, capsys, words, said):
-    _, told, code = cli(capsys, "branch", parent, *words, "-o", tmp_path / "b.mcap")
-    assert code == 2
-    assert said in told
-    assert len(told.splitlines()) == 1
-    assert not (tmp_path / "b.mcap").exists()
-
-
-def test_a_push_is_added_to_a_held_table_and_to_no_other():
-    held = DisturbanceConfig(
-        table_times=(0.2, 0.6), table_values=(5.0, 0.0), table_interpolation="hold"
-    )
-    push = parse_push("60Nm:0.1s", 0.5)
-    assert push == Push("trunk_effort", 60.0, 0.5, 0.1)
-    changed = pushed(held, [push])
-    after = replace(held, table_times=changed["table.times"], table_values=changed["table.values"])
-    for ms, torque in ((199, 0), (200, 5), (499, 5), (500, 65), (599, 65), (600, 0), (700, 0)):
-        assert disturbance_at(ms * 1_000_000, after.signals).trunk_torque == torque
-    drawn = replace(held, table_interpolation="linear")
-    assert pushed(drawn, [push])["pulse.start_times"] == (0.5,)
-    with pytest.raises(PlanError, match="one kind of pulse"):
-        pushed(replace(drawn, pulse_start_times=(0.1,)), [push])
-
-
-def edited(source, path, change):
-    """Copy a recording with one value of its true states changed, digests and all."""
-    with source.open("rb") as file, RecordingWriter(path) as writer:
-        writer.add_metadata(PROVENANCE, RecordedRun.open(source).recording.provenance)
-        channels = {}
-        for schema, channel, message in make_reader(file).iter_messages():
-            number = channels.setdefault(channel.topic, writer.channel(channel.topic, schema.name))
-            data = change(channel.topic, message)
-            writer.write(number, message.log_time, message.publish_time, data)
-    return path
-
-
-@pytest.mark.parametrize("topic", ["/ground_truth/joint_states", "/effort_command", "/disturbance"])
-def test_what_does_not_verify_up_to_there_is_refused(parent, tmp_path, capsys, topic):
-    def changed(name, message):
-        if name != topic or message.log_time != 300_000_000:
-            return message.data
-        return message.data[:-8] + struct.pack("<d", 0.25)
-
-    path = edited(parent, tmp_path / "edited.mcap", changed)
-    before = cli(capsys, "branch", path, "--at", 0.29, "-o", tmp_path / "a.mcap")
-    assert before[2] == 0, before
-    _, told, code = cli(capsys, "branch", path, "--at", 0.5, "-o", tmp_path / "b.mcap")
-    assert code == 2
-    assert "it cannot be branched at t = 0.5 s, it does not verify up to there: t = 0.3 s" in told
-
-
-def test_a_file_that_ends_early_is_branched_as_far_as_it_goes(parent, tmp_path, capsys):
-    path = tmp_path / "cut.mcap"
-    path.write_bytes(parent.read_bytes()[: parent.stat().st_size * 3 // 5])
-    if verdict_on(RecordedRun.open(path)).exit_code != UNJUDGED:
-        pytest.skip("the cut took everything")
-    last = RecordedRun.open(path).count("ground_truth/joint_states")
-    if last:
-        assert cli(capsys, "branch", path, "--at", 0, "-o", tmp_path / "b.mcap")[2] == 0
 
 
 def test_a_comparison_tells_whose_branch_a_run_is_and_ranks_no_pushed_one(branch, parent, tmp_path):
@@ -380,11 +246,3 @@ def test_a_comparison_tells_whose_branch_a_run_is_and_ranks_no_pushed_one(branch
     )
     assert "disturbance.table.values" in found.tasks
     assert not any(row.best for row in found.rows)
-
-
-def test_what_is_no_branch_says_so():
-    assert branch_of({}) is None
-    told = {"branch_of": "a", "branch_parent": "b", "branch_at": "inf", "branch_changes": ""}
-    assert branch_of(told) is None
-    assert branch_of({**told, "branch_at": "x"}) is None
-    assert branch_of({**told, "branch_at": "1.5"}).at == 1.5

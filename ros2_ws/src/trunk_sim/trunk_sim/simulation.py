@@ -10,14 +10,13 @@ from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import seconds
 
-from .actuator import saturate
 from .config import SimulatorConfig
 from .disturbances import Disturbance
 from .noise import Noise
 from .plant import PlantState
 from .quick import Act, act_for, plant_for
 from .sensors import DelayLine
-from .step import Plant, Trunk, at_rest, noisy, sense
+from .step import Plant, Trunk, at_rest, noisy, sense, torque_of
 
 
 class DivergedError(TrunkError, ArithmeticError):
@@ -26,9 +25,9 @@ class DivergedError(TrunkError, ArithmeticError):
     exit_code: ClassVar[int] = EXIT_FAILED
 
 
-def diverged(stamp_ns: int, state: PlantState, effort: float, plant: Plant) -> DivergedError:
-    """Return the error for a step from this state, with this command [N m], that is not finite."""
-    torque = saturate(effort, plant.max_effort)
+def diverged(stamp_ns: int, trunk: Trunk, effort: float, plant: Plant) -> DivergedError:
+    """Return the error for a step of the trunk, with this command [N m], that is not finite."""
+    state, torque = trunk.state, torque_of(trunk.effort, effort, plant)
     if max(abs(state.x * plant.body.wavenumber), abs(state.theta)) > 0.9 * LARGEST_ANGLE:
         return DivergedError(
             f"the step after t = {seconds(stamp_ns):g} s turns the trunk, or the path's phase, "
@@ -123,7 +122,7 @@ class Simulation:
         """
         after = self._act(self.trunk, effort, disturbance, self._plant)
         if after.diverged:
-            raise diverged(self.stamp_ns, self.state, effort, self._plant)
+            raise diverged(self.stamp_ns, self.trunk, effort, self._plant)
         self.falls_now = after.fallen and not self.trunk.fallen
         self.trunk = after
         self.step_index += 1

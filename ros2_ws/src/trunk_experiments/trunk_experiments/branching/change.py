@@ -26,7 +26,7 @@ from .branch import Branch
 from .pushes import Push, parse_push, pushed
 from .resume import Resumed
 
-_TURNS = (Event.ACTIVATED, Event.DEACTIVATED)
+_TURNS = (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP)
 
 
 class Branched(NamedTuple):
@@ -99,9 +99,10 @@ def _check_pushes(
         if push.start > end:
             raise PlanError(f"--push at {push.start:g} s: the branch ends at t = {end:g} s")
     for change in later:
-        if set(made) & set(change.values or ()):
+        undone = sorted(set(made) & set(change.values or ()))
+        if undone:
             raise PlanError(
-                f"--push: the run changes {', '.join(sorted(set(made) & set(change.values or ())))} at "
+                f"--push: the run changes {', '.join(undone)} at "
                 f"t = {seconds(change.stamp_ns):g} s, which would undo it: branch after that"
             )
 
@@ -145,8 +146,8 @@ def _with_controller(
 ) -> tuple[RunPlan, ControllerConfig | None]:
     """Return the plan with a controller that acts from the branch to the end, and it, if it is new."""
     name, at_ns = branch.controller, resumed.stamp_ns
+    end_ns = nanoseconds(plan.simulator.duration)
     for node, config in plan.controllers.items():
-        end_ns = nanoseconds(plan.simulator.duration)
         later = [seconds(t) for t in config.active_times_ns if at_ns <= t <= end_ns]
         if later:
             raise PlanError(
@@ -174,12 +175,11 @@ def _with_controller(
 def _new_controller(plan: RunPlan, name: str, acting: Sequence[str]) -> ControllerConfig:
     """Return the configuration of a controller that was not in the run: its scenario's, and what it tracks.
 
-    Rate, joints, limits of time and reference are those of the controller whose place it takes.
+    Rate, joints, mode and reference are those of the controller whose place it takes.
     """
     layers = scenario_layers(plan.scenario) if plan.scenario in SCENARIOS else []
-    config: ControllerConfig = config_from(name, layers, "").config
     model = plan.controllers[next(iter(acting), plan.controller_name)]
-    declared = declarations(type(config))
+    declared = declarations(NODES[name].config)
     taken = {
         key: value
         for key, value in values_of(model).items()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 from trunk_msgs_util import provenance, topics
@@ -13,21 +13,17 @@ from trunk_msgs_util.process_id import process_id
 from trunk_msgs_util.real_path import real_path
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.whole_file import whole_file
-from trunk_sim.simulation import DivergedError
 
 from ..plans.plan import RunPlan
 from ..recorded.branch_of import AT, CHANGES, MADE_BY, OF, PARENT
 from ..recorded.run import RecordedRun
 from ..replay.as_told import PUBLISHES
-from ..runs.loop import states_of
 from ..runs.offline import steps_from
-from ..runs.offline_recording import OfflineRecorder, Within
+from ..runs.offline_recording import OfflineRecorder, Progress, Within
 from ..runs.states import FRESH, States, in_stretches, longest
 from .branch import Branch
 from .change import Branched
 from .past import Past
-
-Progress = Callable[[int, int], None]
 
 
 def record_branch(
@@ -44,39 +40,21 @@ def record_branch(
     for a parent that cannot be copied, and OSError.
     """
     resumed = branched.resumed
-    plan, first = resumed.plan, resumed.first
+    plan = resumed.plan
     duration = {"duration": plan.simulator.duration}
     planned = run.config("simulator").duration
     replaced = {"simulator": duration} if planned not in (0.0, plan.simulator.duration) else {}
     past = Past(run, resumed.stamp_ns, replaced)
-    diverged = None
     with whole_file(path, overwrite=overwrite) as part, RecordingWriter(part) as writer:
         writer.add_metadata(PROVENANCE, _origin(run, branch, plan))
         past.copy(writer)
-        within = Within(first, past.ahead_ns, run.recording.topic)
-        recorder = OfflineRecorder(plan, tuple(plan.controllers), writer, within)
-        words = _Words(run, branched, recorder)
-        words.introduce()
+        recorder = _BranchRecorder(run, branched, writer, past.ahead_ns)
+        if not planned and not replaced:
+            recorder.at_end = "stopped on request"
+        recorder.introduce()
         taken = steps_from(plan, resumed.begun)
-        try:
-            for some in in_stretches(taken, longest(plan.simulator.substeps), first):
-                recorder.write(some)
-                words.count(some)
-                progress(recorder.states - first, states_of(plan) - first)
-        except DivergedError as error:
-            diverged = error
-            words.to_come()
-            recorder.failed(str(error))
-            writer.finish(complete=False, reason=str(error))
-        else:
-            fell = len(some.table) - 1 in some.falls and plan.simulator.fall_stop
-            reason = "the trunk has fallen" if fell else "finished"
-            if not planned and not replaced:
-                reason = "stopped on request"
-            words.to_come()
-            recorder.finished(reason)
-            words.published()
-            writer.finish(complete=True, reason=reason)
+        stretches = in_stretches(taken, longest(plan.simulator.substeps), resumed.first)
+        diverged = recorder.write_all(stretches, progress)
     if diverged is not None:
         raise diverged
     return recorder.states
@@ -107,69 +85,73 @@ def _origin(run: RecordedRun, branch: Branch, plan: RunPlan) -> dict[str, str]:
     return {**run.recording.provenance, "mcap": here["mcap"], **told}
 
 
-class _Words:
-    """What the nodes of a branch say besides the run itself: a graph's nodes say more than offline ones."""
+class _BranchRecorder(OfflineRecorder):
+    """Records what follows; the nodes of a graph say more than those of an offline run."""
 
-    def __init__(self, run: RecordedRun, branched: Branched, recorder: OfflineRecorder) -> None:
-        self._run, self._resumed, self._recorder = run, branched.resumed, recorder
-        self._new = branched.new
+    def __init__(
+        self, run: RecordedRun, branched: Branched, writer: RecordingWriter, ahead_ns: int
+    ) -> None:
+        resumed = branched.resumed
+        within = Within(resumed.first, ahead_ns, run.recording.topic)
+        super().__init__(resumed.plan, tuple(resumed.plan.controllers), writer, within)
+        self._run, self._resumed, self._new = run, resumed, branched.new
         self._graph = run.mode != "offline"
-        self._commands = Counter(branched.resumed.commands)
+        self._commands = Counter(resumed.commands)
         self._updates = Counter(
-            {
-                name: int((stamps < branched.resumed.stamp_ns).sum())
-                for name in run.controllers
-                for stamps in (run.table(topics.controller_state(name)).stamp_ns,)
-            }
+            {name: self._before_branch(topics.controller_state(name)) for name in run.controllers}
         )
         self._silent = {
             run.recording.relative(event.node)
             for event in run.events
             if event.message in (Event.PUBLISHED, Event.CLEANED_UP)
-            and event.stamp_ns < branched.resumed.stamp_ns
+            and event.stamp_ns < resumed.stamp_ns
         }
+
+    def _before_branch(self, topic: str) -> int:
+        """Return how many messages of a topic are of the past."""
+        return int((self._run.table(topic).stamp_ns < self._resumed.stamp_ns).sum())
 
     def introduce(self) -> None:
         """Tell of nodes that the parent does not have: their parameters; in a graph, that they are there."""
         for node, config in self._new.items():
-            self._recorder.put_parameters(node, config)
+            self.put_parameters(node, config)
             if self._graph:
                 values = {"process": process_id(), "kind": node}
-                self._recorder.tell(Event.CONFIGURED, values, node, stamp_ns=-1)
+                self.tell(Event.CONFIGURED, values, node, stamp_ns=-1)
                 if node == "disturbance":
-                    self._recorder.tell(Event.ACTIVATED, {}, node, stamp_ns=-1)
+                    self.tell(Event.ACTIVATED, {}, node, stamp_ns=-1)
 
-    def count(self, states: States) -> None:
-        """Count what the controllers answered."""
-        ends = [row for row, _ in states.acts[1:]] + [len(states.table)]
-        for (begin, name), end in zip(states.acts, ends, strict=True):
-            if name:
-                self._commands[name] += end - begin
-                self._updates[name] += int(states.table[begin:end, FRESH].sum())
+    def write(self, states: States) -> None:
+        """Write some states, and count what the controllers answered."""
+        super().write(states)
+        for name, rows in states.answers():
+            self._commands[name] += rows.stop - rows.start
+            self._updates[name] += int(states.table[rows, FRESH].sum())
 
-    def to_come(self) -> None:
-        """Tell what changed after the last state was answered; nothing changes in a graph after its end."""
-        last_ns = (self._recorder.states - 1) * self._resumed.plan.simulator.period_ns
-        self._recorder.put_changes_to_come(last_ns if self._graph else None)
+    def put_changes_to_come(self) -> None:
+        """Write the changes that no state has seen; in a graph nothing changes after the end."""
+        if self._graph:
+            self._changes = [one for one in self._changes if one[1].stamp_ns <= self._last_ns]
+        super().put_changes_to_come()
 
-    def published(self) -> None:
-        """Tell how much each node of a graph has published, as it does when it ends."""
-        if not self._graph:
-            return
-        plan, topic = self._resumed.plan, self._run.recording.topic
-        states = self._recorder.states
+    def finished(self, reason: str) -> None:
+        """Write the event that ends a whole run; nodes of a graph tell how much they have published."""
+        super().finished(reason)
+        if self._graph:
+            self._published()
+
+    def _published(self) -> None:
+        plan, topic, states = self._plan, self._run.recording.topic, self.states
         counts = {"simulator": dict.fromkeys(PUBLISHES["simulator"], states)}
         if plan.disturbance is not None:
-            told_ns = self._run.table(topics.DISTURBANCE).stamp_ns
-            before = int((told_ns < self._resumed.stamp_ns).sum())
             since = states + 1 - self._resumed.first
-            counts["disturbance"] = {topics.DISTURBANCE: before + since}
+            told = self._before_branch(topics.DISTURBANCE) + since
+            counts["disturbance"] = {topics.DISTURBANCE: told}
         for name in plan.controllers:
-            told, effort = PUBLISHES[name]
-            counts[name] = {effort: self._commands[name], told: self._updates[name]}
-        last_ns = (states - 1) * plan.simulator.period_ns
+            terms, effort = PUBLISHES[name]
+            counts[name] = {effort: self._commands[name], terms: self._updates[name]}
         for node, some in counts.items():
             if node not in self._silent:
                 ahead = plan.simulator.period_ns if node == "disturbance" else 0
                 values = {topic(name): str(count) for name, count in some.items()}
-                self._recorder.tell(Event.PUBLISHED, values, node, stamp_ns=last_ns + ahead)
+                self.tell(Event.PUBLISHED, values, node, stamp_ns=self._last_ns + ahead)

@@ -14,10 +14,9 @@ from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import nanoseconds, seconds
 
 from ..errors import PlanError
-from ..plans.nodes import unknown_controllers
 from ..plans.plan import RunPlan
 from ..plans.timeline import Change
-from ..recorded.plan import references_of
+from ..recorded.plan import references_of, why_not_again
 from ..recorded.run import RecordedRun, usable
 from ..recorded.turns import idle_ns
 from ..replay.as_written import pictures
@@ -56,7 +55,7 @@ def state_at(run: RecordedRun, at: float) -> int:
 
     Raises PlanError if the time is outside of the run, RecordingError for a run that cannot be taken up.
     """
-    if reason := _not_ours(run):
+    if reason := why_not_again(run):
         raise RecordingError(f"{run.path}: it cannot be branched: {reason}")
     stamps = run.table(topics.GROUND_TRUTH).stamp_ns
     first, last = (seconds(int(stamps[i])) for i in (0, -1))
@@ -64,22 +63,6 @@ def state_at(run: RecordedRun, at: float) -> int:
         raise PlanError(f"--at {at:g}: outside of the run, t = {first:g} to {last:g} s")
     period_ns: int = run.config("simulator").period_ns
     return -(-nanoseconds(at) // period_ns)
-
-
-def _not_ours(run: RecordedRun) -> str:
-    """Return why nodes of ours have not made a run, or not with these bits; empty if they have."""
-    if reason := run.cannot_be_recomputed():
-        return reason
-    if run.recording.damage and not run.count(topics.GROUND_TRUTH):
-        return run.recording.damage[0]
-    if run.another_robot or run.another_controller:
-        return "its states or commands come from another robot or controller"
-    if not run.controllers or not set(run.controllers) <= set(usable()):
-        return unknown_controllers(run.controllers) or "no controller was recorded"
-    missing = {*run.controllers, "simulator"} - set(run.parameters)
-    if missing:
-        return f"no parameters of {', '.join(sorted(missing))} recorded"
-    return "" if run.count(topics.GROUND_TRUTH) else "no true states recorded"
 
 
 def resumed(run: RecordedRun, first: int) -> Resumed:

@@ -105,7 +105,7 @@ def command(
     paths = _paths(branches, run, output, force)
     parent = open_run(run)
     made = [_branched(parent, branch, duration) for branch in branches]
-    if len(branches) > 1:
+    if output not in paths:
         output.mkdir(parents=True, exist_ok=True)
     told: list[dict[str, object]] = []
     failed = 0

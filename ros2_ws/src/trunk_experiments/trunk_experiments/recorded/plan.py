@@ -19,19 +19,9 @@ def plan_of(run: RecordedRun) -> RunPlan:
 
     Raises RecordingError if the recording lacks something that this needs.
     """
-    if reason := run.cannot_be_recomputed():
-        raise RecordingError(f"{run.path}: {reason}")
-    controllers = run.controllers
-    if not controllers or not set(controllers) <= set(usable()):
-        raise RecordingError(
-            f"{run.path}: it cannot be run again: "
-            f"{unknown_controllers(controllers) or 'no controller was recorded'}"
-        )
-    states = run.count(topics.GROUND_TRUTH)
-    missing = {*controllers, "simulator"} - set(run.parameters)
-    if missing or not states:
-        what = f"parameters of {', '.join(sorted(missing))}" if missing else "true states"
-        raise RecordingError(f"{run.path}: no {what} recorded: it cannot be run again")
+    if reason := why_not_again(run):
+        raise RecordingError(f"{run.path}: it cannot be run again: {reason}")
+    controllers, states = run.controllers, run.count(topics.GROUND_TRUTH)
     simulator = run.config("simulator")
     plan = RunPlan(
         scenario=run.recording.provenance.get("scenario", ""),
@@ -46,6 +36,21 @@ def plan_of(run: RecordedRun) -> RunPlan:
         changes={name: found for name, found in changes.items() if found},
         references=references_of(run),
     )
+
+
+def why_not_again(run: RecordedRun) -> str:
+    """Return why a recorded run cannot be run again with the same bits; empty if it can be."""
+    if reason := run.cannot_be_recomputed():
+        return reason
+    states = run.count(topics.GROUND_TRUTH)
+    if run.recording.damage and not states:
+        return run.recording.damage[0]
+    if not run.controllers or not set(run.controllers) <= set(usable()):
+        return unknown_controllers(run.controllers) or "no controller was recorded"
+    missing = {*run.controllers, "simulator"} - set(run.parameters)
+    if missing:
+        return f"no parameters of {', '.join(sorted(missing))} recorded"
+    return "" if states else "no true states recorded"
 
 
 def references_of(run: RecordedRun) -> dict[int, float]:

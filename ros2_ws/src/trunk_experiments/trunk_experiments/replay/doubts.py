@@ -199,8 +199,8 @@ def _driven(
     """Return where the torque is what a drive that lags, or the like, makes of the wanted one."""
     found = np.zeros(len(at), np.bool_)
     timeline = run.timeline("simulator")
-    changed = [timeline.config, *(one.changed for one in run.parameter_changes("simulator"))]
-    if timeline.config.actuator is None and not any("actuator." in str(one) for one in changed[1:]):
+    changed = [name for one in run.parameter_changes("simulator") for name in one.changed]
+    if timeline.config.actuator is None and not any(n.startswith("actuator.") for n in changed):
         return found
     from trunk_sim.step import torque_of
 

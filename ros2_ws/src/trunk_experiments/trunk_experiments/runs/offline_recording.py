@@ -73,26 +73,10 @@ def _record(
     overwrite: bool,
     progress: Progress,
 ) -> int:
-    diverged = None
-    states = states_of(plan)
     with whole_file(path, overwrite=overwrite) as part, RecordingWriter(part) as writer:
         run = OfflineRecorder(plan, answering, writer)
         run.open()
-        try:
-            for some in stretches:
-                run.write(some)
-                progress(run.states, states)
-        except DivergedError as error:
-            diverged = error
-            run.put_changes_to_come()
-            run.failed(str(error))
-            writer.finish(complete=False, reason=str(error))
-        else:
-            fell = len(some.table) - 1 in some.falls and plan.simulator.fall_stop
-            reason = "the trunk has fallen" if fell else "finished"
-            run.put_changes_to_come()
-            run.finished(reason)
-            writer.finish(complete=True, reason=reason)
+        diverged = run.write_all(stretches, progress)
     if diverged is not None:
         raise diverged
     return run.states
@@ -108,6 +92,8 @@ class Within(NamedTuple):
 
 class OfflineRecorder:
     """Records what the nodes would have published, stamped and logged in simulated time."""
+
+    at_end = "finished"  # why the run ends at its last state
 
     def __init__(
         self,
@@ -181,6 +167,25 @@ class OfflineRecorder:
                 self.put_parameters(name, config)
         self.tell(Event.STARTED, {"rate": str(plan.simulator.update_rate)})
 
+    def write_all(self, stretches: Iterable[States], progress: Progress) -> DivergedError | None:
+        """Write all states and how the run ends, and finish the file; return why it diverged, if it did."""
+        first, states = self._within.first, states_of(self._plan)
+        try:
+            for some in stretches:
+                self.write(some)
+                progress(self.states - first, states - first)
+        except DivergedError as error:
+            self.put_changes_to_come()
+            self.failed(str(error))
+            self._writer.finish(complete=False, reason=str(error))
+            return error
+        fell = len(some.table) - 1 in some.falls and self._plan.simulator.fall_stop
+        reason = "the trunk has fallen" if fell else self.at_end
+        self.put_changes_to_come()
+        self.finished(reason)
+        self._writer.finish(complete=True, reason=reason)
+        return None
+
     def put_parameters(self, node: str, config: Any) -> None:
         """Write all parameters of a node at its start."""
         self._put(topics.RUN_PARAMETERS, 0, self._parameters(0, node, values_of(config), {}))
@@ -214,12 +219,10 @@ class OfflineRecorder:
     def _later(self, rows: Rows) -> Rows:
         return rows._replace(time_ns=rows.time_ns + self._within.ahead_ns)
 
-    def put_changes_to_come(self, until_ns: int | None = None) -> None:
-        """Write the changes that no state has seen, those up to a stamp if one is given."""
+    def put_changes_to_come(self) -> None:
+        """Write the changes that no state has seen."""
         while self._changes:
             node, change = self._changes.pop()
-            if until_ns is not None and change.stamp_ns > until_ns:
-                return
             for topic, data in self._told(node, change):
                 self._put(topic, change.stamp_ns, data)
 

@@ -130,7 +130,7 @@ def _stretches(
         first = done
     if end == DIVERGED:
         stamp_ns = (first - 1) * plan.simulator.period_ns
-        raise diverged(stamp_ns, start[0].state, float(table[-1, EFFORT]), plant)
+        raise diverged(stamp_ns, start[0], float(table[-1, EFFORT]), plant)
 
 
 class _Noise:

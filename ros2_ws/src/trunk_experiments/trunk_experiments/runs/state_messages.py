@@ -80,13 +80,9 @@ class StateMessages:
         ]
         if self._plan.disturbance is not None:
             found.append(self._disturbances(states))
-        ends = [row for row, _ in states.acts[1:]] + [len(table)]
-        for (begin, name), end in zip(states.acts, ends, strict=True):
-            if name:
-                names = states.told.get(name, ())
-                found += self._answers(
-                    name, names, table[begin:end], stamp_ns[begin:end], every[begin:end]
-                )
+        for name, rows in states.answers():
+            names = states.told.get(name, ())
+            found += self._answers(name, names, table[rows], stamp_ns[rows], every[rows])
         return found
 
     def _disturbances(self, states: States) -> Rows:

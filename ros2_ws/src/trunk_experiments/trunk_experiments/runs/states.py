@@ -42,6 +42,13 @@ class States(NamedTuple):
     falls: list[int]  # the trunk fell in these rows
     told: Mapping[str, tuple[str, ...]]  # the names of each one's terms
 
+    def answers(self) -> Iterator[tuple[str, slice]]:
+        """Yield who answers, and in which rows; nobody is left out."""
+        ends = [row for row, _ in self.acts[1:]] + [len(self.table)]
+        for (begin, name), end in zip(self.acts, ends, strict=True):
+            if name:
+                yield name, slice(begin, end)
+
     def acting(self, row: int) -> str:
         """Return who answers the state of a row; empty: nobody."""
         return [name for since, name in self.acts if since <= row][-1]

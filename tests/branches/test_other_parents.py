@@ -1,0 +1,102 @@
+"""Parents that are not whole, or not what was recorded: branched as far as they verify, and no further."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from trunk_experiments.branching.branch import Branch
+from trunk_experiments.branching.change import branched
+from trunk_experiments.branching.record import record_branch
+from trunk_experiments.branching.resume import resumed, state_at
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.doubts import Late, late_steps
+from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.recording.reader import RecordingError
+
+from ..edited import ANEW, copied
+
+AT = 500_000_000  # ns
+Edit = Callable[[list[list]], None]
+
+
+@pytest.fixture(scope="module")
+def parent(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("branch") / "parent.mcap"
+    record_offline(make_plan("demo", "pid", everywhere={"duration": 1.0}), path)
+    return path
+
+
+def branch(parent: Path, at: float, path: Path) -> RecordedRun:
+    run, change = RecordedRun.open(parent), Branch(at)
+    record_branch(run, change, branched(run, resumed(run, state_at(run, at)), change, None), path)
+    return RecordedRun.open(path)
+
+
+@pytest.mark.parametrize("topic", ["/ground_truth/joint_states", "/effort_command", "/disturbance"])
+def test_what_does_not_verify_up_to_there_is_refused(
+    parent: Path, tmp_path: Path, topic: str
+) -> None:
+    def edit(messages: list[list]) -> None:
+        for message in messages:
+            if message[:2] == [topic, 300_000_000]:
+                message[2] = message[2][:-8] + struct.pack("<d", 0.25)
+
+    path = tmp_path / "edited.mcap"
+    copied(parent, path, edit, ANEW)
+    assert verdict_on(branch(path, 0.29, tmp_path / "a.mcap")).exit_code == VERIFIED
+    why = "it cannot be branched at t = 0.5 s, it does not verify up to there: t = 0.3 s"
+    with pytest.raises(RecordingError, match=why):
+        branch(path, 0.5, tmp_path / "b.mcap")
+    assert not (tmp_path / "b.mcap").exists()
+
+
+def test_disturbances_that_acted_before_a_branch_have_to_be_there(
+    parent: Path, tmp_path: Path
+) -> None:
+    """Whoever takes them out of a branch is found: their node was not quiet by its parameters."""
+
+    def edit(messages: list[list]) -> None:
+        messages[:] = [m for m in messages if m[0] != "/disturbance" or m[1] >= AT]
+
+    branch(parent, 0.5, tmp_path / "b.mcap")
+    copied(tmp_path / "b.mcap", tmp_path / "edited.mcap", edit, ANEW)
+    verdict = verdict_on(RecordedRun.open(tmp_path / "edited.mcap"))
+    assert verdict.exit_code != VERIFIED
+    assert "disturbance: 100 steps missing, the first at t = 0 s" in verdict.obstacles
+
+
+def test_a_file_that_ends_early_is_branched_as_far_as_it_goes(parent: Path, tmp_path: Path) -> None:
+    def edit(messages: list[list]) -> None:
+        messages[:] = [m for m in messages if m[1] <= 600_000_000]
+
+    path = tmp_path / "cut.mcap"
+    copied(parent, path, edit, ANEW, end=False)
+    assert verdict_on(RecordedRun.open(path)).exit_code == UNJUDGED
+    run = branch(path, 0.55, tmp_path / "b.mcap")
+    assert verdict_on(run).exit_code == VERIFIED
+    assert run.count("joint_states") == 201  # to its planned end
+
+
+def test_steps_by_a_real_drive_are_not_late(tmp_path: Path) -> None:
+    """In real time, the torque of a drive that lags is not the wanted one, however soon that came."""
+    settings = ("simulator.actuator.time_constant=0.02",)
+    plan = make_plan("demo", "pid", everywhere={"duration": 1.0}, settings=settings)
+    record_offline(plan, tmp_path / "lags.mcap")
+    copied(
+        tmp_path / "lags.mcap", tmp_path / "a.mcap", digests=ANEW, provenance={"mode": "real_time"}
+    )
+    assert late_steps(RecordedRun.open(tmp_path / "a.mcap")) == Late(0, 200)
+
+    def edit(messages: list[list]) -> None:
+        later = [m for m in messages if m[:2] == ["/effort_command", AT]]
+        messages[:] = [m for m in messages if m not in later]
+
+    path = tmp_path / "b.mcap"
+    copied(tmp_path / "lags.mcap", path, edit, ANEW, provenance={"mode": "real_time"})
+    assert late_steps(RecordedRun.open(path)) == Late(1, 200)
