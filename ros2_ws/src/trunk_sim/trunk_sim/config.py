@@ -13,6 +13,7 @@ from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 from trunk_msgs_util.units import nanoseconds, period_ns, seconds
 
 from .actuator import Actuator, approach_of
+from .hardware_parameters import hardware_parameter
 from .plant import PlantState
 from .step import Plant, Scale, SensorParameters
 
@@ -101,57 +102,13 @@ class SimulatorConfig(ManagedConfig):
         above=0.0,
         unbounded=True,
     )
-    actuator_time_constant: float = parameter(
-        "actuator.time_constant",
-        0.0,
-        "Time constant of the actuator's lag; 0: none",
-        unit="s",
-        minimum=0.0,
-        maximum=1e3,
-    )
-    actuator_rate_limit: float = parameter(
-        "actuator.rate_limit",
-        inf,
-        "The fastest change of its torque",
-        unit="N m/s",
-        above=0.0,
-        unbounded=True,
-    )
-    actuator_dead_band: float = parameter(
-        "actuator.dead_band",
-        0.0,
-        "Commands within +- this give none, others so much less",
-        unit="N m",
-        minimum=0.0,
-        maximum=1e6,
-    )
-    actuator_resolution: float = parameter(
-        "actuator.resolution",
-        0.0,
-        "Its torque is a multiple of this, before bias and lag; 0: continuous",
-        unit="N m",
-        minimum=0.0,
-        maximum=1e6,
-    )
-    actuator_bias: float = parameter(
-        "actuator.bias", 0.0, "Torque added to it", unit="N m", minimum=-1e6, maximum=1e6
-    )
-    coulomb_friction: float = parameter(
-        "actuator.coulomb_friction",
-        0.0,
-        "Friction in the joint against any motion",
-        unit="N m",
-        minimum=0.0,
-        maximum=1e6,
-    )
-    viscous_friction: float = parameter(
-        "actuator.viscous_friction",
-        0.0,
-        "Friction in the joint in proportion to the trunk's rate",
-        unit="N m s/rad",
-        minimum=0.0,
-        maximum=1e6,
-    )
+    actuator_time_constant: float = hardware_parameter("actuator.time_constant")
+    actuator_rate_limit: float = hardware_parameter("actuator.rate_limit")
+    actuator_dead_band: float = hardware_parameter("actuator.dead_band")
+    actuator_resolution: float = hardware_parameter("actuator.resolution")
+    actuator_bias: float = hardware_parameter("actuator.bias")
+    coulomb_friction: float = hardware_parameter("actuator.coulomb_friction")
+    viscous_friction: float = hardware_parameter("actuator.viscous_friction")
     command_timeout: float = parameter(
         "command_timeout",
         0.2,
@@ -161,70 +118,14 @@ class SimulatorConfig(ManagedConfig):
         above=0.0,
         maximum=1e6,
     )
-    position_noise: float = parameter(
-        "sensor.position_noise",
-        0.0,
-        "Standard deviation of the measured angle",
-        unit="rad",
-        minimum=0.0,
-        maximum=1e3,
-    )
-    velocity_noise: float = parameter(
-        "sensor.velocity_noise",
-        0.0,
-        "Standard deviation of the measured rate",
-        unit="rad/s",
-        minimum=0.0,
-        maximum=1e3,
-    )
-    position_bias: float = parameter(
-        "sensor.position_bias",
-        0.0,
-        "Bias of the measured angle",
-        unit="rad",
-        minimum=-1e3,
-        maximum=1e3,
-    )
-    velocity_bias: float = parameter(
-        "sensor.velocity_bias",
-        0.0,
-        "Bias of the measured rate",
-        unit="rad/s",
-        minimum=-1e3,
-        maximum=1e3,
-    )
-    position_resolution: float = parameter(
-        "sensor.position_resolution",
-        0.0,
-        "The measured angle is a multiple of this; 0: continuous",
-        unit="rad",
-        minimum=0.0,
-        maximum=1e3,
-    )
-    velocity_resolution: float = parameter(
-        "sensor.velocity_resolution",
-        0.0,
-        "The measured rate is a multiple of this; 0: continuous",
-        unit="rad/s",
-        minimum=0.0,
-        maximum=1e3,
-    )
-    position_limit: float = parameter(
-        "sensor.position_limit",
-        inf,
-        "The largest angle that is measured, either way",
-        unit="rad",
-        above=0.0,
-        unbounded=True,
-    )
-    velocity_limit: float = parameter(
-        "sensor.velocity_limit",
-        inf,
-        "The largest rate that is measured, either way",
-        unit="rad/s",
-        above=0.0,
-        unbounded=True,
-    )
+    position_noise: float = hardware_parameter("sensor.position_noise")
+    velocity_noise: float = hardware_parameter("sensor.velocity_noise")
+    position_bias: float = hardware_parameter("sensor.position_bias")
+    velocity_bias: float = hardware_parameter("sensor.velocity_bias")
+    position_resolution: float = hardware_parameter("sensor.position_resolution")
+    velocity_resolution: float = hardware_parameter("sensor.velocity_resolution")
+    position_limit: float = hardware_parameter("sensor.position_limit")
+    velocity_limit: float = hardware_parameter("sensor.velocity_limit")
     delay: float = parameter(
         "sensor.delay",
         0.0,

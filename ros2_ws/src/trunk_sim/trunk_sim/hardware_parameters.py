@@ -1,0 +1,67 @@
+"""The parameters of a real drive and of real sensors, declared once; off by default."""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any
+
+from trunk_msgs_util.parameters.declarations import parameter
+
+_TORQUE = {"unit": "N m", "minimum": 0.0, "maximum": 1e6}
+_ANGLE = {"unit": "rad", "minimum": 0.0, "maximum": 1e3}
+_RATE = {"unit": "rad/s", "minimum": 0.0, "maximum": 1e3}
+_LIMIT = {"above": 0.0, "unbounded": True}
+_EITHER_WAY = {"minimum": -1e3, "maximum": 1e3}
+
+_TIME_CONSTANT = {"unit": "s", "minimum": 0.0, "maximum": 1e3}
+_WORDS: dict[str, tuple[float, str, dict[str, Any]]] = {
+    "actuator.time_constant": (0.0, "Time constant of the actuator's lag; 0: none", _TIME_CONSTANT),
+    "actuator.rate_limit": (inf, "The fastest change of its torque", {"unit": "N m/s", **_LIMIT}),
+    "actuator.dead_band": (
+        0.0,
+        "Commands within +- this give none, others so much less",
+        _TORQUE,
+    ),
+    "actuator.resolution": (
+        0.0,
+        "Its torque is a multiple of this, before bias and lag; 0: continuous",
+        _TORQUE,
+    ),
+    "actuator.bias": (0.0, "Torque added to it", {**_TORQUE, "minimum": -1e6}),
+    "actuator.coulomb_friction": (0.0, "Friction in the joint against any motion", _TORQUE),
+    "actuator.viscous_friction": (
+        0.0,
+        "Friction in the joint in proportion to the trunk's rate",
+        {**_TORQUE, "unit": "N m s/rad"},
+    ),
+    "sensor.position_noise": (0.0, "Standard deviation of the measured angle", _ANGLE),
+    "sensor.velocity_noise": (0.0, "Standard deviation of the measured rate", _RATE),
+    "sensor.position_bias": (0.0, "Bias of the measured angle", {**_ANGLE, **_EITHER_WAY}),
+    "sensor.velocity_bias": (0.0, "Bias of the measured rate", {**_RATE, **_EITHER_WAY}),
+    "sensor.position_resolution": (
+        0.0,
+        "The measured angle is a multiple of this; 0: continuous",
+        _ANGLE,
+    ),
+    "sensor.velocity_resolution": (
+        0.0,
+        "The measured rate is a multiple of this; 0: continuous",
+        _RATE,
+    ),
+    "sensor.position_limit": (
+        inf,
+        "The largest angle that is measured, either way",
+        {"unit": "rad", **_LIMIT},
+    ),
+    "sensor.velocity_limit": (
+        inf,
+        "The largest rate that is measured, either way",
+        {"unit": "rad/s", **_LIMIT},
+    ),
+}
+
+
+def hardware_parameter(name: str) -> Any:
+    """Return the declaration of the parameter with this name."""
+    default, description, limits = _WORDS[name]
+    return parameter(name, default, description, **limits)
