@@ -57,6 +57,14 @@ class Event(str, Enum):
         "angle",
         "limit",
     )
+    PASSED_ON = (
+        "passed on",
+        "simulator",
+        "At the end of a run with links: what became of each one's messages, how many measurements failed",
+        "link.state",
+        "link.command",
+        "sensor.dropout",
+    )
     FINISHED = (
         "finished",
         "simulator",

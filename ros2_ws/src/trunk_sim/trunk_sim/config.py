@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, pi
+from typing import Any
 
 from trunk_msgs_util.elementary import LARGEST_ANGLE
 from trunk_msgs_util.mechanics import Body
@@ -13,9 +14,11 @@ from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 from trunk_msgs_util.units import nanoseconds, period_ns, seconds
 
 from .actuator import Actuator, approach_of
-from .hardware_parameters import hardware_parameter
+from .hardware_parameters import MISSING, hardware_parameter, link_parameter
+from .links import Link, perfect
 from .plant import PlantState
 from .step import Plant, Scale, SensorParameters
+from .traffic import Network
 
 _JOINTS = ("hip", "trunk")
 EQUATIONS = ("derived", "as_printed")
@@ -137,6 +140,40 @@ class SimulatorConfig(ManagedConfig):
     )
     seed: int = parameter(
         "sensor.seed", 1, "Seed of the sensor noise", minimum=0, maximum=2**31 - 1, fixed=True
+    )
+    dropout: float = hardware_parameter("sensor.dropout")
+    state_delay: float = link_parameter("state", "delay")
+    state_jitter: float = link_parameter("state", "jitter")
+    state_jitter_kind: str = link_parameter("state", "jitter_kind")
+    state_loss: float = link_parameter("state", "loss")
+    state_burst_begin: float = link_parameter("state", "burst.begin")
+    state_burst_end: float = link_parameter("state", "burst.end")
+    state_burst_loss: float = link_parameter("state", "burst.loss")
+    state_duplicates: float = link_parameter("state", "duplicates")
+    state_order: str = link_parameter("state", "order")
+    command_delay: float = link_parameter("command", "delay")
+    command_jitter: float = link_parameter("command", "jitter")
+    command_jitter_kind: str = link_parameter("command", "jitter_kind")
+    command_loss: float = link_parameter("command", "loss")
+    command_burst_begin: float = link_parameter("command", "burst.begin")
+    command_burst_end: float = link_parameter("command", "burst.end")
+    command_burst_loss: float = link_parameter("command", "burst.loss")
+    command_duplicates: float = link_parameter("command", "duplicates")
+    command_order: str = link_parameter("command", "order")
+    missing_command: str = parameter(
+        "link.command.missing",
+        "hold",
+        "A step that gets no new command: hold the last one's torque, or zero",
+        choices=MISSING,
+        fixed=True,
+    )
+    link_seed: int = parameter(
+        "link.seed",
+        1,
+        "Seed of the links and of the measurements that fail",
+        minimum=0,
+        maximum=2**31 - 1,
+        fixed=True,
     )
     wait_for: tuple[str, ...] = parameter(
         "wait_for",
@@ -281,3 +318,31 @@ class SimulatorConfig(ManagedConfig):
     def delay_steps(self) -> int:
         """The sensors' delay in whole steps."""
         return round(nanoseconds(self.delay) / self.period_ns)
+
+    @property
+    def network(self) -> Network | None:
+        """The links between plant and controller, and failing measurements; None if they change nothing."""
+        state, command = _link_of(self, "state"), _link_of(self, "command")
+        if all(map(perfect, (state, command))) and self.dropout == 0.0:
+            return None
+        zero = self.missing_command == "zero"
+        return Network(state, command, zero, self.dropout, self.link_seed, self.period_ns)
+
+
+def _link_of(config: SimulatorConfig, way: str) -> Link:
+    """Return the link whose fields begin with "state" or "command"."""
+
+    def value(name: str) -> Any:
+        return getattr(config, f"{way}_{name}")
+
+    return Link(
+        value("delay"),
+        value("jitter"),
+        value("jitter_kind") == "exponential",
+        value("loss"),
+        value("burst_begin"),
+        value("burst_end"),
+        value("burst_loss"),
+        value("duplicates"),
+        value("order") == "latest",
+    )

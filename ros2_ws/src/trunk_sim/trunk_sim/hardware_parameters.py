@@ -1,4 +1,4 @@
-"""The parameters of a real drive and of real sensors, declared once; off by default."""
+"""The parameters of a real drive, of real sensors and of a network's links, declared once; off by default."""
 
 from __future__ import annotations
 
@@ -48,6 +48,11 @@ _WORDS: dict[str, tuple[float, str, dict[str, Any]]] = {
         "The measured rate is a multiple of this; 0: continuous",
         _RATE,
     ),
+    "sensor.dropout": (
+        0.0,
+        "Probability that a measurement fails, and the one before it holds",
+        {"minimum": 0.0, "maximum": 1.0, "fixed": True},
+    ),
     "sensor.position_limit": (
         inf,
         "The largest angle that is measured, either way",
@@ -59,6 +64,36 @@ _WORDS: dict[str, tuple[float, str, dict[str, Any]]] = {
         {"unit": "rad/s", **_LIMIT},
     ),
 }
+
+
+_CHANCE = {"minimum": 0.0, "maximum": 1.0, "fixed": True}
+_DELAY = {"unit": "s", "minimum": 0.0, "maximum": 10.0, "fixed": True}
+JITTERS = ("uniform", "exponential")
+ORDERS = ("latest", "arrival")
+MISSING = ("hold", "zero")
+# Of a link, by the last part of the name.
+LINK: dict[str, tuple[Any, str, dict[str, Any]]] = {
+    "delay": (0.0, "Delay of every message; it counts from the first step not before it", _DELAY),
+    "jitter": (0.0, "Random delay in addition: the largest, or the mean if exponential", _DELAY),
+    "jitter_kind": ("uniform", "Distribution of the jitter", {"choices": JITTERS, "fixed": True}),
+    "loss": (0.0, "Probability that a message is lost, outside of bursts", _CHANCE),
+    "burst.begin": (0.0, "Probability in each step that a burst of losses begins", _CHANCE),
+    "burst.end": (1.0, "Probability in each step of a burst that it ends", _CHANCE),
+    "burst.loss": (1.0, "Probability that a message is lost in a burst", _CHANCE),
+    "duplicates": (0.0, "Probability that a message is sent twice", _CHANCE),
+    "order": (
+        "latest",
+        "latest: a message older than the one in use is ignored; arrival: the last to arrive counts",
+        {"choices": ORDERS, "fixed": True},
+    ),
+}
+
+
+def link_parameter(way: str, name: str) -> Any:
+    """Return the declaration of a link's parameter; ``way``: "state", to the controller, or "command"."""
+    default, description, limits = LINK[name]
+    to = "measured states" if way == "state" else "commands"
+    return parameter(f"link.{way}.{name}", default, f"{description} (link of the {to})", **limits)
 
 
 def hardware_parameter(name: str) -> Any:

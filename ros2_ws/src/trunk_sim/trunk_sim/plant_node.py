@@ -146,6 +146,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
     def fail(self, reason: str, **values: object) -> None:
         """End the run with an error; the record says how many states there are."""
         self._step_timer.cancel()
+        self._say_passed_on()
         super().fail(reason, states=self._simulation.step_index + 1, **values)
 
     def count(self, what: str, number: int = 1) -> None:
@@ -197,7 +198,12 @@ class PlantNode(TrunkNode[SimulatorConfig]):
                 f"the trunk fell at t = {seconds(self.stamp_ns):g} s: angle {angle:.3g} rad"
             )
 
+    def _say_passed_on(self) -> None:
+        if counts := self._simulation.link_counts():
+            self.event(Event.PASSED_ON, DiagnosticStatus.OK, **counts)
+
     def _say_finished(self, message: Event, reason: str) -> None:
+        self._say_passed_on()
         self.event(message, reason=reason, states=self._simulation.step_index + 1)
 
     def stopping(self) -> None:

@@ -16,7 +16,10 @@ from .noise import Noise
 from .plant import PlantState
 from .quick import Act, act_for, plant_for
 from .sensors import DelayLine
-from .step import Plant, Trunk, at_rest, noisy, sense, torque_of
+from .step import Measurement, Plant, Trunk, at_rest, noisy, sense, torque_of
+from .traffic import InFlight, Traffic
+
+Seen = tuple[Measurement, float]  # a reading, and the torque over the step before it, N m
 
 
 class DivergedError(TrunkError, ArithmeticError):
@@ -53,6 +56,7 @@ class Simulation:
         self._act = act or act_for(config)
         self._noise = Noise(config.seed)
         self._delay = DelayLine(config.delay_steps)
+        self._wire = None if config.network is None else _Wire(Traffic(config.network))
         self.retune(config)
         self._begin()
 
@@ -65,12 +69,20 @@ class Simulation:
         falls_now: bool,
         past: Iterable[PlantState],
         act: Act | None = None,
+        wire: Iterable[tuple[Seen, float]] = (),
     ) -> Simulation:
-        """Return the simulation at a state of a run; ``past``: the true states that its sensors still see."""
+        """Return the simulation at a state of a run; ``past``: the true states that its sensors still see.
+
+        ``wire``: where there are links, all readings and commands that were sent before, from the first.
+        """
         one = cls(config, act)
         one.step_index, one.trunk, one.falls_now = step_index, trunk, falls_now
         for state in past:
             one._delay.push(state)
+        if one._wire is not None:
+            for k, (seen, effort) in enumerate(wire):
+                one._wire.read(k, seen)
+                one._wire.command(k, effort)
         return one
 
     def retune(self, config: SimulatorConfig) -> None:
@@ -98,28 +110,39 @@ class Simulation:
     def truth(self) -> JointSample:
         """Return the true state; its effort is the torque applied over the previous step."""
         x, theta, x_dot, theta_dot = self.trunk.state
-        return self._sample(x, theta, x_dot, theta_dot)
+        return self._sample(x, theta, x_dot, theta_dot, self.trunk.effort)
 
     def measure(self, disturbance: Disturbance) -> JointSample:
-        """Return what the sensors say now, with delay, bias, noise and the disturbance's offsets."""
+        """Return what the controller gets to know of the sensors, with its link's delays and losses.
+
+        They see the state with delay, bias, noise and the disturbance's offsets.
+        """
         delayed = self._delay.push(self.trunk.state)
         noise = self._noise.pair(self.step_index) if self._noisy else (0.0, 0.0)
-        return self._sample(*sense(delayed, disturbance, *noise, self._sensor))
+        seen = sense(delayed, disturbance, *noise, self._sensor)
+        effort = self.trunk.effort
+        if self._wire is not None:
+            seen, effort = self._wire.read(self.step_index, (seen, effort))
+        return self._sample(*seen, effort)
 
-    def _sample(self, x: float, theta: float, x_dot: float, theta_dot: float) -> JointSample:
+    def _sample(
+        self, x: float, theta: float, x_dot: float, theta_dot: float, effort: float
+    ) -> JointSample:
         return JointSample(
             self.stamp_ns,
             self.config.joints,
             (x, theta),
             (x_dot, theta_dot),
-            (0.0, self.trunk.effort),
+            (0.0, effort),
         )
 
     def step(self, effort: float, disturbance: Disturbance) -> None:
-        """Advance one period with the commanded effort [N m] held over it.
+        """Advance one period with the commanded effort [N m] held over it, or what its link makes of it.
 
         Raises DivergedError where the new state is not finite; the state then stays as it was.
         """
+        if self._wire is not None:
+            effort = self._wire.command(self.step_index, effort)
         after = self._act(self.trunk, effort, disturbance, self._plant)
         if after.diverged:
             raise diverged(self.stamp_ns, self.trunk, effort, self._plant)
@@ -132,7 +155,37 @@ class Simulation:
         """True if the run is to end because the trunk has fallen."""
         return self.config.fall_stop and self.trunk.fallen
 
+    def link_counts(self) -> dict[str, str]:
+        """Return what became of the messages of all states so far, in words; empty without links."""
+        return {} if self._wire is None else self._wire.traffic.counts(self.step_index + 1)
+
     def reset(self) -> None:
-        """Return the plant to its initial state. Time goes on: stamps never go backwards."""
+        """Return the plant to its initial state. Time goes on: stamps never go backwards.
+
+        What is on its way in the links arrives all the same.
+        """
         self._begin()
         self._delay.clear()
+
+
+class _Wire:
+    """Readings and commands under way, step by step."""
+
+    def __init__(self, traffic: Traffic) -> None:
+        network = traffic.network
+        self.traffic = traffic
+        self._readings: InFlight[Seen] = InFlight(network.state, network.period_ns)
+        self._commands: InFlight[float] = InFlight(network.command, network.period_ns)
+        self._held: Seen
+
+    def read(self, k: int, seen: Seen) -> Seen:
+        """Send a step's reading, and return the one that is in use there."""
+        if not self.traffic.dropped(k):
+            self._held = seen
+        found = self._readings.send(k, self._held, self.traffic.seen(k))
+        return self._held if found is None else found
+
+    def command(self, k: int, effort: float) -> float:
+        """Send the command of a step, N m, and return the one that is in use there, 0 for none."""
+        found = self._commands.send(k, effort, self.traffic.told(k))
+        return 0.0 if found is None else found

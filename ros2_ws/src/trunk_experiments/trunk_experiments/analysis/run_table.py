@@ -101,10 +101,9 @@ class RunTable:
         effort = truth.column("effort", trunk)
         torque = np.append(effort[1:], np.nan)
         command = found.pop(topics.EFFORT_COMMAND)
-        last = _matched(at[-1:], command.stamp_ns, command.column("effort", trunk))
-        torque[-1] = effort[-1]
-        if not np.isnan(last[0]):
-            torque[-1] = _made_of(float(last[0]), float(effort[-1]), run, int(at[-1]))
+        torque[-1] = _last_torque(
+            run, at, float(effort[-1]), command.stamp_ns, command.column("effort", trunk)
+        )
         return cls(
             t=at / NANOSECONDS,
             x=truth.column("position", hip),
@@ -167,6 +166,10 @@ class RunTable:
                 file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
 
 
+# What delays or loses commands; a link with none of these passes all of them on at once.
+_OF_LINK = tuple(f"link.command.{name}" for name in ("delay", "jitter", "loss", "burst.begin"))
+
+
 def held_at(at: Integers, stamps: Integers, values: Floats) -> Floats:
     """Return the last of the values at or before each stamp, NaN before the first."""
     if np.array_equal(at, stamps):
@@ -210,23 +213,40 @@ def _joints(run: RecordedRun) -> tuple[str, str]:
     return joints
 
 
-def _made_of(command: float, before: float, run: RecordedRun, stamp_ns: int) -> float:
-    """Return what the actuator makes of a state's command after a torque, both N m.
+def _last_torque(
+    run: RecordedRun, states: Integers, before: float, stamps: Integers, commands: Floats
+) -> float:
+    """Return the torque over the step from the last of the states, N m, after ``before``.
 
-    It is the command itself where the simulator's parameters are not on record, or cannot be used.
+    It is what link and actuator make of the commands; ``before`` where the record does not tell it, and the
+    command itself where the simulator's parameters are not on record, or cannot be used.
     """
+    stamp_ns = int(states[-1])
     values = dict(run.parameters.get("simulator", {}))
     for change in run.parameter_changes("simulator"):
         if change.stamp_ns < stamp_ns:
             values |= change.changed
     limit = values.get("max_effort", inf)
-    if all(value in (0.0, inf) for name, value in values.items() if name.startswith("actuator.")):
-        # The plant is not loaded for a drive that does what it is told.
+    plain = all(
+        value in (0.0, inf)
+        for name, value in values.items()
+        if name.startswith("actuator.") or name in _OF_LINK
+    )
+    if plain:  # the plant is not loaded for a drive that does what it is told
+        command = float(_matched(np.array([stamp_ns]), stamps, commands)[0])
+        if np.isnan(command):
+            return before
         return min(max(command, -limit), limit) if isinstance(limit, float) else command
     from trunk_sim.config import SimulatorConfig
     from trunk_sim.step import torque_of
 
+    from ..recorded.wire import RecordedWire
+
     try:
-        return torque_of(before, command, build(SimulatorConfig, values).plant)
+        config = build(SimulatorConfig, values)
     except ParameterError:
-        return command
+        command = float(_matched(np.array([stamp_ns]), stamps, commands)[0])
+        return before if np.isnan(command) else command
+    sent = RecordedWire(config, states).told_ns(stamp_ns)
+    command = float(_matched(np.array([sent]), stamps, commands)[0]) if sent >= 0 else 0.0
+    return before if np.isnan(command) else torque_of(before, command, config.plant)

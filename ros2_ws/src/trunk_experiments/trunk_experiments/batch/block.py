@@ -104,6 +104,8 @@ def regular_run(plan: RunPlan) -> Regular | None:
     states = step_count(simulator.duration, simulator.update_rate) + 1
     if len(plan.controllers) != 1 or plan.controller.active_times or states > LONGEST:
         return None
+    if simulator.network is not None:
+        return None
     config = plan.controller
     if type(law_of(config).memory) is not PidState:  # the lanes have rows for this one alone
         return None

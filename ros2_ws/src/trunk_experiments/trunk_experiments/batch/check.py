@@ -8,6 +8,7 @@ from trunk_control.laws import law_named
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.simulation import DivergedError
 from trunk_sim.step import act, torque_of
+from trunk_sim.traffic import Traffic
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan
@@ -85,6 +86,9 @@ def _table_difference(plan: RunPlan, outcome: Outcome, taken: list[Step]) -> str
     table, plant = outcome.table, plan.simulator.plant
     held = [float("nan")] * 5
     columns: list[list[float]] = []
+    network = plan.simulator.network
+    traffic = None if network is None else Traffic(network)
+    sent: list[float] = []
     for step in taken:
         answer = step.answer
         if answer is None:
@@ -92,7 +96,9 @@ def _table_difference(plan: RunPlan, outcome: Outcome, taken: list[Step]) -> str
         terms = answer.terms
         if answer.fresh:
             held = [answer.reference, *gains_of(law_named(step.controller))(terms)]
-        torque = torque_of(step.truth.effort[1], answer.effort, plant)
+        sent.append(answer.effort)
+        used = len(sent) - 1 if traffic is None else traffic.told(len(sent) - 1)
+        torque = torque_of(step.truth.effort[1], sent[used] if used >= 0 else 0.0, plant)
         columns.append(
             [
                 step.stamp_ns / NANOSECONDS,

@@ -76,13 +76,15 @@ def keep_rows(
     trunk: Trunk,
     acting: Disturbance,
     measured: Measurement,
+    felt: float,
     acted: Acted,
+    effort: float,
     plant: Plant,
 ) -> None:
     """Write state k into column k of ``out`` [ROWS, N]; reference and gains are those of the last update."""
     out[X, k], out[THETA, k], out[X_DOT, k], out[THETA_DOT, k] = trunk.state
     out[MEASURED, k] = measured.theta
-    out[TORQUE, k] = torque_of(trunk.effort, acted.effort, plant)
+    out[TORQUE, k] = torque_of(trunk.effort, effort, plant)
     if not acted.fresh:
         for row in (REFERENCE, KP, KI, KD, ALPHA):
             out[row, k] = out[row, k - 1] if k > 0 else nan

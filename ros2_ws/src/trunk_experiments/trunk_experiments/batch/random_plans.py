@@ -20,6 +20,7 @@ from trunk_msgs_util.parameters.declarations import (
     build,
     declarations,
 )
+from trunk_sim.config import SimulatorConfig
 
 from ..plans.nodes import CONTROLLERS, NODES
 from ..plans.plan import RunPlan, make_plan
@@ -140,6 +141,7 @@ def random_plan(index: int) -> RunPlan:
     )
 
 
+_LINKED = 0.3  # share of the runs with links
 # Of a real drive and of real sensors: what changes nothing, and the largest value drawn.
 _REAL_DRIVE = (
     ("actuator.time_constant", 0.0, 0.1),
@@ -174,11 +176,49 @@ def _simulator(draw: Draw, rate: float) -> dict[str, Value]:
     }
     for name in ("sensor.position_noise", "sensor.velocity_noise"):
         values[name] = draw.pick(0.0, float(draw.rng.uniform(0.0, 0.3)))
-    for name, neutral, most in _REAL_DRIVE:
-        values[name] = draw.pick(neutral, float(draw.rng.uniform(1e-3, 1.0)) * most)
+    values.update(_drive(draw))
+    values.update(_links(draw, rate, bool(draw.rng.random() < _LINKED)))
     if printed:
         values.update({"path.amplitude": 1.0, "path.wavenumber": 1.0, "hip.mode": "passive"})
         values.update({"path.cosines": (), "path.sines": ()})
+    return values
+
+
+def links_and_drives(rng: np.random.Generator, rate: float) -> dict[str, Value]:
+    """Return values of the simulator's parameters for links and, often, for a real drive and sensors."""
+    draw = Draw(rng, 1.0)
+    return {**_drive(draw), **_links(draw, rate, True)}
+
+
+def _drive(draw: Draw) -> dict[str, Value]:
+    return {
+        name: draw.pick(neutral, float(draw.rng.uniform(1e-3, 1.0)) * most)
+        for name, neutral, most in _REAL_DRIVE
+    }
+
+
+def _links(draw: Draw, rate: float, linked: bool) -> dict[str, Value]:
+    """Return values of both links and of failing measurements."""
+    declared = declarations(SimulatorConfig)
+    usual = {name: d.default for name, d in declared.items() if name.startswith("link.")}
+    values: dict[str, Value] = {**usual, "sensor.dropout": 0.0}
+    rng = draw.rng
+    if linked:
+        values["sensor.dropout"] = draw.pick(0.0, float(rng.uniform(0.0, 0.5)))
+        values["link.command.missing"] = draw.pick("hold", "zero")
+        values["link.seed"] = int(rng.integers(100))
+    for way in ("link.state.", "link.command.") if linked else ():
+        values |= {
+            way + "delay": draw.pick(0.0, float(rng.uniform(0.0, 6.0 / rate))),
+            way + "jitter": draw.pick(0.0, float(rng.uniform(0.0, 6.0 / rate))),
+            way + "jitter_kind": draw.pick("uniform", "exponential"),
+            way + "loss": draw.pick(0.0, float(rng.uniform(0.0, 0.4))),
+            way + "burst.begin": draw.pick(0.0, float(rng.uniform(0.0, 0.1))),
+            way + "burst.end": float(rng.uniform(0.05, 1.0)),
+            way + "burst.loss": float(rng.uniform(0.0, 1.0)),
+            way + "duplicates": draw.pick(0.0, float(rng.uniform(0.0, 0.5))),
+            way + "order": draw.pick("latest", "arrival"),
+        }
     return values
 
 

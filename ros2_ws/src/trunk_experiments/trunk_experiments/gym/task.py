@@ -140,6 +140,10 @@ def make_task(
         everywhere,
     )
     check(plan)
+    if plan.simulator.network is not None:
+        raise PlanError(
+            "link.state, link.command, sensor.dropout: an episode has no links: leave them out"
+        )
     regular = regular_run(plan)
     if regular is None:
         raise PlanError(

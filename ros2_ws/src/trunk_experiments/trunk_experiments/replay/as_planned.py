@@ -11,6 +11,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import declarations
 from trunk_msgs_util.units import seconds, step_count
+from trunk_sim.hardware_parameters import LINK
 
 from ..plans.nodes import CONTROLLERS, NODES
 from .as_written import pictures
@@ -31,6 +32,11 @@ _LATER: dict[str, tuple[tuple[str, ...], ...]] = {
             *("actuator.coulomb_friction", "actuator.viscous_friction"),
             *("sensor.position_resolution", "sensor.velocity_resolution"),
             *("sensor.position_limit", "sensor.velocity_limit"),
+        ),
+        (
+            "sensor.dropout",
+            *(f"link.{way}.{name}" for way in ("state", "command") for name in LINK),
+            *("link.command.missing", "link.seed"),
         ),
     ),
     "computed_torque": (("model.path_cosines", "model.path_sines"),),

@@ -9,7 +9,7 @@ import numpy as np
 
 from trunk_control.schedule import active_at
 from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
+from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.recording.schemas import RunEvent
 from trunk_msgs_util.units import seconds
 
@@ -34,6 +34,7 @@ def not_as_told(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[s
     if node == "simulator":
         yield from _pauses(run, told)
         yield from _still(run, node, told, topics.GROUND_TRUTH)
+        yield from _passed_on(run, told)
     if node == "disturbance":
         yield from _still(run, node, told, topics.DISTURBANCE)
     yield from _counted(run, node, told)
@@ -85,6 +86,30 @@ def _schedule(run: RecordedRun, node: str, turns: list[RunEvent]) -> Iterator[st
         if active != active_at(times, first):  # two turns may fall between two states
             word = "inactive" if active else "active"
             yield f"run/events: {node} was to become {word} at t = {seconds(time_ns):g} s and did not"
+
+
+def _passed_on(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
+    """Yield where the counts of the links' messages are not those of their seed, or missing at the end."""
+    network = run.config("simulator").network
+    counted = [event for event in told if event.message == Event.PASSED_ON]
+    ends = sum(event.message in ENDS for event in told)
+    if network is None:
+        if counted:
+            yield f"run/events: {str(Event.PASSED_ON)!r}, but there are no links"
+        return
+    if ends != len(counted):
+        yield f"run/events: {str(Event.PASSED_ON)!r} {len(counted)} times, {ends} ends of a run with links"
+    from trunk_sim.traffic import Traffic
+
+    truth = run.table(topics.GROUND_TRUTH).stamp_ns
+    for event in counted:
+        what = f"run/events: {str(Event.PASSED_ON)!r}"
+        states = event.stamp_ns // network.period_ns + 1
+        if not 0 < states <= len(truth):
+            yield f"{what} at t = {seconds(event.stamp_ns):g} s, not after a state"
+        elif event.values != Traffic(network).counts(states):
+            said = "; ".join(f"{name}: {text}" for name, text in event.values.items())
+            yield f"{what} says {said}, which is not what the links' seed gives"
 
 
 def _pauses(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:

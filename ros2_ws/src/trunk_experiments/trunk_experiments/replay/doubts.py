@@ -177,10 +177,14 @@ def late_steps(run: RecordedRun) -> Late | None:
     every = 1
     if len(told) > 1:
         every = max(1, int(np.median(np.diff(told)) // period_ns))
-    row = np.searchsorted(told, at, side="right") - 1
+    from ..recorded.wire import RecordedWire
+
+    sent = RecordedWire(run.config("simulator"), truth.stamp_ns).all_told_ns(at)
+    row = np.searchsorted(told, sent, side="right") - 1
     known = row >= 0
-    age = np.where(known, at - told[row], np.iinfo(np.int64).max)
+    age = np.where(known, sent - told[row], np.iinfo(np.int64).max)
     wanted = np.where(known, effort[row], np.nan)
+    age[sent < 0], wanted[sent < 0] = 0, 0.0  # a link has brought none
     limits = {float(run.config("simulator").max_effort)}
     changed = [one.changed.get("max_effort") for one in run.parameter_changes("simulator")]
     limits |= {limit for limit in changed if isinstance(limit, float)}

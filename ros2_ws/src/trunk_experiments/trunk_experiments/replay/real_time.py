@@ -16,11 +16,12 @@ import numpy as np
 from trunk_msgs_util import topics
 from trunk_msgs_util.units import nanoseconds
 from trunk_sim.disturbances import Disturbance
-from trunk_sim.step import torque_of
+from trunk_sim.step import Plant, torque_of
 
 from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
 from ..recorded.turns import exact_from_ns
+from ..recorded.wire import RecordedWire
 from .bits import same
 from .replay import Checked, Difference, acting_at, disturbances_matrix, judged
 
@@ -87,7 +88,8 @@ def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Ch
 
     That is the command for this state or an earlier one, never older than one that was in force before;
     0 before the first, and where the newest is older than ``command_timeout``. From where a branch was
-    simulated on, it is the command for this state; the one before it, where nobody answered.
+    simulated on, it is the command for this state; the one before it, where nobody answered. Where a link
+    carries the commands, "this state" is the one whose command is in use.
     """
     truth, commands = run.table(topics.GROUND_TRUTH), run.table(topics.EFFORT_COMMAND)
     timeline = run.timeline("simulator")
@@ -97,33 +99,57 @@ def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Ch
     since_ns = -1
     exact_ns = exact_from_ns(run)
     plant = timeline.config.plant
+    wire = RecordedWire(timeline.config, truth.stamp_ns)
+    known: dict[int, list[float]] = {}  # what may have been sent, by the stamps of the steps
+    last = -1  # the latest of these
     for row in range(1, len(stamps)):
         now, after = stamps[row - 1], stamps[row]
         if timeline.advance(now + 1):
             plant = timeline.config.plant
-        config = timeline.config
         before, torque = (truth.get(stamp, "effort")[1] for stamp in (now, after))
-        timeout_ns = nanoseconds(config.command_timeout)
-        newest = bisect_right(told, now)
-        if now >= exact_ns:
+        timeout_ns = nanoseconds(timeline.config.command_timeout)
+        sent = wire.told_ns(now)
+
+        def acts(effort: float, before: float = before, plant: Plant = plant) -> float:
+            return torque_of(before, effort, plant)
+
+        if sent < 0 or sent in known:
+            possible = known.get(sent, [0.0])
+            fitting = [effort for effort in possible if same(acts(effort), torque)]
+            if fitting:
+                known[sent] = fitting
+                yield Checked(after, ())
+            else:
+                yield Checked(after, [_not_in_force(after, truth.topic, torque, acts(possible[0]))])
+            continue
+        newest = bisect_right(told, sent)
+        if sent >= exact_ns:
             first = max(first, newest - 1)
-        match = -1
-        for at in range(max(first, bisect_left(told, now - timeout_ns)), newest):
+        oldest = first if sent >= last else 0  # a link may bring back what was sent before
+        match, possible = -1, []
+        for at in range(max(oldest, bisect_left(told, sent - timeout_ns)), newest):
             effort = commands.get(told[at], "effort", 1)[0]
-            if same(torque_of(before, effort, plant), torque):
-                match = at
-                break
-        timed_out = since_ns < 0 or now - since_ns > timeout_ns
-        if match >= 0:
-            first, since_ns = match, told[match]
-            yield Checked(after, ())
-        elif timed_out and torque == torque_of(before, 0.0, plant):
-            yield Checked(after, ())
-        else:
-            computed = torque_of(before, 0.0, plant)
+            if same(acts(effort), torque):
+                match = at if match < 0 else match
+                possible.append(effort)
+                if not wire.linked:
+                    break
+        timed_out = since_ns < 0 or sent - since_ns > timeout_ns
+        if match < 0 and timed_out and torque == acts(0.0):
+            possible = [0.0]
+        if not possible:
+            match, effort = newest - 1, 0.0
             if newest > 0:
                 effort = commands.get(told[newest - 1], "effort", 1)[0]
-                computed = torque_of(before, effort, plant)
-                first, since_ns = newest - 1, told[newest - 1]
-            difference = Difference(after, truth.topic, "effort[in force]", torque, computed)
-            yield Checked(after, [difference])
+            possible = [effort]
+            yield Checked(after, [_not_in_force(after, truth.topic, torque, acts(effort))])
+        else:
+            yield Checked(after, ())
+        if match >= 0 and sent >= last:
+            first, since_ns, last = match, told[match], sent
+        if wire.linked:
+            known[sent] = possible
+
+
+def _not_in_force(stamp_ns: int, topic: str, torque: float, computed: float) -> Difference:
+    return Difference(stamp_ns, topic, "effort[in force]", torque, computed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,19 +17,39 @@ from trunk_sim.disturbances import Disturbance
 from trunk_sim.noise import Noise, noise_samples
 from trunk_sim.plant import PlantState
 from trunk_sim.quick import act_for
-from trunk_sim.simulation import Simulation
-from trunk_sim.step import Trunk, act, at_rest, in_force, moved, noisy, pruned, sense
+from trunk_sim.simulation import Seen, Simulation
+from trunk_sim.step import (
+    Measurement,
+    SensorParameters,
+    Trunk,
+    act,
+    at_rest,
+    in_force,
+    moved,
+    noisy,
+    pruned,
+    sense,
+)
 
 from ..plans.timeline import Change
 from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
 from ..recorded.turns import exact_from_ns, idle_ns
+from ..recorded.wire import RecordedWire
 from . import replay, stretches
 from .bits import same
 from .real_time import PossibleDisturbances
 from .replay import Checked, Difference, acting_at, compare, disturbances_matrix, judged
 
 _QUANTITIES = ("position", "velocity", "effort")
+
+
+class _Epoch(NamedTuple):
+    """From a row on, how the sensors read: what they remember reaches back to a row."""
+
+    row: int
+    remembered: int
+    sensor: SensorParameters
 
 
 class PlantReplay:
@@ -52,6 +73,12 @@ class PlantReplay:
         config: SimulatorConfig = self._timeline.config
         self._delay_steps = config.delay_steps
         self._noise = Noise(config.seed)
+        self._wire = RecordedWire(config, self._stamps)
+        self._oldest = self._wire.oldest
+        # Of an earlier row, in real time: what may have acted, where that is not the message of its stamp.
+        self._acted: dict[int, list[Disturbance]] = {}
+        self._epochs: list[_Epoch] = []
+        self._remembered = 0
         self._windowed = -1, False
         self._held_window: tuple[int, stretches.PlantRecord]
         self._possible = (
@@ -70,12 +97,14 @@ class PlantReplay:
     def retune(self, config: SimulatorConfig) -> None:
         """Change the parameters of plant and sensors."""
         self._plant, self._sensor, self._initial = config.plant, config.sensor, config.initial_state
+        self._epochs.append(_Epoch(self._row + 1, self._remembered, self._sensor))
 
     def reset(self) -> None:
         """Return the plant to its initial state and clear the sensors' past."""
         self._trunk = at_rest(self._initial, self._plant)
         self._falls = self._trunk.fallen
         self._remembered = self._row + 1
+        self._epochs.append(_Epoch(self._remembered, self._remembered, self._sensor))
 
     def __iter__(self) -> Iterator[Checked]:
         """Yield what differs in each recorded true state and in its measurement."""
@@ -103,7 +132,19 @@ class PlantReplay:
             self._falls,
             [self._recorded(row) for row in past],
             act_for(self._timeline.config, self._regular),
+            self._sent(),
         )
+
+    def _sent(self) -> Iterator[tuple[Seen, float]]:
+        """Yield the reading and the command of each state before the current one, if there are links."""
+        told = sorted(self._commands.rows)
+        for row in range(self._row if self._wire.linked else 0):
+            stamp_ns = int(self._stamps[row])
+            effort = self._command(stamp_ns)
+            if effort is None:  # in real time, an earlier one acted
+                at = bisect_right(told, stamp_ns) - 1
+                effort = self._commands.get(told[at], "effort", 1)[0] if at >= 0 else 0.0
+            yield (self._reading(row, self._acted_at(row)[0]), self._effort(row)), effort
 
     @property
     def to_come(self) -> list[Change]:
@@ -123,6 +164,7 @@ class PlantReplay:
             self._trunk,
             self._falls,
             self._remembered - begin,
+            self._epochs[-1].row - begin,
             self._delay_steps,
             pruned(self._plant),
             self._sensor,
@@ -137,7 +179,8 @@ class PlantReplay:
         number = row // stretches.LONGEST, noisy(self._sensor)
         if self._windowed != number:
             first = number[0] * stretches.LONGEST
-            begin = max(first - self._delay_steps, 0)  # what the sensors still have to see
+            # What is still to be seen of the past.
+            begin = max(first - self._delay_steps - self._oldest, 0)
             record = self._record(begin, min(first + stretches.LONGEST, len(self._stamps)))
             self._windowed, self._held_window = number, (begin, record)
         return self._held_window
@@ -158,11 +201,28 @@ class PlantReplay:
             self._trunk = Trunk(self._recorded(self._row), effort, trunk.fallen, False)
         self._acting = self._candidates(stamp_ns)
         if stamp_ns in self._measured:
-            fitting = [one for one in self._acting if not any(self._sensed(stamp_ns, one[1]))]
-            if not fitting:
-                found += self._sensed(stamp_ns, self._acting[0][1])
-            self._acting = fitting or self._acting[:1]
+            found += self._looked_at_measured(stamp_ns)
         return found
+
+    def _looked_at_measured(self, stamp_ns: int) -> list[Difference]:
+        """Return what differs in the measured state; where it tells which disturbance acted, note it."""
+        row = self._row_of(self._wire.seen_ns(stamp_ns))
+        if row is None:
+            return []  # it is not on record
+        options = [one for _, one in self._acting] if row == self._row else self._acted_at(row)
+        fitting = [i for i, one in enumerate(options) if not any(self._sensed(stamp_ns, row, one))]
+        if row == self._row:
+            self._acting = [self._acting[i] for i in fitting] or self._acting[:1]
+        return [] if fitting else list(self._sensed(stamp_ns, row, options[0]))
+
+    def _row_of(self, stamp_ns: int) -> int | None:
+        """Return the row of a recorded true state."""
+        row = int(np.searchsorted(self._stamps, stamp_ns))
+        return row if row < len(self._stamps) and self._stamps[row] == stamp_ns else None
+
+    def _acted_at(self, row: int) -> list[Disturbance]:
+        """Return what may have acted in the state of an earlier row."""
+        return self._acted.get(row) or [acting_at(self._disturbances, int(self._stamps[row]))]
 
     def _candidates(self, stamp_ns: int) -> list[tuple[int, Disturbance]]:
         """Return what may act in this state and on the step from it, with its message's stamp."""
@@ -171,15 +231,25 @@ class PlantReplay:
         timeout_ns = nanoseconds(self._timeline.config.command_timeout)
         return list(self._possible.at(stamp_ns, timeout_ns))
 
-    def _sensed(self, stamp_ns: int, acting: Disturbance) -> Iterator[Difference]:
-        row = self._row
-        delayed = self._recorded(min(max(row - self._delay_steps, self._remembered), row))
-        step = max(int(self._steps[row]), 0)
-        noise = self._noise.pair(step) if noisy(self._sensor) else (0.0, 0.0)
-        seen = sense(delayed, acting, *noise, self._sensor)
+    def _sensed(self, stamp_ns: int, row: int, acting: Disturbance) -> Iterator[Difference]:
+        """Yield what differs in a measured state from what the sensors said in a row."""
+        seen = self._reading(row, acting)
         yield from compare(self._measured, stamp_ns, "position", (seen.x, seen.theta))
         yield from compare(self._measured, stamp_ns, "velocity", (seen.x_dot, seen.theta_dot))
-        yield from compare(self._measured, stamp_ns, "effort", (0.0, self._trunk.effort))
+        effort = self._trunk.effort if row == self._row else self._effort(row)
+        yield from compare(self._measured, stamp_ns, "effort", (0.0, effort))
+
+    def _reading(self, row: int, acting: Disturbance) -> Measurement:
+        """Return what the sensors say in a row."""
+        _, remembered, sensor = next(one for one in reversed(self._epochs) if one.row <= row)
+        delayed = self._recorded(min(max(row - self._delay_steps, remembered), row))
+        step = max(int(self._steps[row]), 0)
+        noise = self._noise.pair(step) if noisy(sensor) else (0.0, 0.0)
+        return sense(delayed, acting, *noise, sensor)
+
+    def _effort(self, row: int) -> float:
+        """Return the recorded torque over the step before a row's state, N m."""
+        return float(self._truth.values("effort")[row, 1])
 
     def _recorded(self, row: int) -> PlantState:
         position, velocity = (self._truth.values(q)[row].tolist() for q in ("position", "velocity"))
@@ -197,6 +267,8 @@ class PlantReplay:
         fitting = [one for one in steps if self._fits(one[1])]
         if self._possible is not None and fitting:
             self._possible.chosen(min(since_ns for (since_ns, _), _ in fitting))
+            if self._wire.linked:
+                self._acted[self._row] = [one for (_, one), _ in fitting]
         _, after = (fitting or steps)[0]
         self._falls = after.fallen and not self._trunk.fallen
         self._trunk = after
@@ -210,10 +282,15 @@ class PlantReplay:
     def _torque(self, stamp_ns: int) -> float | None:
         """Return the torque over the step from this state, N m; None if the record does not tell it."""
         if self._possible is None:
-            told = stamp_ns in self._commands
-            return self._commands.get(stamp_ns, "effort")[0] if told else self._held.get(stamp_ns)
+            told_ns = self._wire.told_ns(stamp_ns)
+            return self._command(told_ns) if told_ns >= 0 else 0.0
         row = self._row + 1
         return float(self._truth.values("effort")[row, 1]) if row < len(self._stamps) else None
+
+    def _command(self, stamp_ns: int) -> float | None:
+        """Return the command for a state, N m, or what acts where nobody is to answer it."""
+        told = stamp_ns in self._commands
+        return self._commands.get(stamp_ns, "effort")[0] if told else self._held.get(stamp_ns)
 
     def _is_regular(self) -> bool:
         """Return True if compiled code is worthwhile, and the record is as it takes it."""
@@ -248,17 +325,19 @@ class PlantReplay:
             noise_samples(self._noise.seed, len(stamps), first)
             if noisy(self._sensor)
             else np.zeros((len(stamps), 2)),
+            self._wire.seen(first, stop) - first,
         )
 
     def _torques(self, first: int, stop: int) -> Floats:
         """Return the torque over the step from each of these states [N], NaN where it is not recorded."""
         stamps = self._stamps[first:stop]
         if self._possible is None:
-            efforts, rows = self._commands.values("effort"), self._commands.rows_of(stamps)
+            told = self._wire.all_told_ns(stamps)
+            efforts, rows = self._commands.values("effort"), self._commands.rows_of(told)
             torques = np.ascontiguousarray(_filled(efforts, rows)[:, 0])
             for stamp_ns, effort in self._held.items():
-                if stamps[0] <= stamp_ns <= stamps[-1]:
-                    torques[np.searchsorted(stamps, stamp_ns)] = effort
+                torques[told == stamp_ns] = effort
+            torques[told < 0] = 0.0
             return torques
         acted = _by_row(self._truth, self._stamps[first + 1 : stop + 1])[:, -1]
         return np.append(acted, np.nan)[: len(stamps)]

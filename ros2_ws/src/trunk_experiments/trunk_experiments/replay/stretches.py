@@ -37,6 +37,7 @@ class PlantRecord(NamedTuple):
     disturbance: Floats  # [N, 4], in the order of the channels
     fell: Integers  # [N], 1 where the trunk fell by the events
     noise: Floats  # [N, 2], standard normal samples
+    seen: Integers  # [N], the row whose reading was seen
 
 
 def plant_stretch(
@@ -45,6 +46,7 @@ def plant_stretch(
     trunk: Trunk,
     falls: bool,
     remembered: int,
+    changed: int,
     delay_steps: int,
     plant: Plant,
     sensor: SensorParameters,
@@ -53,7 +55,8 @@ def plant_stretch(
 ) -> tuple[int, Trunk, bool]:
     """Return the first row in [first, last] that is not skipped, and trunk and fall there.
 
-    ``remembered`` is the oldest row that the sensors' delay may reach back to. ``applied``: the record's
+    ``remembered`` is the oldest row that the sensors' delay may reach back to, ``changed`` the first one in
+    which they were as they are now. ``applied``: the record's
     torques are what the actuator made of the commands.
     """
     for row in range(first, last):
@@ -75,16 +78,25 @@ def plant_stretch(
             record.disturbance[row, 2],
             record.disturbance[row, 3],
         )
-        old = max(row - delay_steps, remembered)
+        source = record.seen[row]
+        if source != row and source < changed:
+            return row, trunk, falls
+        old = max(source - delay_steps, remembered)
         delayed = PlantState(truth[old, 0], truth[old, 1], truth[old, 2], truth[old, 3])
-        computed = sense(delayed, acting, record.noise[row, 0], record.noise[row, 1], sensor)
+        offsets = Disturbance(
+            record.disturbance[source, 0],
+            record.disturbance[source, 1],
+            record.disturbance[source, 2],
+            record.disturbance[source, 3],
+        )
+        computed = sense(delayed, offsets, record.noise[source, 0], record.noise[source, 1], sensor)
         if not (
             alike(seen[row, 0], computed.x)
             and alike(seen[row, 1], computed.theta)
             and alike(seen[row, 2], computed.x_dot)
             and alike(seen[row, 3], computed.theta_dot)
             and alike(seen[row, 4], 0.0)
-            and alike(seen[row, 5], trunk.effort)
+            and alike(seen[row, 5], truth[source, 5])
         ):
             return row, trunk, falls
         command = record.command[row]

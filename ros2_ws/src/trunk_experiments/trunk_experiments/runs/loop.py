@@ -10,16 +10,19 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from trunk_control.computed_torque import Hip
 from trunk_control.controller import hip_index, setting_of
 from trunk_control.decide import Answer, Memory, Reading, Seen, Setting, decide, fresh_memory
 from trunk_control.law import Law
-from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.units import step_count
 from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
 from trunk_sim.plant import PlantState
 from trunk_sim.step import Measurement, Plant, SensorParameters, Trunk, act, pruned, sense
+from trunk_sim.traffic import Network, Traffic
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan, check_turns
@@ -27,6 +30,15 @@ from .offline import check
 
 _QUIET = Disturbance()  # constants: numba's named tuples know no default values
 _STILL = Hip()
+
+
+class Wire(NamedTuple):
+    """The links of one run: which messages are in use in each step, and those that may still be."""
+
+    seen: Integers  # [states], the step whose reading is in use
+    told: Integers  # [states], the step whose command is in use, -1: none
+    readings: Floats  # [most that one is old + 1, 5]: what the sensors say, and the torque, N m
+    commands: Floats  # [most that one is old + 1], N m
 
 
 class Surroundings(NamedTuple):
@@ -41,6 +53,7 @@ class Surroundings(NamedTuple):
     period_ns: int
     fall_stop: bool
     states: int  # of a run to its end
+    wire: Wire | None = None  # None: every message arrives at once
 
 
 class Participant(NamedTuple):
@@ -140,11 +153,39 @@ def decide_by(
     return first
 
 
+def read_by_wire(
+    k: int, measured: Measurement, effort: float, wire: Wire | None
+) -> tuple[Measurement, float]:
+    """Return what the controller reads in step k: of the sensors, and the torque over the last step, N m."""
+    if wire is None:
+        return measured, effort
+    readings = wire.readings
+    here, there = k % len(readings), wire.seen[k] % len(readings)
+    readings[here, 0], readings[here, 1] = measured.x, measured.theta
+    readings[here, 2], readings[here, 3] = measured.x_dot, measured.theta_dot
+    readings[here, 4] = effort
+    seen = Measurement(
+        readings[there, 0], readings[there, 1], readings[there, 2], readings[there, 3]
+    )
+    return seen, readings[there, 4]
+
+
+def told_by_wire(k: int, effort: float, wire: Wire | None) -> float:
+    """Return the torque that the plant is told in step k, N m, where the controller sends this one."""
+    if wire is None:
+        return effort
+    commands = wire.commands
+    commands[k % len(commands)] = effort
+    told = wire.told[k]
+    return commands[told % len(commands)] if told >= 0 else 0.0
+
+
 # How a stretch ends.
 GOES_ON, ENDED, DIVERGED = range(3)
 
-# Writes down one state: ``keep(out, row, trunk, acting, measured, acted, plant)``.
-Keep = Callable[[Floats, int, Trunk, Disturbance, Measurement, Acted, Plant], None]
+# Writes down one state: ``keep(out, row, trunk, acting, measured, felt, acted, effort, plant)``. A controller
+# reads the torque ``felt``, the plant is told ``effort``, both N m.
+Keep = Callable[[Floats, int, Trunk, Disturbance, Measurement, float, Acted, float, Plant], None]
 
 
 def stretch_of(*laws: Law, keep: Keep, tell: Tell) -> Callable[..., tuple[int, int, Trunk, Chain]]:
@@ -190,14 +231,16 @@ def stretch_of(*laws: Law, keep: Keep, tell: Tell) -> Callable[..., tuple[int, i
                     history[seen, 0], history[seen, 1], history[seen, 2], history[seen, 3]
                 )
             row = min(k - first, len(noise) - 1)
-            measured = sense(delayed, acting, noise[row, 0], noise[row, 1], s.sensor)
+            sensed = sense(delayed, acting, noise[row, 0], noise[row, 1], s.sensor)
+            measured, felt = read_by_wire(k, sensed, trunk.effort, s.wire)
             memories, acted = decide_all(
-                memories, participants, stamp_ns, measured, trunk.effort, out, k - first
+                memories, participants, stamp_ns, measured, felt, out, k - first
             )
-            keep(out, k - first, trunk, acting, measured, acted, s.plant)
+            effort = told_by_wire(k, acted.effort, s.wire)
+            keep(out, k - first, trunk, acting, measured, felt, acted, effort, s.plant)
             if k == last or (s.fall_stop and trunk.fallen):
                 return k + 1, ENDED, trunk, memories
-            after = act(trunk, acted.effort, acting, s.plant)
+            after = act(trunk, effort, acting, s.plant)
             if after.diverged:
                 return k + 1, DIVERGED, trunk, memories
             trunk = after
@@ -239,7 +282,16 @@ def surroundings_of(plan: RunPlan) -> Surroundings:
         simulator.period_ns,
         simulator.fall_stop,
         states_of(plan),
+        None if simulator.network is None else wire_of(simulator.network, states_of(plan)),
     )
+
+
+def wire_of(network: Network, states: int) -> Wire:
+    """Return the links of a run with so many states."""
+    traffic, steps = Traffic(network), np.arange(states)
+    seen, told = traffic.all_seen(states), traffic.all_told(states)
+    oldest = int((steps - seen).max(initial=0)), int((steps - told)[told >= 0].max(initial=0))
+    return Wire(seen, told, np.empty((oldest[0] + 1, 5)), np.empty(oldest[1] + 1))
 
 
 def chains_of(plan: RunPlan) -> tuple[Chain, Chain]:

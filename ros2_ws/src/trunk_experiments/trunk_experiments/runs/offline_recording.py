@@ -20,6 +20,7 @@ from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.whole_file import whole_file
 from trunk_sim.disturbances import disturbance_sample
 from trunk_sim.simulation import DivergedError
+from trunk_sim.traffic import Traffic
 
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
@@ -292,8 +293,15 @@ class OfflineRecorder:
 
     def finished(self, reason: str) -> None:
         """Write the event that ends a whole run."""
+        self._tell_passed_on()
         self.tell(Event.FINISHED, {"reason": reason, "states": str(self.states)})
 
     def failed(self, reason: str) -> None:
         """Write the event that ends a run that failed."""
+        self._tell_passed_on()
         self.tell(Event.FAILED, {"reason": reason, "states": str(self.states)}, level=2)
+
+    def _tell_passed_on(self) -> None:
+        """Write what became of the links' messages, if there are links."""
+        if (network := self._plan.simulator.network) is not None:
+            self.tell(Event.PASSED_ON, Traffic(network).counts(self.states))

@@ -21,6 +21,7 @@ from .states import (
     FRESH,
     OFFSET,
     POSITION,
+    SEEN_APPLIED,
     SEEN_POSITION,
     SEEN_VELOCITY,
     TERMS,
@@ -56,8 +57,8 @@ class StateMessages:
         table, joints = states.table, self._plan.simulator.joints
         every = np.arange(len(table))
         layout = JointStateLayout(joints, 2, 2, 2)
-        effort = np.zeros((len(table), 2))
-        effort[:, 1] = table[:, APPLIED]
+        effort, felt = np.zeros((2, len(table), 2))
+        effort[:, 1], felt[:, 1] = table[:, APPLIED], table[:, SEEN_APPLIED]
         found = [
             self._joints(
                 topics.GROUND_TRUTH,
@@ -75,7 +76,7 @@ class StateMessages:
                 stamp_ns,
                 position=table[:, SEEN_POSITION],
                 velocity=table[:, SEEN_VELOCITY],
-                effort=effort,
+                effort=felt,
             ),
         ]
         if self._plan.disturbance is not None:

@@ -25,7 +25,8 @@ ACTING, OFFSET = slice(9, 11), slice(11, 13)  # disturbance: N and N m; m and ra
 EFFORT = 13  # N m, the command
 FRESH = 14  # 1.0 where the law was updated: the terms are those of this update
 REFERENCE = 15  # rad, of the one who answers
-TERMS = 16  # and following: what a law tells of an update, by `Law.record_names`
+SEEN_APPLIED = 16  # N m, over the step before the one that is measured
+TERMS = 17  # and following: what a law tells of an update, by `Law.record_names`
 
 # A stretch is about as long for a signal to wait, and short enough to stay in the cache.
 _LONGEST = 4096  # states
@@ -65,7 +66,9 @@ def keep_states(
     trunk: Trunk,
     acting: Disturbance,
     measured: Measurement,
+    felt: float,
     acted: Acted,
+    effort: float,
     plant: Plant,
 ) -> None:
     """Write a state into a row of ``out``, but for its terms. Compiles unchanged."""
@@ -84,6 +87,7 @@ def keep_states(
     out[row, 13] = acted.effort
     out[row, 14] = 1.0 if acted.fresh else 0.0
     out[row, 15] = acted.reference
+    out[row, 16] = felt
 
 
 def tell_terms(law: Law) -> Callable[[Floats, int, Answer, Measurement], None]:
@@ -143,10 +147,11 @@ def _table(rows: list[tuple[float, ...]]) -> Floats:
 
 def _row(step: Step) -> tuple[float, ...]:
     truth, measured, answer = step.truth, step.measured, step.answer
-    told: tuple[float, ...] = (0.0, 0.0, 0.0)
+    felt = measured.effort[1]
+    told: tuple[float, ...] = (0.0, 0.0, 0.0, felt)
     if answer is not None:
         said = state_record(answer, measured.position[1]) if answer.fresh else ()
-        told = answer.effort, float(answer.fresh), answer.reference, *said
+        told = answer.effort, float(answer.fresh), answer.reference, felt, *said
     return (
         *truth.position,
         *truth.velocity,

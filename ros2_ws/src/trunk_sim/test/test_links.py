@@ -1,0 +1,184 @@
+"""Links pass on what a plain account of messages and arrivals says; their statistics are those declared."""
+
+from __future__ import annotations
+
+from math import exp, sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trunk_msgs_util.parameters.declarations import build
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.links import DRAWS, Link, most_late, pass_on, perfect, steps_late
+from trunk_sim.traffic import InFlight, Network, Traffic, _compiled, _draw
+
+PERIOD = 5_000_000  # ns
+STEPS = 20_000
+
+
+def network(state=None, command=None, zero=False, dropout=0.0, seed=1):
+    return Network(state or Link(), command or Link(), zero, dropout, seed, PERIOD)
+
+
+def account(bits, link):
+    """Return which message is in use in each step, and how many were overtaken: look at all arrivals."""
+    arrivals = []
+    burst = False
+    for k, (turn, lost, _, again, lost_too, _) in enumerate((bits / 2.0**53).tolist()):
+        burst ^= turn < (link.burst_end if burst else link.burst_begin)
+        loss = link.burst_loss if burst else link.loss
+        copies = [(lost, 2), (lost_too, 5)] if again < link.duplicates else [(lost, 2)]
+        for share, column in copies:
+            if not share < loss:
+                arrivals.append((k + steps_late(int(bits[k, column]), link, PERIOD), k))
+    used, in_use, overtaken = [], -1, 0
+    for k in range(len(bits)):
+        here = {sent for when, sent in arrivals if when == k}
+        overtaken += len(here) - (bool(here) and max(here) >= in_use)
+        if here and (max(here) > in_use or not link.latest):
+            in_use = max(here)
+        used.append(in_use)
+    return used, overtaken
+
+
+shares = st.floats(0.0, 1.0)
+links = st.builds(
+    Link,
+    delay=st.floats(0.0, 0.03),
+    jitter=st.floats(0.0, 0.03),
+    exponential=st.booleans(),
+    loss=shares,
+    burst_begin=shares,
+    burst_end=shares,
+    burst_loss=shares,
+    duplicates=shares,
+    latest=st.booleans(),
+)
+
+
+@given(links, st.integers(0, 2**31 - 1))
+def test_the_message_in_use_is_that_of_a_plain_account(link, seed):
+    traffic = Traffic(network(link, link, seed=seed))
+    bits = _draw(seed, 1, 0, 120, DRAWS)
+    told, overtaken = account(bits, link)
+    assert traffic.all_told(120).tolist() == told
+    assert traffic.counts(120)["link.command"].endswith(f" {overtaken} overtaken")
+    assert [Traffic(network(link, link, seed=seed)).told(k) for k in (0, 119)] == [
+        traffic.told(0),
+        traffic.told(119),
+    ]
+    seen = np.maximum(account(_draw(seed, 0, 0, 120, DRAWS), link)[0], 0)
+    assert traffic.all_seen(120).tolist() == seen.tolist()
+
+
+@given(links, st.lists(st.integers(1, 900), max_size=4))
+def test_how_far_it_is_drawn_at_a_time_changes_nothing(link, steps):
+    whole = Traffic(network(link, link, dropout=0.3)).all_seen(2000)
+    parts = Traffic(network(link, link, dropout=0.3))
+    for step in steps:
+        parts.seen(step)
+    assert parts.all_seen(2000).tolist() == whole.tolist()
+
+
+@pytest.mark.slow
+@given(links)
+def test_compiled_code_passes_on_the_same(link):
+    bits = _draw(3, 0, 0, 300, DRAWS)
+
+    def passed(function):
+        memory, due = np.array([0, -1]), np.tile([-1, 0], (most_late(link, PERIOD) + 1, 1))
+        used, told = np.empty(300, np.int64), np.empty((300, 3), np.int64)
+        function(0, bits, link, PERIOD, memory, due, used, told)
+        return used.tolist(), told.tolist(), memory.tolist()
+
+    assert passed(_compiled()) == passed(pass_on)
+
+
+def within_three_sigma(count, share, of=STEPS):
+    return abs(count - share * of) <= 3.0 * sqrt(of * share * (1.0 - share))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_shares_are_those_declared(seed):
+    link = Link(loss=0.1, duplicates=0.2)
+    traffic = Traffic(network(link, link, dropout=0.05, seed=seed))
+    told = traffic.counts(STEPS)
+    for way in ("state", "command"):
+        sent, lost, late, doubled, overtaken = map(int, told[f"link.{way}"].split()[::2])
+        assert (sent, late, overtaken) == (STEPS, 0, 0)
+        assert within_three_sigma(lost, 0.8 * 0.1 + 0.2 * 0.1**2)
+        assert within_three_sigma(doubled, 0.2)
+    assert within_three_sigma(int(told["sensor.dropout"]), 0.05)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_bursts_are_as_frequent_and_as_long_as_declared(seed):
+    link = Link(burst_begin=0.02, burst_end=0.25)
+    lost = np.diff(Traffic(network(command=link, seed=seed)).all_told(STEPS), prepend=-1) == 0
+    begins = np.flatnonzero(np.diff(lost.astype(int)) == 1)
+    lengths = np.diff(np.flatnonzero(np.diff(lost.astype(int), prepend=0, append=0)))[::2]
+    # Geometric with the mean 1/r; a burst begins in a share p r / (p + r) of the steps.
+    assert abs(lengths.mean() - 4.0) <= 3.0 * sqrt(0.75) / 0.25 / sqrt(len(lengths))
+    assert abs(len(begins) - 0.02 * 0.25 / 0.27 * STEPS) <= 3.0 * sqrt(len(begins))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    ("link", "mean", "sigma"),
+    [
+        (Link(delay=0.012), 12.0, 0.0),
+        (Link(delay=0.01, jitter=0.03), 25.0, 30.0 / sqrt(12.0)),
+        (Link(jitter=0.03, exponential=True), 30.0, 30.0),
+    ],
+)
+def test_delays_are_those_declared(link, mean, sigma, seed):
+    """In steps of a millisecond, which take each delay to the next whole one."""
+    bits = _draw(seed, 0, 0, STEPS, DRAWS)[:, 2].tolist()
+    steps = np.array([steps_late(one, link, 1_000_000) for one in bits])
+    expected = mean + (0.5 if sigma else 0.0)
+    assert abs(steps.mean() - expected) <= 3.0 * sigma / sqrt(STEPS) + 1e-9
+    if link.exponential:
+        assert within_three_sigma(int((steps > 30).sum()), exp(-1.0))
+
+
+def test_links_seeds_and_ways_are_independent():
+    def lost(way, seed):
+        link = Link(loss=0.5)
+        traffic = Traffic(network(link, link, seed=seed))
+        used = traffic.all_seen(STEPS) if way == "state" else traffic.all_told(STEPS)
+        return used == np.arange(STEPS)
+
+    some = [lost("state", 1), lost("command", 1), lost("state", 2)]
+    for i, one in enumerate(some):
+        for other in some[:i]:
+            assert within_three_sigma(int((one == other).sum()), 0.5)
+
+
+def test_without_a_new_command_the_last_one_holds_or_none_acts():
+    link = Link(loss=0.5)
+    held = Traffic(network(command=link)).all_told(200)
+    zero = Traffic(network(command=link, zero=True)).all_told(200)
+    fresh = held == np.arange(200)
+    assert (zero[fresh] == held[fresh]).all()
+    assert (zero[~fresh] == -1).all()
+    assert 50 < fresh.sum() < 150
+
+
+@given(links, st.integers(0, 100))
+def test_what_is_in_flight_is_what_was_sent(link, seed):
+    traffic = Traffic(network(link, seed=seed))
+    flight = InFlight(link, PERIOD)
+    for k in range(200):
+        used = traffic.seen(k)
+        assert flight.send(k, 10 * k, used) == 10 * used
+    assert len(flight._sent) <= most_late(link, PERIOD) + 2
+
+
+def test_a_link_that_changes_nothing_is_none():
+    assert perfect(Link(duplicates=0.5, burst_begin=0.5, burst_loss=0.0, latest=False))
+    assert build(SimulatorConfig, {"link.state.duplicates": 0.5, "link.seed": 7}).network is None
+    found = build(SimulatorConfig, {"link.command.loss": 0.1, "link.command.missing": "zero"})
+    assert found.network == Network(Link(), Link(loss=0.1), True, 0.0, 1, PERIOD)
+    assert build(SimulatorConfig, {"sensor.dropout": 0.1}).network.dropout == 0.1
