@@ -27,8 +27,10 @@ trunk plot --force "$runs"/{fig8-pid,fig8-fuzzy-pid}.mcap -o "$images/plot.png"
 trunk report "$runs"/{fig8-pid,fig8-fuzzy-pid}.mcap -o "$runs/report.html"
 trunk report "$runs/demo.mcap" -o "$runs/surface.html"
 
-trunk sweep actuator -o "$runs/actuator.parquet"
-trunk map "$runs/actuator.parquet" -o "$images/actuator.png" --force
+for study in actuator network; do
+    trunk sweep "$study" -o "$runs/$study.parquet"
+    trunk map "$runs/$study.parquet" -o "$images/$study.png" --force
+done
 
 python - "$browser" "$runs" "$images" <<'END'
 import sys

@@ -1,4 +1,4 @@
-"""Real drives, sensors and links: in lock-step the nodes have the offline run's bits; in real time they verify."""
+"""Real drives, sensors and links: in lock-step with the offline run's bits; in real time they verify."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from trunk_msgs_util import topics as names
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording, Topic
 from trunk_msgs_util.units import seconds
 
@@ -40,11 +41,18 @@ def summary(recording: Recording) -> dict[str, Any]:
         "controllers": recording.controllers,
         "provenance": recording.provenance,
         "nodes": sorted(recording.parameters()),
+        "links": links(recording),
         "topics": {
             name: _topic(topic, recording.checked)
             for name, topic in sorted(recording.topics.items())
         },
     }
+
+
+def links(recording: Recording) -> dict[str, str]:
+    """Return what became of the messages of a run's links, as it says at its end; empty without links."""
+    told = (event for event in recording.events() if event.message == Event.PASSED_ON)
+    return next((dict(event.values) for event in told), {})
 
 
 def _topic(topic: Topic, checked: bool) -> dict[str, Any]:
@@ -145,6 +153,7 @@ def command(run: Path, as_json: bool) -> None:
         "controller": ", ".join(found["controllers"]) or "none",
         "parameters of": ", ".join(found["nodes"]) or "no node",
         "recorded by": found["recorded_by"] or "?",
+        **found["links"],
     }
     click.echo("\n".join(["", *_pairs(overview), ""]))
     rows = [

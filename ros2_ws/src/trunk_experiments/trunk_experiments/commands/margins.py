@@ -64,6 +64,8 @@ def print_margins(plan: RunPlan, found: Sequence[LoopMargins]) -> None:
     if plan.simulator.actuator is not None:
         told = "trunk: warning: margins are those of a drive without lag, limits and friction"
         click.echo(f"{told}; trunk map draws the multipliers with its lag", err=True)
+    if plan.simulator.network is not None:
+        click.echo("trunk: warning: margins are those of a loop without links", err=True)
     rows = []
     for one in found:
         m = one.margins

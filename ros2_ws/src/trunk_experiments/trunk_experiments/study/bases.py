@@ -29,7 +29,7 @@ from .targets import (
 )
 
 SEEDS = {
-    "simulator": ("sensor.seed",),
+    "simulator": ("sensor.seed", "link.seed"),
     "disturbance": ("noise.seed", "pulse.random_seed"),
 }
 

@@ -20,7 +20,11 @@ from .units import check_units
 
 # If these are zero, the seed makes no difference.
 _NOISE = {
-    "simulator": ("sensor.position_noise", "sensor.velocity_noise"),
+    "simulator": (
+        *("sensor.position_noise", "sensor.velocity_noise", "sensor.dropout"),
+        *("link.state.jitter", "link.state.loss", "link.state.burst.begin"),
+        *("link.command.jitter", "link.command.loss", "link.command.burst.begin"),
+    ),
     "disturbance": ("noise.rms", "pulse.random_count"),
 }
 

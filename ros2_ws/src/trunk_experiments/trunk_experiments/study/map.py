@@ -84,6 +84,7 @@ def panels(
     for name in (*axes, metric):
         results.column(name)
     growth = _growth(results, axes, progress) if with_floquet else {}
+    growth = {name: grid for name, grid in growth.items() if np.isfinite(grid).any()}
     return [
         _panel(results.of(name), name, metric, axes, growth.get(name))
         for name in results.controllers

@@ -171,9 +171,14 @@ def floquet(plan: RunPlan) -> Floquet:
     """Return a plan's multipliers, its hip prescribed at its initial speed.
 
     The period is rounded to whole control periods and the speed with it. A hip that is not shaken (speed,
-    a level path, or wave number 0) gives one control period. Raises PlanError for a period that is too long.
+    a level path, or wave number 0) gives one control period. Raises PlanError for a period that is too long,
+    and for links.
     """
     simulator, config = plan.simulator, plan.controller
+    if simulator.network is not None:
+        raise PlanError(
+            "link.state, link.command, sensor.dropout: a loop over links has no multipliers"
+        )
     plant = simulator.plant
     body = with_arrays(plant.body._replace(prescribed=True))
     loop = SampledLoop(

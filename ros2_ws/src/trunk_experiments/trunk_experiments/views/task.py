@@ -17,13 +17,15 @@ if TYPE_CHECKING:
 
     from .run_view import RunView
 
-# Plant, start, measurement and length; not how finely time is cut, nor how the run was paced.
+# Plant, start, measurement, links, drive and length; not how finely time is cut, nor how the run was paced.
 _OF_SIMULATOR = (
     "plant.",
     "path.",
     "hip.",
     "initial.",
     "sensor.",
+    "actuator.",
+    "link.",
     "fall.",
     "max_effort",
     "duration",
