@@ -92,7 +92,7 @@ install_set() {
         show_progress "$pins" 9>&- &
         watch=$!
     fi
-    wrong=$(bash scripts/install.sh .venv/bin/python "$pins" .venv/.log 2>&1) || code=$?
+    wrong=$(bash scripts/install.sh .venv/bin/python "$pins" .venv/.log "$compile" 2>&1) || code=$?
     if [[ $watch ]]; then
         kill "$watch" && wait "$watch" || true
         printf '\r\033[K' >&2
@@ -165,8 +165,9 @@ case ${ROS_DISTRO:-} in
 esac
 # What it costs, measured on x86-64 with CPython 3.11: the files of pip download, and du -s .venv.
 case $* in
-    '') dev=(dev) download='390 MB' disk='1.5 GB' ;;
-    --no-dev) dev=() download='290 MB' disk='1.1 GB' ;;
+    # Most modules are never imported; the others are compiled when they first are. In an image they cannot be.
+    '') dev=(dev) compile=--no-compile download='390 MB' disk='1.5 GB' ;;
+    --no-dev) dev=() compile=--compile download='290 MB' disk='1.1 GB' ;;
     *) die "what is '$*'? --no-dev is the one option" ;;
 esac
 pins=$(cat requirements/{setuptools,runtime,ros,build}.txt "${dev[@]/#dev/requirements/dev.txt}" | sha256sum)
