@@ -141,11 +141,13 @@ def test_the_silent_are_named():
 def test_a_ready_node_is_met_once_its_publisher_has_a_name_and_it_listens():
     those = participants()
     topic = "effort_command"
-    assert not those.unmet(topic, set(), set())  # nobody says that it is ready
+    assert not those.unmet(topic, 0, set(), set())  # nobody says that it is ready
     those.hear("/pid", "ready", COMMAND)
-    assert those.unmet(topic, set(), set())  # discovered, but not yet by name
-    assert those.unmet(topic, {"/pid"}, {"/recorder"})
-    assert not those.unmet(topic, {"/pid"}, {"/pid", "/recorder"})
+    assert those.unmet(topic, 0, set(), set())  # its words were quicker than discovery
+    assert those.unmet(topic, 1, set(), set())  # discovered, but not yet by name
+    assert those.unmet(topic, 1, {"/pid"}, {"/recorder"})
+    assert not those.unmet(topic, 1, {"/pid"}, {"/pid", "/recorder"})
+    assert not those.unmet(topic, 0, set(), set())  # it has gone: nobody is left to wait for
 
 
 def test_the_processes_of_those_that_answer_are_known_where_they_told():

@@ -38,6 +38,7 @@ class Participants:
         self._inactive: set[str] = set()
         self._unready: set[str] = set()  # were ready once but have reopened their topics since
         self._matched_since: dict[str, float] = {}
+        self._met: set[str] = set()  # topics whose publishers were matched
         self._strange_since: float | None = None
 
     def hear(self, node: str, message: str, values: Mapping[str, str]) -> None:
@@ -79,11 +80,16 @@ class Participants:
             ready = set(self._controllers())
         return waited >= _MATCHED_S and not (ready and ready <= self._inactive)
 
-    def unmet(self, topic: str, publishing: Set[str], listening: Set[str]) -> bool:
+    def unmet(self, topic: str, matched: int, publishing: Set[str], listening: Set[str]) -> bool:
         """Return True if a node that is ready on a topic is not yet known to subscribe to what it answers.
 
-        Its event may arrive before its publisher has a name: then it is not matched either.
+        Its event may arrive before its publisher has a name, or before it is matched at all. Where one was
+        ``matched`` before and none is now, nobody is left to wait for.
         """
+        if matched:
+            self._met.add(topic)
+        elif topic in self._met:
+            return False
         ready = self._ready_on(topic)
         here = ready & publishing
         return bool(ready) and not (here and here <= listening)

@@ -44,9 +44,9 @@ class GraphParticipants(Participants):
         return [
             topic
             for topic, states in _ANSWERED.items()
-            if self._publishers_of(topic)  # otherwise nobody is left to match
-            and self.unmet(
+            if self.unmet(
                 topic,
+                self._publishers_of(topic),
                 meeting.publishers(self._node, topic),
                 meeting.listeners(self._node, states),
             )

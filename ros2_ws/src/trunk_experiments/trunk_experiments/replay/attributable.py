@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import RecordingError
 
 from ..plans.nodes import CONTROLLERS
+from .consistency import uncounted
 from .gaps import absent_steps
 
 if TYPE_CHECKING:
@@ -49,7 +51,7 @@ def shared_from_ns(run: RecordedRun) -> int | None:
             found += doubled[1:][np.diff(doubled) == 0][:1].tolist()
             ahead = truth + run.config("disturbance").period_ns
             found += _of_a_stranger(disturbances, np.concatenate([truth, ahead]))
-    return min([*found, *_replaced(run)], default=None)
+    return min([*found, *_replaced(run), *_started_anew(run)], default=None)
 
 
 def _before_fall(stamps: Integers, place: int) -> int:
@@ -93,6 +95,33 @@ def _replaced(run: RecordedRun) -> Iterator[int]:
             active.discard(node)
 
 
+def _started_anew(run: RecordedRun) -> Iterator[int]:
+    """Yield since when another process has a node's name, whether or not the first one had a last word.
+
+    It says so with its first state, if it joined a run under way; else nothing can be told apart.
+    """
+    if run.mode == "offline":
+        return
+    commands = run.table(topics.EFFORT_COMMAND).stamp_ns
+    processes: dict[str, str] = {}
+    joining: set[str] = set()
+    known: set[str] = set()
+    for event in run.events:
+        if event.message == Event.CONFIGURED:
+            process = event.values.get("process", "")
+            if processes.setdefault(event.node, process) != process:
+                joining.add(event.node)
+        elif event.node in joining and event.message == Event.ACTIVATED and event.stamp_ns >= 0:
+            joining.discard(event.node)
+            known.add(event.node)
+            # Of the first one's last answer a part may be missing.
+            yield int(commands[commands <= event.stamp_ns].max(initial=0))
+    # One that was killed early may have told its parameters alone.
+    sets = Counter(change.node for change in run.recording.parameter_messages() if change.new)
+    if joining or any(count > 1 and node not in known for node, count in sets.items()):
+        yield 0
+
+
 def missed_from_ns(run: RecordedRun) -> int | None:
     """Return the first step missed by a recorder that came late or could not keep up; None without any.
 
@@ -110,12 +139,14 @@ def missed_from_ns(run: RecordedRun) -> int | None:
 
 
 def cut_off_ns(run: RecordedRun) -> int | None:
-    """Return the last answer's stamp if an incomplete recording lacks its command or terms; else None.
+    """Return the last answer's stamp if a recording may be cut off and lacks its command or terms; else None.
 
-    A chunk may end between the two, and a recorder that is stopped: what is not there is no difference.
+    A chunk may end between the two, a recorder be stopped, or a controller killed, which then has no last
+    word: what is not there is no difference.
     """
     commands = run.table(topics.EFFORT_COMMAND).stamp_ns
-    if (run.recording.end or {}).get("complete") == "true" or not len(commands):
+    whole = (run.recording.end or {}).get("complete") == "true" and not uncounted(run)
+    if whole or not len(commands):
         return None
     told = [run.table(topics.controller_state(name)).stamp_ns for name in run.controllers]
     last = max(int(stamps.max()) for stamps in (commands, *told) if len(stamps))
