@@ -1,0 +1,134 @@
+"""The nodes of a run as processes of a `World`: the very classes that the executables run."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from . import rcl
+
+if "rclpy" not in sys.modules:
+    rcl.install()
+
+import rclpy.utilities
+
+from trunk_control.controller_node import ControllerNode
+from trunk_control.laws import law_named
+from trunk_experiments.plans.nodes import NODES
+from trunk_experiments.plans.plan import RunPlan
+from trunk_msgs_util import process_id, provenance
+from trunk_msgs_util.node import early_signals  # noqa: F401 - as an executable imports it
+from trunk_msgs_util.node.recorder_node import RecorderNode
+from trunk_msgs_util.node.run import run_nodes
+from trunk_msgs_util.parameters.declarations import declarations, values_of
+from trunk_msgs_util.patience import HeldUp
+from trunk_sim.disturbance_node import DisturbanceNode
+from trunk_sim.simulator_node import SimulatorNode
+
+from .world import Process, World
+
+
+def _creator(name: str) -> Callable[[], Any]:
+    plain: dict[str, Callable[[], Any]] = {
+        "simulator": SimulatorNode,
+        "disturbance": DisturbanceNode,
+        "recorder": RecorderNode,
+    }
+    return plain.get(name) or (lambda: ControllerNode(law_named(name)))
+
+
+def parameters_of(name: str, config: Any) -> dict[str, tuple[str, Any]]:
+    """Return a node's parameters as a parameter file gives them: type and value, by name."""
+    kinds = {
+        key: d.kind.upper().replace(" ", "_") for key, d in declarations(NODES[name].config).items()
+    }
+    return {
+        key: (kinds[key], list(value) if isinstance(value, tuple) else value)
+        for key, value in values_of(config).items()
+    }
+
+
+def start(world: World, plan: RunPlan, name: str, **changed: Any) -> Process:
+    """Begin a process with one of a plan's nodes; ``changed``: parameters by name."""
+    given = parameters_of(name, plan.configs[name])
+    for key, value in changed.items():
+        given[key] = given[key][0], value
+    creator = _creator(name)
+    return world.start(name, lambda: run_nodes({name: creator}, name), {name: given})
+
+
+def new_world(seed: int) -> World:
+    """Return a world in which nodes can be started; the one before it is over."""
+    world = World(seed)
+    rcl.state.world = world
+    rcl.services.clear()
+    rcl.state.stepped_ns = 0
+    contexts: dict[int, Any] = {}
+    last: list[Process] = []
+
+    def switched(process: Process | None) -> None:
+        if process is None:
+            contexts[last.pop().number] = rclpy.utilities.g_default_context
+        else:
+            last.append(process)
+            rclpy.utilities.g_default_context = contexts.get(process.number)
+
+    world.switched = switched
+    return world
+
+
+def _as(function: Callable[..., Any], virtual: Callable[..., Any]) -> None:
+    """Let every module of ours that has taken a function by its name take a virtual one."""
+    for module in list(sys.modules.values()):
+        if module.__name__.startswith("trunk_"):
+            for name, value in list(vars(module).items()):
+                if value is function:
+                    setattr(module, name, virtual)
+
+
+def _local_pid(identity: str) -> int | None:
+    for process in rcl.world().processes:
+        if process.identity == identity and process.alive:
+            return process.number
+    return None
+
+
+_as(process_id.process_id, lambda pid=None: rcl.here().identity)
+_as(process_id.same_machine, lambda identity: identity.startswith("virtual."))
+_as(process_id.local_pid, _local_pid)
+_ORIGIN = provenance.gather()
+
+
+def _gather(**told: str) -> dict[str, str]:
+    """Return where a recording comes from; git is asked once, for it takes real time."""
+    return {**_ORIGIN, **told}
+
+
+provenance.gather = _gather
+HeldUp.between = lambda self, pids, wall_ns: 0  # type: ignore[method-assign]
+
+
+def call(world: World, name: str, request: Any, response: Any) -> list[Any]:
+    """Ask a service soon; return a list that gets its answer."""
+    answers: list[Any] = []
+
+    def ask() -> None:
+        for service in rcl.services.get(name, []):
+            service.requests.append((request, answers.append))
+            world.nudge(service.process)
+
+    world.at(world.delay(500_000, 20_000_000), ask)
+    return answers
+
+
+def log_of(processes: Mapping[str, Process] | list[Process]) -> str:
+    """Return what the processes have said."""
+    some = processes.values() if isinstance(processes, Mapping) else processes
+    return "\n".join(f"[{one.name}] {line}" for one in some for line in one.log)
+
+
+def exists(path: Path) -> bool:
+    """Return True if a file is there."""
+    return path.exists()

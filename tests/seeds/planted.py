@@ -1,0 +1,134 @@
+"""Bugs to be found: each is one edit of the sources, tried in a copy of them.
+
+source scripts/env.sh && python scripts/check_planted.py [COUNT] [--only NAME]
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+
+_ROOT = Path(__file__).resolve().parents[2]
+_SOURCES = _ROOT / "ros2_ws" / "src"
+
+
+class Bug(NamedTuple):
+    """An edit: ``old`` becomes ``new``, once, in a file of a package."""
+
+    name: str
+    file: str
+    old: str
+    new: str
+
+
+_NODE = "trunk_msgs_util/trunk_msgs_util/node/"
+_SIM = "trunk_sim/trunk_sim/"
+_CONTROL = "trunk_control/trunk_control/"
+BUGS = (
+    Bug("no word of the end", _SIM + "plant_node.py",
+        'self._say_finished(Event.FINISHED, "the trunk has fallen" if fell else "finished")', "pass"),
+    Bug("every seventh message is not kept", _NODE + "evidence.py",
+        "self._publish_kept(data)", "self.count % 7 == 6 or self._publish_kept(data)"),
+    Bug("a missed count", _NODE + "evidence.py", "self.count += 1", "self.count += self.count != 3"),
+    Bug("commands of an inactive controller", _CONTROL + "controller_node.py",
+        "        if not answer.active:\n            return\n", ""),
+    Bug("parameters change without a word", _NODE + "base.py",
+        "self._parameters_topic.publish(self._parameters_set.event(self.run_stamp_ns, changed))", "pass"),
+    Bug("nobody waits for the recorder at the end", _NODE + "evidence.py",
+        "    patience = settings.patience()\n", "    return\n    patience = settings.patience()\n"),
+    Bug("an unflushed file", _NODE + "recorder_node.py",
+        "self._writer.finish(complete=complete, reason=reason)", "None"),
+    Bug("the recorder does not drain", _NODE + "recorder_node.py",
+        "        now = time.monotonic()\n        if (\n            self._leaving_s",
+        "        return False\n        now = time.monotonic()\n        if (\n            self._leaving_s"),
+    Bug("the recorder is not waited for", _SIM + "participants.py",
+        "        ready = self._ready_on(topic)\n        # A node",
+        '        if topic == "recorder":\n            return True\n        ready = self._ready_on(topic)\n'
+        "        # A node"),
+    Bug("nobody needs to be met", _SIM + "participants.py",
+        "return bool(ready) and not (here and here <= listening)", "return False"),
+    Bug("a lost unlock", _SIM + "pacing.py",
+        "            self._answered[topic] = stamp_ns\n            self._advance(now_ns)",
+        "            self._answered[topic] = stamp_ns - (stamp_ns == 3 * self._loop.period_ns)\n"
+        "            self._advance(now_ns)"),
+    Bug("answers to an older state count", _SIM + "pacing.py",
+        "        if stamp_ns < now:\n            self._loop.count(\"late answers ignored\")\n        elif",
+        "        if stamp_ns < now - self._loop.period_ns:\n"
+        "            self._loop.count(\"late answers ignored\")\n        elif"),
+    Bug("doubled disturbances", _SIM + "disturbance_node.py",
+        "        if self._sent_ns < next_ns:\n", "        if self._sent_ns <= next_ns:\n"),
+    Bug("the first disturbance is missing", _SIM + "disturbance_node.py",
+        "        if self._sent_ns < stamp_ns:\n            self._publish(stamp_ns)\n", ""),
+    Bug("a reset of the plant is not told", _SIM + "simulator_node.py",
+        "        self.event(Event.RESET)\n", ""),
+    Bug("a reset of the controller is not told", _CONTROL + "controller_node.py",
+        "        self.event(Event.RESET)\n", ""),
+    Bug("a swapped order", _NODE + "executor.py",
+        "                message = handle.take_message(subscription.msg_type, subscription.raw)\n",
+        "                message = handle.take_message(subscription.msg_type, subscription.raw)\n"
+        "                later = message and handle.take_message(subscription.msg_type, subscription.raw)\n"
+        "                if later:\n"
+        "                    callback(*later) if with_info else callback(later[0])\n"),
+    Bug("what is recorded is not kept for a late recorder", _NODE + "qos.py",
+        "durability=DurabilityPolicy.TRANSIENT_LOCAL", "durability=DurabilityPolicy.VOLATILE"),
+    Bug("a full disk goes unnoticed", _NODE + "recorder_node.py",
+        'self.fail(f"{self._path}: cannot write: {error.strerror}; the recording ends here")', "pass"),
+    Bug("stopped without a last word", _NODE + "run.py",
+        "            node.stopping()\n", "            pass\n"),
+)  # fmt: skip
+
+
+def copy_with(bug: Bug, folder: Path) -> None:
+    """Copy the packages' modules and plant a bug. Raises ValueError where the sources are others."""
+    for package in _SOURCES.iterdir():
+        if (package / package.name).is_dir():
+            shutil.copytree(package / package.name, folder / package.name)
+    path = folder.joinpath(*Path(bug.file).parts[1:])
+    text = path.read_text("utf-8")
+    if bug.old not in text:
+        raise ValueError(f"{bug.file} has no {bug.old!r}: mend the bug {bug.name!r}")
+    path.write_text(text.replace(bug.old, bug.new, 1), "utf-8")
+
+
+def found_after(bug: Bug, count: int) -> tuple[int | None, str]:
+    """Return after how many seeds a bug was found, None if it was not, and what was said of it."""
+    with tempfile.TemporaryDirectory(prefix="planted_") as name:
+        copy_with(bug, Path(name))
+        path = os.pathsep.join([name, os.environ.get("PYTHONPATH", "")])
+        words = [sys.executable, str(_ROOT / "scripts" / "check_seeds.py"), str(count)]
+        done = subprocess.run(
+            [*words, "--most", "1", "--raw"],
+            env={**os.environ, "PYTHONPATH": path},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    lines = done.stdout.splitlines()
+    if done.returncode == 0 or not lines:
+        return None, done.stderr[-300:]
+    return int(lines[-1].split()[0]), lines[1].strip() if len(lines) > 1 else ""
+
+
+@click.command()
+@click.argument("count", type=int, default=2000)
+@click.option("--only", default="", help="Bugs whose names have this in them.")
+def main(count: int, only: str) -> None:
+    """Plant each bug and play up to COUNT seeds; the exit code is 1 if more than one is not found."""
+    missed = 0
+    for bug in BUGS:
+        if only not in bug.name:
+            continue
+        seeds, said = found_after(bug, count)
+        missed += seeds is None
+        print(
+            f"{bug.name}: {'NOT FOUND' if seeds is None else f'seed {seeds - 1}'}: {said[:120]}",
+            flush=True,
+        )
+    raise SystemExit(missed > 1)

@@ -1,0 +1,112 @@
+"""What holds after every run, whatever was done to it; each broken promise is a line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util import topics
+from trunk_msgs_util.errors import TrunkError
+from trunk_msgs_util.events import Event
+from trunk_msgs_util.recording.reader import Recording
+
+from .faults import Run
+
+# After these the run is no longer the one of its plan, or not of our nodes alone.
+_OTHERWISE = {"gains", "reset", "deactivate", "activate", "cleanup", "second", "pause", "restart"}
+# After these a recording may lack something, or a run may have nobody who acts.
+_INCOMPLETE = {*_OTHERWISE, "crash", "stop", "full", "stall", "late"}
+
+
+def broken(run: Run) -> Iterator[str]:
+    """Yield the promises that a run, which is over, has broken."""
+    yield from _processes(run)
+    recorders = run.processes["recorder"]
+    if not run.path.exists():
+        if any(one.exit_code == 0 for one in recorders):
+            yield "the recorder ended well, without a file"
+        return
+    try:
+        recording = Recording.open(run.path)
+    except TrunkError as error:
+        if run.path.stat().st_size > 1000:  # else it was killed before anything was in it
+            yield f"unreadable: {error}"
+        return
+    yield from _recorded(run, recording)
+
+
+def _processes(run: Run) -> Iterator[str]:
+    """Yield processes that hang, or end by a defect."""
+    if "Traceback" in run.stderr.getvalue():
+        yield run.stderr.getvalue().strip().splitlines()[-1]
+    for name, some in run.processes.items():
+        for process in some:
+            if process.alive:
+                yield f"{name} hangs"
+            if process.exit_code not in (None, 0, 1, 2):
+                yield f"{name}: exit code {process.exit_code}"
+            for line in process.log:
+                if "a callback raised" in line or "Traceback" in line:
+                    yield f"{name}: {line.strip().splitlines()[-1]}"
+            if process.exit_code == 1 and not process.log:
+                yield f"{name} failed without a word"
+
+
+def _recorded(run: Run, recording: Recording) -> Iterator[str]:
+    try:
+        found = RecordedRun(recording)
+        verdict = verdict_on(found)
+    except TrunkError as error:
+        yield f"no verdict: {error}"
+        return
+    if verdict.exit_code not in (VERIFIED, UNJUDGED):
+        yield f"{verdict.word}: {'; '.join(verdict.reasons)[:300]}"
+    if recording.end is not None and not recording.complete and not recording.end.get("reason"):
+        yield "incomplete without a reason"
+    if recording.complete:
+        yield from _everything(run, found)
+    kinds = {fault.kind for fault in run.story.faults}
+    if not kinds & _INCOMPLETE:
+        if not recording.complete:
+            yield f"nothing was done to it, but it is incomplete: {recording.end}"
+        elif verdict.exit_code != VERIFIED:
+            yield f"nothing was done to it, but it {verdict.word}: {'; '.join(verdict.reasons)[:300]}"
+    if run.story.lockstep and not kinds & _OTHERWISE and found.count(topics.GROUND_TRUTH):
+        yield from _as_offline(run, found)
+
+
+def _everything(run: Run, found: RecordedRun) -> Iterator[str]:
+    """Yield topics of which a complete recording lacks something that was published."""
+    ends = [event for event in found.events if event.message == Event.FINISHED]
+    if not ends:
+        yield "complete without an end"
+    for topic in (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.EFFORT_COMMAND):
+        writers = [one for one in run.world.network.writers if one.topic == "/" + topic]
+        most = sum(one.sent for one in writers)
+        least = sum(one.sent for one in writers if not one.process.crashed)
+        if not least <= found.count(topic) <= most:
+            yield f"complete with {found.count(topic)} of {least} to {most} messages on {topic}"
+
+
+def _as_offline(run: Run, found: RecordedRun) -> Iterator[str]:
+    """Yield where a run in lock-step differs from the offline run, as far as it goes."""
+    path = run.folder / f"{run.story.controller}_{run.story.duration}.mcap"
+    if not path.exists():
+        record_offline(run.plan, path)
+    offline = RecordedRun.open(path)
+    for topic in (
+        topics.GROUND_TRUTH,
+        topics.JOINT_STATES,
+        topics.EFFORT_COMMAND,
+        topics.DISTURBANCE,
+    ):
+        ours, theirs = found.table(topic), offline.table(topic)
+        rows = theirs.rows_of(ours.stamp_ns)
+        if (rows < 0).any():
+            yield f"{topic}: a stamp that the offline run does not have"
+            continue
+        for quantity in ("position", "velocity", "effort"):
+            if ours.values(quantity).tobytes() != theirs.values(quantity)[rows].tobytes():
+                yield f"{topic}: {quantity} is not that of the offline run"

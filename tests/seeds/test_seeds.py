@@ -1,0 +1,48 @@
+"""300 seeds of the virtual world keep their promises, each plays twice alike, and planted bugs are found."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from .planted import BUGS, Bug, copy_with, found_after
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def seeds(*words: object) -> subprocess.CompletedProcess[str]:
+    """Run the script in a process of its own: rclpy is another one in it."""
+    script = [sys.executable, str(ROOT / "scripts" / "check_seeds.py"), *map(str, words)]
+    return subprocess.run(script, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("first", range(0, 300, 75))
+def test_whatever_happens_the_promises_hold(first: int) -> None:
+    done = seeds(75, "--seed", first)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.startswith("75 seeds, 0 failed")
+
+
+def test_a_seed_plays_twice_alike() -> None:
+    done = seeds(15, "--seed", 1000, "--twice")
+    assert done.returncode == 0, done.stdout + done.stderr
+    traces = [seeds("--seed", 7, "--trace").stdout.splitlines()[:-1] for _ in range(2)]
+    kept = [[line for line in trace if "/dev/shm" not in line] for trace in traces]
+    assert kept[0] == kept[1]
+    assert len(kept[0]) > 100
+
+
+@pytest.mark.parametrize("bug", BUGS[:2], ids=lambda bug: bug.name.replace(" ", "_"))
+def test_a_planted_bug_is_found(bug: Bug) -> None:
+    found, said = found_after(bug, 20)
+    assert found is not None, said
+
+
+@pytest.mark.parametrize("bug", BUGS, ids=lambda bug: bug.name.replace(" ", "_"))
+def test_each_bug_can_be_planted(bug: Bug, tmp_path: Path) -> None:
+    copy_with(bug, tmp_path)
