@@ -47,6 +47,7 @@ def play(story: Story, folder: Path) -> Outcome:
             run.begin()
             found += _until_over(run, world)
         world.bury()
+        run.disk_full = False
         if run.kept is not None and len(run.processes["recorder"]) == 1:
             run.path.write_bytes(run.kept)
         found += broken(run)

@@ -31,10 +31,13 @@ class Fault(NamedTuple):
     kind: str
     node: str
     value: float = 0.0
+    running: bool = False  # the time counts from the first measured state
 
     def describe(self) -> str:
         """Return it as a line."""
-        return f"{self.at_ns / NS:.6f} s: {self.kind} {self.node} {self.value:g}".rstrip(" 0")
+        since = " of the run" if self.running else ""
+        value = f" {self.value:g}" if self.value else ""
+        return f"{self.at_ns / NS:.6f} s{since}: {self.kind} {self.node}{value}"
 
 
 class Story(NamedTuple):
@@ -84,15 +87,17 @@ def draw(seed: int) -> Story:
         kind, _, some = chance.choices(_KINDS, [weight for _, weight, _ in _KINDS])[0]
         node = chance.choice(some)
         node = controller if node == "controller" else node
-        # Before, while and after it runs.
-        at_ns = round(chance.choice((chance.uniform(0, 0.6), chance.uniform(0.3, 3.0))) * NS)
+        running = chance.random() < 0.6
+        # Else before it begins, or some time.
+        at = chance.choice((chance.uniform(0.0, 0.6), chance.uniform(0.3, 3.0)))
+        at_ns = round((chance.uniform(0.0, 1.5 * duration) if running else at) * NS)
         value = {
             "stall": chance.choice((0.01, 0.1, 1.0, 6.0)) * chance.uniform(0.5, 1.5),
             "late": chance.uniform(0.1, 3.0),
             "clock": chance.uniform(-100.0, 100.0),
             "gains": chance.uniform(20.0, 80.0),
         }.get(kind, 0.0)
-        faults.append(Fault(at_ns, kind, node, value))
+        faults.append(Fault(at_ns, kind, node, value, running))
     return Story(seed, lockstep, controller, duration, tuple(sorted(faults)))
 
 
@@ -117,8 +122,14 @@ class Run:
             wait = round(late.get(name, 0.0) * NS)
             self.processes.setdefault(name, [])
             self.world.at(wait, lambda name=name: self.start(name))
+        self.world.network.first["/joint_states"] = lambda: self.let_come(running=True)
+        self.let_come(running=False)
+
+    def let_come(self, running: bool) -> None:
+        """Let the faults come whose time counts from now."""
         for fault in self.story.faults:
-            self.world.at(fault.at_ns, lambda fault=fault: self.strike(fault))
+            if fault.running == running:
+                self.world.at(fault.at_ns, lambda fault=fault: self.strike(fault))
 
     def start(self, name: str) -> None:
         """Start a node's process, unless the run is being ended."""

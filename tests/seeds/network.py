@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import count
 from typing import TYPE_CHECKING, Any
@@ -89,6 +90,7 @@ class Network:
         self.world = world
         self.writers: list[Writer] = []
         self.readers: list[Reader] = []
+        self.first: dict[str, Callable[[], None]] = {}  # called at a topic's first message
         self._numbers = count(1)
         self._stamps = count(1)
         self._told: dict[tuple[int, int, str], int] = {}  # when the last of them comes
@@ -176,6 +178,8 @@ class Network:
     def publish(self, writer: Writer, data: bytes) -> None:
         """Send a message to every subscription that the publisher knows."""
         writer.sent += 1
+        if writer.topic in self.first:
+            self.first.pop(writer.topic)()
         message = Message(data, writer.sent, self.world.now_ns + next(self._stamps))
         writer.kept.append(message)
         for reader in list(writer.matched.values()):

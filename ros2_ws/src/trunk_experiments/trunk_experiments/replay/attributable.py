@@ -13,6 +13,7 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import RecordingError
 
 from ..plans.nodes import CONTROLLERS
+from ..recorded.turns import acting
 from .consistency import uncounted
 from .gaps import absent_steps
 
@@ -51,7 +52,7 @@ def shared_from_ns(run: RecordedRun) -> int | None:
             found += doubled[1:][np.diff(doubled) == 0][:1].tolist()
             ahead = truth + run.config("disturbance").period_ns
             found += _of_a_stranger(disturbances, np.concatenate([truth, ahead]))
-    return min([*found, *_replaced(run), *_started_anew(run)], default=None)
+    return min([*found, *_replaced(run), *_started_anew(run), *_rivals(run)], default=None)
 
 
 def _before_fall(stamps: Integers, place: int) -> int:
@@ -93,6 +94,23 @@ def _replaced(run: RecordedRun) -> Iterator[int]:
             active.add(node)
         elif event.message in (Event.DEACTIVATED, Event.CLEANED_UP):
             active.discard(node)
+
+
+def _rivals(run: RecordedRun) -> Iterator[int]:
+    """Yield the first state at which two controllers were active by their own events."""
+    if run.mode == "offline":
+        return
+    stamps = np.unique(run.table(topics.JOINT_STATES).stamp_ns)
+    turns: dict[str, list[tuple[int, bool]]] = {}
+    for event in run.events:
+        if run.recording.relative(event.node) in CONTROLLERS:
+            told = turns.setdefault(event.node, [])
+            if event.message == Event.ACTIVATED and not (told and told[-1][1]):  # not as it joins
+                told.append((event.stamp_ns, True))
+            elif event.message in (Event.DEACTIVATED, Event.CLEANED_UP):
+                told.append((event.stamp_ns, False))
+    active = sum((acting(stamps, some, False).astype(int) for some in turns.values()), 0 * stamps)
+    yield from stamps[active > 1][:1].tolist()
 
 
 def _started_anew(run: RecordedRun) -> Iterator[int]:
@@ -149,9 +167,15 @@ def cut_off_ns(run: RecordedRun) -> int | None:
     if whole or not len(commands):
         return None
     told = [run.table(topics.controller_state(name)).stamp_ns for name in run.controllers]
+    if not run.exact:  # each command has its terms, and of either the last ones may be missing
+        answers = np.concatenate([commands, *told])
+        both = min(
+            int(stamps.max(initial=-1)) for stamps in (commands, np.concatenate(told or [commands]))
+        )
+        return int(answers[answers > both].min()) if (answers > both).any() else None
     last = max(int(stamps.max()) for stamps in (commands, *told) if len(stamps))
-    both = (commands == last).any() and any((stamps == last).any() for stamps in told)
-    return None if both else last
+    both_there = (commands == last).any() and any((stamps == last).any() for stamps in told)
+    return None if both_there else last
 
 
 def recorded_until_ns(run: RecordedRun) -> int | None:

@@ -154,6 +154,8 @@ def _judge(run: RecordedRun, verdict: Verdict, survey: Survey | None) -> None:
         # The state at that time may have been answered by either.
         before_ns = shared_ns - run.config("simulator").period_ns
         until_ns = before_ns if until_ns is None else min(until_ns, before_ns)
+    elif (run.recording.end or {}).get("complete") == "true" and cut_ns is not None:
+        verdict.obstacles += uncounted(run)  # a node was killed: its last messages may be missing
     elif (run.recording.end or {}).get("complete") == "true":
         verdict.contradictions += contradictions(run)
         verdict.contradictions += not_as_written(run, survey)
