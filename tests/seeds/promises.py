@@ -16,8 +16,9 @@ from .faults import Run
 
 # After these the run is no longer the one of its plan, or not of our nodes alone.
 _OTHERWISE = {"gains", "reset", "deactivate", "activate", "cleanup", "second", "pause", "restart"}
-# After these a recording may lack something, or a run may have nobody who acts.
-_INCOMPLETE = {*_OTHERWISE, "crash", "stop", "full", "stall", "late"}
+# These are on the record, or none of its business: the recording is whole all the same.
+_HARMLESS = {"gains", "reset", "pause", "clock", "late", "stall"}
+_HARMLESS_STALL_S = 1.0  # nodes wait so long for one another at any time
 
 
 def broken(run: Run) -> Iterator[str]:
@@ -68,11 +69,12 @@ def _recorded(run: Run, recording: Recording) -> Iterator[str]:
     if recording.complete:
         yield from _everything(run, found)
     kinds = {fault.kind for fault in run.story.faults}
-    if not kinds & _INCOMPLETE:
+    stalls = [fault.value for fault in run.story.faults if fault.kind == "stall"]
+    if kinds <= _HARMLESS and sum(stalls) <= _HARMLESS_STALL_S:
         if not recording.complete:
-            yield f"nothing was done to it, but it is incomplete: {recording.end}"
+            yield f"no harm was done to it, but it is incomplete: {recording.end}"
         elif verdict.exit_code != VERIFIED:
-            yield f"nothing was done to it, but it {verdict.word}: {'; '.join(verdict.reasons)[:300]}"
+            yield f"no harm was done to it, but it {verdict.word}: {'; '.join(verdict.reasons)[:300]}"
     if run.story.lockstep and not kinds & _OTHERWISE and found.count(topics.GROUND_TRUTH):
         yield from _as_offline(run, found)
 

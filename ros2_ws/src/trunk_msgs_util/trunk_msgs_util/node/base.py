@@ -192,7 +192,8 @@ class TrunkNode(ManagedNode, Generic[Config]):
         )
 
     def _clean_up(self) -> None:
-        evidence.hand_over(self, self._born_s, anything=bool(evidence.counted(self._evidence)))
+        told = bool(evidence.counted(self._evidence))
+        evidence.hand_over(self, self._born_s, told, self._evidence)
         self._evidence.clear()
         super()._clean_up()
 
@@ -206,5 +207,5 @@ class TrunkNode(ManagedNode, Generic[Config]):
     def close(self) -> None:
         """Report how much evidence was published, wait a bounded time until it is recorded, then destroy."""
         self.account()
-        evidence.hand_over(self, self._born_s, anything=self._accounted)
+        evidence.hand_over(self, self._born_s, self._accounted, self._evidence)
         self.destroy_node()

@@ -43,6 +43,11 @@ class Evidence:
         self._publish_kept(data)
         self.count += 1
 
+    @property
+    def is_kept_for_somebody(self) -> bool:
+        """True if a recorder is known to take it."""
+        return self._kept.get_subscription_count() > 0
+
 
 def counted(evidence: Sequence[Evidence]) -> dict[str, int]:
     """Return how many messages were published, by topic; topics without any are left out."""
@@ -52,17 +57,19 @@ def counted(evidence: Sequence[Evidence]) -> dict[str, int]:
     return dict(+counts)
 
 
-def hand_over(node: Node, born_s: float, anything: bool) -> None:
+def hand_over(node: Node, born_s: float, anything: bool, evidence: Sequence[Evidence] = ()) -> None:
     """Wait, for a bounded time, until every reliable reader has received what the node published.
 
     If there is ``anything`` to record, first wait until every known recorder is matched with this node.
     If none is known, it may not have been discovered yet: ``born_s`` (monotonic clock) is the node's start.
+    That somebody takes the node's ``evidence`` may be known first.
     """
     patience = settings.patience()
     deadline = time.monotonic() + _HAND_OVER_S * patience
     while anything and not _recorder_met(node) and time.monotonic() < deadline:
         if (
             time.monotonic() > born_s + _FOUND_S * patience
+            and not any(one.is_kept_for_somebody for one in evidence)
             and not node.get_publishers_info_by_topic(topics.RECORDER_PROGRESS)
         ):
             break
