@@ -9,7 +9,7 @@ from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
-from trunk_msgs_util.events import Event
+from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.recording.reader import Recording
 
 from .faults import Run
@@ -66,6 +66,9 @@ def _recorded(run: Run, recording: Recording) -> Iterator[str]:
         yield f"{verdict.word}: {'; '.join(verdict.reasons)[:300]}"
     if recording.end is not None and not recording.complete and not recording.end.get("reason"):
         yield "incomplete without a reason"
+    if recording.end is None and all(one.exit_code == 0 for one in run.processes["recorder"]):
+        yield "the recorder ended well, but its file has no end"
+    yield from _stopped(run, found)
     if recording.complete:
         yield from _everything(run, found)
     kinds = {fault.kind for fault in run.story.faults}
@@ -77,6 +80,16 @@ def _recorded(run: Run, recording: Recording) -> Iterator[str]:
             yield f"no harm was done to it, but it {verdict.word}: {'; '.join(verdict.reasons)[:300]}"
     if run.story.lockstep and not kinds & _OTHERWISE and found.count(topics.GROUND_TRUTH):
         yield from _as_offline(run, found)
+
+
+def _stopped(run: Run, found: RecordedRun) -> Iterator[str]:
+    """Yield that a simulator that was told to stop did not say so, where nothing else was done."""
+    others = [f for f in run.story.faults if (f.kind, f.node) != ("stop", "simulator")]
+    ended_well = all(one.exit_code == 0 for one in run.processes["simulator"])
+    harmless = all(fault.kind in {"gains", "reset", "pause", "clock"} for fault in others)
+    began = any(event.message == Event.STARTED for event in found.events)
+    if harmless and ended_well and began and not any(e.message in ENDS for e in found.events):
+        yield "the simulator did not say how the run ended"
 
 
 def _everything(run: Run, found: RecordedRun) -> Iterator[str]:
