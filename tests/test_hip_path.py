@@ -95,6 +95,7 @@ def test_runs_on_several_paths_share_blocks_with_their_like_alone(batch):
     assert len(set(found)) == len(found)
 
 
+@pytest.mark.long
 def test_a_trace_in_lanes_is_the_run_alone(batch):
     plan = walk("fuzzy_pid")
     trace = np.empty((401, TRACED, LANES))

@@ -57,6 +57,7 @@ def started(events: list[str]) -> SimulatorNode:
     node.autostart()
     for name, topic in (("/pid", topics.EFFORT_COMMAND), ("/recorder", "recorder")):
         node._participants.hear(name, "ready", {"answers": topic})
+        node._participants._met.add(topic)  # as if it had been matched, and gone
     node._try_start()
     assert events[-1] == "started"
     return node

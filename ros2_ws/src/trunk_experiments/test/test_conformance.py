@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import pytest
 
 from trunk_control.law import Law
@@ -14,6 +16,9 @@ from .faulty_laws import FAULTS, HONEST
 BY_NAME = {check.name: check for check in CHECKS}
 # These two need a registered name; test_own_controller.py has them.
 ALONE = [check for check in CHECKS if check.name not in ("compiled", "replay")]
+
+
+COMPILED_LONG = {("compiled", name) for name in CONTROLLERS if name != "computed_torque"}
 
 
 @pytest.mark.parametrize(("check", "law"), FAULTS.values(), ids=FAULTS)
@@ -32,8 +37,19 @@ def test_an_honest_law_keeps_everything(check: LawCheck) -> None:
     assert [one for one in check.run(HONEST) if not one.note] == []
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.name)
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize(
+    ("name", "check"),
+    [
+        pytest.param(
+            name,
+            check,
+            id=f"{name}-{check.name}",
+            # Compiling takes ten seconds for each law.
+            marks=pytest.mark.long if (check.name, name) in COMPILED_LONG else (),
+        )
+        for name, check in product(CONTROLLERS, CHECKS)
+    ],
+)
 def test_the_shipped_laws_keep_everything(name: str, check: LawCheck) -> None:
     assert conformance(name, [check]) == []
 

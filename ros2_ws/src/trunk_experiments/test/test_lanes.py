@@ -160,7 +160,10 @@ SCALAR = {"pid": 3, "lqr": 3, "computed_torque": 3, "fuzzy_pid": 7}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=() if n == "fuzzy_pid" else pytest.mark.long) for n in CONTROLLERS],
+)
 def test_the_loops_over_lanes_are_vector_code(name):
     """The law's update, the plant's steps, the sums: no scalar division of a lane's numbers is left."""
     run = regular_run(make_plan("fig8", name))

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 SHARED = "two simulators or controllers, or one that was started anew: what follows t = {:g} s is not judged"
 
+_LAST_WORDS = (Event.PUBLISHED, Event.FAILED)
+
 
 def shared_from_ns(run: RecordedRun) -> int | None:
     """Return the first stamp at which the run may not have been alone; None if it always was.
@@ -83,7 +85,7 @@ def _replaced(run: RecordedRun) -> Iterator[int]:
         node = run.recording.relative(event.node)
         if node not in CONTROLLERS:
             continue
-        if event.message in (Event.PUBLISHED, Event.FAILED):
+        if event.message in _LAST_WORDS:
             ended.setdefault(node, event.stamp_ns)
         elif event.message in (Event.CONFIGURED, Event.ACTIVATED) and ended:
             places = [stamp_ns for one, stamp_ns in ended.items() if one in active or one == node]
@@ -105,38 +107,31 @@ def _rivals(run: RecordedRun) -> Iterator[int]:
     for event in run.events:
         if run.recording.relative(event.node) in CONTROLLERS:
             told = turns.setdefault(event.node, [])
-            if event.message == Event.ACTIVATED and not (told and told[-1][1]):  # not as it joins
+            if event.message == Event.ACTIVATED:
                 told.append((event.stamp_ns, True))
-            elif event.message in (Event.DEACTIVATED, Event.CLEANED_UP):
+            elif event.message in (*_LAST_WORDS, Event.DEACTIVATED, Event.CLEANED_UP):
                 told.append((event.stamp_ns, False))
     active = sum((acting(stamps, some, False).astype(int) for some in turns.values()), 0 * stamps)
     yield from stamps[active > 1][:1].tolist()
 
 
 def _started_anew(run: RecordedRun) -> Iterator[int]:
-    """Yield since when another process has a node's name, whether or not the first one had a last word.
-
-    It says so with its first state, if it joined a run under way; else nothing can be told apart.
-    """
+    """Yield 0 if another process has the name of one that had no last word: they cannot be told apart."""
     if run.mode == "offline":
         return
-    commands = run.table(topics.EFFORT_COMMAND).stamp_ns
     processes: dict[str, str] = {}
-    joining: set[str] = set()
-    known: set[str] = set()
+    ended: Counter[str] = Counter()
     for event in run.events:
-        if event.message == Event.CONFIGURED:
+        if event.message in _LAST_WORDS:
+            ended[event.node] += 1
+            processes.pop(event.node, None)
+        elif event.message == Event.CONFIGURED:
             process = event.values.get("process", "")
             if processes.setdefault(event.node, process) != process:
-                joining.add(event.node)
-        elif event.node in joining and event.message == Event.ACTIVATED and event.stamp_ns >= 0:
-            joining.discard(event.node)
-            known.add(event.node)
-            # Of the first one's last answer a part may be missing.
-            yield int(commands[commands <= event.stamp_ns].max(initial=0))
+                yield 0
     # One that was killed early may have told its parameters alone.
     sets = Counter(change.node for change in run.recording.parameter_messages() if change.new)
-    if joining or any(count > 1 and node not in known for node, count in sets.items()):
+    if any(count > 1 + ended[node] for node, count in sets.items()):
         yield 0
 
 
