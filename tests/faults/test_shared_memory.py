@@ -66,8 +66,12 @@ def test_full_shared_memory_is_named(within: Callable[[str], Children]) -> None:
     assert len(node.stderr.splitlines()) == 1
 
 
-def test_no_message_goes_by_shared_memory(children: Children, peer: Peer) -> None:
+def test_no_message_goes_by_shared_memory(
+    children: Children, peer: Peer, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Whoever opens a port there takes its owner for dead if it does not answer in time."""
+    for name in (middleware.TRANSPORTS, middleware.PROFILES_FILE):
+        monkeypatch.delenv(name, raising=False)  # the node is to choose itself
     node = children.node("pid")
     peer.until_up("pid")
     mapped = Path(f"/proc/{children.pid_of('pid')}/maps").read_text()
