@@ -13,7 +13,6 @@ from trunk_msgs_util.node import middleware
 from trunk_msgs_util.recording.reader import Recording
 
 from ..failed import FAILED
-from ..graph.peer import Peer
 from ..graph.processes import Children
 
 pytestmark = pytest.mark.graph
@@ -67,13 +66,14 @@ def test_full_shared_memory_is_named(within: Callable[[str], Children]) -> None:
 
 
 def test_no_message_goes_by_shared_memory(
-    children: Children, peer: Peer, monkeypatch: pytest.MonkeyPatch
+    children: Children, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whoever opens a port there takes its owner for dead if it does not answer in time."""
     for name in (middleware.TRANSPORTS, middleware.PROFILES_FILE):
-        monkeypatch.delenv(name, raising=False)  # the node is to choose itself
+        monkeypatch.delenv(name, raising=False)  # the processes are to choose themselves
     node = children.node("pid")
-    peer.until_up("pid")
+    asked = children.trunk("params", "set", "pid", "gains.p=70", name="asked")
+    assert asked.wait() == 0, asked.stderr
     mapped = Path(f"/proc/{children.pid_of('pid')}/maps").read_text()
     assert "librmw_fastrtps" in mapped
     assert "fastrtps_port" not in mapped
