@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.parameters.declarations import build
+from trunk_msgs_util.parameters.declarations import ParameterError, build
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.links import DRAWS, Link, most_late, pass_on, perfect, steps_late
 from trunk_sim.traffic import InFlight, Network, Traffic, _compiled, _draw
@@ -80,6 +80,18 @@ def test_how_far_it_is_drawn_at_a_time_changes_nothing(link, steps):
     for step in steps:
         parts.seen(step)
     assert parts.all_seen(2000).tolist() == whole.tolist()
+
+
+@given(links)
+def test_step_by_step_it_is_the_same_and_the_past_is_forgotten(link):
+    one = network(link, link, zero=True, dropout=0.3)
+    whole, stepwise = Traffic(one), Traffic(one, stepwise=True)
+    told, seen = whole.all_told(500), Traffic(one._replace(dropout=0.0)).all_seen(500)
+    for k in range(500):
+        assert (stepwise.seen(k), stepwise.told(k)) == (seen[k], told[k])
+        stepwise.dropped(k)
+    assert stepwise.counts(500) == whole.counts(500)
+    assert len(stepwise._state._rows) < 100
 
 
 @pytest.mark.slow
@@ -182,3 +194,10 @@ def test_a_link_that_changes_nothing_is_none():
     found = build(SimulatorConfig, {"link.command.loss": 0.1, "link.command.missing": "zero"})
     assert found.network == Network(Link(), Link(loss=0.1), True, 0.0, 1, PERIOD)
     assert build(SimulatorConfig, {"sensor.dropout": 0.1}).network.dropout == 0.1
+
+
+def test_what_would_need_too_much_memory_is_refused():
+    values = {"link.state.jitter": 10.0, "link.state.jitter_kind": "exponential"}
+    assert build(SimulatorConfig, {**values, "update_rate": 1000.0}).network is not None
+    with pytest.raises(ParameterError, match=r"link\.state\.jitter.*at most 1000000 steps late"):
+        build(SimulatorConfig, {**values, "update_rate": 1e6})

@@ -15,7 +15,7 @@ from trunk_msgs_util.units import nanoseconds, period_ns, seconds
 
 from .actuator import Actuator, approach_of
 from .hardware_parameters import MISSING, hardware_parameter, link_parameter
-from .links import Link, perfect
+from .links import MOST_LATE, Link, most_late, perfect
 from .plant import PlantState
 from .step import Plant, Scale, SensorParameters
 from .traffic import Network
@@ -253,6 +253,15 @@ class SimulatorConfig(ManagedConfig):
                 "derived, where path.amplitude or path.wavenumber is not 1, path.cosines or path.sines "
                 "not empty or hip.mode not passive: the paper prints no other case",
             )
+
+        for way in ("state", "command"):
+            late = most_late(_link_of(self, way), self.period_ns)
+            if late > MOST_LATE:
+                raise ParameterError(
+                    f"link.{way}.jitter",
+                    getattr(self, f"{way}_jitter"),
+                    f"at most {MOST_LATE} steps late with the delay at this update_rate, not {late}",
+                )
 
     @property
     def period_ns(self) -> int:

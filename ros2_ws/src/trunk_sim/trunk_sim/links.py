@@ -15,6 +15,7 @@ from trunk_msgs_util.elementary import log
 from trunk_msgs_util.recording.joint_arrays import Integers
 
 DRAWS = 6  # random integers of 53 bits in each step: burst, loss, delay; copy, its loss, its delay
+MOST_LATE = 1_000_000  # steps; so many messages are kept
 _UNIT = 2.0**-53
 # What became of a message, in bits.
 LOST, LATE, DOUBLED = 1, 2, 4

@@ -17,7 +17,7 @@ from .plant import PlantState
 from .quick import Act, act_for, plant_for
 from .sensors import DelayLine
 from .step import Measurement, Plant, Trunk, at_rest, noisy, sense, torque_of
-from .traffic import InFlight, Traffic
+from .traffic import InFlight, Network, Traffic
 
 Seen = tuple[Measurement, float]  # a reading, and the torque over the step before it, N m
 
@@ -56,7 +56,7 @@ class Simulation:
         self._act = act or act_for(config)
         self._noise = Noise(config.seed)
         self._delay = DelayLine(config.delay_steps)
-        self._wire = None if config.network is None else _Wire(Traffic(config.network))
+        self._wire = None if config.network is None else _Wire(config.network)
         self.retune(config)
         self._begin()
 
@@ -171,9 +171,8 @@ class Simulation:
 class _Wire:
     """Readings and commands under way, step by step."""
 
-    def __init__(self, traffic: Traffic) -> None:
-        network = traffic.network
-        self.traffic = traffic
+    def __init__(self, network: Network) -> None:
+        self.traffic = Traffic(network, stepwise=True)
         self._readings: InFlight[Seen] = InFlight(network.state, network.period_ns)
         self._commands: InFlight[float] = InFlight(network.command, network.period_ns)
         self._held: Seen
@@ -182,10 +181,10 @@ class _Wire:
         """Send a step's reading, and return the one that is in use there."""
         if not self.traffic.dropped(k):
             self._held = seen
-        found = self._readings.send(k, self._held, self.traffic.seen(k))
-        return self._held if found is None else found
+        return self._readings.send(k, self._held, self.traffic.seen(k))
 
     def command(self, k: int, effort: float) -> float:
         """Send the command of a step, N m, and return the one that is in use there, 0 for none."""
-        found = self._commands.send(k, effort, self.traffic.told(k))
-        return 0.0 if found is None else found
+        used = self.traffic.told(k)
+        acts = self._commands.send(k, effort, used if used >= 0 else k)
+        return acts if used >= 0 else 0.0

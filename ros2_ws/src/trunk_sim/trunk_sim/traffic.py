@@ -7,6 +7,7 @@ knows which readings a controller saw and which commands acted.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cache
 from typing import Generic, NamedTuple, TypeVar
@@ -22,6 +23,7 @@ _STATE, _COMMAND, _DROPOUT = range(3)
 _BLOCK = 512  # steps that are drawn at a time, at first
 _MOST = 1 << 16
 _WORTH_COMPILING = 1 << 13  # steps
+_AT_ONCE = 32  # steps that a node draws between two of its own
 
 Value = TypeVar("Value")
 
@@ -54,61 +56,49 @@ class Counts(NamedTuple):
 class Traffic:
     """The messages in use in each step; drawn as far as they are asked for."""
 
-    def __init__(self, network: Network) -> None:
+    def __init__(self, network: Network, stepwise: bool = False) -> None:
+        """``stepwise``: it is asked for one step after the other alone, and forgets those that are past."""
         self.network = network
-        period_ns = network.period_ns
-        self._state = _Passed(network.state, period_ns, network.seed, _STATE)
-        self._command = _Passed(network.command, period_ns, network.seed, _COMMAND)
-        self._dropped = np.zeros(0, np.bool_)
+        self._state, self._command = (
+            _Passed(link, network, stream, stepwise)
+            for link, stream in ((network.state, _STATE), (network.command, _COMMAND))
+        )
+        self._failures = _Failures(network, stepwise)
 
     def dropped(self, k: int) -> bool:
         """Return True if the reading of a step fails: the one before it holds. The first never does."""
-        if k >= len(self._dropped):
-            self._drop(k + 1)
-        return bool(self._dropped[k])
+        return bool(self._failures.at(k))
 
     def seen(self, k: int) -> int:
         """Return the step whose reading is in use in a step; until the first has arrived, it is that one."""
-        return max(self._state.used_at(k), 0)
+        return max(int(self._state.at(k)[_USED]), 0)
 
     def told(self, k: int) -> int:
         """Return the step whose command is in use in a step; -1 for none: no torque."""
-        used = self._command.used_at(k)
-        return -1 if self.network.zero and not self._command.taken_at(k) else used
+        row = self._command.at(k)
+        return -1 if self.network.zero and not row[_TAKEN] else int(row[_USED])
 
     def all_seen(self, steps: int) -> Integers:
         """Return the step whose reading is seen in each of so many steps [N], drop-outs among them."""
-        if steps > len(self._dropped):
-            self._drop(steps)
         numbers = np.arange(steps)
-        held = np.maximum.accumulate(np.where(self._dropped[:steps], 0, numbers))
-        seen: Integers = held[np.maximum(self._state.used(steps), 0)]
+        held = np.maximum.accumulate(np.where(self._failures.rows(steps), 0, numbers))
+        seen: Integers = held[np.maximum(self._state.rows(steps)[:, _USED], 0)]
         return seen
 
     def all_told(self, steps: int) -> Integers:
         """Return the step whose command is in use in each of so many steps [N]."""
-        used = self._command.used(steps)
+        rows = self._command.rows(steps)
         if self.network.zero:
-            used = np.where(self._command.taken(steps), used, -1)
-        return used
+            return np.where(rows[:, _TAKEN], rows[:, _USED], -1)
+        return rows[:, _USED].copy()
 
     def counts(self, steps: int) -> dict[str, str]:
         """Return what became of the messages of so many steps, in words, by the parameters' groups."""
-        self.dropped(steps - 1)
         return {
             "link.state": self._state.counts(steps).describe(),
             "link.command": self._command.counts(steps).describe(),
-            "sensor.dropout": str(int(np.count_nonzero(self._dropped[:steps]))),
+            "sensor.dropout": str(int(self._failures.sums(steps)[0])),
         }
-
-    def _drop(self, steps: int) -> None:
-        first = len(self._dropped)
-        count = _next(first, steps) - first
-        drawn = _draw(self.network.seed, _DROPOUT, first, count, 1)[:, 0] * 2.0**-53
-        failed = drawn < self.network.dropout
-        if first == 0:
-            failed[0] = False
-        self._dropped = np.concatenate([self._dropped, failed])
 
 
 class InFlight(Generic[Value]):
@@ -119,8 +109,8 @@ class InFlight(Generic[Value]):
         self._sent: dict[int, Value] = {}
         self._used = -1
 
-    def send(self, k: int, value: Value, used: int) -> Value | None:
-        """Send the value of step k, and return that of the step in use; None if there is none."""
+    def send(self, k: int, value: Value, used: int) -> Value:
+        """Send the value of step k, and return that of the step in use; KeyError if that was not sent."""
         self._sent[k] = value
         if used != self._used:
             if self._used < k - self._longest:
@@ -129,59 +119,102 @@ class InFlight(Generic[Value]):
         old = k - self._longest - 1
         if old != used:
             self._sent.pop(old, None)
-        return self._sent.get(used)
+        return self._sent[used]
 
 
-class _Passed:
-    """One link, step by step."""
+class _Drawn(ABC):
+    """A row of numbers for each step, block after block; of those that are forgotten, the sums remain."""
 
-    def __init__(self, link: Link, period_ns: int, seed: int, stream: int) -> None:
-        self._link, self._period_ns = link, period_ns
-        self._seed, self._stream = seed, stream
-        self._memory = np.array([0, -1])
-        self._due = np.zeros((most_late(link, period_ns) + 1, 2), np.int64)
-        self._due[:, 0] = -1
-        self._used: Integers = np.zeros(0, np.int64)
-        self._told: Integers = np.zeros((0, 3), np.int64)
+    def __init__(self, stepwise: bool, told: int) -> None:
+        self._stepwise = stepwise
+        self._first = 0  # step of the first row that is there
+        self._rows: Integers = self._more(0, 0)
+        self._past: Integers = np.zeros(told, np.int64)
 
-    def used_at(self, k: int) -> int:
+    @abstractmethod
+    def _more(self, first: int, steps: int) -> Integers:
+        """Return the rows of so many steps more, from ``first`` on."""
+
+    @abstractmethod
+    def _told(self, rows: Integers) -> Integers:
+        """Return the sums that these rows add."""
+
+    def at(self, k: int) -> Integers:
+        """Return the row of a step."""
         self._reach(k + 1)
-        return int(self._used[k])
+        row: Integers = self._rows[k - self._first]
+        return row
 
-    def taken_at(self, k: int) -> bool:
-        self._reach(k + 1)
-        return bool(self._told[k, 2])
-
-    def used(self, steps: int) -> Integers:
+    def rows(self, steps: int) -> Integers:
+        """Return the rows of all of so many steps."""
         self._reach(steps)
-        return self._used[:steps]
+        return self._rows[:steps]
 
-    def taken(self, steps: int) -> Integers:
+    def sums(self, steps: int) -> Integers:
+        """Return the sums over so many steps."""
         self._reach(steps)
-        return self._told[:steps, 2]
-
-    def counts(self, steps: int) -> Counts:
-        self._reach(steps)
-        fates, overtaken = self._told[:steps, 0], self._told[:steps, 1]
-        lost, late, doubled = (int(np.count_nonzero(fates & bit)) for bit in (LOST, LATE, DOUBLED))
-        return Counts(steps, lost, late, doubled, sum(overtaken.tolist()))
+        return self._past + self._told(self._rows[: steps - self._first])
 
     def _reach(self, steps: int) -> None:
-        first = len(self._used)
-        if steps <= first:
+        end = self._first + len(self._rows)
+        if steps <= end:
             return
-        count = _next(first, steps) - first
-        bits = _draw(self._seed, self._stream, first, count, DRAWS)
-        used, told = np.empty(count, np.int64), np.empty((count, 3), np.int64)
-        quick = pass_on if count < _WORTH_COMPILING else _compiled()
+        if self._stepwise:
+            self._past = self._past + self._told(self._rows)
+            self._first, self._rows = end, self._more(end, max(steps - end, _AT_ONCE))
+        else:
+            more = max(steps - end, min(max(end, _BLOCK), _MOST))
+            self._rows = np.concatenate([self._rows, self._more(end, more)])
+
+
+class _Failures(_Drawn):
+    """1 where a reading fails."""
+
+    def __init__(self, network: Network, stepwise: bool) -> None:
+        self._network = network
+        super().__init__(stepwise, 1)
+
+    def _more(self, first: int, steps: int) -> Integers:
+        drawn = _draw(self._network.seed, _DROPOUT, first, steps, 1)[:, 0] * 2.0**-53
+        failed = (drawn < self._network.dropout).astype(np.int64)
+        failed[: max(1 - first, 0)] = 0
+        return failed
+
+    def _told(self, rows: Integers) -> Integers:
+        return np.array([np.count_nonzero(rows)])
+
+
+# Columns of a link's rows: the message in use, and those that `pass_on` tells.
+_USED, _FATE, _OVERTAKEN, _TAKEN = range(4)
+
+
+class _Passed(_Drawn):
+    """One link."""
+
+    def __init__(self, link: Link, network: Network, stream: int, stepwise: bool) -> None:
+        self._link, self._period_ns = link, network.period_ns
+        self._seed, self._stream = network.seed, stream
+        self._memory = np.array([0, -1])
+        self._due = np.zeros((most_late(link, network.period_ns) + 1, 2), np.int64)
+        self._due[:, 0] = -1
+        super().__init__(stepwise, 4)
+
+    def _more(self, first: int, steps: int) -> Integers:
+        bits = _draw(self._seed, self._stream, first, steps, DRAWS)
+        rows = np.empty((steps, 4), np.int64)
+        used, told = rows[:, _USED], rows[:, _FATE:]
+        quick = pass_on if steps < _WORTH_COMPILING else _compiled()
         quick(first, bits, self._link, self._period_ns, self._memory, self._due, used, told)
-        self._used = np.concatenate([self._used, used])
-        self._told = np.concatenate([self._told, told])
+        return rows
 
+    def _told(self, rows: Integers) -> Integers:
+        fates = rows[:, _FATE]
+        found = [np.count_nonzero(fates & bit) for bit in (LOST, LATE, DOUBLED)]
+        return np.array([*found, sum(rows[:, _OVERTAKEN].tolist())])
 
-def _next(first: int, steps: int) -> int:
-    """Return up to which step to draw: a block more each time, the blocks as long as what there is."""
-    return max(steps, first + min(max(first, _BLOCK), _MOST))
+    def counts(self, steps: int) -> Counts:
+        """Return what became of the messages of so many steps."""
+        return Counts(steps, *self.sums(steps).tolist())
 
 
 def _draw(seed: int, stream: int, first: int, steps: int, each: int) -> Integers:
@@ -200,5 +233,6 @@ def _compiled() -> Callable[..., None]:
         return pass_on
     none = np.zeros((0, DRAWS), np.int64)
     due = np.array([[-1, 0]])
-    used, told = np.empty(0, np.int64), np.empty((0, 3), np.int64)
-    return ready(pass_on, 0, none, Link(), 1, np.array([0, -1]), due, used, told)
+    rows = np.empty((0, 4), np.int64)
+    memory = np.array([0, -1])
+    return ready(pass_on, 0, none, Link(), 1, memory, due, rows[:, _USED], rows[:, _FATE:])

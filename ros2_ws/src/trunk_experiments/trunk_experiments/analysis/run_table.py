@@ -226,6 +226,10 @@ def _last_torque(
     for change in run.parameter_changes("simulator"):
         if change.stamp_ns < stamp_ns:
             values |= change.changed
+
+    def command(at_ns: int) -> float:
+        return float(_matched(np.array([at_ns]), stamps, commands)[0])
+
     limit = values.get("max_effort", inf)
     plain = all(
         value in (0.0, inf)
@@ -233,10 +237,9 @@ def _last_torque(
         if name.startswith("actuator.") or name in _OF_LINK
     )
     if plain:  # the plant is not loaded for a drive that does what it is told
-        command = float(_matched(np.array([stamp_ns]), stamps, commands)[0])
-        if np.isnan(command):
-            return before
-        return min(max(command, -limit), limit) if isinstance(limit, float) else command
+        effort = command(stamp_ns)
+        made = min(max(effort, -limit), limit) if isinstance(limit, float) else effort
+        return before if np.isnan(effort) else made
     from trunk_sim.config import SimulatorConfig
     from trunk_sim.step import torque_of
 
@@ -245,8 +248,8 @@ def _last_torque(
     try:
         config = build(SimulatorConfig, values)
     except ParameterError:
-        command = float(_matched(np.array([stamp_ns]), stamps, commands)[0])
-        return before if np.isnan(command) else command
+        effort = command(stamp_ns)
+        return before if np.isnan(effort) else effort
     sent = RecordedWire(config, states).told_ns(stamp_ns)
-    command = float(_matched(np.array([sent]), stamps, commands)[0]) if sent >= 0 else 0.0
-    return before if np.isnan(command) else torque_of(before, command, config.plant)
+    effort = command(sent) if sent >= 0 else 0.0
+    return before if np.isnan(effort) else torque_of(before, effort, config.plant)
