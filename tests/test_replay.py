@@ -13,8 +13,8 @@ from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import replay, replay_plant, stretches
+from trunk_experiments.replay.driven import driven_controllers
 from trunk_experiments.replay.replay import (
-    driven_controllers,
     judged,
     replay_controllers,
     replay_disturbance,

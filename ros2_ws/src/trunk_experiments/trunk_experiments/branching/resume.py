@@ -21,15 +21,10 @@ from ..recorded.run import RecordedRun, usable
 from ..recorded.turns import idle_ns
 from ..replay.as_written import pictures
 from ..replay.attributable import cut_off_ns, missed_from_ns, recorded_until_ns, shared_from_ns
+from ..replay.driven import DrivenController, driven_controllers
 from ..replay.gaps import absent_steps
 from ..replay.real_time import replay_torques
-from ..replay.replay import (
-    Checked,
-    DrivenController,
-    driven_controllers,
-    replay_controllers,
-    replay_disturbance,
-)
+from ..replay.replay import Checked, replay_controllers, replay_disturbance
 from ..replay.replay_plant import PlantReplay
 from ..replay.verdict import describe
 from ..replay.verify import surveyed

@@ -12,6 +12,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.recording.schemas import RunEvent
 from trunk_msgs_util.units import seconds
+from trunk_sim.traffic import Traffic
 
 from ..plans.nodes import CONTROLLERS
 from ..plans.timeline import begins_active
@@ -99,8 +100,6 @@ def _passed_on(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
         return
     if ends != len(counted):
         yield f"run/events: {str(Event.PASSED_ON)!r} {len(counted)} times, {ends} ends of a run with links"
-    from trunk_sim.traffic import Traffic
-
     truth = run.table(topics.GROUND_TRUTH).stamp_ns
     for event in counted:
         what = f"run/events: {str(Event.PASSED_ON)!r}"

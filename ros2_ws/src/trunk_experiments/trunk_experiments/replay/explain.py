@@ -30,7 +30,8 @@ from ..recorded.run import RecordedRun
 from ..recorded.turns import recorded_turns
 from .attributable import explicable_until_ns
 from .bits import same
-from .replay import DrivenController, acting_at
+from .driven import DrivenController
+from .replay import acting_at
 
 
 class Rule(NamedTuple):

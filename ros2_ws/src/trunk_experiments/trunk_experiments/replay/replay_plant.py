@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import nanoseconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
@@ -24,7 +23,6 @@ from trunk_sim.step import (
     Trunk,
     act,
     at_rest,
-    in_force,
     moved,
     noisy,
     pruned,
@@ -32,16 +30,14 @@ from trunk_sim.step import (
 )
 
 from ..plans.timeline import Change
-from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
-from ..recorded.turns import exact_from_ns, idle_ns
+from ..recorded.turns import exact_from_ns
 from ..recorded.wire import RecordedWire
 from . import replay, stretches
 from .bits import same
+from .plant_columns import QUANTITIES, by_row, filled, held, is_whole, latest_in_force
 from .real_time import PossibleDisturbances
 from .replay import Checked, Difference, acting_at, compare, disturbances_matrix, judged
-
-_QUANTITIES = ("position", "velocity", "effort")
 
 
 class _Epoch(NamedTuple):
@@ -85,7 +81,7 @@ class PlantReplay:
             None if run.exact else PossibleDisturbances(self._disturbances, exact_from_ns(run))
         )
         self._acting: list[tuple[int, Disturbance]] = []
-        self._held = _held(run, self._commands)
+        self._held = held(run, self._commands)
         self._steps = self._stamps // config.period_ns
         self._row = -1  # before the first state
         self._regular = False
@@ -142,8 +138,7 @@ class PlantReplay:
             stamp_ns = int(self._stamps[row])
             effort = self._command(stamp_ns)
             if effort is None:  # in real time, an earlier one acted
-                at = bisect_right(told, stamp_ns) - 1
-                effort = self._commands.get(told[at], "effort", 1)[0] if at >= 0 else 0.0
+                effort = latest_in_force(self._commands, told, stamp_ns, self._timeline.config)
             yield (self._reading(row, self._acted_at(row)[0]), self._effort(row)), effort
 
     @property
@@ -190,7 +185,7 @@ class PlantReplay:
         trunk, found = self._trunk, list[Difference]()
         x, theta, x_dot, theta_dot = trunk.state
         for quantity, values in zip(
-            _QUANTITIES, ((x, theta), (x_dot, theta_dot), (0.0, trunk.effort)), strict=True
+            QUANTITIES, ((x, theta), (x_dot, theta_dot), (0.0, trunk.effort)), strict=True
         ):
             found += compare(self._truth, stamp_ns, quantity, values)
         if self._marked and self._falls != (stamp_ns in self._fell):
@@ -297,7 +292,7 @@ class PlantReplay:
         stamps, disturbances = self._stamps, self._disturbances
         cost = max(self._plant.substeps // 2, 1)  # two Runge-Kutta steps take as long as a law
         return (
-            all(_is_whole(table) for table in (self._truth, self._measured))
+            all(is_whole(table) for table in (self._truth, self._measured))
             and self._marked
             and replay.worth_compiling(stamps, cost)
             and np.array_equal(self._steps, np.arange(len(stamps)))
@@ -317,8 +312,8 @@ class PlantReplay:
             known = rows >= 0
             disturbances[known] = disturbances_matrix(self._disturbances, rows[known])
         return stretches.PlantRecord(
-            _by_row(self._truth, stamps),
-            _by_row(self._measured, stamps),
+            by_row(self._truth, stamps),
+            by_row(self._measured, stamps),
             self._torques(first, stop),
             disturbances,
             np.isin(stamps, list(self._fell)).astype(np.int64),
@@ -334,41 +329,10 @@ class PlantReplay:
         if self._possible is None:
             told = self._wire.all_told_ns(stamps)
             efforts, rows = self._commands.values("effort"), self._commands.rows_of(told)
-            torques = np.ascontiguousarray(_filled(efforts, rows)[:, 0])
+            torques = np.ascontiguousarray(filled(efforts, rows)[:, 0])
             for stamp_ns, effort in self._held.items():
                 torques[told == stamp_ns] = effort
             torques[told < 0] = 0.0
             return torques
-        acted = _by_row(self._truth, self._stamps[first + 1 : stop + 1])[:, -1]
+        acted = by_row(self._truth, self._stamps[first + 1 : stop + 1])[:, -1]
         return np.append(acted, np.nan)[: len(stamps)]
-
-
-def _held(run: RecordedRun, commands: JointTable) -> dict[int, float]:
-    """Return the torques over the steps from states that nobody was to answer, N m."""
-    idle = idle_ns(run).tolist()
-    told = sorted(commands.rows) if idle else []
-    timeline = run.timeline("simulator")
-    found: dict[int, float] = {}
-    for stamp_ns in idle:
-        timeline.advance(stamp_ns + 1)
-        row = bisect_right(told, stamp_ns) - 1
-        age_ns = stamp_ns - told[row] if row >= 0 else 0
-        effort = commands.get(told[row], "effort", 1)[0] if row >= 0 else 0.0
-        found[stamp_ns] = in_force(effort, age_ns, nanoseconds(timeline.config.command_timeout))
-    return found
-
-
-def _is_whole(table: JointTable) -> bool:
-    return all(table.widths[quantity] == 2 for quantity in _QUANTITIES)
-
-
-def _by_row(table: JointTable, stamps: Integers) -> Floats:
-    """Return positions, velocities and efforts [N, 6] at these stamps, NaN without a message."""
-    rows = table.rows_of(stamps)
-    return np.hstack([_filled(table.values(quantity), rows) for quantity in _QUANTITIES])
-
-
-def _filled(values: Floats, rows: Integers) -> Floats:
-    found = np.full((len(rows), values.shape[1]), np.nan)
-    found[rows >= 0] = values[rows[rows >= 0]]
-    return found

@@ -26,9 +26,10 @@ from .attributable import (
     shared_from_ns,
 )
 from .consistency import contradictions, failures, uncounted
+from .driven import driven_controllers
 from .gaps import gaps
 from .real_time import replay_torques
-from .replay import Checked, driven_controllers, replay_controllers, replay_disturbance
+from .replay import Checked, replay_controllers, replay_disturbance
 from .replay_plant import PlantReplay
 from .told import untellable
 from .verdict import DIVERGES, ORIGIN, UNJUDGED, VERIFIED, Part, Verdict, describe
