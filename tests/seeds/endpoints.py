@@ -8,15 +8,34 @@ from typing import Any
 
 from . import cdr
 from .base import Handle, Node, here, quality_of, real, resolve, type_name, world
+from .network import Reader, Writer
 
 
-class Publisher(Handle):
-    def __init__(self, node: Node, kind: Any, topic: str, profile: Any) -> None:
+class _Side(Handle):
+    """A publisher or a subscription."""
+
+    def __init__(
+        self, join: Callable[..., Any], node: Node, kind: Any, topic: str, profile: Any
+    ) -> None:
         super().__init__()
-        self._topic = resolve(node, topic)
-        self.writer = world().network.writer(
-            here(), (node.name, node.namespace), self._topic, type_name(kind), quality_of(profile)
-        )
+        name = resolve(node, topic)
+        given = here(), (node.name, node.namespace), name, type_name(kind), quality_of(profile)
+        self.endpoint: Any = join(*given)
+
+    def get_topic_name(self) -> str:
+        return str(self.endpoint.topic)
+
+    def get_logger_name(self) -> str:
+        return str(self.endpoint.node[0])
+
+    def destroyed(self) -> None:
+        world().network.remove(self.endpoint)
+
+
+class Publisher(_Side):
+    def __init__(self, node: Node, kind: Any, topic: str, profile: Any) -> None:
+        super().__init__(world().network.writer, node, kind, topic, profile)
+        self.writer: Writer = self.endpoint
 
     def publish(self, message: Any) -> None:
         data = real().rclpy_serialize(message, type(message))
@@ -28,40 +47,27 @@ class Publisher(Handle):
     def get_subscription_count(self) -> int:
         return len(self.writer.matched)
 
-    def get_topic_name(self) -> str:
-        return self._topic
-
-    def get_logger_name(self) -> str:
-        return self.writer.node[0]
-
     def wait_for_all_acked(self, duration: Any) -> bool:
         """Let others run until all is received, or for the duration."""
-        limit_ns = int(str(duration.nanoseconds)) if hasattr(duration, "nanoseconds") else 10**9
-        end_ns = world().now_ns + limit_ns
+        end_ns = world().now_ns + int(duration.nanoseconds)
         while not world().network.acknowledged(self.writer) and world().now_ns < end_ns:
             world().block(
                 end_ns - world().now_ns, lambda: world().network.acknowledged(self.writer)
             )
         return world().network.acknowledged(self.writer)
 
-    def destroyed(self) -> None:
-        world().network.remove(self.writer)
 
-
-class Subscription(Handle):
+class Subscription(_Side):
     def __init__(self, node: Node, kind: Any, topic: str, profile: Any) -> None:
-        super().__init__()
-        self._topic = resolve(node, topic)
-        self.reader = world().network.reader(
-            here(), (node.name, node.namespace), self._topic, type_name(kind), quality_of(profile)
-        )
+        super().__init__(world().network.reader, node, kind, topic, profile)
+        self.reader: Reader = self.endpoint
 
     def take_message(self, kind: Any, raw: bool) -> tuple[Any, dict[str, int]] | None:
         """Return the oldest message and what is told of it, or None."""
         if not self.reader.queue:
             return None
         message = self.reader.queue.popleft()
-        world().note("take", self.reader.process.name, self._topic, message.number)
+        world().note("take", self.reader.process.name, self.reader.topic, message.number)
         data = message.data if raw else real().rclpy_deserialize(message.data, kind)
         info = {
             "source_timestamp": message.source_ns,
@@ -73,15 +79,6 @@ class Subscription(Handle):
 
     def get_publisher_count(self) -> int:
         return len(self.reader.publishers)
-
-    def get_topic_name(self) -> str:
-        return self._topic
-
-    def get_logger_name(self) -> str:
-        return self.reader.node[0]
-
-    def destroyed(self) -> None:
-        world().network.remove(self.reader)
 
 
 class Service(Handle):

@@ -64,20 +64,22 @@ class Message:
     source_ns: int
 
 
+@dataclass(eq=False)
 class Writer(Endpoint):
     """A publisher's side: what it keeps, and what is under way to each reader."""
 
-    def begin(self) -> None:
+    def __post_init__(self) -> None:
         self.sent = 0
         self.kept: deque[Message] = deque(maxlen=max(self.quality.depth, 1))
         self.matched: dict[int, Reader] = {}
         self.under_way: dict[int, deque[Message]] = {}
 
 
+@dataclass(eq=False)
 class Reader(Endpoint):
     """A subscription's side: what has arrived and is not taken yet."""
 
-    def begin(self) -> None:
+    def __post_init__(self) -> None:
         self.queue: deque[Message] = deque(maxlen=max(self.quality.depth, 1))
         self.dropped = 0
         self.publishers: set[int] = set()
@@ -96,15 +98,15 @@ class Network:
         self._told: dict[tuple[int, int, str], int] = {}  # when the last of them comes
 
     def writer(self, *values: Any) -> Writer:
+        """Add a publisher, of which the others learn by and by."""
         one = Writer(*values, next(self._numbers))
-        one.begin()
         self.writers.append(one)
         self._announce(one)
         return one
 
     def reader(self, *values: Any) -> Reader:
+        """Add a subscription, of which the others learn by and by."""
         one = Reader(*values, next(self._numbers))
-        one.begin()
         self.readers.append(one)
         self._announce(one)
         return one
@@ -146,17 +148,12 @@ class Network:
         if named:
             one.named.add(process.number)
         self.world.note("learns", process.name, "of", one.node[0], type(one).__name__, one.topic)
-        if isinstance(one, Writer):
-            for reader in self.readers:
-                if reader.process is process and reader.there:
-                    self._meet(one, reader)
-            for writer_side in self.readers:
-                if process is one.process and writer_side.there:
-                    self._meet(one, writer_side)
-        else:
-            for writer in self.writers:
-                if writer.there and (writer.process is process or process is one.process):
-                    self._meet(writer, one)  # type: ignore[arg-type]
+        # Its own of the other kind, or, where it learns of its own, all of them.
+        for writer in [one] if isinstance(one, Writer) else self.writers:
+            for reader in [one] if isinstance(one, Reader) else self.readers:
+                other: Endpoint = reader if one is writer else writer
+                if other.there and process in (one.process, other.process):
+                    self._meet(writer, reader)
         self.world.nudge(process)
 
     def _meet(self, writer: Writer, reader: Reader) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 from . import rcl
@@ -19,7 +18,6 @@ from trunk_control.laws import law_named
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import RunPlan
 from trunk_msgs_util import process_id, provenance
-from trunk_msgs_util.node import early_signals  # noqa: F401 - as an executable imports it
 from trunk_msgs_util.node.recorder_node import RecorderNode
 from trunk_msgs_util.node.run import run_nodes
 from trunk_msgs_util.parameters.declarations import declarations, values_of
@@ -127,8 +125,3 @@ def log_of(processes: Mapping[str, Process] | list[Process]) -> str:
     """Return what the processes have said."""
     some = processes.values() if isinstance(processes, Mapping) else processes
     return "\n".join(f"[{one.name}] {line}" for one in some for line in one.log)
-
-
-def exists(path: Path) -> bool:
-    """Return True if a file is there."""
-    return path.exists()
