@@ -99,7 +99,7 @@ class Told:
 def test_of_equal_disturbances_an_old_one_may_run_out():
     """Nobody knows which of four equal messages was in force: it may be too old one step later."""
     possible = PossibleDisturbances(Told([1.0, 1.0, 1.0, 1.0, 1.0]))
-    possible.passed(0)
+    possible.passed(0, 0)
     ((since_ns, acting),) = possible.at(3 * H, timeout_ns=3 * H)
     assert (since_ns, acting) == (0, Disturbance(trunk_torque=1.0))
     possible.chosen(since_ns)
@@ -110,5 +110,17 @@ def test_of_equal_disturbances_an_old_one_may_run_out():
 def test_no_disturbance_is_followed_by_an_older_one():
     possible = PossibleDisturbances(Told([1.0, 2.0, 2.0, 1.0]))
     assert list(dict(possible.at(2 * H, timeout_ns=10 * H))) == [H, 0, -1]
-    possible.passed(2 * H)
+    possible.passed(2 * H, 2 * H)
     assert list(dict(possible.at(3 * H, timeout_ns=10 * H))) == [3 * H, H]
+
+
+def test_a_pulse_may_act_after_its_end_where_messages_are_late():
+    """As long as nothing disturbs, the message from before a pulse may be in force, or the one after it."""
+    told = Told([0.0, 0.0, 1.0, 1.0, 0.0, 0.0])
+    late = PossibleDisturbances(told)
+    late.passed(0, H)
+    late.passed(4 * H, 4 * H)
+    assert list(dict(late.at(5 * H, timeout_ns=10 * H))) == [4 * H, 2 * H, 0]
+    in_time = PossibleDisturbances(told)
+    in_time.passed(0, 4 * H)
+    assert list(dict(in_time.at(5 * H, timeout_ns=10 * H))) == [4 * H]

@@ -11,8 +11,6 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from math import inf
 
-import numpy as np
-
 from trunk_msgs_util import topics
 from trunk_msgs_util.units import nanoseconds
 from trunk_sim.disturbances import Disturbance
@@ -39,14 +37,34 @@ class PossibleDisturbances:
         self._exact_ns = exact_ns
         self._table = disturbances
         self._stamps = sorted(disturbances.rows)
-        self._first = _first_alike(disturbances, self._stamps)
+        said = self._said = _words(disturbances, self._stamps)
+        # By row: of the messages around it that say the same, the first, and the one after the last.
+        self._first: list[int] = []
+        self._alike: dict[
+            bytes, list[int]
+        ] = {}  # what is said -> the first ones of all that say so
+        for row, one in enumerate(said):
+            if row and said[row - 1] == one:
+                self._first.append(self._first[-1])
+            else:
+                self._first.append(row)
+                self._alike.setdefault(one, []).append(row)
+        starts = [*sorted(row for rows in self._alike.values() for row in rows), len(said)]
+        self._next = [starts[bisect_right(starts, row)] for row in range(len(said))]
         self._since_ns = -1  # stamp of the oldest that may be in force
 
-    def passed(self, stamp_ns: int) -> None:
-        """Note that what the message of this stamp says, if there is one, was in force at it."""
-        if stamp_ns in self._table:
-            row = bisect_left(self._stamps, stamp_ns)
-            self._since_ns = max(self._since_ns, self._stamps[self._first[row]])
+    def passed(self, first_ns: int, last_ns: int) -> None:
+        """Note that from a stamp to another what each stamp's message says was in force.
+
+        That may have been an older message that says the same, even if others came between the two.
+        """
+        row, stop = bisect_left(self._stamps, first_ns), bisect_right(self._stamps, last_ns)
+        while row < stop:
+            since = self._first[bisect_left(self._stamps, max(self._since_ns, self._stamps[0]))]
+            alike = self._alike[self._said[self._first[row]]]
+            oldest = alike[bisect_left(alike, since)]
+            self._since_ns = max(self._since_ns, self._stamps[oldest])
+            row = self._next[row]
 
     def at(self, stamp_ns: int, timeout_ns: int) -> Iterator[tuple[int, Disturbance]]:
         """Yield what may act at a stamp, one at least, each with its oldest message's stamp.
@@ -71,16 +89,13 @@ class PossibleDisturbances:
         self._since_ns = since_ns
 
 
-def _first_alike(disturbances: JointTable, stamps: Sequence[int]) -> list[int]:
-    """Return, for each message in the order of stamps, the first one of those before it that say the same."""
-    if not all(disturbances.values(quantity).shape[1] == 2 for quantity in ("position", "effort")):
-        return list(range(len(stamps)))  # they cannot be read as disturbances
+def _words(disturbances: JointTable, stamps: Sequence[int]) -> list[bytes]:
+    """Return what each message says, in the order of stamps."""
     rows = [disturbances.rows[stamp] for stamp in stamps]
-    bits = disturbances_matrix(disturbances, slice(None)).view(np.int64)[rows]
-    new = np.ones(len(stamps), bool)
-    new[1:] = (bits[1:] != bits[:-1]).any(axis=1)
-    first: list[int] = np.maximum.accumulate(np.where(new, np.arange(len(stamps)), 0)).tolist()
-    return first
+    if not all(disturbances.values(quantity).shape[1] == 2 for quantity in ("position", "effort")):
+        return [row.to_bytes(8, "big") for row in rows]  # they cannot be read as disturbances
+    said = disturbances_matrix(disturbances, slice(None))[rows]
+    return [one.tobytes() for one in said]
 
 
 def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Checked]:

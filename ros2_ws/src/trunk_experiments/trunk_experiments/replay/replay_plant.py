@@ -110,7 +110,7 @@ class PlantReplay:
             if regular and (passed := self._pass_over()):
                 last_ns = int(self._stamps[self._row - 1])
                 if self._possible is not None:
-                    self._possible.passed(last_ns)
+                    self._possible.passed(stamp_ns, last_ns)
                 yield Checked(stamp_ns, (), passed, last_ns=last_ns)
                 continue
             yield Checked(stamp_ns, self._looked_at(stamp_ns))
