@@ -15,9 +15,11 @@ from trunk_msgs_util.node.base import TrunkNode
 from .config import SimulatorConfig
 from .participants import Participants
 
+# What a participant publishes, and is to be known to subscribe to; a recorder subscribes to the events last.
 _ANSWERED = {
-    topics.EFFORT_COMMAND: topics.JOINT_STATES,
-    topics.DISTURBANCE: topics.GROUND_TRUTH,
+    topics.EFFORT_COMMAND: (topics.EFFORT_COMMAND, topics.JOINT_STATES),
+    topics.DISTURBANCE: (topics.DISTURBANCE, topics.GROUND_TRUTH),
+    "recorder": (topics.RECORDER_PROGRESS, topics.RUN_EVENTS),
 }
 
 
@@ -40,19 +42,24 @@ class GraphParticipants(Participants):
         return super().missing(now) or self._not_met()
 
     def _not_met(self) -> list[str]:
-        """Return the topics with a ready node that is not matched both ways: it would miss state 0."""
+        """Return the topics with a ready node that is not matched both ways: it would miss state 0.
+
+        Of a recorder that is not known by then, a short run might not wait to hand its evidence over.
+        """
         return [
             topic
-            for topic, states in _ANSWERED.items()
+            for topic, (answers, heard) in _ANSWERED.items()
             if self.unmet(
                 topic,
                 self._publishers_of(topic),
-                meeting.publishers(self._node, topic),
-                meeting.listeners(self._node, states),
+                meeting.publishers(self._node, answers),
+                meeting.listeners(self._node, heard),
             )
         ]
 
     def _publishers_of(self, topic: str) -> int:
+        if topic == "recorder":
+            return len(self._node.get_publishers_info_by_topic(topics.RECORDER_PROGRESS))
         subscription = self._answers.get(topic)
         return 0 if subscription is None else int(subscription.get_publisher_count())
 

@@ -70,7 +70,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
                 JointState,
                 topics.RECORDER_PROGRESS,
                 self._on_progress,
-                qos.control(),
+                qos.latest(),
                 raw=True,
             )
         self._step_timer = self.every(tick_period(config), self._tick)
@@ -242,7 +242,9 @@ class PlantNode(TrunkNode[SimulatorConfig]):
             self._answered(topics.DISTURBANCE, sample.stamp_ns)
 
     def _on_progress(self, data: bytes) -> None:
-        self._answered("recorder", self._read_progress(data).stamp_ns)
+        stamp_ns = self._read_progress(data).stamp_ns
+        if stamp_ns <= self.stamp_ns:  # else it is what was recorded of a run before this one
+            self._answered("recorder", stamp_ns)
 
     def _answered(self, topic: str, stamp_ns: int) -> None:
         if self.exit_code is None:

@@ -52,6 +52,15 @@ def run_information() -> QoSProfile:
     )
 
 
+def latest() -> QoSProfile:
+    """Return the profile of progress: the newest value, also for who is matched after it was published."""
+    return QoSProfile(
+        depth=1,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+
+
 def view() -> QoSProfile:
     """Return the profile of viewers: the newest message only, and the loop never waits for them."""
     return QoSProfile(
