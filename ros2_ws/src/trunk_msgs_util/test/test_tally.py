@@ -74,3 +74,18 @@ def test_events_that_no_node_sends(whole):
         with pytest.raises(ValueError, match=r"many|some|how many"):
             whole.hear(event)
     assert whole.verdict(HEARD, ()) == (True, "duration reached")
+
+
+def test_a_node_of_which_only_the_parameters_came(whole):
+    for node in ("/pid", "/lqr"):
+        whole.meet(node)
+    why = "/lqr: its parameters were recorded, but none of its events"
+    assert whole.verdict(HEARD, ()) == (False, why)
+    whole.hear(told("/lqr", "configured", kind="lqr"))
+    assert whole.verdict(HEARD, ())[0]
+
+
+def test_more_messages_of_our_nodes_than_they_have_counted(whole):
+    assert whole.uncounted({topics.EFFORT_COMMAND: 3, topics.DISTURBANCE: 7}) == []
+    (line,) = whole.uncounted({topics.EFFORT_COMMAND: 5})
+    assert line == "effort_command: 5 messages of our nodes, 3 by their own count: one was killed"

@@ -110,6 +110,7 @@ class HeardTopic:
         self._take = take
         self._under_way = under_way
         self.other_types: dict[str, str] = {}
+        self.of_ours = 0  # messages of our own nodes
         self._passed: OrderedDict[Sample, Passing] = OrderedDict()
         # Of our nodes' messages, each is published twice: what was taken and is to be heard once more.
         self._kept_alone: OrderedDict[Key, int] = OrderedDict()
@@ -170,6 +171,7 @@ class HeardTopic:
 
     def _on_kept(self, data: bytes, info: Info) -> None:
         """Take a message of a node of ours, unless its live copy was taken."""
+        self.of_ours += 1
         if self._passing:
             key = info["publication_sequence_number"], data
             copies = self._live_alone.pop(key, [])

@@ -8,7 +8,7 @@ from functools import partial
 
 from .. import topics
 from ..picture.film import Film, value
-from ..recording.schemas import parse_parameter_event
+from ..recording.schemas import ParameterChange
 from .conversions import WireReader
 
 _TERMS = "terms"  # those of the controller that spoke last
@@ -25,19 +25,14 @@ class Pictures:
 
     def taking(self, topic: str) -> Callable[[bytes], None] | None:
         """Return what takes a topic's messages; None for a topic that no picture shows."""
-        if topic == topics.RUN_PARAMETERS:
-            return self._on_parameters
         if topic == topics.DISTURBANCE:
             return partial(self._newest.__setitem__, topic)
         if topics.is_controller_state(topic):
             return partial(self._newest.__setitem__, _TERMS)
         return None
 
-    def _on_parameters(self, data: bytes) -> None:
-        try:
-            change = parse_parameter_event(data)
-        except ValueError:
-            return
+    def retune(self, change: ParameterChange) -> None:
+        """Take a node's parameters."""
         for values in (change.new, change.changed):
             if _OF_A_PLANT in values:
                 self._film.retune(values)

@@ -17,7 +17,7 @@ from ..events import Event
 from ..parameters.config import RecorderConfig
 from ..printable import printable
 from ..process_id import process_id
-from ..recording.schemas import parse_event
+from ..recording.schemas import parse_event, parse_parameter_event
 from ..recording.writer import PROVENANCE, RecordingWriter
 from ..samples import JointSample
 from ..units import LAST_STAMP_NS, NANOSECONDS
@@ -83,7 +83,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._writer = open_output(config)
         self._path = self._writer.path
         self._begin_file(self._writer)
-        self._progress = self.create_publisher(JointState, topics.RECORDER_PROGRESS, qos.evidence())
+        self._progress = self.create_publisher(JointState, topics.RECORDER_PROGRESS, qos.latest())
         self._flush_timer = self.every(config.flush_interval, self._flush)
         self._check_timer = self.every(_CHECK_S, self._check)
         if config.lockstep:
@@ -174,6 +174,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         assert writer is not None  # for the type: `set_up` made it
         on_message: Callable[[bytes], None] | None = {
             topics.RUN_EVENTS: self._on_event,
+            topics.RUN_PARAMETERS: self._on_change,
             topics.GROUND_TRUTH: self._on_truth,
         }.get(topic)
         if self._pictures is not None and on_message is None:
@@ -232,6 +233,16 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         if written_ns != self._told_ns:  # it runs back where the simulator begins anew
             self._told_ns = written_ns
             self._progress.publish(sample_to_wire(JointSample(written_ns, ("recorder",))))
+
+    def _on_change(self, data: bytes) -> None:
+        try:
+            change = parse_parameter_event(data)
+        except ValueError:
+            self.counters["parameters malformed"] += 1
+            return
+        self._tally.meet(change.node)
+        if self._pictures is not None:
+            self._pictures.retune(change)
 
     def _on_event(self, data: bytes) -> None:
         try:
@@ -303,6 +314,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def verdict(self) -> tuple[bool, str]:
         """Return whether the run is whole in the file, and why."""
         unheard = [line for heard in self._heard.values() for line in heard.unheard()]
+        if not self.config.lockstep:  # else the states tell how many answers there are
+            unheard += self._tally.uncounted({t: heard.of_ours for t, heard in self._heard.items()})
         return self._tally.verdict(list(self._heard), unheard)
 
     def _finish(self) -> None:

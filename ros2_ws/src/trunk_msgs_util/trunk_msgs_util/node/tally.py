@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from .. import topics
 from ..events import ENDS, Event
@@ -25,9 +25,13 @@ class Tally:
         self.end: RunEvent | None = None
         self._kinds: dict[str, str] = {}  # of nodes, by what they say
         self._claimed: Counter[str] = Counter()  # by the nodes that have ended
+        self._silent: dict[
+            str, bool
+        ] = {}  # nodes of which something is recorded: no event of theirs?
 
     def hear(self, event: RunEvent) -> None:
         """Take an event. Raises ValueError for one that no node of ours sends."""
+        self._silent[event.node] = False
         if event.message == Event.PUBLISHED:
             self._claimed.update({topic: int(count) for topic, count in event.values.items()})
         if event.message == Event.CONFIGURED:
@@ -37,6 +41,22 @@ class Tally:
             if event.message == Event.FINISHED and not event.values.get("states", "").isdecimal():
                 raise ValueError("a run that is finished, but not after how many states")
             self.end = event
+
+    def meet(self, node: str) -> None:
+        """Take note of a node that has told its parameters."""
+        self._silent.setdefault(node, True)
+
+    def uncounted(self, heard: Mapping[str, int]) -> list[str]:
+        """Return where our nodes published more than they said when they ended, a line each.
+
+        ``heard``: how many messages of our nodes there are, by topic. Of one that was killed, there is no
+        count; where no node of the topic has said any, that is plain to see in the file.
+        """
+        return [
+            f"{topic}: {count} messages of our nodes, {claimed} by their own count: one was killed"
+            for topic, count in heard.items()
+            if 0 < (claimed := self._claimed[self._name_of(topic)]) < count
+        ]
 
     def verdict(self, heard: Sequence[str], unheard: Sequence[str]) -> tuple[bool, str]:
         """Return whether the run is whole in the file, and why.
@@ -72,6 +92,9 @@ class Tally:
                 )
         if unheard:
             return False, "; ".join(unheard)
+        for node, silent in self._silent.items():
+            if silent:
+                return False, f"{node}: its parameters were recorded, but none of its events"
         for topic in heard:  # what nodes, when they ended, said they had published
             count = self._claimed[self._name_of(topic)]
             if self.counts[topic] < count:
