@@ -85,6 +85,19 @@ def test_a_recorder_that_is_stopped_between_a_command_and_its_terms_accuses_nobo
         assert verify(Recording.open(path)).exit_code == expected
 
 
+@pytest.mark.parametrize("topics_", [(STATE, topics.EFFORT_COMMAND), (topics.DISTURBANCE,)])
+def test_answers_of_a_node_that_was_killed_and_started_again_accuse_nobody(
+    whole, tmp_path, topics_
+):
+    def later(name, data, index):
+        return name not in topics_ or index >= 3
+
+    path = copy(whole, tmp_path / "stopped.mcap", later, stopped=True)
+    verdict = verify(Recording.open(path))
+    assert verdict.exit_code == UNJUDGED
+    assert any("answers are missing from t = 0 s" in line for line in verdict.reasons)
+
+
 PARTS = {
     "no ground truth": without(topics.GROUND_TRUTH),
     "no joint_states": without(topics.JOINT_STATES),

@@ -13,8 +13,8 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import RecordingError
 
 from ..plans.nodes import CONTROLLERS
-from ..recorded.turns import acting
-from .consistency import uncounted
+from ..recorded.turns import acting, exact_from_ns, idle_ns
+from .consistency import killed, uncounted
 from .gaps import absent_steps
 
 if TYPE_CHECKING:
@@ -131,12 +131,17 @@ def _started_anew(run: RecordedRun) -> Iterator[int]:
                 yield 0
     # One that was killed early may have told its parameters alone.
     sets = Counter(change.node for change in run.recording.parameter_messages() if change.new)
-    if any(count > 1 + ended[node] for node, count in sets.items()):
-        yield 0
+    told = Counter(event.node for event in run.events if event.message == Event.CONFIGURED)
+    whole = (run.recording.end or {}).get("complete") == "true"
+    for node, count in sets.items():
+        if count > min(1 + ended[node], max(told[node], 1)) or not (whole or told[node]):
+            yield 0
 
 
 def missed_from_ns(run: RecordedRun) -> int | None:
-    """Return the first step missed by a recorder that came late or could not keep up; None without any.
+    """Return the first step of which a state or an answer was missed; None without any.
+
+    The recorder came late or could not keep up, or a node was killed before it had handed its answers over.
 
     What follows depends on it: the plant's state, a law's memory. In a file that says to be complete a gap is
     a contradiction.
@@ -148,7 +153,25 @@ def missed_from_ns(run: RecordedRun) -> int | None:
         absent_steps(run.table(relative).stamp_ns, period_ns)
         for relative in (topics.GROUND_TRUTH, topics.JOINT_STATES)
     )
-    return min((first for count, first in gaps_of if count), default=None)
+    found = [first for count, first in gaps_of if count]
+    return min([*found, *(_unanswered(run) if run.exact else ())], default=None)
+
+
+def _unanswered(run: RecordedRun) -> Iterator[int]:
+    """Yield the first state whose command, or disturbance, is missing while later ones are there.
+
+    A node was killed before the recorder had taken them, and started again.
+    """
+    truth = run.table(topics.GROUND_TRUTH).stamp_ns
+    for relative in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
+        stamps = run.table(relative).stamp_ns
+        since_ns = exact_from_ns(run)
+        if relative == topics.DISTURBANCE and run.branch is not None:
+            since_ns = int(stamps.min(initial=0))  # its node may have joined at the branch
+        absent = np.setdiff1d(truth[(truth >= since_ns) & (truth < stamps.max(initial=0))], stamps)
+        if relative == topics.EFFORT_COMMAND:
+            absent = np.setdiff1d(absent, idle_ns(run))
+        yield from absent[:1].tolist()
 
 
 def cut_off_ns(run: RecordedRun) -> int | None:
@@ -167,7 +190,10 @@ def cut_off_ns(run: RecordedRun) -> int | None:
         both = min(
             int(stamps.max(initial=-1)) for stamps in (commands, np.concatenate(told or [commands]))
         )
-        return int(answers[answers > both].min()) if (answers > both).any() else None
+        later = answers[answers > both]
+        if len(later):
+            return int(later.min())
+        return both + 1 if killed(run) else None  # both of its last answer may be missing
     last = max(int(stamps.max()) for stamps in (commands, *told) if len(stamps))
     both_there = (commands == last).any() and any((stamps == last).any() for stamps in told)
     return None if both_there else last

@@ -222,7 +222,7 @@ def _disturbances(run: RecordedRun) -> Iterator[str]:
     period = run.config("disturbance").period_ns
     if not len(truth):
         return
-    if run.exact and truth[-1] + period not in stamps:
+    if _ends_early(run) and not _missing_words(run, ["disturbance"]):
         yield f"{topics.DISTURBANCE}: none for the step after the last state"
     odd = np.setdiff1d(stamps, np.concatenate([truth, truth + period]))
     if len(odd):
@@ -239,18 +239,36 @@ def _once(relative: str, stamps: Integers) -> Iterator[str]:
         yield f"{relative}: the record at t = {at:g} s is doubled or out of order"
 
 
+def _ends_early(run: RecordedRun) -> bool:
+    """Return True if an exact run has disturbances, but none for the step after the last state."""
+    stamps, truth = (run.table(t).stamp_ns for t in (topics.DISTURBANCE, topics.GROUND_TRUTH))
+    if not (run.exact and len(stamps) and len(truth)):
+        return False
+    return truth[-1] + run.config("disturbance").period_ns not in stamps
+
+
+def _missing_words(run: RecordedRun, nodes: Sequence[str]) -> list[str]:
+    """Return which of the nodes did not say how much they published: they were killed."""
+    told = {event.node for event in run.events if event.message == Event.PUBLISHED}
+    return [node for node in nodes if run.recording.topic(node) not in told]
+
+
 def uncounted(run: RecordedRun) -> list[str]:
     """Return whose messages nobody counted, where the run's states alone do not tell how many there are."""
+    disturbed = ["disturbance"] if run.count(topics.DISTURBANCE) else []
     if run.exact:
-        return []
-    told = {event.node for event in run.events if event.message == Event.PUBLISHED}
-    wanted = ["simulator", *(name for name in run.controllers if name in CONTROLLERS)]
-    wanted += ["disturbance"] if run.count(topics.DISTURBANCE) else []
+        wanted = disturbed if _ends_early(run) else []
+    else:
+        wanted = ["simulator", *(n for n in run.controllers if n in CONTROLLERS), *disturbed]
     return [
         f"{name} did not say how many messages it published: whether all of them are here is not known"
-        for name in wanted
-        if run.recording.topic(name) not in told
+        for name in _missing_words(run, wanted)
     ]
+
+
+def killed(run: RecordedRun) -> list[str]:
+    """Return the controllers without a last word: their last commands may be missing."""
+    return _missing_words(run, [name for name in run.controllers if name in CONTROLLERS])
 
 
 def _of(run: RecordedRun, node: str, message: Event) -> list[RunEvent]:

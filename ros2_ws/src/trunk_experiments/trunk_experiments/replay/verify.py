@@ -146,7 +146,7 @@ def _judge(run: RecordedRun, verdict: Verdict, survey: Survey | None) -> None:
     if missed_ns is not None:
         until_ns = missed_ns - 1 if until_ns is None else min(until_ns, missed_ns - 1)
         verdict.obstacles.append(
-            f"states are missing from t = {seconds(missed_ns):g} s: what follows is not judged"
+            f"states or answers are missing from t = {seconds(missed_ns):g} s: what follows is not judged"
             + ("; start the recorder before the controller" if missed_ns == 0 else "")
         )
     shared_ns = shared_from_ns(run)
