@@ -20,9 +20,10 @@ from typing import NamedTuple
 import click
 
 from . import nodes
-from .faults import Fault, Run, Story, draw
+from .faults import Run
 from .promises import broken
-from .world import NS, HungError, World
+from .story import NS, Fault, Story, draw
+from .world import HungError, World
 
 _RUN_NS = 40 * NS  # virtual; how long a run may take, waits for participants among it
 _END_NS = 40 * NS  # ... and how long a process may take to end

@@ -1,104 +1,18 @@
-"""What is done to a run: faults drawn from a seed, each of which can be left out."""
+"""A story as it happens in the virtual world."""
 
 from __future__ import annotations
 
 import errno
 import io
-import random
 import signal
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from lifecycle_msgs.srv import ChangeState
-from rcl_interfaces.msg import Parameter, ParameterValue
-from rcl_interfaces.srv import SetParametersAtomically
-from std_srvs.srv import SetBool, Trigger
-
-from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_msgs_util.recording import writer as writing
 
 from . import nodes
-from .world import NS, Process, World
-
-CONTROLLERS = ("pid", "fuzzy_pid", "lqr")
-_TRANSITIONS = {"configure": 1, "cleanup": 2, "activate": 3, "deactivate": 4, "shutdown": 7}
-
-
-class Fault(NamedTuple):
-    """Something that happens to a node at a time."""
-
-    at_ns: int
-    kind: str
-    node: str
-    value: float = 0.0
-    running: bool = False  # the time counts from the first measured state
-
-    def describe(self) -> str:
-        """Return it as a line."""
-        since = " of the run" if self.running else ""
-        value = f" {self.value:g}" if self.value else ""
-        return f"{self.at_ns / NS:.6f} s{since}: {self.kind} {self.node}{value}"
-
-
-class Story(NamedTuple):
-    """A run, and what happens to it."""
-
-    seed: int
-    lockstep: bool
-    controller: str
-    duration: float
-    faults: tuple[Fault, ...]
-
-    def plan(self) -> RunPlan:
-        """Return the plan of the nodes."""
-        everywhere: dict[str, object] = {"duration": self.duration}
-        if self.lockstep:
-            everywhere["lockstep.enabled"] = True
-        return make_plan("demo", self.controller, everywhere=everywhere)
-
-
-# How often each kind is drawn; "node" is chosen among these.
-_KINDS: tuple[tuple[str, int, tuple[str, ...]], ...] = (
-    ("stall", 6, ("simulator", "controller", "disturbance", "recorder")),
-    ("crash", 3, ("simulator", "controller", "disturbance", "recorder")),
-    ("restart", 3, ("controller", "disturbance", "recorder")),
-    ("stop", 3, ("simulator", "controller", "disturbance", "recorder")),
-    ("late", 3, ("simulator", "controller", "disturbance", "recorder")),
-    ("clock", 2, ("",)),
-    ("second", 1, ("controller",)),
-    ("full", 2, ("recorder",)),
-    ("reset", 3, ("simulator", "controller")),
-    ("pause", 3, ("simulator",)),
-    ("gains", 4, ("controller",)),
-    ("deactivate", 3, ("simulator", "controller", "disturbance", "recorder")),
-    ("activate", 3, ("simulator", "controller", "disturbance", "recorder")),
-    ("cleanup", 1, ("controller",)),
-)
-
-
-def draw(seed: int) -> Story:
-    """Return the story of a seed; some have no fault at all."""
-    chance = random.Random(f"story {seed}")
-    lockstep = chance.random() < 0.6
-    controller = chance.choice(CONTROLLERS)
-    duration = chance.choice((0.05, 0.1, 0.2))
-    faults = []
-    for _ in range(chance.choice((0, 1, 1, 2, 2, 3, 5))):
-        kind, _, some = chance.choices(_KINDS, [weight for _, weight, _ in _KINDS])[0]
-        node = chance.choice(some)
-        node = controller if node == "controller" else node
-        running = chance.random() < 0.6
-        # Else before it begins, or some time.
-        at = chance.choice((chance.uniform(0.0, 0.6), chance.uniform(0.3, 3.0)))
-        at_ns = round((chance.uniform(0.0, 1.5 * duration) if running else at) * NS)
-        value = {
-            "stall": chance.choice((0.01, 0.1, 1.0, 6.0)) * chance.uniform(0.5, 1.5),
-            "late": chance.uniform(0.1, 3.0),
-            "clock": chance.uniform(-100.0, 100.0),
-            "gains": chance.uniform(20.0, 80.0),
-        }.get(kind, 0.0)
-        faults.append(Fault(at_ns, kind, node, value, running))
-    return Story(seed, lockstep, controller, duration, tuple(sorted(faults)))
+from .story import CONTROLLERS, NS, Fault, Story, requests
+from .world import Process, World
 
 
 class Run:
@@ -172,7 +86,7 @@ class Run:
         elif kind == "stop":
             self.world.signal(process, signal.SIGINT)
         else:
-            self.ask(fault)
+            nodes.call(self.world, *requests(fault))
 
     def kill(self, process: Process) -> None:
         """End a process as SIGKILL does: what it has not handed to the system is lost."""
@@ -180,27 +94,18 @@ class Run:
             self.kept = self.path.read_bytes()
         self.world.crash(process)
 
-    def ask(self, fault: Fault) -> None:
-        """Call a service of the node."""
-        name, world = f"/{fault.node}", self.world
-        if fault.kind == "reset":
-            nodes.call(world, f"{name}/reset", Trigger.Request(), None)
-        elif fault.kind == "pause":
-            nodes.call(world, f"{name}/pause", SetBool.Request(data=True), None)
-            world.at(
-                world.delay(NS // 100, NS),
-                lambda: nodes.call(world, f"{name}/pause", SetBool.Request(data=False), None),
-            )
-        elif fault.kind == "gains":
-            key = "gains.p_max" if fault.node == "fuzzy_pid" else "gains.p"
-            key = "u_clamp_max" if fault.node == "lqr" else key
-            value = Parameter(name=key, value=ParameterValue(type=3, double_value=fault.value))
-            request = SetParametersAtomically.Request(parameters=[value])
-            nodes.call(world, f"{name}/set_parameters_atomically", request, None)
-        else:
-            request = ChangeState.Request()
-            request.transition.id = _TRANSITIONS[fault.kind]
-            nodes.call(world, f"{name}/change_state", request, None)
+    def published(self, topic: str) -> tuple[int, int]:
+        """Return how many messages there were at least and at most; what a killed process kept is lost."""
+        writers = [one for one in self.world.network.writers if one.topic == "/" + topic]
+        return (
+            sum(one.sent for one in writers if not one.process.crashed),
+            sum(one.sent for one in writers),
+        )
+
+    @property
+    def complaints(self) -> str:
+        """What the processes have written to stderr beside their logs."""
+        return self.stderr.getvalue()
 
     def alive(self) -> list[Process]:
         """Return the processes that run."""

@@ -25,6 +25,7 @@ from trunk_msgs_util.patience import HeldUp
 from trunk_sim.disturbance_node import DisturbanceNode
 from trunk_sim.simulator_node import SimulatorNode
 
+from .story import NS, Request
 from .world import Process, World
 
 
@@ -108,17 +109,20 @@ provenance.gather = _gather
 HeldUp.between = lambda self, pids, wall_ns: 0  # type: ignore[method-assign]
 
 
-def call(world: World, name: str, request: Any, response: Any) -> list[Any]:
-    """Ask a service soon; return a list that gets its answer."""
-    answers: list[Any] = []
+def call(world: World, *asked: Request) -> None:
+    """Ask a service soon, and then the others, each a while after the one before."""
+    if not asked:
+        return
+    (service, kind, fields), *then = asked
 
     def ask() -> None:
-        for service in rcl.services.get(name, []):
-            service.requests.append((request, answers.append))
-            world.nudge(service.process)
+        for one in rcl.services.get(service, []):
+            one.requests.append((kind.Request(**fields), lambda answer: None))
+            world.nudge(one.process)
+        if then:
+            world.at(world.delay(NS // 100, NS), lambda: call(world, *then))
 
     world.at(world.delay(500_000, 20_000_000), ask)
-    return answers
 
 
 def log_of(processes: Mapping[str, Process] | list[Process]) -> str:

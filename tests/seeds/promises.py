@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Protocol
 
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
@@ -12,7 +14,7 @@ from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.recording.reader import Recording
 
-from .faults import Run
+from .story import Story
 
 # After these the run is no longer the one of its plan, or not of our nodes alone.
 _OTHERWISE = {"gains", "reset", "deactivate", "activate", "cleanup", "second", "pause", "restart"}
@@ -21,12 +23,45 @@ _HARMLESS = {"gains", "reset", "pause", "clock", "late", "stall"}
 _HARMLESS_STALL_S = 1.0  # nodes wait so long for one another at any time
 
 
+class Ended(Protocol):
+    """A process of the run."""
+
+    @property
+    def alive(self) -> bool: ...
+
+    @property
+    def exit_code(self) -> int | None:
+        """None as well if it was killed."""
+
+    @property
+    def log(self) -> Sequence[str]:
+        """What it has said."""
+
+
+class Run(Protocol):
+    """A story that has happened."""
+
+    story: Story
+    path: Path  # the recording
+    folder: Path
+
+    @property
+    def processes(self) -> Mapping[str, Sequence[Ended]]: ...
+
+    @property
+    def complaints(self) -> str:
+        """What all have written to stderr beside their logs."""
+
+    def published(self, topic: str) -> tuple[int, int] | None:
+        """Return how many messages there were at least and at most; None if nobody has counted."""
+
+
 def broken(run: Run) -> Iterator[str]:
     """Yield the promises that a run, which is over, has broken."""
     yield from _processes(run)
     recorders = run.processes["recorder"]
     if not run.path.exists():
-        if any(one.exit_code == 0 for one in recorders):
+        if any(one.exit_code == 0 and one.log for one in recorders):  # else it was still loading
             yield "the recorder ended well, without a file"
         return
     try:
@@ -40,8 +75,8 @@ def broken(run: Run) -> Iterator[str]:
 
 def _processes(run: Run) -> Iterator[str]:
     """Yield processes that hang, or end by a defect."""
-    if "Traceback" in run.stderr.getvalue():
-        yield run.stderr.getvalue().strip().splitlines()[-1]
+    if "Traceback" in run.complaints:
+        yield run.complaints.strip().splitlines()[-1]
     for name, some in run.processes.items():
         for process in some:
             if process.alive:
@@ -98,9 +133,7 @@ def _everything(run: Run, found: RecordedRun) -> Iterator[str]:
     if not ends:
         yield "complete without an end"
     for topic in (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.EFFORT_COMMAND):
-        writers = [one for one in run.world.network.writers if one.topic == "/" + topic]
-        most = sum(one.sent for one in writers)
-        least = sum(one.sent for one in writers if not one.process.crashed)
+        least, most = run.published(topic) or (0, found.count(topic))
         if not least <= found.count(topic) <= most:
             yield f"complete with {found.count(topic)} of {least} to {most} messages on {topic}"
 
@@ -109,7 +142,7 @@ def _as_offline(run: Run, found: RecordedRun) -> Iterator[str]:
     """Yield where a run in lock-step differs from the offline run, as far as it goes."""
     path = run.folder / f"{run.story.controller}_{run.story.duration}.mcap"
     if not path.exists():
-        record_offline(run.plan, path)
+        record_offline(run.story.plan(), path)
     offline = RecordedRun.open(path)
     for topic in (
         topics.GROUND_TRUTH,

@@ -28,6 +28,12 @@ def test_whatever_happens_the_promises_hold(first: int) -> None:
     assert done.stdout.startswith("75 seeds, 0 failed")
 
 
+@pytest.mark.parametrize("seed", [2342, 2703, 2894, 3132, 3201, 4170, 4405])
+def test_what_was_found_stays_mended(seed: int) -> None:
+    done = seeds(1, "--seed", seed)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def test_a_seed_plays_twice_alike() -> None:
     done = seeds(15, "--seed", 1000, "--twice")
     assert done.returncode == 0, done.stdout + done.stderr

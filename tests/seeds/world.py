@@ -18,8 +18,8 @@ from typing import Any
 from greenlet import GreenletExit, getcurrent, greenlet
 
 from .network import Network
+from .story import NS
 
-NS = 1_000_000_000
 _LOOK_NS = 1_000  # what it takes to look at the clock
 _MOST_EVENTS = 400_000
 

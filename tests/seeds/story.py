@@ -1,0 +1,121 @@
+"""What happens in a seed: a run, and faults drawn for it, each of which can be left out."""
+
+from __future__ import annotations
+
+import random
+from typing import Any, NamedTuple
+
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParametersAtomically
+from std_srvs.srv import SetBool, Trigger
+
+from trunk_experiments.plans.plan import RunPlan, make_plan
+
+NS = 1_000_000_000
+CONTROLLERS = ("pid", "fuzzy_pid", "lqr")
+_TRANSITIONS = {"configure": 1, "cleanup": 2, "activate": 3, "deactivate": 4, "shutdown": 7}
+
+
+class Fault(NamedTuple):
+    """Something that happens to a node at a time."""
+
+    at_ns: int
+    kind: str
+    node: str
+    value: float = 0.0
+    running: bool = False  # the time counts from the first measured state
+
+    def describe(self) -> str:
+        """Return it as a line."""
+        since = " of the run" if self.running else ""
+        value = f" {self.value:g}" if self.value else ""
+        return f"{self.at_ns / NS:.6f} s{since}: {self.kind} {self.node}{value}"
+
+
+class Story(NamedTuple):
+    """A run, and what happens to it."""
+
+    seed: int
+    lockstep: bool
+    controller: str
+    duration: float
+    faults: tuple[Fault, ...]
+
+    def plan(self, **more: object) -> RunPlan:
+        """Return the plan of the nodes; ``more``: parameters of whichever has them."""
+        everywhere: dict[str, object] = {"duration": self.duration, **more}
+        if self.lockstep:
+            everywhere["lockstep.enabled"] = True
+        return make_plan("demo", self.controller, everywhere=everywhere)
+
+
+# How often each kind is drawn; "node" is chosen among these.
+_KINDS: tuple[tuple[str, int, tuple[str, ...]], ...] = (
+    ("stall", 6, ("simulator", "controller", "disturbance", "recorder")),
+    ("crash", 3, ("simulator", "controller", "disturbance", "recorder")),
+    ("restart", 3, ("controller", "disturbance", "recorder")),
+    ("stop", 3, ("simulator", "controller", "disturbance", "recorder")),
+    ("late", 3, ("simulator", "controller", "disturbance", "recorder")),
+    ("clock", 2, ("",)),
+    ("second", 1, ("controller",)),
+    ("full", 2, ("recorder",)),
+    ("reset", 3, ("simulator", "controller")),
+    ("pause", 3, ("simulator",)),
+    ("gains", 4, ("controller",)),
+    ("deactivate", 3, ("simulator", "controller", "disturbance", "recorder")),
+    ("activate", 3, ("simulator", "controller", "disturbance", "recorder")),
+    ("cleanup", 1, ("controller",)),
+)
+
+
+def draw(seed: int) -> Story:
+    """Return the story of a seed; some have no fault at all."""
+    chance = random.Random(f"story {seed}")
+    lockstep = chance.random() < 0.6
+    controller = chance.choice(CONTROLLERS)
+    duration = chance.choice((0.05, 0.1, 0.2))
+    faults = []
+    for _ in range(chance.choice((0, 1, 1, 2, 2, 3, 5))):
+        kind, _, some = chance.choices(_KINDS, [weight for _, weight, _ in _KINDS])[0]
+        node = chance.choice(some)
+        node = controller if node == "controller" else node
+        running = chance.random() < 0.6
+        # Else before it begins, or some time.
+        at = chance.choice((chance.uniform(0.0, 0.6), chance.uniform(0.3, 3.0)))
+        at_ns = round((chance.uniform(0.0, 1.5 * duration) if running else at) * NS)
+        value = {
+            "stall": chance.choice((0.01, 0.1, 1.0, 6.0)) * chance.uniform(0.5, 1.5),
+            "late": chance.uniform(0.1, 3.0),
+            "clock": chance.uniform(-100.0, 100.0),
+            "gains": chance.uniform(20.0, 80.0),
+        }.get(kind, 0.0)
+        faults.append(Fault(at_ns, kind, node, value, running))
+    return Story(seed, lockstep, controller, duration, tuple(sorted(faults)))
+
+
+class Request(NamedTuple):
+    """A call of a node's service."""
+
+    service: str  # its name
+    kind: Any
+    fields: dict[str, Any]
+
+
+def requests(fault: Fault) -> tuple[Request, ...]:
+    """Return the calls of services that a fault consists of, if any; each a while after the last one."""
+    name, kind = f"/{fault.node}", fault.kind
+    if kind == "reset":
+        return (Request(f"{name}/reset", Trigger, {}),)
+    if kind == "pause":
+        return tuple(Request(f"{name}/pause", SetBool, {"data": hold}) for hold in (True, False))
+    if kind == "gains":
+        key = {"fuzzy_pid": "gains.p_max", "lqr": "u_clamp_max"}.get(fault.node, "gains.p")
+        value = Parameter(name=key, value=ParameterValue(type=3, double_value=fault.value))
+        service = f"{name}/set_parameters_atomically"
+        return (Request(service, SetParametersAtomically, {"parameters": [value]}),)
+    if kind in _TRANSITIONS:
+        transition = ChangeState.Request().transition
+        transition.id = _TRANSITIONS[kind]
+        return (Request(f"{name}/change_state", ChangeState, {"transition": transition}),)
+    return ()
