@@ -132,9 +132,9 @@ def _started_anew(run: RecordedRun) -> Iterator[int]:
     # One that was killed early may have told its parameters alone.
     sets = Counter(change.node for change in run.recording.parameter_messages() if change.new)
     told = Counter(event.node for event in run.events if event.message == Event.CONFIGURED)
-    whole = (run.recording.end or {}).get("complete") == "true"
+    cut = bool(told) and (run.recording.end or {}).get("complete") != "true"
     for node, count in sets.items():
-        if count > min(1 + ended[node], max(told[node], 1)) or not (whole or told[node]):
+        if count > min(1 + ended[node], max(told[node], 1)) or (cut and not told[node]):
             yield 0
 
 
