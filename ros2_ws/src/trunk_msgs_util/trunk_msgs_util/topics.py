@@ -9,6 +9,9 @@ GROUND_TRUTH = "ground_truth/joint_states"
 EFFORT_COMMAND = "effort_command"
 DISTURBANCE = "disturbance"
 REFERENCE = "reference"
+OPERATOR_REQUEST = "operator/request"
+OPERATOR_APPLIED = "operator/applied"
+OPERATOR = (OPERATOR_REQUEST, OPERATOR_APPLIED)
 RUN_PARAMETERS = "run/parameters"
 RUN_EVENTS = "run/events"
 RECORDER_PROGRESS = "recorder/progress"
@@ -76,6 +79,21 @@ DESCRIPTIONS = (
         JOINT_STATE_TYPE,
         "anyone",
         "trunk: position [rad]; used if `reference.profile` is `topic`",
+    ),
+    (
+        OPERATOR_REQUEST,
+        JOINT_STATE_TYPE,
+        "one operator",
+        (
+            "hip and trunk: effort [N, N m], held until the next one; stamped with the state that was seen, "
+            "`header.frame_id` names the operator; taken if `operator.force` or `operator.torque` is above 0"
+        ),
+    ),
+    (
+        OPERATOR_APPLIED,
+        JOINT_STATE_TYPE,
+        "simulator",
+        "what acts of that from the step after the state with the stamp on, whenever it changes",
     ),
     (
         "CONTROLLER/reference",

@@ -16,6 +16,7 @@ from trunk_msgs_util.units import nanoseconds, period_ns, seconds
 from .actuator import Actuator, approach_of
 from .hardware_parameters import MISSING, hardware_parameter, link_parameter
 from .links import MOST_LATE, Link, most_late, perfect
+from .operator_input import OperatorLimits
 from .plant import PlantState
 from .step import Plant, Scale, SensorParameters
 from .traffic import Network
@@ -232,6 +233,33 @@ class SimulatorConfig(ManagedConfig):
         maximum=4000,
         fixed=True,
     )
+    operator_force: float = parameter(
+        "operator.force",
+        0.0,
+        "How much an operator may push the hip, either way; nobody may push if this and the torque are 0",
+        unit="N",
+        minimum=0.0,
+        maximum=1e6,
+        fixed=True,
+    )
+    operator_torque: float = parameter(
+        "operator.torque",
+        0.0,
+        "How much an operator may turn the trunk, either way",
+        unit="N m",
+        minimum=0.0,
+        maximum=1e6,
+        fixed=True,
+    )
+    operator_timeout: float = parameter(
+        "operator.timeout",
+        0.25,
+        "An operator's push ends when nothing has come from him for this long",
+        unit="s",
+        above=0.0,
+        maximum=60.0,
+        fixed=True,
+    )
     publish_clock: bool = parameter(
         "publish_clock", False, "Publish simulated time on /clock", fixed=True
     )
@@ -284,6 +312,14 @@ class SimulatorConfig(ManagedConfig):
             self.fall_angle,
             self.actuator,
         )
+
+    @property
+    def operator_limits(self) -> OperatorLimits | None:
+        """What an operator may do; None if nothing."""
+        if not (self.operator_force or self.operator_torque):
+            return None
+        timeout_ns = nanoseconds(self.operator_timeout)
+        return OperatorLimits(self.operator_force, self.operator_torque, timeout_ns)
 
     @property
     def actuator(self) -> Actuator | None:

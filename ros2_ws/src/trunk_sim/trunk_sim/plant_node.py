@@ -14,14 +14,21 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.base import TrunkNode
-from trunk_msgs_util.node.conversions import WireReader, sample_to_wire, stamp_to_ros
+from trunk_msgs_util.node.conversions import (
+    WireReader,
+    sample_from_ros,
+    sample_to_wire,
+    stamp_to_ros,
+)
 from trunk_msgs_util.patience import HeldUp
 from trunk_msgs_util.process_id import local_pid
+from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import nanoseconds, seconds, step_count
 
 from .answers import RefusedError, disturbance_of, effort_of
 from .config import SimulatorConfig
 from .disturbance_feed import DisturbanceFeed
+from .operator_input import NOTHING, Applied, Operator, asked_of, with_operator
 from .pacing import make_pacing, tick_period
 from .participants_node import GraphParticipants
 from .simulation import DivergedError, Simulation
@@ -47,6 +54,9 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._running = False
         self._started = time.monotonic()
         self._disturbances = DisturbanceFeed(config.period_ns)
+        limits = config.operator_limits
+        self._operator = None if limits is None else Operator(limits)
+        self._applied = NOTHING
         self._held_up = HeldUp()
         self._diagnosed = (time.monotonic(), 0)
         self._pacing = make_pacing(self, config)
@@ -72,6 +82,11 @@ class PlantNode(TrunkNode[SimulatorConfig]):
                 self._on_progress,
                 qos.latest(),
                 raw=True,
+            )
+        if self._operator is not None:
+            self._of_operator = self.create_evidence(topics.OPERATOR_APPLIED)
+            self.create_subscription(
+                JointState, topics.OPERATOR_REQUEST, self._on_request, qos.control()
             )
         self._step_timer = self.every(tick_period(config), self._tick)
         self._step_timer.cancel()
@@ -122,14 +137,26 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         """Step with this effort and publish the new state; a plant that diverges ends the run."""
         if self.exit_code is not None:
             return  # the same tick has more steps to make up, but the run is over
+        acting = with_operator(self._disturbances.acting, self._ask_operator())
         try:
-            self._simulation.step(effort, self._disturbances.acting)
+            self._simulation.step(effort, acting)
         except DivergedError as error:
             self.fail(str(error))
             return
         self._publish_measured()
         self._publish_truth()
         self._say_fall()
+
+    def _ask_operator(self) -> Applied:
+        """Return what the operator does over the step from the current state; tell where it changes."""
+        if self._operator is None:
+            return NOTHING
+        applied = self._operator.applied(self.stamp_ns)
+        if applied != self._applied:
+            self._applied = applied
+            sample = JointSample(self.stamp_ns, self.config.joints, effort=applied)
+            self._of_operator.publish(sample_to_wire(sample))
+        return applied
 
     def finish(self) -> None:
         """End the run: the last state is answered."""
@@ -240,6 +267,16 @@ class PlantNode(TrunkNode[SimulatorConfig]):
             self.count(str(refused))
         else:
             self._answered(topics.DISTURBANCE, sample.stamp_ns)
+
+    def _on_request(self, message: JointState) -> None:
+        if not (self._running and self._operator is not None and self.exit_code is None):
+            return
+        name, sample = message.header.frame_id, sample_from_ros(message)
+        try:
+            asked = asked_of(sample, self.config.joints)
+            self._operator.take(name, sample.stamp_ns, asked, self.stamp_ns)
+        except RefusedError as refused:
+            self.count(str(refused))
 
     def _on_progress(self, data: bytes) -> None:
         stamp_ns = self._read_progress(data).stamp_ns

@@ -196,4 +196,5 @@ def _plan(
         namespace=run.recording.namespace,
         changes={name: some for name, some in changes.items() if some},
         references=references_of(run),
+        operated=run.operated.changes,
     )

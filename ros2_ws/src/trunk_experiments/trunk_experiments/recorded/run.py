@@ -12,6 +12,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError, Value, build
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Integers
     from trunk_msgs_util.recording.messages import Messages
 
+    from ..plans.operated import Operated
     from ..plans.plan import RunPlan
     from ..plans.timeline import Change, Timeline
 
@@ -203,6 +206,21 @@ class RecordedRun:
                 if config.uses_rate:
                     needed |= {("velocity", joint) for joint in joints}
         return sorted(needed)
+
+    @cached_property
+    def operated(self) -> Operated:
+        """What an operator did. Raises RecordingError for messages that cannot be read as such."""
+        from trunk_sim.operator_input import Applied
+
+        from ..plans.operated import Operated
+
+        if not self.count(topics.OPERATOR_APPLIED):
+            return Operated(())
+        table = self.table(topics.OPERATOR_APPLIED)
+        if table.widths["effort"] != 2 or (np.diff(table.stamp_ns) <= 0).any():
+            raise RecordingError(f"{self.path}: {table.topic}: not as a simulator writes it")
+        values = map(Applied._make, table.values("effort").tolist())
+        return Operated(tuple(zip(table.stamp_ns.tolist(), values, strict=True)))
 
     def joints(self, topic: str) -> JointArrays:
         """Return a JointState topic's messages, its name relative or absolute.

@@ -77,8 +77,8 @@ def _around(run: RecordedRun, file: RecordingFile) -> Iterator[str]:
         yield f"{file.attachments} attachments; ours have none"
     controllers = _controllers(run)
     types = topics.evidence_types(controllers)
-    # References for one controller alone have a channel from the first of them on.
-    own = map(topics.own_reference, controllers)
+    # References for one controller alone, and an operator, have a channel from the first of them on.
+    own = (*map(topics.own_reference, controllers), *topics.OPERATOR)
     types |= {name: topics.JOINT_STATE_TYPE for name in own if run.count(name)}
     types |= {name: topics.PICTURES[name] for name in pictures(run)}
     wanted = {run.recording.topic(name): kind for name, kind in types.items()}

@@ -19,6 +19,7 @@ from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
 from ..recorded.turns import idle_ns
+from .as_asked import not_as_asked
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Integers
@@ -43,6 +44,7 @@ def contradictions(run: RecordedRun) -> list[str]:
         *_mode(run),
         *_times(run),
         *_terms(run),
+        *not_as_asked(run),
     ]
 
 

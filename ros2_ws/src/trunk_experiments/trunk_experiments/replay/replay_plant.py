@@ -14,6 +14,7 @@ from trunk_msgs_util.units import nanoseconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.noise import Noise, noise_samples
+from trunk_sim.operator_input import with_operator
 from trunk_sim.plant import PlantState
 from trunk_sim.quick import act_for
 from trunk_sim.simulation import Seen, Simulation
@@ -81,6 +82,7 @@ class PlantReplay:
             None if run.exact else PossibleDisturbances(self._disturbances, exact_from_ns(run))
         )
         self._acting: list[tuple[int, Disturbance]] = []
+        self._operated = run.operated
         self._held = held(run, self._commands)
         self._steps = self._stamps // config.period_ns
         self._row = -1  # before the first state
@@ -258,7 +260,11 @@ class PlantReplay:
         self._timeline.advance(stamp_ns + 1, self)
         # In real time it is the recorded torque, whatever the actuator made it of.
         make = act if self._possible is None else moved
-        steps = [(one, make(self._trunk, command, one[1], self._plant)) for one in self._acting]
+        applied = self._operated.at(stamp_ns)
+        steps = [
+            (one, make(self._trunk, command, with_operator(one[1], applied), self._plant))
+            for one in self._acting
+        ]
         fitting = [one for one in steps if self._fits(one[1])]
         if self._possible is not None and fitting:
             self._possible.chosen(min(since_ns for (since_ns, _), _ in fitting))
@@ -311,6 +317,10 @@ class PlantReplay:
             rows = self._disturbances.rows_of(stamps)
             known = rows >= 0
             disturbances[known] = disturbances_matrix(self._disturbances, rows[known])
+        if self._operated:
+            applied = self._operated.over(stamps)
+            acts = applied.any(axis=1)  # as `with_operator` adds it
+            disturbances[acts, :2] += applied[acts]
         return stretches.PlantRecord(
             by_row(self._truth, stamps),
             by_row(self._measured, stamps),

@@ -262,6 +262,8 @@ def check_compilable(plan: RunPlan) -> None:
         )
     if plan.references:
         raise PlanError("references that come by topic are not compiled: use simulate")
+    if plan.operated:
+        raise PlanError("what an operator does is not compiled: use simulate")
 
 
 def states_of(plan: RunPlan) -> int:

@@ -12,11 +12,13 @@ from trunk_msgs_util.parameters.declarations import Value
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import nanoseconds, seconds, step_count
 from trunk_sim.disturbances import Disturbance, disturbance_at
+from trunk_sim.operator_input import with_operator
 from trunk_sim.quick import Act
 from trunk_sim.simulation import Simulation
 from trunk_sim.step import in_force
 
 from ..errors import PlanError
+from ..plans.operated import Operated
 from ..plans.plan import RunPlan, check_joints
 from ..plans.timeline import begins_active
 
@@ -138,7 +140,7 @@ def steps_from(plan: RunPlan, begin: Begun) -> Iterator[Step]:
     simulator, simulation = plan.simulator, begin.simulation
     of_simulator = plan.timeline("simulator")
     participants = [_Participant(name, one, plan) for name, one in begin.controllers.items()]
-    disturbances = disturbance_source(plan)
+    disturbances, operated = disturbance_source(plan), Operated(plan.operated)
     last = step_count(simulator.duration, simulator.update_rate)
     of_simulator.advance(simulation.stamp_ns)  # `begin` has them
     told_ns, effort, by_hand = begin.told_ns, begin.effort, begin.by_hand
@@ -163,7 +165,8 @@ def steps_from(plan: RunPlan, begin: Begun) -> Iterator[Step]:
         if simulation.step_index == last or simulation.ended_by_fall:
             return
         timeout_ns = nanoseconds(of_simulator.config.command_timeout)
-        simulation.step(in_force(effort, stamp_ns - told_ns, timeout_ns), acting)
+        held = in_force(effort, stamp_ns - told_ns, timeout_ns)
+        simulation.step(held, with_operator(acting, operated.at(stamp_ns)))
 
 
 def disturbance_source(plan: RunPlan) -> Callable[[int], Disturbance]:

@@ -13,6 +13,7 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
 from trunk_msgs_util.picture.film import Film
 from trunk_msgs_util.recording.joint_arrays import Integers
+from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.schemas import event, parameter_event
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.recording.writing.interleaved import Rows
@@ -114,6 +115,10 @@ class OfflineRecorder:
                 topics.evidence_types(tuple(answering)) | dict(pictures)
             ).items()
         }
+        self._operated = [one for one in plan.operated if one[0] > self._before(within.first)]
+        if self._operated:
+            name = within.name(topics.OPERATOR_APPLIED)
+            self._channels[topics.OPERATOR_APPLIED] = writer.channel(name, topics.JOINT_STATE_TYPE)
         self._film = Film() if pictures else None
         # Each source of disturbances is asked at increasing stamps.
         self._messages = StateMessages(plan, self._channels, disturbance_source(plan), within.first)
@@ -217,6 +222,16 @@ class OfflineRecorder:
             changed = self._parameters(change.stamp_ns, node, {}, change.values)
             yield topics.RUN_PARAMETERS, changed
 
+    def _applied(self, states: States, stamp_ns: Integers) -> Iterator[Rows]:
+        """Yield what an operator does on the steps from these states, where it changes."""
+        joints = self._plan.simulator.joints
+        # Nothing acts on a step that is not made: that from the last state.
+        while self._operated and self._operated[0][0] <= stamp_ns[-1]:
+            at_ns, applied = self._operated.pop(0)
+            data = layout_of(sample := JointSample(at_ns, joints, effort=applied)).pack(sample)
+            row = int(np.searchsorted(stamp_ns, at_ns))
+            yield self._single(topics.OPERATOR_APPLIED, row * PLACES + TURNED, at_ns, data)
+
     def _later(self, rows: Rows) -> Rows:
         return rows._replace(time_ns=rows.time_ns + self._within.ahead_ns)
 
@@ -231,6 +246,7 @@ class OfflineRecorder:
         """Write some states, each in the graph's order."""
         stamp_ns = self._messages.stamps(states.first, len(states.table))
         rows = [*self._messages.of(states, stamp_ns), *self._changed(states)]
+        rows += self._applied(states, stamp_ns)
         for row, name, active in states.turned:
             word = Event.ACTIVATED if active else Event.DEACTIVATED
             before_ns = self._last_ns if row == 0 else int(stamp_ns[row - 1])

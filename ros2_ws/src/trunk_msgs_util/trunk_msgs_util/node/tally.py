@@ -95,8 +95,9 @@ class Tally:
         for node, silent in self._silent.items():
             if silent:
                 return False, f"{node}: its parameters were recorded, but none of its events"
-        for topic in heard:  # what nodes, when they ended, said they had published
-            count = self._claimed[self._name_of(topic)]
+        there = {self._name_of(topic): topic for topic in (*heard, *self.counts)}
+        for name, count in self._claimed.items():  # what nodes said they had published
+            topic = there.get(name, name.lstrip("/"))
             if self.counts[topic] < count:
                 return False, f"{topic}: {self.counts[topic]} of {count} messages were recorded"
         return True, reason

@@ -1,0 +1,97 @@
+"""What a person does to the trunk while it runs: one operator at a time, limited, never longer than told.
+
+Whatever is asked for on `topics.OPERATOR_REQUEST` is checked here; what acts on each step is published on
+`topics.OPERATOR_APPLIED`, from which a run is recomputed. Pure.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import NamedTuple
+
+from trunk_msgs_util.samples import JointSample
+
+from .answers import RefusedError
+from .disturbances import Disturbance
+
+_LONGEST_NAME = 64
+
+
+class Applied(NamedTuple):
+    """What the operator's hand does over a step."""
+
+    hip_force: float = 0.0  # N
+    trunk_torque: float = 0.0  # N m
+
+
+NOTHING = Applied()
+
+
+class OperatorLimits(NamedTuple):
+    """How much an operator may do, and for how long without a further word."""
+
+    hip_force: float  # N
+    trunk_torque: float  # N m
+    timeout_ns: int
+
+    def clip(self, asked: Applied) -> Applied:
+        """Return what may act of what was asked for: each value within +- its limit."""
+        return Applied(
+            max(-self.hip_force, min(asked.hip_force, self.hip_force)),
+            max(-self.trunk_torque, min(asked.trunk_torque, self.trunk_torque)),
+        )
+
+
+def with_operator(acting: Disturbance, applied: Applied) -> Disturbance:
+    """Return the disturbance with the operator's force and torque added; as it is where those are 0."""
+    if not (applied.hip_force or applied.trunk_torque):
+        return acting
+    return acting._replace(
+        hip_force=acting.hip_force + applied.hip_force,
+        trunk_torque=acting.trunk_torque + applied.trunk_torque,
+    )
+
+
+def asked_of(sample: JointSample, joints: tuple[str, ...]) -> Applied:
+    """Return what a message asks for: an effort for each joint. Raises RefusedError."""
+    if sample.name != joints or len(sample.effort) != 2:
+        raise RefusedError("requests of the operator malformed")
+    if not all(map(isfinite, sample.effort)):
+        raise RefusedError("requests of the operator not finite")
+    return Applied(*sample.effort)
+
+
+class Operator:
+    """Takes requests; whoever asks first is the operator until nothing has come for the timeout."""
+
+    def __init__(self, limits: OperatorLimits) -> None:
+        self._limits = limits
+        self._name = ""
+        self._stamp_ns = self._heard_ns = -1
+        self._asked = NOTHING
+
+    def take(self, name: str, stamp_ns: int, asked: Applied, now_ns: int) -> None:
+        """Take a request that was made on sight of the state with this stamp.
+
+        Raises RefusedError for one of another operator, of the future, or older than the timeout or the
+        last one.
+        """
+        if not name or len(name) > _LONGEST_NAME:
+            raise RefusedError("requests of an operator without a name")
+        if stamp_ns > now_ns or stamp_ns < now_ns - self._limits.timeout_ns:
+            raise RefusedError("requests of the operator out of time")
+        if self._name not in ("", name) and not self._silent(now_ns):
+            raise RefusedError("requests of a second operator")
+        if name == self._name and stamp_ns < self._stamp_ns:
+            raise RefusedError("requests of the operator out of order")
+        self._name, self._stamp_ns, self._heard_ns = name, stamp_ns, now_ns
+        self._asked = self._limits.clip(asked)
+
+    def _silent(self, now_ns: int) -> bool:
+        return self._heard_ns < 0 or now_ns - self._heard_ns > self._limits.timeout_ns
+
+    def applied(self, now_ns: int) -> Applied:
+        """Return what acts on the step from this stamp on; nothing where the operator has fallen silent."""
+        if self._silent(now_ns):
+            self._name, self._asked = "", NOTHING
+        return self._asked
