@@ -36,6 +36,7 @@ def not_as_asked(run: RecordedRun) -> Iterator[str]:
             yield f"{what}nothing changes at t = {seconds(at_ns):g} s"
     if run.mode == "offline":
         return  # who repeats a run asks for nothing
+    longest_ns = 2 * limits.timeout_ns + run.config("simulator").period_ns
     until_ns = inf if run.branch is None else nanoseconds(run.branch.at)
     requests = run.table(topics.OPERATOR_REQUEST)
     order = np.argsort(requests.stamp_ns, kind="stable")
@@ -52,5 +53,5 @@ def not_as_asked(run: RecordedRun) -> Iterator[str]:
             yield f"{what}what acts from t = {seconds(at_ns):g} s on was asked for by nobody"
         later = stamps[(stamps > at_ns) & (stamps < end_ns)]
         words = [at_ns, *later.tolist(), min(end_ns, until_ns)]
-        if max(after - before for before, after in pairwise(words)) > 2 * limits.timeout_ns:
+        if max(after - before for before, after in pairwise(words)) > longest_ns:
             yield f"{what}what acts from t = {seconds(at_ns):g} s on lasts longer than it was asked for"
