@@ -80,7 +80,7 @@ def test_a_recorder_that_is_stopped_between_a_command_and_its_terms_accuses_nobo
 ):
     # A command that is missing before the last terms ends what can be judged, terms do not.
     beyond = DIVERGES if topic == STATE else UNJUDGED
-    for cut, expected in ((1, UNJUDGED), (2, beyond)):
+    for cut, expected in ((1, UNJUDGED), (2, beyond), (3, beyond)):
         path = without_the_last(whole, tmp_path / f"{cut}.mcap", topic, cut, stopped=True)
         assert verify(Recording.open(path)).exit_code == expected
 
@@ -96,6 +96,19 @@ def test_answers_of_a_node_that_was_killed_and_started_again_accuse_nobody(
     verdict = verify(Recording.open(path))
     assert verdict.exit_code == UNJUDGED
     assert any("answers are missing from t = 0 s" in line for line in verdict.reasons)
+
+
+@pytest.mark.parametrize("lost", [1, 2, 3])
+@pytest.mark.parametrize("topics_", [(STATE, topics.EFFORT_COMMAND), (topics.DISTURBANCE,)])
+def test_answers_that_a_stopped_recorder_has_missed_accuse_nobody(whole, tmp_path, topics_, lost):
+    counts = {f"/{name}": Recording.open(whole).topics[f"/{name}"].count for name in topics_}
+
+    def earlier(name, data, index):
+        return name not in topics_ or index < counts[f"/{name}"] - lost
+
+    path = copy(whole, tmp_path / "stopped.mcap", earlier, stopped=True)
+    verdict = verify(Recording.open(path))
+    assert verdict.exit_code == UNJUDGED, verdict.reasons
 
 
 PARTS = {

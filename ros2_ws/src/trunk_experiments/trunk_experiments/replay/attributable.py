@@ -196,7 +196,23 @@ def cut_off_ns(run: RecordedRun) -> int | None:
         return both + 1 if killed(run) else None  # both of its last answer may be missing
     last = max(int(stamps.max()) for stamps in (commands, *told) if len(stamps))
     both_there = (commands == last).any() and any((stamps == last).any() for stamps in told)
-    return None if both_there else last
+    return min([*_beyond(run), *([] if both_there else [last])], default=None)
+
+
+def _beyond(run: RecordedRun) -> Iterator[int]:
+    """Yield the first stamp that depends on an answer after the last recorded ones, of an exact run.
+
+    A command acts on the step to the next state, a disturbance on the measurement of its own.
+    """
+    truth = run.table(topics.GROUND_TRUTH).stamp_ns
+    commands, disturbances = (
+        run.table(t).stamp_ns for t in (topics.EFFORT_COMMAND, topics.DISTURBANCE)
+    )
+    unanswered = np.setdiff1d(truth[truth > commands.max()], idle_ns(run))
+    if len(unanswered) and truth.max() > unanswered[0]:
+        yield int(unanswered[0]) + 1
+    if len(disturbances):
+        yield from truth[truth > disturbances.max()][:1].tolist()
 
 
 def recorded_until_ns(run: RecordedRun) -> int | None:
