@@ -10,8 +10,7 @@ EFFORT_COMMAND = "effort_command"
 DISTURBANCE = "disturbance"
 REFERENCE = "reference"
 OPERATOR_REQUEST = "operator/request"
-OPERATOR_APPLIED = "operator/applied"
-OPERATOR = (OPERATOR_REQUEST, OPERATOR_APPLIED)
+OPERATOR_PUSH = "operator/push"
 RUN_PARAMETERS = "run/parameters"
 RUN_EVENTS = "run/events"
 RECORDER_PROGRESS = "recorder/progress"
@@ -86,14 +85,18 @@ DESCRIPTIONS = (
         "one operator",
         (
             "hip and trunk: effort [N, N m], held until the next one; stamped with the state that was seen, "
-            "`header.frame_id` names the operator; taken if `operator.force` or `operator.torque` is above 0"
+            "`header.frame_id` names the operator; taken if `operator.force` or `operator.torque` is above "
+            "0; not recorded"
         ),
     ),
     (
-        OPERATOR_APPLIED,
+        OPERATOR_PUSH,
         JOINT_STATE_TYPE,
         "simulator",
-        "what acts of that from the step after the state with the stamp on, whenever it changes",
+        (
+            "each request that was taken, within its limits: acts from the step after the state with the "
+            "stamp on, until the next one, and not longer than `operator.timeout`"
+        ),
     ),
     (
         "CONTROLLER/reference",
@@ -178,6 +181,11 @@ def controller_state(controller: str) -> str:
 def own_reference(controller: str) -> str:
     """Return the topic of the references for one controller node alone, ``~/reference``."""
     return f"{controller}/{REFERENCE}"
+
+
+def is_own_reference(relative: str) -> bool:
+    """Return True for the name of some node's ``~/reference``."""
+    return relative.count("/") == 1 and relative.endswith(f"/{REFERENCE}")
 
 
 def is_controller_state(relative: str) -> bool:

@@ -25,7 +25,10 @@ PUSH = Applied(0.0, 20.0)
 def test_what_acts_is_limited_and_ends_when_nobody_speaks():
     operator = Operator(LIMITS)
     assert operator.applied(0) == NOTHING
+    assert operator.told() is None
     operator.take("a", 0, Applied(-99.0, 99.0), 5)
+    assert operator.told() == Applied(-10.0, 50.0)
+    assert operator.told() is None
     assert operator.applied(5) == operator.applied(105) == Applied(-10.0, 50.0)
     assert operator.applied(106) == NOTHING
 
@@ -65,6 +68,12 @@ def test_what_is_refused(name, stamp_ns, match):
 def test_a_malformed_request(names, effort):
     with pytest.raises(RefusedError, match="malformed"):
         asked_of(JointSample(0, names, effort=effort), ("hip", "trunk"))
+
+
+@pytest.mark.parametrize("more", [{"position": (0.0, 0.0)}, {"velocity": (1.0,)}])
+def test_a_request_is_of_efforts_alone(more):
+    with pytest.raises(RefusedError, match="malformed"):
+        asked_of(JointSample(0, ("hip", "trunk"), effort=(0.0, 1.0), **more), ("hip", "trunk"))
 
 
 @pytest.mark.parametrize("value", [nan, inf, -inf])

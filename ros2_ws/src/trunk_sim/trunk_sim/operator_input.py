@@ -1,7 +1,7 @@
 """What a person does to the trunk while it runs: one operator at a time, limited, never longer than told.
 
-Whatever is asked for on `topics.OPERATOR_REQUEST` is checked here; what acts on each step is published on
-`topics.OPERATOR_APPLIED`, from which a run is recomputed. Pure.
+Whatever is asked for on `topics.OPERATOR_REQUEST` is checked here. What is taken is published on
+`topics.OPERATOR_PUSH`, from which a run is recomputed. Pure.
 """
 
 from __future__ import annotations
@@ -34,6 +34,10 @@ class OperatorLimits(NamedTuple):
     trunk_torque: float  # N m
     timeout_ns: int
 
+    def apply(self, asked: Applied, since_ns: int, now_ns: int) -> Applied:
+        """Return what acts at a stamp of a request that was taken at another: it is too old after a while."""
+        return asked if now_ns - since_ns <= self.timeout_ns else NOTHING
+
     def clip(self, asked: Applied) -> Applied:
         """Return what may act of what was asked for: each value within +- its limit."""
         return Applied(
@@ -54,7 +58,7 @@ def with_operator(acting: Disturbance, applied: Applied) -> Disturbance:
 
 def asked_of(sample: JointSample, joints: tuple[str, ...]) -> Applied:
     """Return what a message asks for: an effort for each joint. Raises RefusedError."""
-    if sample.name != joints or len(sample.effort) != 2:
+    if sample.name != joints or len(sample.effort) != 2 or sample.position or sample.velocity:
         raise RefusedError("requests of the operator malformed")
     if not all(map(isfinite, sample.effort)):
         raise RefusedError("requests of the operator not finite")
@@ -67,8 +71,9 @@ class Operator:
     def __init__(self, limits: OperatorLimits) -> None:
         self._limits = limits
         self._name = ""
-        self._stamp_ns = self._heard_ns = -1
+        self._stamp_ns = self._since_ns = -1
         self._asked = NOTHING
+        self._new = False
 
     def take(self, name: str, stamp_ns: int, asked: Applied, now_ns: int) -> None:
         """Take a request that was made on sight of the state with this stamp.
@@ -80,18 +85,19 @@ class Operator:
             raise RefusedError("requests of an operator without a name")
         if stamp_ns > now_ns or stamp_ns < now_ns - self._limits.timeout_ns:
             raise RefusedError("requests of the operator out of time")
-        if self._name not in ("", name) and not self._silent(now_ns):
+        silent = self._since_ns < 0 or now_ns - self._since_ns > self._limits.timeout_ns
+        if self._name not in ("", name) and not silent:
             raise RefusedError("requests of a second operator")
         if name == self._name and stamp_ns < self._stamp_ns:
             raise RefusedError("requests of the operator out of order")
-        self._name, self._stamp_ns, self._heard_ns = name, stamp_ns, now_ns
-        self._asked = self._limits.clip(asked)
+        self._name, self._stamp_ns, self._since_ns = name, stamp_ns, now_ns
+        self._asked, self._new = self._limits.clip(asked), True
 
-    def _silent(self, now_ns: int) -> bool:
-        return self._heard_ns < 0 or now_ns - self._heard_ns > self._limits.timeout_ns
+    def told(self) -> Applied | None:
+        """Return the last request that was taken, if it came after the last call."""
+        new, self._new = self._new, False
+        return self._asked if new else None
 
     def applied(self, now_ns: int) -> Applied:
         """Return what acts on the step from this stamp on; nothing where the operator has fallen silent."""
-        if self._silent(now_ns):
-            self._name, self._asked = "", NOTHING
-        return self._asked
+        return self._limits.apply(self._asked, self._since_ns, now_ns)

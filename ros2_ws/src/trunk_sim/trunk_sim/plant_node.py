@@ -56,7 +56,6 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._disturbances = DisturbanceFeed(config.period_ns)
         limits = config.operator_limits
         self._operator = None if limits is None else Operator(limits)
-        self._applied = NOTHING
         self._held_up = HeldUp()
         self._diagnosed = (time.monotonic(), 0)
         self._pacing = make_pacing(self, config)
@@ -84,7 +83,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
                 raw=True,
             )
         if self._operator is not None:
-            self._of_operator = self.create_evidence(topics.OPERATOR_APPLIED)
+            self._pushes = self.create_evidence(topics.OPERATOR_PUSH)
             self.create_subscription(
                 JointState, topics.OPERATOR_REQUEST, self._on_request, qos.control()
             )
@@ -137,7 +136,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         """Step with this effort and publish the new state; a plant that diverges ends the run."""
         if self.exit_code is not None:
             return  # the same tick has more steps to make up, but the run is over
-        acting = with_operator(self._disturbances.acting, self._ask_operator())
+        acting = with_operator(self._disturbances.acting, self._pushed())
         try:
             self._simulation.step(effort, acting)
         except DivergedError as error:
@@ -147,16 +146,15 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._publish_truth()
         self._say_fall()
 
-    def _ask_operator(self) -> Applied:
-        """Return what the operator does over the step from the current state; tell where it changes."""
+    def _pushed(self) -> Applied:
+        """Return what the operator does over the step from the current state; tell what was taken for it."""
         if self._operator is None:
             return NOTHING
-        applied = self._operator.applied(self.stamp_ns)
-        if applied != self._applied:
-            self._applied = applied
-            sample = JointSample(self.stamp_ns, self.config.joints, effort=applied)
-            self._of_operator.publish(sample_to_wire(sample))
-        return applied
+        taken = self._operator.told()
+        if taken is not None:
+            sample = JointSample(self.stamp_ns, self.config.joints, effort=taken)
+            self._pushes.publish(sample_to_wire(sample))
+        return self._operator.applied(self.stamp_ns)
 
     def finish(self) -> None:
         """End the run: the last state is answered."""

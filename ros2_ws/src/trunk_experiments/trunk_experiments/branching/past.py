@@ -43,6 +43,8 @@ class Past:
         recording = self._run.recording
         numbers: dict[str, int] = {}
         for name, topic in recording.topics.items():
+            if self._began_later(name):
+                continue
             try:
                 numbers[name] = writer.channel(name, topic.type)
             except ValueError as error:
@@ -51,6 +53,12 @@ class Past:
                 ) from None
         for source, messages in recording.copies(list(recording.topics)):
             writer.write_rows(list(self._rows(source, messages, numbers)))
+
+    def _began_later(self, name: str) -> bool:
+        """Return True for a topic that has its channel from a first message on, which comes later."""
+        relative = self._run.recording.relative(name)
+        own = relative == topics.OPERATOR_PUSH or topics.is_own_reference(relative)
+        return own and not (self._run.table(relative).stamp_ns < self._stamp_ns).any()
 
     def _rows(
         self, source: RecordingFile, messages: Messages, numbers: Mapping[str, int]

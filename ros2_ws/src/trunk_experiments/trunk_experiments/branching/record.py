@@ -143,8 +143,8 @@ class _BranchRecorder(OfflineRecorder):
     def _published(self) -> None:
         plan, topic, states = self._plan, self._run.recording.topic, self.states
         counts = {"simulator": dict.fromkeys(PUBLISHES["simulator"][:2], states)}
-        if applied := sum(at_ns <= self._last_ns for at_ns, _ in plan.operated):
-            counts["simulator"][topics.OPERATOR_APPLIED] = applied
+        if pushes := sum(at_ns <= self._last_ns for at_ns, _ in plan.pushes):
+            counts["simulator"][topics.OPERATOR_PUSH] = pushes
         if plan.disturbance is not None:
             since = states + 1 - self._resumed.first
             told = self._before_branch(topics.DISTURBANCE) + since

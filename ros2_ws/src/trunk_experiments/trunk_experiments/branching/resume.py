@@ -108,7 +108,7 @@ def _unsound(run: RecordedRun, stamp_ns: int) -> str:
     recorded_ns = recorded_until_ns(run)
     for what, from_ns in (
         ("two simulators or controllers, or one started anew", shared_from_ns(run)),
-        ("states are missing", missed_from_ns(run)),
+        ("states or answers are missing", missed_from_ns(run)),
         ("the end is cut off", cut_off_ns(run)),
         ("the recorder was inactive", None if recorded_ns is None else recorded_ns + 1),
     ):
@@ -196,5 +196,5 @@ def _plan(
         namespace=run.recording.namespace,
         changes={name: some for name, some in changes.items() if some},
         references=references_of(run),
-        operated=run.operated.changes,
+        pushes=run.operated.pushes,
     )

@@ -1,4 +1,4 @@
-"""What an operator did in a recorded run, step by step."""
+"""What an operator does in a run, step by step."""
 
 from __future__ import annotations
 
@@ -8,28 +8,32 @@ from collections.abc import Sequence
 import numpy as np
 
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
-from trunk_sim.operator_input import NOTHING, Applied
+from trunk_sim.operator_input import NOTHING, Applied, OperatorLimits
 
-Changes = Sequence[tuple[int, Applied]]  # from a stamp [ns] on, ascending
+Pushes = Sequence[tuple[int, Applied]]  # what was taken, and at which stamp [ns], ascending
 
 
 class Operated:
-    """A run's operator: each change holds until the next one."""
+    """A run's operator: each push holds until the next one, or until it is too old."""
 
-    def __init__(self, changes: Changes) -> None:
-        self.changes = tuple(changes)
-        self._stamps = [stamp_ns for stamp_ns, _ in changes]
+    def __init__(self, pushes: Pushes, limits: OperatorLimits | None) -> None:
+        """``limits``: None where nobody may push; then nothing acts."""
+        self.pushes = tuple(pushes) if limits is not None else ()
+        self._limits = limits
+        self._stamps = [stamp_ns for stamp_ns, _ in self.pushes]
 
     def __bool__(self) -> bool:
         """Return True if there was one."""
-        return bool(self.changes)
+        return bool(self.pushes)
 
     def at(self, stamp_ns: int) -> Applied:
         """Return what acts on the step from the state with this stamp."""
         row = bisect_right(self._stamps, stamp_ns) - 1
-        return self.changes[row][1] if row >= 0 else NOTHING
+        if row < 0 or self._limits is None:
+            return NOTHING
+        since_ns, asked = self.pushes[row]
+        return self._limits.apply(asked, since_ns, stamp_ns)
 
     def over(self, stamps: Integers) -> Floats:
         """Return what acts on the steps from these states [N, 2]: N and N m."""
-        rows = np.searchsorted(self._stamps, stamps, side="right")
-        return np.array([NOTHING, *(applied for _, applied in self.changes)])[rows]
+        return np.array([self.at(stamp_ns) for stamp_ns in stamps.tolist()]).reshape(-1, 2)

@@ -33,7 +33,7 @@ from .doubtful import check_targets, large_angles, not_taken
 from .files import find_file, parse_setting, scenario_layers
 from .layers import config_from
 from .nodes import CONTROLLERS, declared_names
-from .operated import Changes
+from .operated import Pushes
 from .timeline import Change, Timeline
 from .turns import Swap, turns_of
 
@@ -55,7 +55,7 @@ class RunPlan:
     # What came from outside during a recorded run: changes by node, references [rad] by stamp.
     changes: Mapping[str, Sequence[Change]] = field(default_factory=dict)
     references: Mapping[int, float] = field(default_factory=dict)
-    operated: Changes = ()  # what an operator did, from each stamp on
+    pushes: Pushes = ()  # what was taken from an operator
 
     @property
     def controller_name(self) -> str:

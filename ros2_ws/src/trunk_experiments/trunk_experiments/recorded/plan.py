@@ -35,7 +35,7 @@ def plan_of(run: RecordedRun) -> RunPlan:
         plan,
         changes={name: found for name, found in changes.items() if found},
         references=references_of(run),
-        operated=run.operated.changes,
+        pushes=run.operated.pushes,
     )
 
 

@@ -214,13 +214,16 @@ class RecordedRun:
 
         from ..plans.operated import Operated
 
-        if not self.count(topics.OPERATOR_APPLIED):
-            return Operated(())
-        table = self.table(topics.OPERATOR_APPLIED)
+        limits = (
+            self.config("simulator").operator_limits if "simulator" in self.parameters else None
+        )
+        if limits is None or not self.count(topics.OPERATOR_PUSH):
+            return Operated((), limits)
+        table = self.table(topics.OPERATOR_PUSH)
         if table.widths["effort"] != 2 or (np.diff(table.stamp_ns) <= 0).any():
             raise RecordingError(f"{self.path}: {table.topic}: not as a simulator writes it")
         values = map(Applied._make, table.values("effort").tolist())
-        return Operated(tuple(zip(table.stamp_ns.tolist(), values, strict=True)))
+        return Operated(tuple(zip(table.stamp_ns.tolist(), values, strict=True)), limits)
 
     def joints(self, topic: str) -> JointArrays:
         """Return a JointState topic's messages, its name relative or absolute.

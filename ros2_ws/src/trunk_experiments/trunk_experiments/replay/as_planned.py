@@ -38,6 +38,7 @@ _LATER: dict[str, tuple[tuple[str, ...], ...]] = {
             *(f"link.{way}.{name}" for way in ("state", "command") for name in LINK),
             *("link.command.missing", "link.seed"),
         ),
+        ("operator.force", "operator.torque", "operator.timeout"),
     ),
     "computed_torque": (("model.path_cosines", "model.path_sines"),),
     "disturbance": (

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..recorded.run import RecordedRun
 
 PUBLISHES = {
-    "simulator": (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.OPERATOR_APPLIED),
+    "simulator": (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.OPERATOR_PUSH),
     "disturbance": (topics.DISTURBANCE,),
     **{name: (topics.controller_state(name), topics.EFFORT_COMMAND) for name in CONTROLLERS},
 }

@@ -78,7 +78,7 @@ def _around(run: RecordedRun, file: RecordingFile) -> Iterator[str]:
     controllers = _controllers(run)
     types = topics.evidence_types(controllers)
     # References for one controller alone, and an operator, have a channel from the first of them on.
-    own = (*map(topics.own_reference, controllers), *topics.OPERATOR)
+    own = (*map(topics.own_reference, controllers), topics.OPERATOR_PUSH)
     types |= {name: topics.JOINT_STATE_TYPE for name in own if run.count(name)}
     types |= {name: topics.PICTURES[name] for name in pictures(run)}
     wanted = {run.recording.topic(name): kind for name, kind in types.items()}
@@ -231,6 +231,8 @@ def layouts(run: RecordedRun) -> dict[str, JointStateLayout]:
     }
     if run.count(topics.DISTURBANCE):
         found[topics.DISTURBANCE] = JointStateLayout(run.config("disturbance").joints, 2, 0, 2)
+    if run.count(topics.OPERATOR_PUSH):
+        found[topics.OPERATOR_PUSH] = JointStateLayout(joints, 0, 0, 2)
     for name in run.controllers:
         if name in CONTROLLERS:
             joint = run.config(name).joint

@@ -54,6 +54,7 @@ def shared_from_ns(run: RecordedRun) -> int | None:
             found += doubled[1:][np.diff(doubled) == 0][:1].tolist()
             ahead = truth + run.config("disturbance").period_ns
             found += _of_a_stranger(disturbances, np.concatenate([truth, ahead]))
+        found += _of_another_hand(run)
     return min([*found, *_replaced(run), *_started_anew(run), *_rivals(run)], default=None)
 
 
@@ -65,6 +66,16 @@ def _before_fall(stamps: Integers, place: int) -> int:
     ahead = place > 0 and stamps[place + 1] > stamps[place - 1]
     before = stamps[: place + (0 if ahead else 1)].max()
     return int(min(before, stamps[place + 1 :].min()))
+
+
+def _of_another_hand(run: RecordedRun) -> list[int]:
+    """Return the first push's stamp where there are others than the simulator says to have taken."""
+    topic = run.recording.topic(topics.OPERATOR_PUSH)
+    words = [event.values for event in run.events if event.message == Event.PUBLISHED]
+    taken = sum(int(said[topic]) for said in words if said.get(topic, "").isdecimal())
+    if not words or run.count(topics.OPERATOR_PUSH) <= taken:
+        return []
+    return [int(run.table(topics.OPERATOR_PUSH).stamp_ns.min())]
 
 
 def _of_a_stranger(stamps: Integers, known: Integers) -> Iterator[int]:
@@ -166,8 +177,9 @@ def _unanswered(run: RecordedRun) -> Iterator[int]:
     for relative in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
         stamps = run.table(relative).stamp_ns
         since_ns = exact_from_ns(run)
-        if relative == topics.DISTURBANCE and run.branch is not None:
-            since_ns = int(stamps.min(initial=0))  # its node may have joined at the branch
+        may_join = run.branch is not None or relative not in run.config("simulator").wait_for
+        if relative == topics.DISTURBANCE and may_join:
+            since_ns = int(stamps.min(initial=0))
         absent = np.setdiff1d(truth[(truth >= since_ns) & (truth < stamps.max(initial=0))], stamps)
         if relative == topics.EFFORT_COMMAND:
             absent = np.setdiff1d(absent, idle_ns(run))

@@ -19,7 +19,7 @@ from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
 from ..recorded.turns import idle_ns
-from .as_asked import not_as_asked
+from .by_hand import not_by_hand
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Integers
@@ -44,7 +44,7 @@ def contradictions(run: RecordedRun) -> list[str]:
         *_mode(run),
         *_times(run),
         *_terms(run),
-        *not_as_asked(run),
+        *not_by_hand(run),
     ]
 
 
@@ -55,6 +55,7 @@ def _names(run: RecordedRun) -> Iterator[str]:
         (topics.GROUND_TRUTH, simulator.joints, _JOINTS),
         (topics.JOINT_STATES, simulator.joints, _JOINTS),
         (topics.DISTURBANCE, simulator.joints, ("position", "effort")),
+        (topics.OPERATOR_PUSH, simulator.joints, ("effort",)),
     ]
     known = [name for name in run.controllers if name in CONTROLLERS]
     joints = sorted({run.config(name).joint for name in known})

@@ -22,6 +22,7 @@ from trunk_msgs_util.provenance import ARITHMETIC
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import nanoseconds, seconds
 from trunk_sim.disturbances import Disturbance
+from trunk_sim.operator_input import with_operator
 
 from ..analysis.run_table import RunTable
 from ..plans.nodes import CONTROLLERS, unknown_controllers
@@ -82,7 +83,7 @@ class Explanation:
         bool  # True: the limits are narrowed around the torque that acted (handover.max_step)
     )
     windup: Windup | None  # None: the law is not of the PID's kind
-    disturbance: Disturbance  # acting on plant and measurement at the update
+    disturbance: Disturbance  # acting at the update, with what an operator does
     true_angle: float | None  # rad; None on a robot that is not ours
     took_over: bool  # True: a takeover while the plant moved, from the torque that acted
     recorded: float  # N m, the command in the recording
@@ -195,7 +196,10 @@ def explain(run: RecordedRun, at: float) -> Explanation:
         limits=(update.law.u_min, update.law.u_max),
         handing_over=update.handing_over,
         windup=_windup(update) if isinstance(terms, Terms) else None,
-        disturbance=acting_at(run.table(topics.DISTURBANCE), update.stamp_ns),
+        disturbance=with_operator(
+            acting_at(run.table(topics.DISTURBANCE), update.stamp_ns),
+            run.operated.at(update.stamp_ns),
+        ),
         true_angle=float(table.theta[at_update]) if ours else None,
         took_over=update.took_over,
         recorded=commands.get(update.stamp_ns, "effort", 1)[0],

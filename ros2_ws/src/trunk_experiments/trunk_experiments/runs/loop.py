@@ -262,7 +262,7 @@ def check_compilable(plan: RunPlan) -> None:
         )
     if plan.references:
         raise PlanError("references that come by topic are not compiled: use simulate")
-    if plan.operated:
+    if plan.pushes:
         raise PlanError("what an operator does is not compiled: use simulate")
 
 

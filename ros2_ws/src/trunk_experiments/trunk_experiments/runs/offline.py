@@ -140,7 +140,10 @@ def steps_from(plan: RunPlan, begin: Begun) -> Iterator[Step]:
     simulator, simulation = plan.simulator, begin.simulation
     of_simulator = plan.timeline("simulator")
     participants = [_Participant(name, one, plan) for name, one in begin.controllers.items()]
-    disturbances, operated = disturbance_source(plan), Operated(plan.operated)
+    disturbances, operated = (
+        disturbance_source(plan),
+        Operated(plan.pushes, simulator.operator_limits),
+    )
     last = step_count(simulator.duration, simulator.update_rate)
     of_simulator.advance(simulation.stamp_ns)  # `begin` has them
     told_ns, effort, by_hand = begin.told_ns, begin.effort, begin.by_hand

@@ -115,10 +115,7 @@ class OfflineRecorder:
                 topics.evidence_types(tuple(answering)) | dict(pictures)
             ).items()
         }
-        self._operated = [one for one in plan.operated if one[0] > self._before(within.first)]
-        if self._operated:
-            name = within.name(topics.OPERATOR_APPLIED)
-            self._channels[topics.OPERATOR_APPLIED] = writer.channel(name, topics.JOINT_STATE_TYPE)
+        self._pushes = [one for one in plan.pushes if one[0] > self._before(within.first)]
         self._film = Film() if pictures else None
         # Each source of disturbances is asked at increasing stamps.
         self._messages = StateMessages(plan, self._channels, disturbance_source(plan), within.first)
@@ -222,15 +219,17 @@ class OfflineRecorder:
             changed = self._parameters(change.stamp_ns, node, {}, change.values)
             yield topics.RUN_PARAMETERS, changed
 
-    def _applied(self, states: States, stamp_ns: Integers) -> Iterator[Rows]:
-        """Yield what an operator does on the steps from these states, where it changes."""
-        joints = self._plan.simulator.joints
-        # Nothing acts on a step that is not made: that from the last state.
-        while self._operated and self._operated[0][0] <= stamp_ns[-1]:
-            at_ns, applied = self._operated.pop(0)
+    def _pushed(self, stamp_ns: Integers) -> Iterator[Rows]:
+        """Yield what was taken from an operator for the steps from these states."""
+        joints, topic = self._plan.simulator.joints, topics.OPERATOR_PUSH
+        while self._pushes and self._pushes[0][0] <= stamp_ns[-1]:
+            if topic not in self._channels:
+                name = self._within.name(topic)
+                self._channels[topic] = self._writer.channel(name, topics.JOINT_STATE_TYPE)
+            at_ns, applied = self._pushes.pop(0)
             data = layout_of(sample := JointSample(at_ns, joints, effort=applied)).pack(sample)
             row = int(np.searchsorted(stamp_ns, at_ns))
-            yield self._single(topics.OPERATOR_APPLIED, row * PLACES + TURNED, at_ns, data)
+            yield self._single(topic, row * PLACES + TURNED, at_ns, data)
 
     def _later(self, rows: Rows) -> Rows:
         return rows._replace(time_ns=rows.time_ns + self._within.ahead_ns)
@@ -246,7 +245,7 @@ class OfflineRecorder:
         """Write some states, each in the graph's order."""
         stamp_ns = self._messages.stamps(states.first, len(states.table))
         rows = [*self._messages.of(states, stamp_ns), *self._changed(states)]
-        rows += self._applied(states, stamp_ns)
+        rows += self._pushed(stamp_ns)
         for row, name, active in states.turned:
             word = Event.ACTIVATED if active else Event.DEACTIVATED
             before_ns = self._last_ns if row == 0 else int(stamp_ns[row - 1])

@@ -125,8 +125,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def _follow(self) -> None:
         """Hear who is new: every publisher, and each node in this namespace that has a ``~/state``.
 
-        From then on, the references for such a node alone are heard too; and an operator, where the
-        simulator takes one.
+        From then on, the references for such a node alone are heard too; and an operator's pushes, where
+        the simulator takes any.
         """
         for heard in list(self._heard.values()):
             heard.look()
@@ -135,7 +135,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             relative = name.removeprefix(prefix)
             if (
                 name.startswith(prefix)
-                and (topics.is_controller_state(relative) or relative in topics.OPERATOR)
+                and (topics.is_controller_state(relative) or relative == topics.OPERATOR_PUSH)
                 and topics.JOINT_STATE_TYPE in types
                 and relative not in self._heard
                 and self._writer is not None

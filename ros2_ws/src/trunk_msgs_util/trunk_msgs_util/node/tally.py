@@ -25,15 +25,15 @@ class Tally:
         self.end: RunEvent | None = None
         self._kinds: dict[str, str] = {}  # of nodes, by what they say
         self._claimed: Counter[str] = Counter()  # by the nodes that have ended
-        self._silent: dict[
-            str, bool
-        ] = {}  # nodes of which something is recorded: no event of theirs?
+        self._anew = False  # was a node cleaned up, which counts anew from then on?
+        self._silent: dict[str, bool] = {}  # nodes of which there is something: is it no event?
 
     def hear(self, event: RunEvent) -> None:
         """Take an event. Raises ValueError for one that no node of ours sends."""
         self._silent[event.node] = False
         if event.message == Event.PUBLISHED:
             self._claimed.update({topic: int(count) for topic, count in event.values.items()})
+        self._anew |= event.message == Event.CLEANED_UP
         if event.message == Event.CONFIGURED:
             self._kinds[event.node] = event.values.get("kind", "")
         kind = self._kinds.get(event.node) or event.node.rpartition("/")[2]
@@ -52,6 +52,8 @@ class Tally:
         ``heard``: how many messages of our nodes there are, by topic. Of one that was killed, there is no
         count; where no node of the topic has said any, that is plain to see in the file.
         """
+        if self._anew:
+            return []
         return [
             f"{topic}: {count} messages of our nodes, {claimed} by their own count: one was killed"
             for topic, count in heard.items()
@@ -84,8 +86,10 @@ class Tally:
         for topic in heard:
             # One node's alone: the disturbance, a law's terms. Commands may also be those of a stranger.
             count = self._claimed[self._name_of(topic)]
-            alone = topic == topics.DISTURBANCE or topics.is_controller_state(topic)
-            if alone and 0 < count < self.counts[topic]:
+            pushes = topic == topics.OPERATOR_PUSH
+            alone = pushes or topic == topics.DISTURBANCE or topics.is_controller_state(topic)
+            # A simulator that nobody has pushed counts nothing.
+            if alone and not self._anew and (count or pushes) and count < self.counts[topic]:
                 return False, (
                     f"{topic}: {self.counts[topic]} messages, {count} are its node's: "
                     "another node publishes there too"

@@ -1,0 +1,74 @@
+"""An operator's pushes on record: of nobody who may, too strong, at no time, or altered."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import nan
+
+import pytest
+
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.replay.verify import DIVERGES, VERIFIED, verify
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording.reader import Recording
+from trunk_sim.operator_input import Applied
+
+from ..edited import ANEW, copied
+from .messages import of
+
+PUSH = f"/{topics.OPERATOR_PUSH}"
+PUSHES = ((50_000_000, Applied(0.0, 30.0)), (150_000_000, Applied(0.0, -30.0)))
+
+
+@pytest.fixture(scope="module")
+def pushed(tmp_path_factory):
+    """Return the recording of a run in which somebody pushed twice."""
+    path = tmp_path_factory.mktemp("pushed") / "run.mcap"
+    everywhere = {"duration": 0.6, "operator.torque": 30.0}
+    plan = make_plan("fig8", "pid", settings=(), everywhere=everywhere)
+    record_offline(replace(plan, pushes=PUSHES), path)
+    return path
+
+
+def verdict_of(pushed, path, edit):
+    return verify(copied(pushed, path, edit, ANEW))
+
+
+def test_it_verifies(pushed):
+    assert verify(Recording.open(pushed)).exit_code == VERIFIED
+    assert Recording.open(pushed).topics[PUSH].count == 2
+
+
+def put(messages, row, **efforts):
+    """Write other efforts, or another stamp, into a push; an effort is a double at the message's end."""
+    import struct
+
+    message = list(of(messages, PUSH))[row]
+    data = bytearray(message[2])
+    for place, value in efforts.items():
+        end = {"torque": len(data) - 8, "force": len(data) - 16}.get(place)
+        if end is None:
+            struct.pack_into("<iI", data, 4, 0, value)
+        else:
+            struct.pack_into("<d", data, end, value)
+    message[2] = bytes(data)
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda m: put(m, 0, torque=29.999999999),
+        lambda m: put(m, 1, torque=-31.0),
+        lambda m: put(m, 1, torque=nan),
+        lambda m: put(m, 0, force=1.0),
+        lambda m: put(m, 0, stamp=51_000_000),
+        lambda m: put(m, 0, stamp=50_500_000),
+        lambda m: m.remove(list(of(m, PUSH))[1]),
+        lambda m: [m.remove(one) for one in list(of(m, PUSH))],
+    ],
+    ids=["weaker", "stronger", "nan", "force", "later", "between", "one_gone", "both_gone"],
+)
+def test_what_was_altered_diverges(pushed, tmp_path, edit):
+    verdict = verdict_of(pushed, tmp_path / "edited.mcap", edit)
+    assert verdict.exit_code == DIVERGES, verdict.reasons
