@@ -63,7 +63,7 @@ def test_every_parameter_is_drawn():
 
 
 def test_the_comparison_detects_one_changed_bit(batch, monkeypatch):
-    plan = random_plan(0)
+    plan = make_plan("fig8", "pid", everywhere={"duration": 0.1})
     loop = closed_loop.compiled_loop(tuple(plan.controllers))
 
     def off(surroundings, memories, participants, noise, history, out):

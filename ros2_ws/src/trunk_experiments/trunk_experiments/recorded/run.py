@@ -214,11 +214,12 @@ class RecordedRun:
 
         from ..plans.operated import Operated
 
-        limits = (
-            self.config("simulator").operator_limits if "simulator" in self.parameters else None
-        )
-        if limits is None or not self.count(topics.OPERATOR_PUSH):
-            return Operated((), limits)
+        if not (self.count(topics.OPERATOR_PUSH) and "simulator" in self.parameters):
+            return Operated((), None)
+        try:
+            limits = self.config("simulator").operator_limits
+        except ParameterError as error:
+            raise RecordingError(f"{self.path}: {error}") from None
         table = self.table(topics.OPERATOR_PUSH)
         if table.widths["effort"] != 2 or (np.diff(table.stamp_ns) <= 0).any():
             raise RecordingError(f"{self.path}: {table.topic}: not as a simulator writes it")
