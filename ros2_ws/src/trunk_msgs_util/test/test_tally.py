@@ -88,4 +88,7 @@ def test_a_node_of_which_only_the_parameters_came(whole):
 def test_more_messages_of_our_nodes_than_they_have_counted(whole):
     assert whole.uncounted({topics.EFFORT_COMMAND: 3, topics.DISTURBANCE: 7}) == []
     (line,) = whole.uncounted({topics.EFFORT_COMMAND: 5})
-    assert line == "effort_command: 5 messages of our nodes, 3 by their own count: one was killed"
+    assert (
+        line
+        == "effort_command: 5 messages of our nodes, 3 by their own count: not all have counted"
+    )

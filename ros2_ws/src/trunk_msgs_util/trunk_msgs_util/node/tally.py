@@ -49,13 +49,13 @@ class Tally:
     def uncounted(self, heard: Mapping[str, int]) -> list[str]:
         """Return where our nodes published more than they said when they ended, a line each.
 
-        ``heard``: how many messages of our nodes there are, by topic. Of one that was killed, there is no
-        count; where no node of the topic has said any, that is plain to see in the file.
+        ``heard``: how many messages of our nodes there are, by topic. One that was killed, or outlives the
+        recorder, has said no count; where no node of the topic has, that is plain to see in the file.
         """
         if self._anew:
             return []
         return [
-            f"{topic}: {count} messages of our nodes, {claimed} by their own count: one was killed"
+            f"{topic}: {count} messages of our nodes, {claimed} by their own count: not all have counted"
             for topic, count in heard.items()
             if 0 < (claimed := self._claimed[self._name_of(topic)]) < count
         ]
