@@ -8,7 +8,7 @@ from math import nan
 import pytest
 
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.replay.verify import DIVERGES, VERIFIED, verify
+from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.reader import Recording
@@ -72,3 +72,15 @@ def put(messages, row, **efforts):
 def test_what_was_altered_diverges(pushed, tmp_path, edit):
     verdict = verdict_of(pushed, tmp_path / "edited.mcap", edit)
     assert verdict.exit_code == DIVERGES, verdict.reasons
+
+
+def again(messages):
+    """Say the first push twice, as a stranger's node may."""
+    first = next(iter(of(messages, PUSH)))
+    messages.insert(messages.index(first) + 1, list(first))
+
+
+def test_a_stranger_s_push_accuses_nobody(pushed, tmp_path):
+    """The recorder has marked the file as incomplete."""
+    verdict = verify(copied(pushed, tmp_path / "stranger.mcap", again, ANEW, end=False))
+    assert verdict.exit_code == UNJUDGED, verdict.reasons

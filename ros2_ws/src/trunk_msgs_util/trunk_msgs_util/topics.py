@@ -85,8 +85,8 @@ DESCRIPTIONS = (
         "one operator",
         (
             "hip and trunk: effort [N, N m], held until the next one; stamped with the state that was seen, "
-            "`header.frame_id` names the operator; taken if `operator.force` or `operator.torque` is above "
-            "0; not recorded"
+            "or not at all; `header.frame_id` names the operator; taken if `operator.force` or "
+            "`operator.torque` is above 0; not recorded"
         ),
     ),
     (

@@ -14,7 +14,7 @@ from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 from trunk_msgs_util.units import nanoseconds, period_ns, seconds
 
 from .actuator import Actuator, approach_of
-from .hardware_parameters import MISSING, hardware_parameter, link_parameter
+from .hardware_parameters import hardware_parameter, link_parameter
 from .links import MOST_LATE, Link, most_late, perfect
 from .operator_input import OperatorLimits
 from .plant import PlantState
@@ -130,18 +130,8 @@ class SimulatorConfig(ManagedConfig):
     velocity_resolution: float = hardware_parameter("sensor.velocity_resolution")
     position_limit: float = hardware_parameter("sensor.position_limit")
     velocity_limit: float = hardware_parameter("sensor.velocity_limit")
-    delay: float = parameter(
-        "sensor.delay",
-        0.0,
-        "Delay of the measurements, rounded to whole periods",
-        unit="s",
-        minimum=0.0,
-        maximum=10.0,
-        fixed=True,
-    )
-    seed: int = parameter(
-        "sensor.seed", 1, "Seed of the sensor noise", minimum=0, maximum=2**31 - 1, fixed=True
-    )
+    delay: float = hardware_parameter("sensor.delay")
+    seed: int = hardware_parameter("sensor.seed")
     dropout: float = hardware_parameter("sensor.dropout")
     state_delay: float = link_parameter("state", "delay")
     state_jitter: float = link_parameter("state", "jitter")
@@ -161,21 +151,8 @@ class SimulatorConfig(ManagedConfig):
     command_burst_loss: float = link_parameter("command", "burst.loss")
     command_duplicates: float = link_parameter("command", "duplicates")
     command_order: str = link_parameter("command", "order")
-    missing_command: str = parameter(
-        "link.command.missing",
-        "hold",
-        "A step that gets no new command: hold the last one's torque, or zero",
-        choices=MISSING,
-        fixed=True,
-    )
-    link_seed: int = parameter(
-        "link.seed",
-        1,
-        "Seed of the links and of the measurements that fail",
-        minimum=0,
-        maximum=2**31 - 1,
-        fixed=True,
-    )
+    missing_command: str = hardware_parameter("link.command.missing")
+    link_seed: int = hardware_parameter("link.seed")
     wait_for: tuple[str, ...] = parameter(
         "wait_for",
         ("effort_command",),
@@ -233,33 +210,9 @@ class SimulatorConfig(ManagedConfig):
         maximum=4000,
         fixed=True,
     )
-    operator_force: float = parameter(
-        "operator.force",
-        0.0,
-        "How much an operator may push the hip, either way; nobody may push if this and the torque are 0",
-        unit="N",
-        minimum=0.0,
-        maximum=1e6,
-        fixed=True,
-    )
-    operator_torque: float = parameter(
-        "operator.torque",
-        0.0,
-        "How much an operator may turn the trunk, either way",
-        unit="N m",
-        minimum=0.0,
-        maximum=1e6,
-        fixed=True,
-    )
-    operator_timeout: float = parameter(
-        "operator.timeout",
-        0.25,
-        "An operator's push ends when nothing has come from him for this long",
-        unit="s",
-        above=0.0,
-        maximum=60.0,
-        fixed=True,
-    )
+    operator_force: float = hardware_parameter("operator.force")
+    operator_torque: float = hardware_parameter("operator.torque")
+    operator_timeout: float = hardware_parameter("operator.timeout")
     publish_clock: bool = parameter(
         "publish_clock", False, "Publish simulated time on /clock", fixed=True
     )

@@ -1,4 +1,4 @@
-"""The parameters of a real drive, of real sensors and of a network's links, declared once; off by default."""
+"""The parameters of a drive, of sensors, of a network's links and of an operator; all off by default."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ _RATE = {"unit": "rad/s", "minimum": 0.0, "maximum": 1e3}
 _LIMIT = {"above": 0.0, "unbounded": True}
 _EITHER_WAY = {"minimum": -1e3, "maximum": 1e3}
 
+MISSING = ("hold", "zero")
+_SEED = {"minimum": 0, "maximum": 2**31 - 1, "fixed": True}
 _TIME_CONSTANT = {"unit": "s", "minimum": 0.0, "maximum": 1e3}
-_WORDS: dict[str, tuple[float, str, dict[str, Any]]] = {
+_WORDS: dict[str, tuple[float | str, str, dict[str, Any]]] = {
     "actuator.time_constant": (0.0, "Time constant of the actuator's lag; 0: none", _TIME_CONSTANT),
     "actuator.rate_limit": (inf, "The fastest change of its torque", {"unit": "N m/s", **_LIMIT}),
     "actuator.dead_band": (
@@ -63,6 +65,33 @@ _WORDS: dict[str, tuple[float, str, dict[str, Any]]] = {
         "The largest rate that is measured, either way",
         {"unit": "rad/s", **_LIMIT},
     ),
+    "sensor.delay": (
+        0.0,
+        "Delay of the measurements, rounded to whole periods",
+        {"unit": "s", "minimum": 0.0, "maximum": 10.0, "fixed": True},
+    ),
+    "sensor.seed": (1, "Seed of the sensor noise", _SEED),
+    "link.command.missing": (
+        "hold",
+        "A step that gets no new command: hold the last one's torque, or zero",
+        {"choices": MISSING, "fixed": True},
+    ),
+    "link.seed": (1, "Seed of the links and of the measurements that fail", _SEED),
+    "operator.force": (
+        0.0,
+        "How much an operator may push the hip, either way; nobody may push if this and the torque are 0",
+        {"unit": "N", "minimum": 0.0, "maximum": 1e6, "fixed": True},
+    ),
+    "operator.torque": (
+        0.0,
+        "How much an operator may turn the trunk, either way",
+        {**_TORQUE, "fixed": True},
+    ),
+    "operator.timeout": (
+        0.25,
+        "A push ends when nothing has come from the operator for this long",
+        {"unit": "s", "above": 0.0, "maximum": 60.0, "fixed": True},
+    ),
 }
 
 
@@ -70,7 +99,6 @@ _CHANCE = {"minimum": 0.0, "maximum": 1.0, "fixed": True}
 _DELAY = {"unit": "s", "minimum": 0.0, "maximum": 10.0, "fixed": True}
 JITTERS = ("uniform", "exponential")
 ORDERS = ("latest", "arrival")
-MISSING = ("hold", "zero")
 # Of a link, by the last part of the name.
 LINK: dict[str, tuple[Any, str, dict[str, Any]]] = {
     "delay": (0.0, "Delay of every message; it counts from the first step not before it", _DELAY),

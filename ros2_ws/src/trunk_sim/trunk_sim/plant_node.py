@@ -272,7 +272,8 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         name, sample = message.header.frame_id, sample_from_ros(message)
         try:
             asked = asked_of(sample, self.config.joints)
-            self._operator.take(name, sample.stamp_ns, asked, self.stamp_ns)
+            # Without a stamp it is for the latest state, as `ros2 topic pub` has none to give.
+            self._operator.take(name, sample.stamp_ns or self.stamp_ns, asked, self.stamp_ns)
         except RefusedError as refused:
             self.count(str(refused))
 
