@@ -9,19 +9,20 @@ from __future__ import annotations
 import random
 import signal
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from trunk_msgs_util.node.conversions import stamp_from_ros
 
+from ..seeds.promises import harmless
 from ..seeds.story import CONTROLLERS, NS, Fault, Request, Story, requests
 from .peer import Peer
 from .processes import Child, Children
 
 _SLOWER = 20
-_QUIET_S = 8.0  # longer than `lockstep.timeout`: nobody goes on by himself then
+_QUIET_S = 8.0  # after which a story that was kept from its end is over
 _FORCED = {
     *("stall", "crash", "restart", "stop", "late", "second", "reset", "pause", "gains"),
     *("deactivate", "activate", "cleanup"),
@@ -81,8 +82,9 @@ class ToldStory:
     def tell(self) -> None:
         """Let it happen, then stop all that is left: the recorder last, as ``trunk run`` does."""
         wait_s = {f.node: f.value for f in self.story.faults if f.kind == "late"}
-        speed: Mapping[str, float] = {"lockstep.speed": 1.0} if self.story.lockstep else {}
-        plan = self.story.plan(**speed)
+        # Who is stalled from outside stays so until this process has its turn.
+        paced = {"lockstep.speed": 1.0, "lockstep.timeout": 60.0} if self.story.lockstep else {}
+        plan = self.story.plan(**paced)
         plan.write_parameters(self.folder / "params.yaml")
         for name in plan.configs:
             self.processes[name] = []
@@ -116,7 +118,9 @@ class ToldStory:
                 self._strike(fault)
         simulators = self.processes["simulator"]
         ended = bool(simulators) and not simulators[-1].alive
-        return ended or (not self._due and now - self._heard > _QUIET_S)
+        # What nothing keeps from its end comes to it, however busy the machine.
+        given_up = not harmless(self.story) and not self._due and now - self._heard > _QUIET_S
+        return ended or given_up
 
     def _start(self, name: str) -> None:
         given = ["--params-file", self.folder / "params.yaml"]

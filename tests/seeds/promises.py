@@ -107,14 +107,20 @@ def _recorded(run: Run, recording: Recording) -> Iterator[str]:
     if recording.complete:
         yield from _everything(run, found)
     kinds = {fault.kind for fault in run.story.faults}
-    stalls = [fault.value for fault in run.story.faults if fault.kind == "stall"]
-    if kinds <= _HARMLESS and sum(stalls) <= _HARMLESS_STALL_S:
+    if harmless(run.story):
         if not recording.complete:
             yield f"no harm was done to it, but it is incomplete: {recording.end}"
         elif verdict.exit_code != VERIFIED:
             yield f"no harm was done to it, but it {verdict.word}: {'; '.join(verdict.reasons)[:300]}"
     if run.story.lockstep and not kinds & _OTHERWISE and found.count(topics.GROUND_TRUTH):
         yield from _as_offline(run, found)
+
+
+def harmless(story: Story) -> bool:
+    """Return True if nothing happens that keeps a run from its end."""
+    stalls = [fault.value for fault in story.faults if fault.kind == "stall"]
+    kinds = {fault.kind for fault in story.faults}
+    return kinds <= _HARMLESS and sum(stalls) <= _HARMLESS_STALL_S
 
 
 def _stopped(run: Run, found: RecordedRun) -> Iterator[str]:

@@ -11,7 +11,10 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from math import inf
 
+import numpy as np
+
 from trunk_msgs_util import topics
+from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.units import nanoseconds
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.step import Plant, torque_of
@@ -37,20 +40,19 @@ class PossibleDisturbances:
         self._exact_ns = exact_ns
         self._table = disturbances
         self._stamps = sorted(disturbances.rows)
-        said = self._said = _words(disturbances, self._stamps)
-        # By row: of the messages around it that say the same, the first, and the one after the last.
-        self._first: list[int] = []
-        self._alike: dict[
-            bytes, list[int]
-        ] = {}  # what is said -> the first ones of all that say so
-        for row, one in enumerate(said):
-            if row and said[row - 1] == one:
-                self._first.append(self._first[-1])
-            else:
-                self._first.append(row)
-                self._alike.setdefault(one, []).append(row)
-        starts = [*sorted(row for rows in self._alike.values() for row in rows), len(said)]
-        self._next = [starts[bisect_right(starts, row)] for row in range(len(said))]
+        self._said = said = _said(disturbances, self._stamps)
+        new = np.ones(len(said), bool)
+        new[1:] = said[1:] != said[:-1]
+        self._begins = np.flatnonzero(
+            new
+        )  # the rows that say something else than those before them
+        # By row: the first one of those before it that say the same.
+        self._first: list[int] = np.maximum.accumulate(
+            np.where(new, np.arange(len(said)), 0)
+        ).tolist()
+        self._alike: dict[int, list[int]] = {}  # what is said -> the rows from which on it is said
+        for row in self._begins.tolist():
+            self._alike.setdefault(int(said[row]), []).append(row)
         self._since_ns = -1  # stamp of the oldest that may be in force
 
     def passed(self, first_ns: int, last_ns: int) -> None:
@@ -61,10 +63,11 @@ class PossibleDisturbances:
         row, stop = bisect_left(self._stamps, first_ns), bisect_right(self._stamps, last_ns)
         while row < stop:
             since = self._first[bisect_left(self._stamps, max(self._since_ns, self._stamps[0]))]
-            alike = self._alike[self._said[self._first[row]]]
+            alike = self._alike[int(self._said[row])]
             oldest = alike[bisect_left(alike, since)]
             self._since_ns = max(self._since_ns, self._stamps[oldest])
-            row = self._next[row]
+            later = self._begins[np.searchsorted(self._begins, row, side="right") :]
+            row = int(later[0]) if len(later) else stop
 
     def at(self, stamp_ns: int, timeout_ns: int) -> Iterator[tuple[int, Disturbance]]:
         """Yield what may act at a stamp, one at least, each with its oldest message's stamp.
@@ -89,13 +92,13 @@ class PossibleDisturbances:
         self._since_ns = since_ns
 
 
-def _words(disturbances: JointTable, stamps: Sequence[int]) -> list[bytes]:
-    """Return what each message says, in the order of stamps."""
-    rows = [disturbances.rows[stamp] for stamp in stamps]
+def _said(disturbances: JointTable, stamps: Sequence[int]) -> Integers:
+    """Return a number for what each message says, the same for the same bits, in the order of stamps."""
     if not all(disturbances.values(quantity).shape[1] == 2 for quantity in ("position", "effort")):
-        return [row.to_bytes(8, "big") for row in rows]  # they cannot be read as disturbances
-    said = disturbances_matrix(disturbances, slice(None))[rows]
-    return [one.tobytes() for one in said]
+        return np.arange(len(stamps))  # they cannot be read as disturbances
+    rows = [disturbances.rows[stamp] for stamp in stamps]
+    bits = disturbances_matrix(disturbances, slice(None)).view(np.int64)[rows].reshape(-1, 4)
+    return np.unique(bits, axis=0, return_inverse=True)[1].reshape(-1)
 
 
 def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Checked]:
