@@ -25,6 +25,8 @@ setup(
             "templates/controller/*.in",
             "templates/controller/*/*.in",
             "templates/controller/*/*/*.in",
+            "gateway/page/*",
+            "gateway/page/vendor/*",
             "views/report_assets/*",
         ]
     },

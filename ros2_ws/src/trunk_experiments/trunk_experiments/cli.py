@@ -21,6 +21,8 @@ from .similar import did_you_mean
 _VERBS = {
     "run": ("run", "Run a scenario in the ROS 2 graph and record it."),
     "simulate": ("simulate", "Run a scenario without ROS, with the same functions."),
+    "live": ("live", "Run in a browser: push it, tune it, swap its controller."),
+    "watch": ("watch", "Play a recording in a browser."),
     "branch": ("branch", "Branch a recorded run: what if, from a time on."),
     "plan": ("plan", "Write a run's parameter file, to start its nodes elsewhere."),
     "metrics": ("metrics", "Print a recorded run's metrics."),

@@ -71,6 +71,12 @@ class LiveParametersError(TrunkError):
     exit_code: ClassVar[int] = EXIT_FAILED
 
 
+class GatewayError(TrunkError):
+    """The gateway between a page and a run cannot work: why, and what to do."""
+
+    exit_code: ClassVar[int] = EXIT_FAILED
+
+
 def tell_warnings_plainly() -> None:
     """Show Python's warnings as one line each on stderr, as the command's own."""
 

@@ -15,7 +15,7 @@ from trunk_msgs_util.whole_file import discard_parts
 _SAID: list[bool] = []  # not empty: the one line is written
 _PATIENCE = 0.5  # s that a verb has to leave nothing half done
 # These start or talk to other processes, which are ended in order, and take the time for it.
-_WITH_OTHERS = {"run", "bench", "sweep", "map", "paper", "params", "tune"}
+_WITH_OTHERS = {"run", "bench", "sweep", "map", "paper", "params", "tune", "live", "watch"}
 
 # Nothing is left to be done when these are, and to unload rclpy takes as long as to talk to a node.
 _LEAVE_AT_ONCE = {"params"}

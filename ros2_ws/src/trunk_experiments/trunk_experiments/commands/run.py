@@ -107,7 +107,7 @@ def command(
     if as_json:
         write_json("run-1", {**_values(run), **told, "failure": None})
     else:
-        _show(files, run)
+        show_run(files, run)
     if not recording.complete:
         click.get_current_context().exit(1)
 
@@ -121,7 +121,8 @@ def _values(run: RecordedRun) -> dict[str, object]:
     }
 
 
-def _show(files: RunFiles, run: RecordedRun) -> None:
+def show_run(files: RunFiles, run: RecordedRun) -> None:
+    """Print a run's metrics, and where its files are."""
     show_metrics(run, "metrics of the run (true error)")
     states, commands = run.count(topics.GROUND_TRUTH), run.count(topics.EFFORT_COMMAND)
     whole = "complete: " if run.recording.complete else ""  # what is missing stands first

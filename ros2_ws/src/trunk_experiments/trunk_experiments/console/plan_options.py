@@ -23,16 +23,19 @@ def markers_option(function: Function) -> Function:
     )(function)
 
 
-def plan_options(function: Function, required: bool = True) -> Function:
-    """Add the argument and options from which `plan_of` makes a plan."""
+def plan_options(function: Function, required: bool = True, several: bool = False) -> Function:
+    """Add the argument and options from which `plan_of` makes a plan; ``several``: controllers."""
     options = [
         click.argument("scenario", required=required, shell_complete=names_or_files(scenarios)),
         click.option(
             "--controller",
-            default="fuzzy_pid",
+            default=["fuzzy_pid"] if several else "fuzzy_pid",
             show_default=True,
             type=ControllerName(),
-            help="The controller node.",
+            multiple=several,
+            help="The first one acts, the others stand by; repeatable."
+            if several
+            else "The controller node.",
         ),
         click.option(
             "--params",
@@ -80,6 +83,7 @@ def plan_of(
     extra: Mapping[str, object] | None = None,
     namespace: str = "",
     swaps: Sequence[str] = (),
+    standby: Sequence[str] = (),
 ) -> RunPlan:
     """Return the plan for the options of `plan_options`, with ``extra`` for all nodes."""
     everywhere: dict[str, object] = dict(extra or {})
@@ -95,6 +99,7 @@ def plan_of(
         everywhere,
         namespace,
         [parse_swap(text) for text in swaps],
+        standby=standby,
     )
     for warning in plan.warnings:
         click.echo(f"trunk: warning: {warning}", err=True)

@@ -152,13 +152,13 @@ def differences(
     unchangeable = set(fixed)
     changes = []
     for name, value in said.items():
-        old, new = present[name], _alike(value, present[name])
+        old, new = present[name], as_present(value, present[name])
         if new != old or type(new) is not type(old):
             changes.append(LiveChange(name, old, new, name in unchangeable))
     return changes
 
 
-def _alike(value: object, present: object) -> object:
+def as_present(value: object, present: object) -> object:
     """Return a number as a float if the current value is one; the node judges any other type."""
     if isinstance(present, float) and type(value) is int:
         return _as_float(value)

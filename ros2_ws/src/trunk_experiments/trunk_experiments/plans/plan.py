@@ -114,6 +114,7 @@ def make_plan(
     swaps: Sequence[Swap] = (),
     others: Sequence[str] = (),
     source: str = "the command line",
+    standby: Sequence[str] = (),
 ) -> RunPlan:
     """Return the plan of a run; later layers win: profile, scenario, params, ``everywhere``, settings.
 
@@ -121,6 +122,7 @@ def make_plan(
     ``settings``: single values, as ``NODE.PARAM=VALUE`` or as a layer of one section.
     ``namespace``: of all nodes, empty or "/name"; relative node names in the files belong to it.
     ``swaps``: who takes over when; they set every controller's ``active.times``.
+    ``standby``: controllers that are started too, and act when somebody configures and activates them.
     ``others``: nodes that ``settings`` may name besides those of this run. ``source`` names
     ``everywhere`` in messages.
     Raises PlanError, ParameterFileError or ParameterError, each one line that says what to do.
@@ -131,6 +133,7 @@ def make_plan(
             f"{did_you_mean(controller, CONTROLLERS) or '; a package of your own is built and sourced first'}"
         )
     turns = turns_of(controller, swaps)
+    standby = [name for name in dict.fromkeys(standby) if name not in turns]
     layers = scenario_layers(scenario)
     files = [read(find_file(name)) for name in params]
     layers += files
@@ -139,7 +142,8 @@ def make_plan(
     single = [one if isinstance(one, Layer) else parse_setting(one) for one in settings]
     layers += single
     check_names(layers, declared_names())
-    taking = ("simulator", *turns, "disturbance", "recorder")
+    layers += [Layer(source, (Section(name, {"autostart": False}),)) for name in standby]
+    taking = ("simulator", *turns, *standby, "disturbance", "recorder")
     check_targets(single, (*taking, *others))
     warnings = [*not_taken([one.within(namespace) for one in files], taking, namespace)]
     layers = [layer.within(namespace) for layer in layers]
@@ -162,7 +166,7 @@ def make_plan(
             lockstep=lockstep,
             **({"active_times": times} if swaps else {}),
         )
-        for node, times in turns.items()
+        for node, times in {**turns, **dict.fromkeys(standby, ())}.items()
     }
     return _checked(
         RunPlan(
@@ -176,7 +180,7 @@ def make_plan(
             disturbance=disturbance if disturbance.active else None,
             recorder=with_values(
                 found["recorder"].config,
-                controllers=tuple(turns),
+                controllers=tuple(controllers),
                 scenario=name,
                 lockstep=lockstep,
                 lockstep_topics=("ground_truth/joint_states", "joint_states", *participants),
@@ -185,6 +189,7 @@ def make_plan(
             warnings=tuple(warnings),
         ),
         {node: one.with_units for node, one in found.items()},
+        standby,
     )
 
 
@@ -206,10 +211,12 @@ def check_rates(plan: RunPlan) -> None:
             )
 
 
-def _checked(plan: RunPlan, with_units: Mapping[str, Collection[str]]) -> RunPlan:
+def _checked(
+    plan: RunPlan, with_units: Mapping[str, Collection[str]], standby: Collection[str]
+) -> RunPlan:
     check_rates(plan)
     check_joints(plan)
-    check_turns(plan)
+    check_turns(plan, standby)
     return with_values(
         plan, warnings=(*plan.warnings, *advice(plan), *large_angles(plan.configs, with_units))
     )
@@ -231,10 +238,10 @@ def check_joints(plan: RunPlan) -> None:
             )
 
 
-def check_turns(plan: RunPlan) -> None:
-    """Raise PlanError unless exactly one controller acts at each time of the run."""
+def check_turns(plan: RunPlan, standby: Collection[str] = ()) -> None:
+    """Raise PlanError unless exactly one controller acts at each time of the run, those on standby aside."""
     end = plan.simulator.duration or inf
-    turns = {name: c.active_times_ns for name, c in plan.controllers.items()}
+    turns = {n: c.active_times_ns for n, c in plan.controllers.items() if n not in standby}
     for time_ns in sorted({0, *(t for times in turns.values() for t in times)}):
         acting = [name for name, times in turns.items() if active_at(times, time_ns)]
         if len(acting) != 1 and seconds(time_ns) <= end:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING
 
 from trunk_msgs_util.events import ENDS, Event
@@ -22,6 +21,7 @@ from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 from .files import RunFiles
 from .guardian import Guardian
+from .interrupt import Interrupt
 from .processes import NodeProcess
 from .stopping import ALL_S, stop
 
@@ -36,42 +36,28 @@ _LAST = (COMPOSED, "recorder")  # to be stopped: it has to hear what the others 
 _WAITING = "{} not active: with autostart false, configure and activate it (ros2 lifecycle set …)"
 
 
-class _Interrupt:
-    """SIGINT and SIGTERM to the runner, kept until the watch looks: nothing is left half started."""
-
-    def __init__(self) -> None:
-        self.name: str | None = None
-        self._handlers = {n: signal.signal(n, self._note) for n in (signal.SIGINT, signal.SIGTERM)}
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        self.name = signal.Signals(number).name
-
-    def restore(self) -> None:
-        """Put the former handlers back."""
-        for number, handler in self._handlers.items():
-            signal.signal(number, handler)
-
-
 def run_graph(
     plan: RunPlan,
     files: RunFiles,
     progress: Callable[[float], None],
     order: Sequence[str] | None = None,
     composed: bool = False,
+    over: Callable[[], bool] = lambda: False,
 ) -> Recording:
     """Run the plan's nodes, as processes or ``composed`` in one, until the simulator is done.
 
     ``progress`` is called with simulated seconds. ``order``: the nodes' names in the order of their
-    start (it makes no difference to a lock-step run). Return the recording, which is this run's own. Raises
-    RunError naming the node that ended the run and why; by then every process has been stopped and the
-    recording finished.
+    start (it makes no difference to a lock-step run). ``over`` is asked again and again whether the run is to
+    end; a run without an end is whole then, and so it is after SIGINT. Return the recording, which is this
+    run's own. Raises RunError naming the node that ended the run and why; by then every process has been
+    stopped and the recording finished.
     """
     middleware.prepare()
     files.logs.mkdir(parents=True, exist_ok=True)
     plan = files.record(plan)
     running: dict[str, NodeProcess] = {}
     names = list(plan.configs)
-    interrupt = _Interrupt()
+    interrupt = Interrupt()
     guardian = Guardian()
     try:
         for process in [COMPOSED] if composed else order or names:
@@ -86,7 +72,7 @@ def run_graph(
         from .monitor_node import Monitor  # here: it has threads, and starting processes must not
 
         with Monitor() as monitor:
-            heard = _watch(plan, running, monitor, progress, interrupt)
+            heard = _watch(plan, running, monitor, progress, interrupt, over)
     finally:
         killed = _stop_all(running)
         guardian.close()
@@ -104,7 +90,8 @@ def _watch(
     running: dict[str, NodeProcess],
     monitor: Monitor,
     progress: Callable[[float], None],
-    interrupt: _Interrupt,
+    interrupt: Interrupt,
+    over: Callable[[], bool],
 ) -> bool:
     """Return True when the run has finished, False where it was over before that could be heard."""
     starting = Patience(START_TIMEOUT_S)
@@ -115,8 +102,11 @@ def _watch(
         monitor.spin(0.05)
         if monitor.finished:
             break  # who stops or dies now does not change the run
-        if interrupt.name and simulator.exit_code is None:
-            raise RunError(f"stopped by {interrupt.name}; the recording holds the run up to here")
+        ends = interrupt.name or (over() and "request")
+        if ends and simulator.exit_code is None:
+            if monitor.started and not plan.simulator.duration:
+                return False
+            raise RunError(f"stopped by {ends}; the recording holds the run up to here")
         _check_alive(running, simulator, monitor)
         if silence.lasts(monitor):
             simulator.signal(signal.SIGKILL)  # it would not hear anything else
@@ -164,8 +154,11 @@ def _awaited(running: dict[str, NodeProcess], monitor: Monitor) -> Iterator[int]
 
 def _silent(plan: RunPlan, ready: set[str]) -> str:
     """Return who is not ready, and why where that is known."""
+    starts = any(controller.autostart for controller in plan.controllers.values())
     waiting = [
-        name for name, node in plan.configs.items() if not node.autostart and name not in ready
+        name
+        for name, node in plan.configs.items()
+        if not (node.autostart or name in ready or (starts and name in plan.controllers))
     ]
     if waiting:
         return _WAITING.format(", ".join(waiting))

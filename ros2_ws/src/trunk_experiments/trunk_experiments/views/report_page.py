@@ -21,7 +21,7 @@ from trunk_msgs_util.whole_file import whole_file
 
 from .report import Report, number, quantity_label
 
-_SCRIPTS = ("data.js", "stage.js", "charts.js", "page.js")
+_SCRIPTS = ("numbers.js", "data.js", "stage.js", "stages.js", "charts.js", "page.js")
 
 
 def render(report: Report) -> str:

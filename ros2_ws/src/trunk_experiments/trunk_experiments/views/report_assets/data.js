@@ -25,40 +25,6 @@ const report = (() => {
   return data;
 })();
 
-// The hip path's height in m over x in m; harmonics: a1, b1, a2, b2 ..., of cosines and sines of n k x.
-const pathHeight = (path, x) => {
-  const phase = path.wavenumber * x;
-  let height = path.amplitude * Math.sin(phase);
-  for (let i = 0; i < path.harmonics.length; i += 2) {
-    const angle = (i / 2 + 1) * phase;
-    height += path.harmonics[i] * Math.cos(angle) + path.harmonics[i + 1] * Math.sin(angle);
-  }
-  return height;
-};
-
-// The row in force at a time: the last stamp at or before it, 0 before the first.
-const rowAt = (times, time) => {
-  let low = 0;
-  let high = times.length;
-  while (high - low > 1) {
-    const middle = (low + high) >> 1;
-    if (times[middle] <= time + 1e-10) low = middle;
-    else high = middle;
-  }
-  return low;
-};
-
-const showNumber = (value, digits = 4) => {
-  if (!Number.isFinite(value)) return "–";
-  const text = Number(value.toPrecision(digits)).toString();
-  return text.replace("-", "−");
-};
-
-const cssColor = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-const runColor = (index) => cssColor(`--run${index % 6}`);
-const DASHES = ["solid", "8px,3px", "9px,3px,2px,3px", "2px,2px", "12px,3px,4px,3px"];
-const runDash = (index) => DASHES[index % DASHES.length];
-
 // One clock for everything on the page. Listeners get the time in s.
 const clock = {
   time: report.start,

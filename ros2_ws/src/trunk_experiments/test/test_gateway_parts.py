@@ -1,0 +1,245 @@
+"""What the gateway is made of: rows, words, tokens, what is known of a graph."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from trunk_control.fuzzy import fired_rules
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_control.pid_law import PidConfig
+from trunk_experiments.gateway.access import Hosts, Rate, Tokens
+from trunk_experiments.gateway.board import Board
+from trunk_experiments.gateway.graph import Graph
+from trunk_experiments.gateway.page_files import page_files
+from trunk_experiments.gateway.protocol import BadMessageError, asked, frame, plain
+from trunk_experiments.gateway.rows import Rows
+from trunk_experiments.gateway.streams import PLANT_COLUMNS, columns_of, row_of, with_rules
+from trunk_msgs_util.parameters.declarations import values_of
+from trunk_msgs_util.samples import JointSample
+from trunk_sim.config import SimulatorConfig
+
+
+def test_rows_keep_the_last_ones_and_number_them_all():
+    rows = Rows(("t", "v"), 3)
+    assert rows.last() == {}
+    assert rows.since(0, 10)[1].tolist() == []
+    for i in range(11):
+        rows.add((float(i), 2.0 * i))
+        first, values = rows.since(0, 100)
+        assert first == rows.oldest == max(0, i - 2)
+        assert values[:, 0].tolist() == [float(k) for k in range(max(0, i - 2), i + 1)]
+    assert rows.count == 11
+    assert rows.last() == {"t": 10.0, "v": 20.0}
+    assert rows.since(9, 1)[1].tolist() == [[9.0, 18.0]]
+    assert rows.since(11, 5)[1].tolist() == []
+
+
+def test_rows_that_are_all_there_stay():
+    rows = Rows.of(("t",), np.arange(5.0).reshape(-1, 1))
+    assert rows.oldest == 0
+    assert rows.since(0, 100)[1].ravel().tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert rows.since(3, 100)[0] == 3
+
+
+def test_a_frame_is_its_head_and_its_rows():
+    rows = Rows(("t", "v"), 10)
+    assert frame(3, rows, 0) == (b"", 0)
+    rows.add((0.5, float("nan")))
+    rows.add((0.6, 1.0))
+    data, after = frame(3, rows, 1)
+    assert np.frombuffer(data, "<f8").tolist() == [3.0, 2.0, 1.0, 0.6, 1.0]
+    assert after == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", "no JSON"),
+        ("[" * 100_000, "no JSON"),
+        ("[1]", "no JSON object"),
+        ('{"kind": "shutdown"}', "another kind"),
+        ('{"kind": ["push"]}', "another kind"),
+        ('{"kind": "pause", "on": 1}', "on is no finite bool"),
+        ('{"kind": "pause"}', "it carries on, all and alone"),
+        ('{"kind": "reset", "also": 1}', "it carries nothing"),
+        ('{"kind": "reset", "number": "1"}', "its number is no integer"),
+        ('{"kind": "reset", "number": true}', "its number is no integer"),
+        ('{"kind": "push", "force": NaN, "torque": 0, "stamp": 0}', "no JSON"),
+        ('{"kind": "push", "force": 1e999, "torque": 0, "stamp": 0}', "force is no finite float"),
+        (f'{{"kind": "push", "force": 1{"0" * 400}, "torque": 0, "stamp": 0}}', "no finite float"),
+        ('{"kind": "push", "force": true, "torque": 0, "stamp": 0}', "force is no finite float"),
+        (b"\x00\x01", "binary"),
+    ],
+)
+def test_what_no_page_sends_is_refused_in_words(text, why):
+    with pytest.raises(BadMessageError, match=why):
+        asked(text)
+
+
+def test_a_request_carries_its_values():
+    found = asked('{"kind": "push", "number": 7, "force": 1, "torque": -2.5, "stamp": 3}')
+    assert found == ("push", 7, {"force": 1.0, "torque": -2.5, "stamp": 3.0})
+    assert asked('{"kind": "reset"}').number == 0
+
+
+def test_values_are_plain_for_json():
+    assert plain((1.0, float("inf"), ("a",))) == [1.0, "inf", ["a"]]
+
+
+def test_tokens_open_what_they_are_for():
+    tokens = Tokens.new()
+    assert tokens.control != tokens.watch
+    assert len(tokens.control) >= 43
+    assert tokens.may(["trunk.live.1", tokens.control]) == "control"
+    assert tokens.may([tokens.watch]) == "watch"
+    for wrong in ([], [""], [tokens.control[:-1]], ["trunk.live.1"], ["ä"]):
+        assert tokens.may(wrong) == ""
+
+
+def test_only_our_own_names_and_origins_are_known():
+    hosts = Hosts(frozenset({"127.0.0.1", "localhost", "::1"}), 8000)
+    for known in ("127.0.0.1:8000", "localhost:8000", "[::1]:8000"):
+        assert hosts.known(known)
+        assert hosts.same(f"http://{known}")
+    for unknown in (
+        "",
+        "127.0.0.1",
+        "127.0.0.1:8001",
+        "evil.example:8000",
+        "localhost:8000.evil.example",
+    ):
+        assert not hosts.known(unknown)
+        assert not hosts.same(f"http://{unknown}")
+    assert not hosts.same("https://localhost:8000")
+    assert not hosts.same("null")
+    assert not hosts.same("http://user@localhost:8000")
+    assert hosts.same(None)  # no browser
+
+
+def test_a_rate_allows_a_burst_and_then_so_many_a_second():
+    now = [0.0]
+    rate = Rate(10.0, lambda: now[0])
+    assert [rate.allows() for _ in range(12)] == [True] * 10 + [False] * 2
+    now[0] = 0.25
+    assert [rate.allows() for _ in range(4)] == [True, True, False, False]
+    now[0] = 100.0
+    assert sum(rate.allows() for _ in range(20)) == 10
+
+
+def test_the_board_skips_what_has_been_replaced():
+    board = Board()
+    assert board.after(0) is None
+    board.put("run", a=1)
+    board.put("node", "pid", a=1)
+    first = board.after(0)
+    assert json.loads(first[1]) == {"kind": "run", "a": 1}
+    board.put("run", a=2)
+    board.put("run", a=2)  # says the same: no new version
+    node = board.after(first[0])
+    assert json.loads(node[1])["name"] == "pid"
+    run = board.after(node[0])
+    assert json.loads(run[1])["a"] == 2
+    assert board.after(run[0]) is None
+    # Who comes late reads each piece once.
+    late, version = [], 0
+    while (piece := board.after(version)) is not None:
+        version, text = piece
+        late.append(json.loads(text)["kind"])
+    assert late == ["node", "run"]
+
+
+def test_messages_become_rows():
+    state = JointSample(1_500_000_000, ("hip", "trunk"), (1.0, 0.1), (2.0, 0.2), (0.0, 5.0))
+    assert row_of("plant", state) == (1.5, 1.0, 0.1, 2.0, 0.2, 5.0)
+    assert columns_of("plant", (), None) == PLANT_COLUMNS
+    assert row_of("plant", state._replace(effort=())) is None
+    assert row_of("pushes", JointSample(1, ("a", "b"), effort=(1.0, 2.0))) == (1e-9, 1.0, 2.0)
+    assert row_of("pushes", JointSample(1, ("a",), effort=(1.0,))) is None
+    terms = JointSample(0, ("error", "error_rate"), (0.4, -0.7))
+    assert row_of("pid", terms) == (0.0, 0.4, -0.7)
+    assert row_of("pid", terms._replace(position=(1.0,))) is None
+    assert row_of("pid", JointSample(-1, ())) is None
+
+
+def test_a_row_of_fuzzy_pid_says_which_rules_fire():
+    config = FuzzyPidConfig()
+    said = ("error", "error_rate")
+    row = with_rules((0.0, 0.4, -0.7), said, config)
+    fired = fired_rules(0.4, -0.7, config.rules)
+    assert row[3:5] == (fired[0].row, fired[0].column)
+    assert row[5:] == tuple(one.weight for one in fired)
+    assert sum(row[5:]) == pytest.approx(1.0)
+    assert len(columns_of("fuzzy_pid", said, config)) == len(row)
+    assert with_rules((0.0, 1.0), ("other",), config) == (0.0, 1.0)
+
+
+def pieces(board):
+    found, version = {}, 0
+    while (piece := board.after(version)) is not None:
+        version = piece[0]
+        words = json.loads(piece[1])
+        found[words["kind"], words.get("name", "")] = words
+    return found
+
+
+def test_a_graph_is_known_by_what_its_nodes_say():
+    board = Board()
+    graph = Graph(board)
+    graph.parameters("simulator", values_of(SimulatorConfig(operator_torque=40.0)))
+    graph.parameters("pid", values_of(PidConfig()))
+    graph.event("pid", -1, "configured", {"kind": "pid"})
+    graph.event("pid", -1, "activated", {})
+    graph.event("simulator", 0, "started", {"rate": "200"})
+    said = pieces(board)
+    assert said["run", ""]["acting"] == ["pid"]
+    assert said["run", ""]["started"]
+    assert said["world", ""]["operator"] == {"force": 0.0, "torque": 40.0}
+    assert said["node", "pid"]["controller"]
+    assert not said["node", "simulator"]["controller"]
+    kp = said["declared", "pid"]["parameters"]["gains.p"]
+    assert kp["unit"] == "N m/rad"
+    assert not kp["fixed"]
+    assert kp["description"]
+    graph.event("simulator", 10**9, "paused", {})
+    assert pieces(board)["run", ""]["paused"]
+    graph.event("simulator", 10**9, "resumed", {})
+    graph.event("pid", 10**9, "deactivated", {})
+    assert pieces(board)["run", ""]["acting"] == []
+    graph.event("simulator", 2 * 10**9, "finished", {"reason": "stopped"})
+    graph.event("simulator", 2 * 10**9, "published", {})
+    said = pieces(board)
+    assert said["run", ""]["ended"]
+    assert not said["run", ""]["paused"]
+
+
+def test_a_renamed_node_is_known_by_its_kind():
+    graph = Graph(Board())
+    graph.parameters("left", values_of(PidConfig()))
+    assert graph.controllers == []
+    graph.event("left", -1, "configured", {"kind": "pid"})
+    assert graph.controllers == ["left"]
+
+
+def test_a_change_of_one_parameter_is_known():
+    board = Board()
+    graph = Graph(board)
+    graph.parameters("pid", values_of(PidConfig()))
+    graph.parameters("pid", {"gains.p": 33.0})
+    assert pieces(board)["node", "pid"]["parameters"]["gains.p"] == 33.0
+    assert graph.nodes["pid"].config.gains.p == 33.0
+    graph.diagnosed("pid", 1, "commands limited 3", {"lifecycle": "active"})
+    assert graph.nodes["pid"].state == "active"
+    assert pieces(board)["health", "pid"]["level"] == 1
+
+
+def test_every_file_that_the_page_names_is_served():
+    files = page_files()
+    page = files["/"].data.decode()
+    named = [part.split('"')[0] for part in page.split('src="')[1:] + page.split('href="/')[1:]]
+    for name in named:
+        if not name.startswith("#"):
+            assert f"/{name.lstrip('/')}" in files, name
+    assert "http" not in page.replace("http-equiv", "")

@@ -1,0 +1,136 @@
+"""``trunk live``: a run in the ROS 2 graph, in a browser."""
+
+from __future__ import annotations
+
+import tempfile
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+
+from trunk_msgs_util.node import middleware
+
+from ..console.outputs import check_not_read, output_options
+from ..console.page import checked_host, page_options, serve, show_address
+from ..console.plan_options import files_read, plan_of, plan_options
+from ..errors import PlanError
+from ..gateway.process import GatewayProcess
+from ..plans.given import checked_namespace
+from ..recorded.run import RecordedRun
+from ..runs.files import RunFiles
+from ..runs.graph import run_graph
+from .run import show_run
+
+_REPORT = "report.html"
+# How much a hand may do, unless a file or --set says something else: the trunk's controllers can stand it.
+_HAND = {"operator.force": 100.0, "operator.torque": 40.0}
+
+
+@click.command("live")
+@partial(plan_options, required=False, several=True)
+@output_options(
+    "Folder for the recording, parameters and logs.  [default: runs/TIME_SCENARIO_CONTROLLER]",
+    force="Replace the files of a run that is in the folder.",
+)
+@click.option("--lockstep", is_flag=True, help="In lock-step, at a speed that the page can change.")
+@click.option(
+    "--attach",
+    metavar="NAMESPACE",
+    help="Join the graph that is running in this namespace; / for none.",
+)
+@page_options
+def command(
+    scenario: str | None,
+    controller: tuple[str, ...],
+    output: Path | None,
+    force: bool,
+    lockstep: bool,
+    attach: str | None,
+    host: str,
+    port: int,
+    browser: bool,
+    **options: Any,
+) -> None:
+    """Run SCENARIO in the ROS 2 graph, in a browser: push the trunk, tune and swap its controllers.
+
+    SCENARIO is demo, fig6, fig7, fig8, fig9, or the path of a parameter file.  [default: demo]
+
+    The run goes on until it is stopped, in the page or by Ctrl-C, and is recorded.
+    """
+    host = checked_host(host)
+    middleware.prepare()
+    if attach is not None:
+        _check_alone(scenario, options, lockstep, output)
+        _attach(checked_namespace(attach), host, port, browser)
+        return
+    everywhere: dict[str, object] = {"duration": 0.0, **_HAND}
+    if lockstep:
+        everywhere |= {"lockstep.enabled": True, "lockstep.speed": 1.0}
+    first, *others = controller
+    plan = plan_of(
+        scenario=scenario or "demo",
+        controller=first,
+        **options,
+        extra=everywhere,
+        standby=others,
+    )
+    if output is not None:
+        for file in (*RunFiles(output).all, output / _REPORT):
+            check_not_read(file, files_read({"scenario": scenario, **options}))
+    files = RunFiles.for_run(plan, output, force)
+    files.logs.mkdir(parents=True, exist_ok=True)
+    shown = {"namespace": "", "standby": [n for n in others if n != first], "stoppable": True}
+    gateway = GatewayProcess(files.logs / "gateway.log", host, port, shown)
+    try:
+        show_address(gateway, browser)
+        click.echo(f"{plan.scenario}, {plan.turns}: until it is stopped, here with Ctrl-C")
+        heard: list[str] = []
+
+        def over() -> bool:
+            heard.extend(gateway.turn())
+            return "stop" in heard
+
+        recording = run_graph(plan, files, lambda t: None, over=over)
+        run = RecordedRun(recording)
+        show_run(files, run)
+        if "stop" in heard:
+            _show_report(gateway, run, files.folder / _REPORT)
+        if not recording.complete:
+            click.get_current_context().exit(1)
+    finally:
+        gateway.close()
+
+
+def _check_alone(
+    scenario: str | None, options: dict[str, Any], lockstep: bool, output: Path | None
+) -> None:
+    given = [scenario, output, *(value for value in options.values() if value)]
+    if lockstep or any(one is not None for one in given):
+        raise PlanError(
+            "--attach joins a graph as it is: give no scenario, and nothing that plans one"
+        )
+
+
+def _attach(namespace: str, host: str, port: int, browser: bool) -> None:
+    with tempfile.TemporaryDirectory(prefix="trunk_live_") as folder:
+        log = Path(folder) / "gateway.log"
+        gateway = GatewayProcess(log, host, port, {"namespace": namespace})
+        try:
+            show_address(gateway, browser)
+            click.echo(f"the graph in {namespace or '/'}: until Ctrl-C, which ends the page alone")
+            serve(gateway)
+        finally:
+            gateway.close()
+
+
+def _show_report(gateway: GatewayProcess, run: RecordedRun, path: Path) -> None:
+    """Write the run's report, and serve it until a page has opened it, or Ctrl-C."""
+    from ..views.report import make_report
+    from ..views.report_page import write
+    from ..views.run_view import RunView
+
+    write(make_report([RunView.read(run)]), path)
+    click.echo(f"report: {path}")
+    gateway.tell(report=str(path.absolute()), over=True)
+    serve(gateway, lambda word: word == "shown")

@@ -1,0 +1,30 @@
+"""``trunk watch``: a recording, played in a browser."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import click
+
+from ..console.page import checked_host, page_options, serve, show_address
+from ..gateway.process import GatewayProcess
+from ..recorded.run import RecordedRun
+
+
+@click.command("watch")
+@click.argument("run", type=click.Path(path_type=Path))
+@page_options
+def command(run: Path, host: str, port: int, browser: bool) -> None:
+    """Play the recording RUN in a browser, in the page of trunk live: seek, speed, loop."""
+    host = checked_host(host)
+    RecordedRun.open(run)  # what cannot be read is said here
+    with tempfile.TemporaryDirectory(prefix="trunk_watch_") as folder:
+        shown = {"recording": str(run.absolute())}
+        gateway = GatewayProcess(Path(folder) / "gateway.log", host, port, shown)
+        try:
+            show_address(gateway, browser, controls=False)
+            click.echo("until Ctrl-C")
+            serve(gateway)
+        finally:
+            gateway.close()

@@ -1,0 +1,86 @@
+"""What verbs share that show a page: where it is served, and opening it."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import sys
+import time
+import webbrowser
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from ..errors import PlanError
+from ..gateway.process import LOOPBACK, GatewayProcess
+from ..runs.interrupt import Interrupt
+
+_LOOK_S = 0.05
+
+
+def page_options(function: Any) -> Any:
+    """Add ``--host``, ``--port`` and ``--browser/--no-browser``."""
+    for option in (
+        click.option(
+            "--browser/--no-browser",
+            default=True,
+            help="Open the page in a browser, where there is one.",
+        ),
+        click.option(
+            "--port",
+            type=click.IntRange(0, 65535),
+            default=0,
+            help="Port of the page.  [default: a free one]",
+        ),
+        click.option(
+            "--host",
+            default=LOOPBACK,
+            show_default=True,
+            metavar="ADDRESS",
+            help="Address of this machine to serve the page on; others can reach any but the default.",
+        ),
+    ):
+        function = option(function)
+    return function
+
+
+def checked_host(host: str) -> str:
+    """Return the address to serve on. Raises PlanError for a name, and for all addresses at once."""
+    try:
+        address = ipaddress.ip_address(host)
+    except ValueError:
+        address = None
+    if address is None or address.is_unspecified:
+        raise PlanError(
+            f"--host {host}: give one address of this machine, by which "
+            f"pages will call it, such as {LOOPBACK}"
+        )
+    return str(address)
+
+
+def show_address(gateway: GatewayProcess, browser: bool, controls: bool = True) -> None:
+    """Print the page's addresses, and open the first one in a browser, where there is one."""
+    tokens = gateway.tokens
+    address = gateway.address(tokens.control if controls else tokens.watch)
+    click.echo(f"page: {address}")
+    if controls:
+        click.echo(f"to watch only: {gateway.address(tokens.watch)}")
+    if browser and (sys.platform == "darwin" or _has_screen()):
+        webbrowser.open(address)  # where there is no screen, it would take the terminal
+
+
+def serve(gateway: GatewayProcess, over: Callable[[str], bool] = lambda word: False) -> None:
+    """Keep the gateway up until SIGINT or SIGTERM, or until what it says ends it."""
+    interrupt = Interrupt()
+    try:
+        while not interrupt.name:
+            if any(over(word) for word in gateway.turn()):
+                return
+            time.sleep(_LOOK_S)
+    finally:
+        interrupt.restore()
+
+
+def _has_screen() -> bool:
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -1,0 +1,29 @@
+"""What every page should know, piece by piece; who is slow skips older versions. Pure."""
+
+from __future__ import annotations
+
+from .protocol import words
+
+
+class Board:
+    """Pieces of words by kind and name. A reader keeps the version of the last piece that it has read."""
+
+    def __init__(self) -> None:
+        self._version = 0
+        self._pieces: dict[tuple[str, str], tuple[int, str]] = {}
+
+    def put(self, kind: str, name: str = "", **values: object) -> None:
+        """Put a piece in the place of its last version; nothing changes where it says the same."""
+        text = words(kind, **({"name": name} if name else {}), **values)
+        if self._pieces.get((kind, name), (0, ""))[1] != text:
+            self._version += 1
+            self._pieces.pop(
+                (kind, name), None
+            )  # so that the pieces stay in the order of their versions
+            self._pieces[kind, name] = self._version, text
+
+    def after(self, version: int) -> tuple[int, str] | None:
+        """Return the oldest piece that is newer than a version, with its own; None if there is none."""
+        if version >= self._version:
+            return None
+        return next(piece for piece in self._pieces.values() if piece[0] > version)

@@ -1,0 +1,78 @@
+"""A page that is connected: what it has been sent, and how much it may ask for."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from tornado.websocket import WebSocketClosedError
+
+from .access import Rate
+from .protocol import frame, words
+
+if TYPE_CHECKING:
+    from asyncio import Future
+
+    from tornado.websocket import WebSocketHandler
+
+    from .feed import Feed
+
+_MESSAGES_A_SECOND = 300.0
+_TOO_MANY = 1_000  # messages beyond the rate, after which a page is sent away
+_ANSWERS = 64  # that wait for a slow page; what is older is left out
+
+
+class Client:
+    """One page. It is sent the next thing when it has taken the last one, so that nothing queues for it."""
+
+    def __init__(self, name: str, socket: WebSocketHandler, controls: bool) -> None:
+        self.name = name
+        self.controls = controls
+        self.rate = Rate(_MESSAGES_A_SECOND, time.monotonic)
+        self._socket = socket
+        self._sent: Future[None] | None = None
+        self._version = 0
+        self._rows: dict[int, int] = {}  # stream -> the number of the next row
+        self._answers: deque[str] = deque(maxlen=_ANSWERS)
+        self._ignored = 0
+
+    def answer(self, number: int, ok: bool, text: str) -> None:
+        """Answer one of its messages, when it is its turn."""
+        self._answers.append(words("answer", number=number, ok=ok, text=text))
+
+    def greet(self, **values: object) -> None:
+        """Say the first words."""
+        self._answers.append(words("hello", client=self.name, control=self.controls, **values))
+
+    def too_many(self) -> None:
+        """Send a page away that keeps on sending more than a page of ours does."""
+        self._ignored += 1
+        if self._ignored > _TOO_MANY:
+            self.send_away("too many messages")
+
+    def send_away(self, why: str) -> None:
+        """End its connection."""
+        self._socket.close(1008, why)
+
+    def turn(self, feed: Feed) -> None:
+        """Send what is new, unless it has not taken the last of it yet."""
+        if self._sent is not None and not self._sent.done():
+            return
+        while self._answers:
+            self._send(self._answers.popleft())
+        while (piece := feed.board.after(self._version)) is not None:
+            self._version, text = piece
+            self._send(text)
+        for number, stream in enumerate(feed.streams):
+            data, after = frame(number, stream.rows, self._rows.get(number, 0))
+            if data:
+                self._rows[number] = after
+                self._send(data)
+
+    def _send(self, data: str | bytes) -> None:
+        with suppress(WebSocketClosedError):
+            self._sent = self._socket.write_message(data, binary=isinstance(data, bytes))
+            # Looked at or not, it may fail as the page leaves.
+            self._sent.add_done_callback(lambda sent: sent.cancelled() or sent.exception())

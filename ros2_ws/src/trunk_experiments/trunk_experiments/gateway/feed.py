@@ -1,0 +1,50 @@
+"""What the gateway shows, whatever it comes from: a running graph, or a recording."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from .board import Board
+from .rows import Rows
+
+if TYPE_CHECKING:
+    from .protocol import Asked
+
+PLANT = "plant"  # the name of the stream of true states
+PUSHES = "pushes"  # of what was taken from an operator
+
+
+class RefusedRequestError(Exception):
+    """A page's request cannot be met: why, in the words of who refused it."""
+
+
+class Stream(NamedTuple):
+    """Rows with their name: ``plant``, ``pushes``, or a controller's."""
+
+    name: str
+    rows: Rows
+
+
+class Feed(Protocol):
+    """A source of streams and words."""
+
+    board: Board
+    streams: list[Stream]
+
+    async def begin(self) -> None:
+        """Do, while turns are taken, what is to be done once."""
+
+    def turn(self) -> None:
+        """Take what has come since the last turn; never waits."""
+
+    async def ask(self, client: str, asked: Asked) -> str:
+        """Do what a client asks for; return what to answer. Raises RefusedRequestError."""
+
+    def close(self) -> None:
+        """Release what was opened."""
+
+
+def put_stream(board: Board, streams: list[Stream], name: str, rows: Rows) -> None:
+    """Open a stream, and say so."""
+    board.put("stream", name, stream=len(streams), columns=list(rows.names))
+    streams.append(Stream(name, rows))

@@ -1,0 +1,199 @@
+"""What is known of a running graph's nodes: parameters, states, events, health. Pure."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from trunk_control.controller_config import ControllerConfig
+from trunk_msgs_util.events import ENDS, Event
+from trunk_msgs_util.parameters.declarations import (
+    Declaration,
+    ParameterError,
+    build,
+    declarations,
+)
+from trunk_msgs_util.units import seconds
+from trunk_sim.config import SimulatorConfig
+
+from ..plans.nodes import NODES
+from .protocol import plain
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from .board import Board
+
+_EVENTS = 100  # that a page can look back to
+_STATES = {
+    Event.CONFIGURED: "inactive",
+    Event.ACTIVATED: "active",
+    Event.DEACTIVATED: "inactive",
+    Event.CLEANED_UP: "unconfigured",
+}
+
+
+@dataclass
+class NodeSeen:
+    """A node as its messages tell of it; ``name``: without the run's namespace."""
+
+    name: str
+    state: str = "unconfigured"
+    values: dict[str, Any] = field(default_factory=dict)
+    health: Mapping[str, str] = field(default_factory=dict)
+    kind: str = ""
+    _config: Any = None
+
+    def say(self, values: Mapping[str, Any]) -> None:
+        """Take what it says of its parameters."""
+        self.values.update(values)
+        self._config = self._built()
+
+    def be(self, kind: str) -> None:
+        """Take what sort of node it is: its name may be another."""
+        self.kind = kind
+        self._config = self._built()
+
+    @property
+    def config(self) -> Any:
+        """Its configuration; None where that is not ours, or not whole."""
+        return self._config
+
+    @property
+    def config_class(self) -> type[Any] | None:
+        """What it declares, if it is one of ours."""
+        known = NODES.get(self.kind or self.name)
+        return None if known is None else known.config
+
+    def _built(self) -> Any:
+        if self.config_class is None:
+            return None
+        declared = declarations(self.config_class)
+        try:
+            return build(self.config_class, {n: v for n, v in self.values.items() if n in declared})
+        except ParameterError:
+            return None
+
+
+class Graph:
+    """The nodes of one namespace; what changes is put on the board."""
+
+    def __init__(self, board: Board) -> None:
+        self.nodes: dict[str, NodeSeen] = {}
+        self.started = self.ended = self.paused = False
+        self._board = board
+        self._events: deque[dict[str, object]] = deque(maxlen=_EVENTS)
+
+    def node(self, name: str) -> NodeSeen:
+        """Return a node; one that was not known yet is from now on."""
+        return self.nodes.setdefault(name, NodeSeen(name))
+
+    @property
+    def simulator(self) -> SimulatorConfig:
+        """The simulator's configuration; the default one as long as nothing is known of it."""
+        config = self.nodes["simulator"].config if "simulator" in self.nodes else None
+        return config if isinstance(config, SimulatorConfig) else SimulatorConfig()
+
+    @property
+    def controllers(self) -> list[str]:
+        """The names of the controllers."""
+        return [n.name for n in self.nodes.values() if isinstance(n.config, ControllerConfig)]
+
+    def parameters(self, name: str, values: Mapping[str, Any]) -> None:
+        """Take what a node says of its parameters: all at start, later what has changed."""
+        node = self.node(name)
+        node.say(values)
+        self._put_node(node)
+        if name == "simulator":
+            self._put_plant()
+
+    def event(self, name: str, stamp_ns: int, message: str, values: Mapping[str, str]) -> None:
+        """Take a run event."""
+        node = self.node(name)
+        if message == Event.CONFIGURED:
+            node.be(values.get("kind", ""))
+        for event, state in _STATES.items():
+            if message == event:
+                node.state = state
+                self._put_node(node)
+        if name == "simulator":
+            self.started = self.started or message == Event.STARTED
+            self.paused = (self.paused or message == Event.PAUSED) and message != Event.RESUMED
+            self.ended = (self.ended or message in ENDS) and message != Event.STARTED
+        self._events.append(
+            {
+                "t": max(seconds(stamp_ns), 0.0),
+                "node": name,
+                "event": message,
+                "values": dict(values),
+            }
+        )
+        self._board.put("events", events=list(self._events))
+        self.put_run()
+
+    def diagnosed(self, name: str, level: int, message: str, values: Mapping[str, str]) -> None:
+        """Take what a node says of its health, once a second."""
+        node = self.node(name)
+        node.health = dict(values)
+        if values.get("lifecycle", node.state) != node.state:
+            node.state = values["lifecycle"]
+            self._put_node(node)
+        self._board.put("health", name, level=level, message=message, values=node.health)
+
+    def put_run(self) -> None:
+        """Put what is known of the run as a whole."""
+        acting = [name for name in self.controllers if self.nodes[name].state == "active"]
+        self._board.put(
+            "run", started=self.started, ended=self.ended, paused=self.paused, acting=acting
+        )
+
+    def _put_node(self, node: NodeSeen) -> None:
+        declared = {} if node.config_class is None else declarations(node.config_class)
+        self._board.put(
+            "node",
+            node.name,
+            state=node.state,
+            controller=isinstance(node.config, ControllerConfig),
+            parameters={name: plain(value) for name, value in node.values.items()},
+        )
+        self._board.put(
+            "declared",
+            node.name,
+            parameters={
+                name: _declared(declared[name]) for name in node.values if name in declared
+            },
+        )
+        self.put_run()
+
+    def _put_plant(self) -> None:
+        config = self.simulator
+        body = config.body
+        self._board.put(
+            "world",
+            path={
+                "amplitude": body.amplitude,
+                "wavenumber": body.wavenumber,
+                "harmonics": list(body.harmonics or ()),
+                "length": config.length,
+            },
+            limit=plain(config.max_effort),
+            operator={"force": config.operator_force, "torque": config.operator_torque},
+            lockstep=config.lockstep,
+            rate=config.update_rate,
+        )
+
+
+def _declared(one: Declaration) -> dict[str, object]:
+    return {
+        "kind": one.kind,
+        "unit": one.unit,
+        "description": one.description,
+        "allowed": one.allowed(),
+        "low": plain(one.minimum if one.minimum is not None else one.above),
+        "high": plain(one.maximum),
+        "choices": list(one.choices),
+        "fixed": one.fixed,
+        "unbounded": one.unbounded,
+        "default": plain(one.default),
+    }

@@ -1,0 +1,84 @@
+"""The gateway's process: standard input says what to show, and ends it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import socket
+import sys
+from pathlib import Path
+from typing import Any
+
+from .access import Hosts, Tokens
+from .feed import Feed
+from .page_files import page_files, report_file
+from .server import Gateway
+
+
+def main() -> None:
+    """Serve until standard input ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started it says when it is over
+    asyncio.run(_serve())
+
+
+async def _serve() -> None:
+    loop = asyncio.get_running_loop()
+    told = asyncio.StreamReader()
+    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(told), sys.stdin)
+    first = json.loads(await told.readline())
+    feed = _feed(first)
+    gateway = Gateway(
+        feed,
+        Tokens(*first["tokens"]),
+        Hosts(frozenset(first["hosts"]), first["port"]),
+        page_files(),
+        _say,
+        first.get("stoppable", False),
+    )
+    server = gateway.server()
+    listening = socket.socket(fileno=os.dup(first["socket"]))
+    listening.setblocking(False)
+    server.add_socket(listening)
+    _say("serving")
+    listens = loop.create_task(_listen(told, gateway))
+    works = [loop.create_task(gateway.serve()), loop.create_task(feed.begin())]
+    try:
+        # It ends with its input, or where a task of it fails.
+        left = {listens, *works}
+        while listens in left:
+            done, left = await asyncio.wait(left, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+    finally:
+        server.stop()
+        feed.close()
+
+
+def _feed(told: dict[str, Any]) -> Feed:
+    if "recording" in told:
+        from .recorded_feed import RecordedFeed
+
+        return RecordedFeed(Path(told["recording"]))
+    from .graph_feed_node import GraphFeed
+
+    return GraphFeed(told["namespace"], told.get("standby", ()))
+
+
+async def _listen(told: asyncio.StreamReader, gateway: Gateway) -> None:
+    while line := await told.readline():
+        more = json.loads(line)
+        if "report" in more:
+            gateway.show_report(report_file(Path(more["report"])))
+        if "over" in more:
+            gateway.stoppable = False
+
+
+def _say(word: str) -> None:
+    sys.stdout.write(word + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

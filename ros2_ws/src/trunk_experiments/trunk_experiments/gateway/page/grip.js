@@ -1,0 +1,115 @@
+"use strict";
+// A hand on the trunk: pull it, knock it, push it with keys; drag the reference. What is asked for is limited by
+// the simulator; what has come of it is on the record.
+const grip = (() => {
+  const { canvas } = scene;
+  const REACH = 32; // CSS pixels
+  const TAP_MS = 220;
+  const KNOCK_MS = 120;
+  const SOFT = 0.3; // of the most, with a key
+  let held = null; // "trunk", "hip" or "reference"
+  let pointer = [0, 0];
+  let down = null; // where and when
+  let keys = 0;
+  let hard = false;
+  let knock = null; // { torque, until }
+  let last = { force: 0, torque: 0 };
+
+  const most = () => known.world?.operator ?? { force: 0, torque: 0 };
+  const may = () => known.control_allowed && !known.recorded && !view.frozen;
+  const clip = (value, bound) => Math.max(-bound, Math.min(bound, value));
+  const near = (a, b, reach = REACH) => Math.hypot(a[0] - b[0], a[1] - b[1]) <= reach;
+  const place = (event) => {
+    const box = canvas.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  };
+  const angleOf = (at, hip) => Math.atan2(at[0] - hip[0], hip[1] - at[1]) * DEGREES;
+  const turn = (degrees) => ((((degrees + 180) % 360) + 360) % 360) - 180;
+
+  // A spring from the trunk to the pointer: the whole torque at 30 degrees, damped a little.
+  const wanted = () => {
+    const at = scene.places();
+    const bound = most();
+    if (knock && performance.now() < knock.until) return { force: 0, torque: knock.torque };
+    knock = null;
+    if (held === "trunk") {
+      const away = turn(angleOf(pointer, at.hip) - at.theta);
+      return { force: 0, torque: clip((bound.torque / 30) * away - 0.05 * bound.torque * at.rate, bound.torque) };
+    }
+    if (held === "hip") return { force: clip((bound.force * (pointer[0] - at.hip[0])) / (0.5 * at.scale), bound.force), torque: 0 };
+    return { force: 0, torque: keys * (hard ? 1 : SOFT) * bound.torque };
+  };
+
+  canvas.addEventListener("pointerdown", (event) => {
+    const at = scene.places();
+    if (!at || !may()) return;
+    pointer = place(event);
+    down = { at: pointer, since: performance.now() };
+    const bound = most();
+    const along = [(at.hip[0] + at.tip[0]) / 2, (at.hip[1] + at.tip[1]) / 2];
+    if (near(pointer, scene.ring(), 22)) held = "reference";
+    else if (bound.torque && (near(pointer, at.tip) || near(pointer, along))) held = "trunk";
+    else if (bound.force && near(pointer, at.hip)) held = "hip";
+    canvas.setPointerCapture(event.pointerId);
+    canvas.classList.toggle("held", held !== null);
+    canvas.focus();
+    event.preventDefault();
+  });
+  canvas.addEventListener("pointermove", (event) => { if (down) pointer = place(event); });
+  const release = (event) => {
+    const at = scene.places();
+    if (down && at && event.type === "pointerup" && held !== "reference") {
+      const short = performance.now() - down.since < TAP_MS && near(pointer, down.at, 6);
+      if (short && may()) {
+        const side = turn(angleOf(pointer, at.hip) - at.theta); // a tap on its right sends it to the left
+        knock = { torque: (side > 0 ? -1 : 1) * most().torque, until: performance.now() + KNOCK_MS };
+      }
+    }
+    held = down = null;
+    canvas.classList.remove("held");
+  };
+  canvas.addEventListener("pointerup", release);
+  canvas.addEventListener("pointercancel", release);
+  const key = (event, sign) => {
+    if (event.key !== "ArrowLeft" && event.key !== "ArrowRight") return;
+    event.preventDefault();
+    hard = event.shiftKey;
+    keys = sign * (event.key === "ArrowRight" ? 1 : -1);
+  };
+  canvas.addEventListener("keydown", (event) => key(event, 1));
+  canvas.addEventListener("keyup", (event) => key(event, 0));
+  canvas.addEventListener("blur", () => { keys = 0; });
+
+  return {
+    // Ask for what the hand does, once for each picture; nothing is asked for by a hand at rest.
+    turn: () => {
+      const at = scene.places();
+      if (!at || !may()) {
+        if (last.force || last.torque) wire.send("push", { force: 0, torque: 0, stamp: 0 });
+        held = down = knock = null;
+        keys = 0;
+        last = { force: 0, torque: 0 };
+        return;
+      }
+      if (held === "reference") wire.send("reference", { angle: angleOf(pointer, at.hip) / DEGREES });
+      const now = wanted();
+      if (now.force || now.torque || last.force || last.torque)
+        wire.send("push", { ...now, stamp: known.plant.last });
+      last = now;
+    },
+    words: () => {
+      const other = known.gateway.operator && known.gateway.operator !== known.client;
+      if (other) return "somebody else's";
+      if (last.torque) return `${showNumber(last.torque, 3)} N·m`;
+      if (last.force) return `${showNumber(last.force, 3)} N`;
+      return "none";
+    },
+    line: () => {
+      const at = scene.places();
+      if (held === "trunk") return [at.tip, pointer];
+      if (held === "hip") return [at.hip, pointer];
+      return null;
+    },
+    get held() { return held; },
+  };
+})();

@@ -1,0 +1,66 @@
+"use strict";
+// What is wrong stands first: the red line. Below, what each node says of itself once a second, and the events.
+const alarm = (() => {
+  const line = document.getElementById("alarm");
+  const words = document.getElementById("alarm-text");
+  document.getElementById("alarm-close").addEventListener("click", () => { line.hidden = true; });
+  return {
+    say: (text) => {
+      words.textContent = text;
+      line.hidden = false;
+    },
+    clear: (text) => { if (words.textContent === text) line.hidden = true; },
+  };
+})();
+
+const health = (() => {
+  const table = document.getElementById("health");
+  const list = document.getElementById("events");
+  const gateway = document.getElementById("gateway");
+  const BAD = new Set(["failed", "stopped", "fell"]);
+  const HIDDEN = new Set(["lifecycle"]);
+  const counted = new Map(); // of each node, what it says when something is wrong
+  let told = 0; // events of which the bad ones have been said
+  const cell = (row, text, bad = false) => {
+    const made = row.insertCell();
+    made.textContent = text;
+    made.classList.toggle("bad", bad);
+  };
+  const show = () => {
+    table.replaceChildren();
+    for (const [name, { level, message, values }] of known.health) {
+      const row = table.insertRow();
+      const state = known.nodes.get(name)?.state ?? "";
+      cell(row, name);
+      cell(row, state);
+      cell(row, message, level > 0);
+      cell(row, Object.entries(values).filter(([key]) => !HIDDEN.has(key) && !(message !== "ok" && message.includes(key)))
+        .map(([key, value]) => `${key} ${value}`).join(", "));
+    }
+  };
+  const diagnosed = ({ name, level, message }) => {
+    if (level > 0 && counted.has(name) && counted.get(name) !== message) alarm.say(`${name}: ${message}`);
+    counted.set(name, level > 0 ? message : "ok");
+    show();
+  };
+  const events = () => {
+    list.replaceChildren();
+    for (const { t, node, event, values } of known.events.toReversed()) {
+      const item = document.createElement("li");
+      const more = Object.entries(values).filter(([key]) => key !== "process").map(([key, value]) => `${key} ${value}`).join(", ");
+      item.textContent = `${t.toFixed(3)} s  ${node}: ${event}${more ? ` (${more})` : ""}`;
+      item.classList.toggle("bad", BAD.has(event));
+      list.append(item);
+    }
+    const newest = known.events.at(-1);
+    if (!known.recorded && newest && BAD.has(newest.event) && told && known.events.length !== told)
+      alarm.say(`${newest.node}: ${newest.event} at ${newest.t.toFixed(2)} s${newest.values.reason ? `, ${newest.values.reason}` : ""}`);
+    told = known.events.length;
+  };
+  const served = () => {
+    const { clients, operator, refused } = known.gateway;
+    const counts = Object.entries(refused).map(([what, count]) => `${what} ${count}`).join(", ");
+    gateway.textContent = `${clients} ${clients === 1 ? "page" : "pages"} open${operator ? `; ${operator} pushes` : ""}${counts ? `; refused: ${counts}` : ""}`;
+  };
+  return { show, diagnosed, events, served };
+})();

@@ -1,0 +1,142 @@
+"use strict";
+// The rule tables of the controller that acts, with the rules lit that fire, and their labels to change.
+const rules = (() => {
+  const section = document.getElementById("rules");
+  const place = document.getElementById("tables");
+  const collect = document.getElementById("collect");
+  const apply = document.getElementById("apply");
+  const discard = document.getElementById("discard");
+  const LABELS = ["NB", "NM", "NS", "ZO", "PS", "PM", "PB"];
+  const TABLES = [["rules.kp", "Kp′", ["S", "B"]], ["rules.kd", "Kd′", ["S", "B"]], ["rules.alpha", "α", ["S", "MS", "M", "B"]]];
+  const CORNERS = [[0, 0, "w00"], [0, 1, "w01"], [1, 0, "w10"], [1, 1, "w11"]];
+  const tables = [];
+  const changed = new Map(); // "rules.kp" -> rows as they are to be
+  let lit = [];
+  let shown = "";
+
+  const owner = () => known.run.acting.find((name) => known.nodes.get(name)?.parameters["rules.kp"]) ?? shown;
+  const rowsOf = (name) => changed.get(name) ?? known.nodes.get(shown).parameters[name];
+
+  const cellsOf = (text) => text.split(/\s+/).filter(Boolean);
+  const click = (name, labels, row, column) => {
+    const rows = rowsOf(name).map(cellsOf);
+    const next = labels[(labels.indexOf(rows[row][column]) + 1) % labels.length];
+    rows[row][column] = next;
+    changed.set(name, rows.map((cells) => cells.join(" ")));
+    if (collect.checked) show();
+    else send();
+  };
+  const send = async () => {
+    const values = Object.fromEntries(changed);
+    changed.clear();
+    if (Object.keys(values).length) {
+      const { ok, text } = await wire.ask("set", { node: shown, values });
+      if (!ok) alarm.say(text);
+    }
+    show();
+  };
+  apply.addEventListener("click", send);
+  discard.addEventListener("click", () => {
+    changed.clear();
+    show();
+  });
+
+  const make = ([name, title, labels]) => {
+    const box = document.createElement("div");
+    box.className = "rule-table";
+    const table = document.createElement("table");
+    table.className = "rules";
+    const caption = table.createCaption();
+    caption.textContent = `${title}: rows e, columns ė`;
+    const head = table.createTHead().insertRow();
+    for (const label of ["", ...LABELS]) {
+      const cell = document.createElement("th");
+      cell.scope = "col";
+      cell.textContent = label;
+      head.append(cell);
+    }
+    const body = table.createTBody();
+    const cells = LABELS.map((label, row) => {
+      const line = body.insertRow();
+      const heading = document.createElement("th");
+      heading.scope = "row";
+      heading.textContent = label;
+      line.append(heading);
+      return LABELS.map((_, column) => {
+        const cell = line.insertCell();
+        const button = document.createElement("button");
+        button.type = "button";
+        button.addEventListener("click", () => click(name, labels, row, column));
+        cell.append(button);
+        return cell;
+      });
+    });
+    const dot = document.createElement("div");
+    dot.className = "rule-dot";
+    dot.hidden = true;
+    box.append(table, dot);
+    place.append(box);
+    return { name, title, cells, dot };
+  };
+
+  // The labels, as they are or are to be.
+  const show = () => {
+    const name = owner();
+    section.hidden = !name;
+    if (!name) return;
+    if (name !== shown) changed.clear();
+    shown = name;
+    if (!tables.length) tables.push(...TABLES.map(make));
+    document.getElementById("rules-of").textContent = name;
+    const now = known.nodes.get(name).parameters;
+    const fixed = !known.control_allowed || Boolean(known.recorded);
+    for (const { name: table, title, cells } of tables) {
+      const rows = rowsOf(table).map(cellsOf);
+      const before = now[table].map(cellsOf);
+      cells.forEach((line, row) => line.forEach((cell, column) => {
+        const button = cell.firstChild;
+        const label = rows[row]?.[column] ?? "";
+        if (button.textContent !== label) button.textContent = label;
+        button.disabled = fixed;
+        button.setAttribute("aria-label", `${title} at e ${LABELS[row]}, ė ${LABELS[column]}: ${label}`);
+        cell.toggleAttribute("data-changed", label !== before[row]?.[column]);
+      }));
+    }
+    apply.disabled = discard.disabled = !changed.size;
+  };
+
+  // The rules that fire at a time, and the operating point between them.
+  const draw = (time) => {
+    if (section.hidden || !tables.length) return;
+    for (const cell of lit) {
+      cell.style.removeProperty("--weight");
+      cell.removeAttribute("data-lit");
+    }
+    lit = [];
+    const { control } = known;
+    const at = control.row(time);
+    const value = (name) => control.value(name, at);
+    const [row, column] = [value("row"), value("column")];
+    const there = Number.isFinite(row);
+    for (const { cells, dot } of tables) {
+      dot.hidden = !there;
+      if (!there) continue;
+      for (const [down, right, weight] of CORNERS) {
+        const cell = cells[row + down]?.[column + right];
+        if (!cell || !(value(weight) > 0)) continue;
+        cell.style.setProperty("--weight", value(weight));
+        cell.setAttribute("data-lit", "");
+        lit.push(cell);
+      }
+      const first = cells[row][column];
+      const middle = [first.offsetLeft + first.offsetWidth / 2, first.offsetTop + first.offsetHeight / 2];
+      dot.style.left = `${middle[0] + (value("w01") + value("w11")) * first.offsetWidth}px`;
+      dot.style.top = `${middle[1] + (value("w10") + value("w11")) * first.offsetHeight}px`;
+    }
+    const gains = [["kp", "Kp"], ["ki", "Ki"], ["kd", "Kd"], ["alpha", "α"]].map(([name, title]) => `${title} ${showNumber(value(name))}`);
+    const words = there ? `Now: ${gains.join(", ")}.` : "";
+    const line = document.getElementById("gains-now");
+    if (line.textContent !== words) line.textContent = words;
+  };
+  return { show, draw };
+})();

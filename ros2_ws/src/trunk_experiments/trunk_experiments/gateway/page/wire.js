@@ -1,0 +1,75 @@
+"use strict";
+// The connection to the gateway: words and rows in, requests out; it comes back by itself.
+const wire = (() => {
+  const token = location.hash.slice(1);
+  const listeners = [];
+  const waiting = new Map(); // number of a request -> what to do with its answer
+  let socket = null;
+  let number = 0;
+  let wait = 250;
+  const say = (kind, values) => listeners.forEach((listener) => listener(kind, values));
+
+  const rows = (data) => {
+    const values = new Float64Array(data);
+    const stream = known.streams[values[0]];
+    if (!stream) return;
+    storeOf(stream.name).add(stream.columns, values.subarray(3));
+    say("rows", stream);
+  };
+  const words = (text) => {
+    const { kind, ...values } = JSON.parse(text);
+    if (kind === "answer") {
+      const done = waiting.get(values.number);
+      waiting.delete(values.number);
+      if (done) done(values);
+      else if (!values.ok) say("refused", values.text);
+      return;
+    }
+    if (kind === "hello") {
+      wait = 250;
+      known.client = values.client;
+      known.control_allowed = values.control;
+      known.streams = [];
+    } else if (kind === "stream") {
+      known.streams[values.stream] = values;
+      for (const name of values.columns) storeOf(values.name).column(name);
+    } else if (kind === "node") known.nodes.set(values.name, values);
+    else if (kind === "declared") known.declared.set(values.name, values.parameters);
+    else if (kind === "health") known.health.set(values.name, values);
+    else if (kind === "events") known.events = values.events;
+    else known[kind] = values;
+    say(kind, values);
+  };
+  const open = () => {
+    socket = new WebSocket(`ws://${location.host}/live`, ["trunk.live.1", token]);
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => say("link", "open");
+    socket.onmessage = ({ data }) => (typeof data === "string" ? words(data) : rows(data));
+    socket.onclose = () => {
+      say("link", "closed");
+      for (const done of waiting.values()) done({ ok: false, text: "the connection was lost" });
+      waiting.clear();
+      setTimeout(open, wait);
+      wait = Math.min(2 * wait, 4000);
+    };
+  };
+  return {
+    open,
+    listen: (listener) => listeners.push(listener),
+    // Send without an answer; what cannot be sent now is not sent later.
+    send: (kind, values = {}) => {
+      if (socket?.readyState === WebSocket.OPEN && socket.bufferedAmount < 65536)
+        socket.send(JSON.stringify({ kind, ...values }));
+    },
+    // Send, and hear whether it was done.
+    ask: (kind, values = {}) => new Promise((done) => {
+      if (socket?.readyState !== WebSocket.OPEN) {
+        done({ ok: false, text: "not connected" });
+        return;
+      }
+      number += 1;
+      waiting.set(number, done);
+      socket.send(JSON.stringify({ kind, number, ...values }));
+    }),
+  };
+})();

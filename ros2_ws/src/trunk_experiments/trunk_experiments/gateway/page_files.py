@@ -1,0 +1,59 @@
+"""The files that the gateway serves: those of the page, read once, by the one path of each."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+from typing import NamedTuple
+
+_PACKAGE = __package__.partition(".")[0]
+# Path of the address -> folder and name of the file. Stage and style are the report's.
+_PAGE = {
+    "/": "gateway/page/index.html",
+    "/style.css": "views/report_assets/style.css",
+    "/stage.js": "views/report_assets/stage.js",
+    "/numbers.js": "views/report_assets/numbers.js",
+    **{
+        f"/{name}": f"gateway/page/{name}"
+        for name in (
+            "live.css",
+            "wire.js",
+            "store.js",
+            "scene.js",
+            "grip.js",
+            "charts.js",
+            "rules.js",
+            "knobs.js",
+            "health.js",
+            "page.js",
+        )
+    },
+    "/uplot.js": "gateway/page/vendor/uPlot.iife.min.js",
+    "/uplot.css": "gateway/page/vendor/uPlot.min.css",
+}
+_KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+}
+
+
+class PageFile(NamedTuple):
+    """A file's type and content."""
+
+    kind: str
+    data: bytes
+
+
+def page_files() -> dict[str, PageFile]:
+    """Return the page's files by path."""
+    root = files(_PACKAGE)
+    return {
+        path: PageFile(_KINDS[Path(name).suffix], root.joinpath(name).read_bytes())
+        for path, name in _PAGE.items()
+    }
+
+
+def report_file(path: Path) -> PageFile:
+    """Return a report for the page to open. Raises OSError."""
+    return PageFile(_KINDS[".html"], path.read_bytes())

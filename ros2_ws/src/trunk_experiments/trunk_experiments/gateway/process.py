@@ -1,0 +1,143 @@
+"""The gateway's process, as the verb that shows a page sees it: started, restarted, told, heard, ended."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from ..errors import GatewayError
+from .access import Tokens
+
+LOOPBACK = "127.0.0.1"
+_ENDS_S = 5.0
+_RESTARTS = 5  # in a row
+_LASTS_S = 10.0  # so long it has to have worked to be started again as if for the first time
+
+
+class GatewayProcess:
+    """A process of its own, which can neither slow nor stop a run; it ends when this one does.
+
+    The socket is this process's, and so are the tokens: a gateway that is restarted has the same address.
+    """
+
+    def __init__(self, log: Path, host: str, port: int, shown: Mapping[str, object]) -> None:
+        """Start serving ``shown``. Raises GatewayError where the address cannot be used."""
+        self._log = log
+        self._socket = _listening(host, port)
+        self.port: int = self._socket.getsockname()[1]
+        self.tokens = Tokens.new()
+        self._host = host
+        self._told: list[str] = [
+            json.dumps(
+                {
+                    **shown,
+                    "tokens": self.tokens,
+                    "socket": self._socket.fileno(),
+                    "port": self.port,
+                    "hosts": sorted({host, *(("localhost",) if host == LOOPBACK else ())}),
+                }
+            )
+        ]
+        self._heard = b""
+        self._restarts = 0
+        self._process = self._start()
+
+    def address(self, token: str) -> str:
+        """Return the page's address; what comes after ``#`` no browser sends or logs."""
+        name = f"[{self._host}]" if ":" in self._host else self._host
+        return f"http://{name}:{self.port}/#{token}"
+
+    def turn(self) -> list[str]:
+        """Return what the gateway has said; start it again if it has ended. Raises GatewayError."""
+        heard = self._hear()
+        if self._process.poll() is not None:
+            if time.monotonic() - self._since_s > _LASTS_S:
+                self._restarts = 0
+            if self._restarts == _RESTARTS:
+                raise GatewayError(f"the gateway ends each time it is started: see {self._log}")
+            self._restarts += 1
+            self._close_pipes()
+            self._process = self._start()
+        return heard
+
+    def tell(self, **values: object) -> None:
+        """Tell the gateway, and every later one."""
+        self._told.append(json.dumps(values))
+        self._send(self._told[-1])
+
+    @property
+    def pid(self) -> int:
+        """The process's id."""
+        return self._process.pid
+
+    def close(self) -> None:
+        """End the gateway."""
+        with suppress(OSError):
+            assert self._process.stdin is not None
+            self._process.stdin.close()  # that ends it
+        try:
+            self._process.wait(_ENDS_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._close_pipes()
+        self._socket.close()
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        with self._log.open("ab") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "trunk_experiments.gateway.main"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                pass_fds=[self._socket.fileno()],
+                start_new_session=True,  # Ctrl-C reaches the verb alone
+            )
+        assert process.stdout is not None
+        os.set_blocking(process.stdout.fileno(), False)
+        self._process, self._heard, self._since_s = process, b"", time.monotonic()
+        for line in self._told:
+            self._send(line)
+        return process
+
+    def _send(self, line: str) -> None:
+        with suppress(OSError):  # it has ended: the next one is told
+            assert self._process.stdin is not None
+            self._process.stdin.write(line.encode() + b"\n")
+            self._process.stdin.flush()
+
+    def _hear(self) -> list[str]:
+        assert self._process.stdout is not None
+        with suppress(OSError):
+            self._heard += self._process.stdout.read() or b""
+        *lines, self._heard = self._heard.split(b"\n")
+        return [line.decode() for line in lines]
+
+    def _close_pipes(self) -> None:
+        for pipe in (self._process.stdin, self._process.stdout):
+            with suppress(OSError):
+                assert pipe is not None
+                pipe.close()
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    found = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        found.bind((host, port))
+        found.listen(128)
+    except (OSError, OverflowError) as error:
+        found.close()
+        reason = getattr(error, "strerror", None) or str(error)
+        raise GatewayError(
+            f"address {host}:{port}: {reason}: give another with --host or --port"
+        ) from None
+    return found

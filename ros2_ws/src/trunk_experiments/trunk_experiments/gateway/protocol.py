@@ -1,0 +1,109 @@
+"""What page and gateway say to each other: JSON for words, binary for rows. Pure.
+
+A frame of rows is a sequence of little-endian doubles: the number of the stream, the columns of a row, the
+number of the first row, then the rows.
+"""
+
+from __future__ import annotations
+
+import json
+from math import isfinite
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from .rows import Rows
+
+NAME = "trunk.live.1"  # the WebSocket's subprotocol
+LONGEST = 65_536  # bytes of a message from a page
+MOST_ROWS = 4_000  # in one frame
+
+
+class BadMessageError(ValueError):
+    """A message that no page of ours sends: what is wrong with it."""
+
+
+class Asked(NamedTuple):
+    """What a page asks for. ``number``: its own of this message, with which it is answered."""
+
+    kind: str
+    number: int
+    values: Mapping[str, Any]
+
+
+# What each kind carries, and of which type; a float may be written as an integer.
+_CARRIES: Mapping[str, Mapping[str, type]] = {
+    "push": {"force": float, "torque": float, "stamp": float},
+    "reference": {"angle": float},
+    "set": {"node": str, "values": dict},
+    "swap": {"to": str},
+    "reset": {},
+    "pause": {"on": bool},
+    "stop": {},
+}
+KINDS = tuple(_CARRIES)
+# These come at the rate of the screen and are not answered.
+UNANSWERED = ("push", "reference")
+
+
+def asked(text: str | bytes) -> Asked:
+    """Return what a message asks for. Raises BadMessageError."""
+    if isinstance(text, bytes):
+        raise BadMessageError("a binary message: only JSON text is understood")
+    try:
+        found = json.loads(text, parse_constant=_no_number)
+    except (ValueError, RecursionError):
+        raise BadMessageError("a message that is no JSON") from None
+    if not isinstance(found, dict):
+        raise BadMessageError("a message that is no JSON object")
+    kind, number = found.pop("kind", None), found.pop("number", 0)
+    if not isinstance(kind, str) or kind not in _CARRIES:
+        raise BadMessageError(f"a message of another kind than {', '.join(KINDS)}")
+    if type(number) is not int:
+        raise BadMessageError(f"{kind}: its number is no integer")
+    carries = _CARRIES[kind]
+    if found.keys() != carries.keys():
+        raise BadMessageError(
+            f"{kind}: it carries {', '.join(carries) or 'nothing'}, all and alone"
+        )
+    return Asked(kind, number, {n: _value(kind, n, t, found[n]) for n, t in carries.items()})
+
+
+def _value(kind: str, name: str, wanted: type, value: object) -> object:
+    if wanted is float and type(value) in (int, float):
+        number = float(value) if abs(value) < 1e300 else float("inf")  # type: ignore[arg-type]
+        if isfinite(number):
+            return number
+    elif type(value) is wanted:
+        return value
+    raise BadMessageError(f"{kind}: {name} is no finite {wanted.__name__}")
+
+
+def _no_number(text: str) -> float:
+    raise ValueError(text)
+
+
+def frame(stream: int, rows: Rows, number: int) -> tuple[bytes, int]:
+    """Return the frame of a stream's next rows, and the number after the last of them; none: empty."""
+    first, values = rows.since(number, MOST_ROWS)
+    if not len(values):
+        return b"", first
+    head = np.array([stream, values.shape[1], first], np.float64)
+    return head.astype("<f8").tobytes() + values.astype("<f8").tobytes(), first + len(values)
+
+
+def words(kind: str, **values: object) -> str:
+    """Return a message to a page."""
+    return json.dumps({"kind": kind, **values}, allow_nan=False, separators=(",", ":"))
+
+
+def plain(value: object) -> object:
+    """Return a value as JSON has it: tuples as lists, what is not finite as text."""
+    if isinstance(value, float) and not isfinite(value):
+        return repr(value)
+    if isinstance(value, list | tuple):
+        return [plain(one) for one in value]
+    return value

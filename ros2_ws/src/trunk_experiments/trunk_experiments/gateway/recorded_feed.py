@@ -1,0 +1,104 @@
+"""A recording for the page: all of it at once, and nothing to ask for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_msgs_util import topics
+from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_msgs_util.units import NANOSECONDS
+
+from ..recorded.run import RecordedRun
+from .board import Board
+from .feed import PLANT, PUSHES, RefusedRequestError, Stream, put_stream
+from .graph import Graph
+from .rows import Rows
+from .streams import columns_of, with_rules
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from trunk_msgs_util.recording.joint_arrays import Floats, JointArrays
+
+    from .protocol import Asked
+
+
+class RecordedFeed:
+    """A recorded run. What happened to its parameters later is among its events."""
+
+    def __init__(self, path: Path) -> None:
+        """Read it. Raises RecordingError."""
+        self.board = Board()
+        self.streams: list[Stream] = []
+        run = RecordedRun.open(path)
+        recording = run.recording
+        self._graph = Graph(self.board)
+        for node, values in run.parameters.items():
+            self._graph.parameters(node, values)
+        for event in run.events:
+            name = recording.relative(event.node)
+            self._graph.event(name, event.stamp_ns, event.message, event.values)
+        self._add(PLANT, _plant(run.joints(topics.GROUND_TRUTH).by_stamp()))
+        if run.count(topics.OPERATOR_PUSH):
+            pushes = run.joints(topics.OPERATOR_PUSH).by_stamp()
+            self._add(PUSHES, np.column_stack([_seconds(pushes), pushes.effort]))
+        for name in run.controllers:
+            self._add_controller(run, name)
+        t = self.streams[0].rows
+        self.board.put(
+            "recorded",
+            file=path.name,
+            complete=recording.complete,
+            end=recording.end,
+            doubts=recording.further_warnings,
+            first=float(t.since(0, 1)[1][0, 0]),
+            last=t.last()["t"],
+        )
+
+    async def begin(self) -> None:
+        """Do nothing."""
+
+    def turn(self) -> None:
+        """Take nothing: it is all there."""
+
+    async def ask(self, client: str, asked: Asked) -> str:
+        """Refuse whatever it is. Raises RefusedRequestError."""
+        raise RefusedRequestError(
+            "this is a recording: trunk branch tries out what else could have been"
+        )
+
+    def close(self) -> None:
+        """Nothing was opened."""
+
+    def _add(self, name: str, values: Floats) -> None:
+        put_stream(self.board, self.streams, name, Rows.of(columns_of(name, (), None), values))
+
+    def _add_controller(self, run: RecordedRun, name: str) -> None:
+        told = run.joints(topics.controller_state(name)).by_stamp()
+        if not len(told) or told.position.shape[1] != len(told.names):
+            return
+        values = np.column_stack([_seconds(told), told.position])
+        try:
+            timeline = run.timeline(name)
+        except (KeyError, ParameterError):
+            columns = columns_of(name, told.names, None)
+        else:
+            columns = columns_of(name, told.names, timeline.config)
+            rows = []
+            for stamp_ns, row in zip(told.stamp_ns.tolist(), values.tolist(), strict=True):
+                timeline.advance(stamp_ns)
+                if isinstance(timeline.config, FuzzyPidConfig):
+                    rows.append(with_rules(tuple(row), told.names, timeline.config))
+            values = np.array(rows) if rows else values
+        put_stream(self.board, self.streams, name, Rows.of(columns, values))
+
+
+def _seconds(arrays: JointArrays) -> Floats:
+    return arrays.stamp_ns / NANOSECONDS
+
+
+def _plant(truth: JointArrays) -> Floats:
+    return np.column_stack([_seconds(truth), truth.position, truth.velocity, truth.effort[:, 1]])

@@ -1,0 +1,67 @@
+"use strict";
+// A canvas for each run of the report, at the clock's time.
+const makeStage = (run, index) => {
+  const canvas = document.getElementById(`stage-${index}`);
+  const context = canvas.getContext("2d");
+  const readout = document.getElementById(`readout-${index}`);
+  const { t, x, theta, measured, reference, torque } = run.columns;
+  const { length } = run.path;
+  const extent = x.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
+  // A hip that travels far is followed; otherwise the whole path fits.
+  const follows = extent[1] - extent[0] > 9;
+  const largest = () => {
+    const bound = Math.max(...run.limits.map((v) => (v === null ? 0 : Math.abs(v))));
+    return bound || run.torqueRange || torque.reduce((most, v) => Math.max(most, Math.abs(v)), 1e-9);
+  };
+  const fullTorque = largest();
+  // The full extent of hip, trunk and measured trunk, plus a margin.
+  const span = { left: extent[0], right: extent[1], low: Infinity, high: -Infinity };
+  for (let i = 0; i < t.length; i++) {
+    const angles = [theta[i], measured[i], reference[i]].filter(Number.isFinite).map((v) => (v * Math.PI) / 180);
+    const y = pathHeight(run.path, x[i]);
+    const heights = [y, ...angles.map((v) => y + length * Math.cos(v))];
+    span.low = Math.min(span.low, ...heights);
+    span.high = Math.max(span.high, ...heights);
+    for (const v of angles) {
+      span.left = Math.min(span.left, x[i] + length * Math.sin(v));
+      span.right = Math.max(span.right, x[i] + length * Math.sin(v));
+    }
+  }
+  span.left -= 0.3 * length;
+  span.right += 0.3 * length;
+  span.low -= 0.45 * length;
+  span.high += 0.4 * length;
+  const fallen = () => run.fell !== null && t[row] >= run.fell - 1e-10;
+  let row = 0;
+
+  const draw = () => {
+    const size = fitCanvas(canvas, context);
+    if (!size.width) return;
+    const place = follows ? { ...span, left: x[row] - 5, right: x[row] + 5 } : span;
+    const pulse = run.pulses.find((p) => p.start <= t[row] + 1e-10 && t[row] + 1e-10 < p.end);
+    paintStage(
+      context, size, { ...place, path: run.path, length, travelled: extent, color: runColor(index), fullTorque },
+      {
+        x: x[row], theta: theta[row], measured: measured[row], reference: reference[row], torque: torque[row],
+        pulse: pulse ? `pulse: ${pulse.text}` : null, fell: fallen() ? run.fell : null,
+      },
+    );
+  };
+
+  const say = (name, text) => {
+    const value = readout.querySelector(`[data-value=${name}]`);
+    if (value) value.textContent = text;
+  };
+  const show = (time) => {
+    row = rowAt(t, time);
+    draw();
+    say("fell", fallen() ? `at ${showNumber(run.fell, 6)} s` : "not yet");
+    say("theta", `${showNumber(theta[row])}°`);
+    say("reference", `${showNumber(reference[row])}°`);
+    say("torque", `${showNumber(torque[row])} N·m`);
+    say("x", `${showNumber(x[row])} m`);
+  };
+  clock.listeners.push(show);
+  new ResizeObserver(draw).observe(canvas);
+  return { draw };
+};
