@@ -8,10 +8,14 @@ What was skipped, and how to get it, goes to the file TRUNK_SKIPPED, for the las
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pytest
 from hypothesis import HealthCheck, Phase, settings
 
 _PATIENT = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -26,6 +30,39 @@ settings.register_profile(
     phases=(Phase.explicit, Phase.generate),
 )
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
+
+
+_QUIET = ("background-networking", "component-update", "sync")
+_ARGUMENTS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    *(f"--disable-{q}" for q in _QUIET),
+]
+
+
+def _find_browser() -> str | None:
+    for name in (os.environ.get("TRUNK_CHROMIUM"), "chromium", "chromium-browser", "google-chrome"):
+        path = shutil.which(name) if name else None
+        if (
+            path
+            and not subprocess.run([path, "--version"], capture_output=True, check=False).returncode
+        ):
+            return path
+    return None
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Yield a headless Chromium; tests that need one carry the mark of this name."""
+    playwright = pytest.importorskip("playwright.sync_api")
+    path = _find_browser()
+    if path is None:
+        pytest.skip("Chromium: scripts/browser.sh installs it, or says why not")
+    with playwright.sync_playwright() as driver:
+        started = driver.chromium.launch(executable_path=path, args=_ARGUMENTS)
+        yield started
+        started.close()
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:

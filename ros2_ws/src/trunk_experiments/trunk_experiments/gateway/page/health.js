@@ -1,15 +1,32 @@
 "use strict";
 // What is wrong stands first: the red line. Below, what each node says of itself once a second, and the events.
 const alarm = (() => {
-  const line = document.getElementById("alarm");
+  const box = document.getElementById("alarm");
   const words = document.getElementById("alarm-text");
-  document.getElementById("alarm-close").addEventListener("click", () => { line.hidden = true; });
+  const MOST = 4; // lines; the oldest goes
+  const lines = new Map(); // about what -> the words
+  const show = () => {
+    words.replaceChildren(...[...lines.values()].map((text) => {
+      const line = document.createElement("span");
+      line.textContent = text;
+      return line;
+    }));
+    box.hidden = !lines.size;
+  };
+  document.getElementById("alarm-close").addEventListener("click", () => {
+    lines.clear();
+    show();
+  });
   return {
-    say: (text) => {
-      words.textContent = text;
-      line.hidden = false;
+    say: (text, about = text) => {
+      lines.delete(about);
+      lines.set(about, text);
+      if (lines.size > MOST) lines.delete(lines.keys().next().value);
+      show();
     },
-    clear: (text) => { if (words.textContent === text) line.hidden = true; },
+    clear: (about) => {
+      if (lines.delete(about)) show();
+    },
   };
 })();
 
@@ -39,7 +56,7 @@ const health = (() => {
     }
   };
   const diagnosed = ({ name, level, message }) => {
-    if (level > 0 && counted.has(name) && counted.get(name) !== message) alarm.say(`${name}: ${message}`);
+    if (level > 0 && counted.has(name) && counted.get(name) !== message) alarm.say(`${name}: ${message}`, name);
     counted.set(name, level > 0 ? message : "ok");
     show();
   };

@@ -1,0 +1,84 @@
+"""`trunk live` in a headless Chromium, as a person has it: an address, a page, a mouse."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+from .processes import Child, Children, until
+
+DESKTOP = {"width": 1400, "height": 900}
+
+
+class LivePage:
+    """A page of a gateway; every wait has a condition."""
+
+    def __init__(self, browser: Any, address: str, viewport: dict[str, int] | None = None) -> None:
+        self.complaints: list[str] = []
+        self._context = browser.new_context(viewport=viewport or DESKTOP)
+        self._context.set_default_timeout(0)  # pytest has one
+        self.page = self._context.new_page()
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("dialog", lambda dialog: self.complaints.append("dialog"))
+        self.requests: list[str] = []
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(address)
+        self.ready()
+
+    def ready(self) -> None:
+        """Wait until it shows a run."""
+        self.page.wait_for_selector("html[data-ready]")
+
+    def close(self) -> None:
+        self._context.close()
+
+    def get(self, expression: str) -> Any:
+        """Return an expression's value in the page."""
+        return self.page.evaluate(f"() => {expression}")
+
+    def until(self, condition: str) -> None:
+        """Wait until an expression is true in the page."""
+        self.page.wait_for_function(f"() => {condition}", polling=50)
+
+    def point(self, place: str) -> tuple[float, float]:
+        """Return where something of the scene is on the screen: ``tip``, ``hip``, or the ``ring``."""
+        found = "scene.ring()" if place == "ring" else f"scene.places().{place}"
+        x, y = self.get(found)
+        box = self.page.locator("#scene").bounding_box()
+        return box["x"] + x, box["y"] + y
+
+    def pull(self, place: str, right: float, up: float, while_: Callable[[], None]) -> None:
+        """Hold something of the scene and draw it away by so many pixels until ``while_`` returns."""
+        mouse = self.page.mouse
+        self.page.locator("#scene").scroll_into_view_if_needed()
+        # It moves while the mouse comes: a hand tries again.
+        while not self.get("grip.held"):
+            mouse.up()
+            x, y = self.point(place)
+            mouse.move(x, y)
+            mouse.down()
+        mouse.move(x + right, y - up)
+        while_()
+        mouse.up()
+
+    def knob(self, node: str, name: str) -> Any:
+        """Return the field of a parameter, in sight."""
+        self.page.locator("#knobs summary", has_text=re.compile(f"^{node}$")).evaluate(
+            "summary => { summary.parentElement.open = true; }"
+        )
+        return self.page.locator(f"[id='knob-{node}-{name.replace('.', '-')}']")
+
+
+def start_live(children: Children, *given: object) -> tuple[Child, str, str]:
+    """Start `trunk live`; return it and the addresses that it prints, to control and to watch."""
+    child = children.trunk("live", *given, "--no-browser")
+    found = until(
+        lambda: (
+            child.process.poll() is not None
+            or re.search(r"page: (\S+)\nto watch only: (\S+)\n", child.stdout)
+        ),
+        "the page's address",
+    )
+    assert child.process.poll() is None, child.stderr
+    return child, found[1], found[2]

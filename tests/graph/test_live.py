@@ -1,0 +1,168 @@
+"""A person at the live page: what they do reaches the running graph, is on the record, and verifies."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.verdict import UNJUDGED, VERIFIED
+from trunk_experiments.replay.verify import verdict_on
+from trunk_msgs_util import topics
+
+from .live_page import LivePage, start_live
+from .peer import Peer
+from .processes import Children, until
+
+pytestmark = [pytest.mark.graph, pytest.mark.browser]
+
+MOST = 40.0  # N m, what `trunk live` lets a hand do
+
+
+def gateway_pid(child: Any) -> int:
+    """Return the process of the gateway that a `trunk live` has started."""
+    path = Path(f"/proc/{child.process.pid}/task/{child.process.pid}/children")
+
+    def found() -> int | None:
+        for pid in map(int, path.read_text().split()):
+            if b"trunk_experiments.gateway.main" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                return pid
+        return None
+
+    return until(found, "a gateway")
+
+
+def test_what_a_person_does_is_done_and_on_the_record(
+    children: Children, peer: Peer, browser: Any, tmp_path: Path
+) -> None:
+    pushed = peer.hear(f"/{topics.OPERATOR_PUSH}")
+    child, address, watch = start_live(
+        children,
+        *("demo", "--controller", "fuzzy_pid", "--controller", "pid", "--output", "run"),
+        *("--set", "simulator.operator.timeout=2.0"),  # a busy page asks seldom
+    )
+    live = LivePage(browser, address)
+    page = live.page
+    live.until("known.run.started && known.run.acting.join() === 'fuzzy_pid'")
+    assert live.get("known.control.columns.has('w11')")
+
+    # Pull: a torque on the topic, within its limit, and the trunk follows.
+    def until_it_leans() -> None:
+        live.until(
+            "known.pushes.last > 0 && known.pushes.columns.get('torque')[known.pushes.count - 1] > 20"
+        )
+        live.until("scene.places().theta > 3")
+
+    live.pull("tip", 150, 0, until_it_leans)
+    peer.until(lambda: any(message.effort[1] > 20.0 for message in pushed), "a push is taken")
+    peer.until(lambda: pushed[-1].effort[1] == 0.0, "the hand lets go")
+    assert max(abs(message.effort[1]) for message in pushed) <= MOST
+    assert {message.effort[0] for message in pushed} == {0.0}
+    # A key is a small push.
+    page.focus("#scene")
+    page.keyboard.down("ArrowLeft")
+    peer.until(lambda: pushed[-1].effort[1] == pytest.approx(-0.3 * MOST), "a key pushes")
+    page.keyboard.up("ArrowLeft")
+    peer.until(lambda: pushed[-1].effort[1] == 0.0, "the key is up")
+
+    # A parameter, as the node has it; and one that it refuses, in its words.
+    knob = live.knob("fuzzy_pid", "gains.d_min")
+    knob.fill("8.5")
+    knob.press("Enter")
+    live.until("known.nodes.get('fuzzy_pid').parameters['gains.d_min'] === 8.5")
+    slider = page.locator("input[type=range][aria-label='fuzzy_pid gains.p_max']")
+    slider.fill("70")
+    live.until("known.nodes.get('fuzzy_pid').parameters['gains.p_max'] === 70")
+    knob.fill("99")
+    knob.press("Enter")
+    live.until("document.getElementById('alarm-text').textContent.includes('gains.d_max')")
+    assert "gains.d_max" in page.inner_text("#knobs .refused:not(:empty)")
+    assert live.get("known.nodes.get('fuzzy_pid').parameters['gains.d_min']") == 8.5
+    page.click("#alarm-close")
+
+    # A cell of the rules by a click; two as one change.
+    cell = page.locator("#tables .rule-table").nth(0).locator("td button")
+    cell.nth(0).click()
+    live.until("known.nodes.get('fuzzy_pid').parameters['rules.kp'][0].startsWith('S ')")
+    page.check("#collect")
+    cell.nth(0).click()
+    page.locator("#tables .rule-table").nth(2).locator("td button").nth(0).click()
+    assert page.locator("td[data-changed]").count() == 2
+    page.click("#apply")
+    live.until("known.nodes.get('fuzzy_pid').parameters['rules.alpha'][0].startsWith('MS ')")
+    assert live.get("known.nodes.get('fuzzy_pid').parameters['rules.kp'][0]").startswith("B ")
+
+    # The reference by its ring.
+    asked = "known.control.value('reference', known.control.count - 1)"
+    live.pull("ring", 60, 0, lambda: live.until(f"{asked} > 0.05"))
+
+    # Another page only watches; this one is loaded anew.
+    other = LivePage(browser, watch)
+    other.until("known.gateway.clients === 2 && known.plant.count > 10")
+    assert other.page.locator("#pause").is_hidden()
+    page.reload()
+    live.ready()
+    live.until("known.plant.count > 10 && known.control_allowed")
+
+    # Another controller, without a bump; pause and go on; the gateway is killed and comes back.
+    page.check("#controllers input[value=pid]")
+    live.until("known.run.acting.join() === 'pid'")
+    page.click("#pause")
+    live.until("known.run.paused")
+    page.click("#pause")
+    live.until("!known.run.paused")
+    os.kill(gateway_pid(child), signal.SIGKILL)
+    live.until("document.getElementById('link').dataset.state === 'closed'")
+    live.until("document.getElementById('link').dataset.state === 'open'")
+    t = live.get("known.plant.last")
+    live.until(f"known.plant.last > {t} + 0.5")
+    other.until("known.gateway.clients === 2")
+    assert live.complaints == other.complaints == []
+    assert all(url.startswith(("http://127.0.0.1:", "data:")) for url in live.requests)
+
+    # Stop and show.
+    page.click("#stop")
+    page.wait_for_url("**/report-*.html")
+    assert "fuzzy_pid" in page.content()
+    other.close()
+    live.close()
+    assert child.wait() == 0, child.stderr
+
+    run = RecordedRun.open(tmp_path / "run" / "run.mcap")
+    assert run.recording.complete, run.recording.end
+    assert run.operated
+    torques = np.array([applied.trunk_torque for _, applied in run.operated.pushes])
+    assert torques.max() > 20.0
+    assert np.abs(torques).max() <= MOST
+    changed = {name for change in run.plan().changes["fuzzy_pid"] for name in change.values or ()}
+    assert {"gains.d_min", "gains.p_max", "rules.kp", "rules.alpha", "reference.profile"} <= changed
+    assert run.count("reference") > 0
+    verdict = verdict_on(run)
+    assert verdict.exit_code in (VERIFIED, UNJUDGED), verdict
+
+
+def test_a_graph_that_runs_already_is_joined_and_left_alone(
+    children: Children, peer: Peer, browser: Any, tmp_path: Path
+) -> None:
+    run = children.trunk("run", "demo", "--duration", 600, "--output", "run")
+    peer.until_started(run)
+    child, address, _ = start_live(children, "--attach", "/")
+    live = LivePage(browser, address)
+    live.until("known.run.started && known.plant.count > 10")
+    assert live.page.locator("#stop").is_hidden()
+    live.page.click("#reset")
+    live.until("known.events.some((event) => event.event === 'reset')")
+    child.send(signal.SIGINT)
+    assert child.wait() == 0, child.stderr
+    live.until("document.getElementById('link').dataset.state === 'closed'")
+    live.close()
+    assert run.process.poll() is None
+    run.send(signal.SIGINT)
+    run.wait()
+    recorded = RecordedRun.open(tmp_path / "run" / "run.mcap")
+    assert recorded.count(topics.GROUND_TRUTH) > 0
