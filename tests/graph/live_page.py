@@ -9,6 +9,7 @@ from typing import Any
 from .processes import Child, Children, until
 
 DESKTOP = {"width": 1400, "height": 900}
+_HELD = {"tip": "trunk", "hip": "hip", "ring": "reference"}
 
 
 class LivePage:
@@ -53,7 +54,7 @@ class LivePage:
         mouse = self.page.mouse
         self.page.locator("#scene").scroll_into_view_if_needed()
         # It moves while the mouse comes: a hand tries again.
-        while not self.get("grip.held"):
+        while self.get("grip.held") != _HELD[place]:
             mouse.up()
             x, y = self.point(place)
             mouse.move(x, y)

@@ -196,17 +196,19 @@ class _Checked(RequestHandler):
 class PagePart(_Checked):
     """The page's files, each by its one path, and nothing else."""
 
-    def get(self, path: str = "") -> None:
+    async def get(self, path: str = "") -> None:
         """Answer with a file of the page."""
         found = self.gateway.files.get(path)
         if found is None:
             self.gateway.refuse("paths that do not exist")
             raise HTTPError(404)
         self.set_header("Content-Type", found.kind)
-        if path.startswith("/report-"):  # it brings its own policy, and lets nothing in or out
+        report = path.startswith("/report-")
+        if report:  # it brings its own policy, and lets nothing in or out
             self.set_header("Content-Security-Policy", "frame-ancestors 'none'")
+        await self.finish(found.data)
+        if report:  # who hears that may end this process
             self.gateway.say("shown")
-        self.finish(found.data)
 
 
 class PageSocket(_Checked, WebSocketHandler):

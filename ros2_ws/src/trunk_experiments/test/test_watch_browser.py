@@ -1,0 +1,140 @@
+"""`trunk watch` as a reader has it: a recording in the live page, played, sought, looped."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from trunk_experiments.gateway.recorded_feed import RecordedFeed
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util import topics
+
+pytestmark = pytest.mark.browser
+
+TRUNK = [sys.executable, "-c", "from trunk_experiments.executables import trunk; trunk()"]
+THETA = "() => Array.from(known.plant.columns.get('theta').subarray(0, known.plant.count))"
+
+
+@pytest.fixture
+def watched(browser, tmp_path):
+    """Return a function that opens a recording in the page; nothing may go wrong in it."""
+    started, contexts, complaints, requests = [], [], [], []
+
+    def go(path):
+        process = subprocess.Popen(
+            [*TRUNK, "watch", str(path), "--no-browser"],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        started.append(process)
+        address = re.fullmatch(r"page: (\S+)\n", process.stdout.readline())[1]
+        context = browser.new_context(viewport={"width": 1400, "height": 900})
+        contexts.append(context)
+        context.set_default_timeout(0)  # pytest has one
+        page = context.new_page()
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("dialog", lambda dialog: (complaints.append("dialog"), dialog.dismiss()))
+        page.on("request", lambda request: requests.append(request.url))
+        page.goto(address)
+        page.wait_for_selector("html[data-ready]")
+        return page
+
+    yield go
+    for context in contexts:
+        context.close()
+    for process in started:
+        process.send_signal(signal.SIGINT)
+        assert process.wait() == 0
+        process.stdout.close()
+    assert complaints == []
+    assert all(url.startswith(("http://127.0.0.1:", "data:")) for url in requests), requests
+
+
+@pytest.fixture(scope="module")
+def swapped(tmp_path_factory):
+    from trunk_experiments.plans.turns import Swap
+
+    path = tmp_path_factory.mktemp("watch") / "swapped.mcap"
+    plan = make_plan("fig8", "pid", everywhere={"duration": 3.0}, swaps=[Swap(1.0, "fuzzy_pid")])
+    record_offline(plan, path)
+    return path
+
+
+def test_a_recording_is_played_sought_and_looped(watched, swapped):
+    page = watched(swapped)
+    truth = RecordedRun.open(swapped).joints(topics.GROUND_TRUTH).by_stamp()
+    page.wait_for_function(f"() => known.plant.count === {len(truth)}")
+    assert page.evaluate(THETA) == truth.position[:, 1].tolist()
+    page.wait_for_function("() => view.time > 0.2")  # it plays
+    page.click("#play")
+    stopped = page.evaluate("() => view.time")
+    assert page.locator("#pause").is_hidden()
+    assert page.locator("#knobs input:enabled:not(.find)").count() == 0
+    page.locator("#seek").fill("2.5")
+    row = int(np.searchsorted(truth.stamp_ns, 2_500_000_000, side="right")) - 1
+    page.wait_for_function("() => document.getElementById('time').textContent === '2.50 s'")
+    shown = page.inner_text("[data-value=theta]").replace("−", "-").rstrip("°")
+    assert float(shown) == pytest.approx(np.degrees(truth.position[row, 1]), rel=1e-3)
+    assert page.evaluate("() => view.time") == 2.5 != stopped
+    assert page.locator("#tables td[data-lit]").count() > 0  # fuzzy_pid acts then
+    page.locator("#seek").fill("0.5")
+    page.wait_for_function("() => document.querySelectorAll('#tables td[data-lit]').length === 0")
+    page.check("#loop")
+    page.select_option("#play-speed", "4")
+    page.click("#play")
+    page.wait_for_function("() => view.time > 2.5")
+    page.wait_for_function("() => view.time < 1.0")  # again from the beginning
+    page.uncheck("#loop")
+    page.wait_for_function("() => view.time === known.recorded.last && !view.playing")
+
+
+def test_an_incomplete_recording_says_so_first(watched, swapped, tmp_path):
+    data = swapped.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(data[: len(data) // 2])
+    page = watched(cut)
+    assert "incomplete" in page.inner_text("#alarm")
+    assert "incomplete" in page.inner_text("#mode")
+
+
+def test_hostile_words_stay_text(watched, hostile_run):
+    path, _ = hostile_run
+    page = watched(path)
+    page.evaluate("() => document.querySelectorAll('details').forEach((d) => { d.open = true; })")
+    page.wait_for_function("() => known.plant.count > 0")
+    assert page.evaluate("() => document.images.length") == 0
+    assert page.evaluate("() => document.scripts.length") == 12
+
+
+def test_what_is_no_recording_is_refused_before_anything_is_served(tmp_path):
+    path = tmp_path / "none.mcap"
+    path.write_bytes(b"nothing")
+    done = subprocess.run(
+        [*TRUNK, "watch", str(path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode != 0
+    assert "page:" not in done.stdout
+    assert done.stderr.count("\n") == 1
+
+
+def test_the_rows_are_those_of_the_recording(swapped):
+    feed = RecordedFeed(swapped)
+    names = [stream.name for stream in feed.streams]
+    assert names == ["plant", "pid", "fuzzy_pid"]
+    fuzzy = feed.streams[2].rows
+    weights = fuzzy.since(0, 10_000)[1][:, -4:]
+    assert weights.sum(axis=1) == pytest.approx(1.0)
+    pid = feed.streams[1].rows
+    assert "w00" not in pid.names
+    assert pid.last()["t"] < 1.0 <= fuzzy.since(0, 1)[1][0, 0]
