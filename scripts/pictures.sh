@@ -32,6 +32,7 @@ for study in actuator network; do
     trunk map "$runs/$study.parquet" -o "$images/$study.png" --force
 done
 
+python scripts/push_picture.py "$browser" "$images/push.gif"
 python - "$browser" "$runs" "$images" <<'END'
 import sys
 from pathlib import Path

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -79,16 +79,21 @@ def _measure(way: Way, rate: float, seconds: float, folder: Path) -> dict[str, f
         way.started(folder) as running,
         Observer((topics.JOINT_STATES, topics.EFFORT_COMMAND)) as observer,
     ):
-        return _observed(running, observer, rate, seconds)
+        begin(running, observer, seconds)
+        return measured(running, observer, rate, seconds)
 
 
-def _observed(
-    running: list[NodeProcess], observer: Observer, rate: float, seconds: float
-) -> dict[str, float]:
+def _check(running: Sequence[NodeProcess]) -> None:
+    for process in running:
+        if process.exit_code is not None:
+            raise BenchRunError(f"benchmark: {process.describe_end()}")
+
+
+def begin(running: Sequence[NodeProcess], observer: Observer, seconds: float) -> None:
+    """Wait until a loop runs, and let it warm up. Raises BenchRunError if a process ends or says nothing."""
+
     def check() -> None:
-        for process in running:
-            if process.exit_code is not None:
-                raise BenchRunError(f"benchmark: {process.describe_end()}")
+        _check(running)
 
     deadline = time.monotonic() + _START_S
     while not all(observer.written_ns.values()):  # of both: each is discovered separately
@@ -98,9 +103,15 @@ def _observed(
                 f"benchmark: {running[1].name} did not answer within {_START_S:g} s"
             )
     observer.watch(min(_WARM_UP_S, seconds), check)
+
+
+def measured(
+    running: Sequence[NodeProcess], observer: Observer, rate: float, seconds: float
+) -> dict[str, float]:
+    """Return the measures of a loop that runs. Raises BenchRunError if a process ends."""
     used = [processor_seconds(process.process.pid) for process in running]
     began = time.monotonic()
-    observer.watch(seconds, check)
+    observer.watch(seconds, lambda: _check(running))
     took = time.monotonic() - began
     shares = [
         (processor_seconds(process.process.pid) - before) / took
@@ -140,7 +151,8 @@ def timing(
     }
 
 
-def _graph(controller: str, rate: float, recorded: bool = False) -> Way:
+def graph_of(controller: str, rate: float, recorded: bool = False) -> Way:
+    """Return how a simulator and a controller are started, with a recorder if asked."""
     plan = make_plan("fig6", controller, everywhere={"update_rate": rate, "duration": 0.0})
     names = ("simulator", controller, *(["recorder"] if recorded else []))
     return Way(
@@ -163,9 +175,9 @@ def bench_realtime(
     pair = "trunk_experiments"
     ways = {
         _BARE: Way((("bare_pair", pair, ("timer", repr(rate))), ("bare_pair", pair, ("answer",)))),
-        "pid": _graph("pid", rate),
-        "fuzzy_pid": _graph("fuzzy_pid", rate),
-        "fuzzy_pid, recorder": _graph("fuzzy_pid", rate, recorded=True),
+        "pid": graph_of("pid", rate),
+        "fuzzy_pid": graph_of("fuzzy_pid", rate),
+        "fuzzy_pid, recorder": graph_of("fuzzy_pid", rate, recorded=True),
     }
     found: dict[str, list[dict[str, float]]] = {name: [] for name in ways}
     with tempfile.TemporaryDirectory(prefix="trunk_bench_") as folder:

@@ -133,6 +133,44 @@ def realtime(rounds: int, rate: float, seconds: float, as_json: bool) -> None:
     )
 
 
+@command.command("live")
+@_rounds(5)
+@click.option(
+    "--rate",
+    type=FiniteRange(1.0, 1e5, unit="Hz"),
+    default=1000.0,
+    show_default=True,
+    help="Rate of the loop, Hz.",
+)
+@click.option(
+    "--seconds",
+    type=FiniteRange(0.1, 3600.0, unit="s"),
+    default=10.0,
+    show_default=True,
+    help="Length of each measurement.",
+)
+@click.option(
+    "--pages", type=click.IntRange(1, 16), default=4, show_default=True, help="Pages that are open."
+)
+@json_option("bench-1")
+def live(rounds: int, rate: float, seconds: float, pages: int, as_json: bool) -> None:
+    """Latency and missed steps of a loop while pages show it, against those without."""
+    from ..bench.live import bench_live
+
+    rows = bench_live(rate, seconds, rounds, pages)
+    _show(
+        rows,
+        as_json,
+        f"median of {rounds} rounds of {seconds:g} s at {rate:g} Hz, {pages} pages",
+        ("measure", "alone", "with pages", "ratio"),
+        lambda row: (
+            row.measure,
+            *(f"{value:.4g} {row.unit}".rstrip() for value in (row.alone, row.served)),
+            "" if row.ratio is None else f"{row.ratio:.2f}",
+        ),
+    )
+
+
 @command.command("core")
 @_rounds(7)
 @json_option("bench-1")

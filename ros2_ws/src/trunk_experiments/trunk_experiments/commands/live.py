@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from trunk_msgs_util.node import middleware
 
@@ -23,6 +24,7 @@ from ..runs.graph import run_graph
 from .run import show_run
 
 _REPORT = "report.html"
+_OF_THE_PAGE = ("attach", "host", "port", "browser")
 # How much a hand may do, unless a file or --set says something else: the trunk's controllers can stand it.
 _HAND = {"operator.force": 100.0, "operator.torque": 40.0}
 
@@ -61,7 +63,7 @@ def command(
     host = checked_host(host)
     middleware.prepare()
     if attach is not None:
-        _check_alone(scenario, options, lockstep, output)
+        _check_alone()
         _attach(checked_namespace(attach), host, port, browser)
         return
     everywhere: dict[str, object] = {"duration": 0.0, **_HAND}
@@ -102,14 +104,14 @@ def command(
         gateway.close()
 
 
-def _check_alone(
-    scenario: str | None, options: dict[str, Any], lockstep: bool, output: Path | None
-) -> None:
-    given = [scenario, output, *(value for value in options.values() if value)]
-    if lockstep or any(one is not None for one in given):
-        raise PlanError(
-            "--attach joins a graph as it is: give no scenario, and nothing that plans one"
-        )
+def _check_alone() -> None:
+    """Raise PlanError for what plans a run, where one is joined."""
+    context = click.get_current_context()
+    for option in context.command.params:
+        name = str(option.name)
+        given = context.get_parameter_source(name) is not ParameterSource.DEFAULT
+        if given and name not in _OF_THE_PAGE:
+            raise PlanError(f"--attach joins a graph as it is: leave out {option.opts[0]}")
 
 
 def _attach(namespace: str, host: str, port: int, browser: bool) -> None:

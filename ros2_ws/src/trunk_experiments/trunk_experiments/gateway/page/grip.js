@@ -18,7 +18,7 @@ const grip = (() => {
   const most = () => known.world?.operator ?? { force: 0, torque: 0 };
   const may = () => known.control_allowed && !known.recorded && !view.frozen;
   const clip = (value, bound) => Math.max(-bound, Math.min(bound, value));
-  const near = (a, b, reach = REACH) => Math.hypot(a[0] - b[0], a[1] - b[1]) <= reach;
+  const away = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
   const place = (event) => {
     const box = canvas.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
@@ -33,8 +33,8 @@ const grip = (() => {
     if (knock && performance.now() < knock.until) return { force: 0, torque: knock.torque };
     knock = null;
     if (held === "trunk") {
-      const away = turn(angleOf(pointer, at.hip) - at.theta);
-      return { force: 0, torque: clip((bound.torque / 30) * away - 0.05 * bound.torque * at.rate, bound.torque) };
+      const lean = turn(angleOf(pointer, at.hip) - at.theta);
+      return { force: 0, torque: clip((bound.torque / 30) * lean - 0.05 * bound.torque * at.rate, bound.torque) };
     }
     if (held === "hip") return { force: clip((bound.force * (pointer[0] - at.hip[0])) / (0.5 * at.scale), bound.force), torque: 0 };
     return { force: 0, torque: keys * (hard ? 1 : SOFT) * bound.torque };
@@ -47,9 +47,11 @@ const grip = (() => {
     down = { at: pointer, since: performance.now() };
     const bound = most();
     const along = [(at.hip[0] + at.tip[0]) / 2, (at.hip[1] + at.tip[1]) / 2];
-    if (near(pointer, scene.ring(), 22)) held = "reference";
-    else if (bound.torque && (near(pointer, at.tip) || near(pointer, along))) held = "trunk";
-    else if (bound.force && near(pointer, at.hip)) held = "hip";
+    const handles = [
+      ["reference", scene.ring()], ...(bound.torque ? [["trunk", at.tip], ["trunk", along]] : []), ...(bound.force ? [["hip", at.hip]] : []),
+    ].map(([what, where]) => [what, away(pointer, where)]).filter(([, distance]) => distance <= REACH);
+    handles.sort((a, b) => a[1] - b[1]);
+    held = handles[0]?.[0] ?? null;
     canvas.setPointerCapture(event.pointerId);
     canvas.classList.toggle("held", held !== null);
     canvas.focus();
@@ -59,7 +61,7 @@ const grip = (() => {
   const release = (event) => {
     const at = scene.places();
     if (down && at && event.type === "pointerup" && held !== "reference") {
-      const short = performance.now() - down.since < TAP_MS && near(pointer, down.at, 6);
+      const short = performance.now() - down.since < TAP_MS && away(pointer, down.at) <= 6;
       if (short && may()) {
         const side = turn(angleOf(pointer, at.hip) - at.theta); // a tap on its right sends it to the left
         knock = { torque: (side > 0 ? -1 : 1) * most().torque, until: performance.now() + KNOCK_MS };

@@ -1,6 +1,7 @@
 "use strict";
 // The trunk at the time that is shown, and the hand that pulls it.
 const DEGREES = 180 / Math.PI;
+const RING = 1.4; // trunk's lengths from the hip to the reference's handle
 const scene = (() => {
   const canvas = document.getElementById("scene");
   const context = canvas.getContext("2d");
@@ -35,7 +36,7 @@ const scene = (() => {
     if (middle === null || Math.abs(x - middle) > 3 * length) middle = x;
     middle += Math.sign(x - middle) * Math.max(0, Math.abs(x - middle) - 1.2 * length);
     const rise = Math.abs(path.amplitude) + path.harmonics.reduce((sum, v) => sum + Math.abs(v), 0);
-    const [low, high] = [-rise - 0.5 * length, rise + 1.5 * length];
+    const [low, high] = [-rise - 0.5 * length, rise + 1.6 * length];
     const half = Math.max(2.6 * length, ((high - low) * size.width) / size.tall / 2);
     const bound = limits();
     const theta = plant.value("theta", row) * DEGREES;
@@ -87,7 +88,7 @@ const scene = (() => {
   };
   const ring = () => {
     const { hip, ghost } = places;
-    return [hip[0] + 1.22 * (ghost[0] - hip[0]), hip[1] + 1.22 * (ghost[1] - hip[1])];
+    return [hip[0] + RING * (ghost[0] - hip[0]), hip[1] + RING * (ghost[1] - hip[1])];
   };
   dark.addEventListener("change", () => draw(view.time));
   return { canvas, draw, places: () => places, ring: () => (places ? ring() : null) };

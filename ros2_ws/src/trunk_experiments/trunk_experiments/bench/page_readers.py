@@ -1,0 +1,40 @@
+"""Read a gateway as pages do, every frame: ``page_readers ADDRESS COUNT``, until standard input ends."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+
+from tornado.httpclient import HTTPRequest
+from tornado.websocket import websocket_connect
+
+from ..gateway.protocol import NAME
+
+
+async def _read(address: str, ready: asyncio.Semaphore) -> None:
+    page, _, token = address.partition("#")
+    request = HTTPRequest(f"ws{page.removeprefix('http')}live")
+    connection = await websocket_connect(request, subprotocols=[NAME, token])
+    ready.release()
+    while await connection.read_message() is not None:
+        pass
+
+
+async def _until_input_ends(address: str, count: int) -> None:
+    ready = asyncio.Semaphore(0)
+    readers = [asyncio.create_task(_read(address, ready)) for _ in range(count)]
+    for _ in readers:
+        await ready.acquire()
+    print("ready", flush=True)
+    await asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
+    for reader in readers:
+        reader.cancel()
+
+
+def main() -> None:
+    """Read as many times as asked."""
+    asyncio.run(_until_input_ends(sys.argv[1], int(sys.argv[2])))
+
+
+if __name__ == "__main__":
+    main()
