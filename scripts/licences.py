@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import yaml
 
 REQUIREMENTS = Path(__file__).parents[1] / "requirements"
-RUNNING = "runtime", "ros", "cluster", "gym", "notebook"
+RUNNING = "runtime", "ros", "cluster", "gym", "foxglove", "notebook"
 TOOLS = "setuptools", "build", "dev"
 _KEYS = {"allowed", "tools", "names", "by_hand"}
 

@@ -45,6 +45,7 @@ setup(
     extras_require={
         "test": ["pytest"],  # `colcon test` looks here for what runs the tests
         "gym": ["gymnasium"],
+        "foxglove": ["foxglove-sdk"],
     },
     entry_points={
         "console_scripts": [

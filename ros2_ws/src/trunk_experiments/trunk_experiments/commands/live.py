@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from click.core import ParameterSource
 from trunk_msgs_util.node import middleware
 
 from ..console.outputs import check_not_read, output_options
-from ..console.page import checked_host, page_options, serve, show_address
+from ..console.page import checked_host, page_options, serve, serving_foxglove, show_address
 from ..console.plan_options import files_read, plan_of, plan_options
 from ..errors import PlanError
 from ..gateway.process import GatewayProcess
@@ -24,7 +25,7 @@ from ..runs.graph import run_graph
 from .run import show_run
 
 _REPORT = "report.html"
-_OF_THE_PAGE = ("attach", "host", "port", "browser")
+_OF_THE_PAGE = ("attach", "foxglove", "host", "port", "browser")
 # How much a hand may do, unless a file or --set says something else: the trunk's controllers can stand it.
 _HAND = {"operator.force": 100.0, "operator.torque": 40.0}
 
@@ -41,6 +42,14 @@ _HAND = {"operator.force": 100.0, "operator.torque": 40.0}
     metavar="NAMESPACE",
     help="Join the graph that is running in this namespace; / for none.",
 )
+@click.option(
+    "--foxglove",
+    type=click.IntRange(0, 65535),
+    is_flag=False,
+    flag_value=8765,
+    metavar="[PORT]",
+    help="Serve the graph to Foxglove and Lichtblick as well, on this port of 127.0.0.1.",
+)
 @page_options
 def command(
     scenario: str | None,
@@ -49,6 +58,7 @@ def command(
     force: bool,
     lockstep: bool,
     attach: str | None,
+    foxglove: int | None,
     host: str,
     port: int,
     browser: bool,
@@ -64,7 +74,7 @@ def command(
     middleware.prepare()
     if attach is not None:
         _check_alone()
-        _attach(checked_namespace(attach), host, port, browser)
+        _attach(checked_namespace(attach), host, port, browser, foxglove)
         return
     everywhere: dict[str, object] = {"duration": 0.0, **_HAND}
     if lockstep:
@@ -84,7 +94,7 @@ def command(
     files.logs.mkdir(parents=True, exist_ok=True)
     shown = {"namespace": "", "standby": [n for n in others if n != first], "stoppable": True}
     gateway = GatewayProcess(files.logs / "gateway.log", host, port, shown)
-    try:
+    with closing(gateway), serving_foxglove(foxglove, "", files.logs):
         show_address(gateway, browser)
         click.echo(f"{plan.scenario}, {plan.turns}: until it is stopped, here with Ctrl-C")
         heard: list[str] = []
@@ -100,8 +110,6 @@ def command(
             _show_report(gateway, run, files.folder / _REPORT)
         if not recording.complete:
             click.get_current_context().exit(1)
-    finally:
-        gateway.close()
 
 
 def _check_alone() -> None:
@@ -114,16 +122,14 @@ def _check_alone() -> None:
             raise PlanError(f"--attach joins a graph as it is: leave out {option.opts[0]}")
 
 
-def _attach(namespace: str, host: str, port: int, browser: bool) -> None:
+def _attach(namespace: str, host: str, port: int, browser: bool, foxglove: int | None) -> None:
     with tempfile.TemporaryDirectory(prefix="trunk_live_") as folder:
         log = Path(folder) / "gateway.log"
         gateway = GatewayProcess(log, host, port, {"namespace": namespace})
-        try:
+        with closing(gateway), serving_foxglove(foxglove, namespace, Path(folder)):
             show_address(gateway, browser)
             click.echo(f"the graph in {namespace or '/'}: until Ctrl-C, which ends the page alone")
             serve(gateway)
-        finally:
-            gateway.close()
 
 
 def _show_report(gateway: GatewayProcess, run: RecordedRun, path: Path) -> None:

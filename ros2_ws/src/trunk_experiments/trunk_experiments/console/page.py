@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import ipaddress
 import os
+import subprocess
 import sys
 import time
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import click
 
-from ..errors import PlanError
+from ..errors import GatewayError, NotInstalledError, PlanError
 from ..gateway.process import LOOPBACK, GatewayProcess
 from ..runs.interrupt import Interrupt
 
@@ -80,6 +84,38 @@ def serve(gateway: GatewayProcess, over: Callable[[str], bool] = lambda word: Fa
             time.sleep(_LOOK_S)
     finally:
         interrupt.restore()
+
+
+@contextmanager
+def serving_foxglove(port: int | None, namespace: str, logs: Path) -> Iterator[None]:
+    """Serve a graph to Foxglove by a process of its own; None: do not. Raises NotInstalledError."""
+    if port is None:
+        yield
+        return
+    if find_spec("foxglove") is None:
+        raise NotInstalledError(
+            "--foxglove needs foxglove-sdk: pip install -r requirements/foxglove.txt"
+        )
+    log = logs / "foxglove.log"
+    with log.open("wb") as output:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "trunk_experiments.gateway.foxglove_node", namespace, str(port)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=output,
+            start_new_session=True,
+        )
+    with process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        found = process.stdout.readline().decode().strip()
+        if not found:
+            raise GatewayError(f"--foxglove {port}: {log.read_text().strip().splitlines()[-1]}")
+        click.echo(f"Foxglove, Lichtblick: open connection ws://{LOOPBACK}:{found}")
+        try:
+            yield
+        finally:
+            process.stdin.close()
 
 
 def _has_screen() -> bool:

@@ -7,6 +7,7 @@ answered by it.
 from __future__ import annotations
 
 import asyncio
+import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -50,25 +51,25 @@ class GraphFeed:
         self.board = Board()
         self.streams: list[Stream] = []
         self._namespace, self._standby = namespace, standby
-        self._graph = Graph(self.board)
+        self.graph = Graph(self.board)
         middleware.prepare()
         self._context = rclpy.Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         # Nobody spins this node: its messages are taken in turns, many at once.
         self._node = Node(
-            "live_view",
+            f"live_view_{os.getpid()}",
             namespace=namespace or "/",
             context=self._context,
             start_parameter_services=False,
             enable_rosout=False,
         )
-        self._requests = GraphRequests(self._graph, self._context, namespace)
+        self.requests = GraphRequests(self.graph, self._context, namespace)
         self._latest_ns = -1
         self._streams_of: dict[str, tuple[Subscription, WireReader]] = {}
         self._rows_of(PLANT, topics.GROUND_TRUTH)
         self._rows_of(PUSHES, topics.OPERATOR_PUSH)
         self._told = [
-            (self._follow(kind, topic, profile), take)
+            (self.follow(kind, topic, profile), take)
             for kind, topic, profile, take in (
                 (ParameterEvent, topics.RUN_PARAMETERS, qos.run_information(), self._on_parameters),
                 (DiagnosticArray, topics.RUN_EVENTS, qos.run_information(), self._on_event),
@@ -79,15 +80,15 @@ class GraphFeed:
     def turn(self) -> None:
         """Take what has come."""
         for subscription, take in self._told:
-            for message in _taken(subscription, False):
+            for message in taken(subscription, False):
                 take(message)
-        for name in self._graph.controllers:
+        for name in self.graph.controllers:
             if name not in self._streams_of:
                 self._rows_of(name, topics.controller_state(name))
         for name, (subscription, read) in self._streams_of.items():
-            for data in _taken(subscription, True):
+            for data in taken(subscription, True):
                 self._add(name, read(data))
-        self._requests.turn(self._latest_ns)
+        self.requests.turn(self._latest_ns)
 
     async def ask(self, client: str, asked: Asked) -> str:
         """Do what a client asks for; return what to answer. Raises RefusedRequestError."""
@@ -95,25 +96,23 @@ class GraphFeed:
             raise RefusedRequestError(
                 "this graph was not started from here: stop it where it was started"
             )
-        return await self._requests.ask(client, asked)
+        return await self.requests.ask(client, asked)
 
     async def begin(self) -> None:
         """Configure the controllers on standby, each once it is there. Raises RefusedRequestError."""
         for name in self._standby:
-            while name not in self._graph.nodes:
+            while name not in self.graph.nodes:
                 await asyncio.sleep(_LOOK_S)
-            if self._graph.nodes[name].state == "unconfigured":
-                await self._requests.change(name, Transition.TRANSITION_CONFIGURE, "inactive")
+            if self.graph.nodes[name].state == "unconfigured":
+                await self.requests.change(name, Transition.TRANSITION_CONFIGURE, "inactive")
 
     def close(self) -> None:
         """Leave the graph."""
-        self._requests.close()
+        self.requests.close()
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
-    def _follow(
-        self, kind: Any, topic: str, profile: QoSProfile, raw: bool = False
-    ) -> Subscription:
+    def follow(self, kind: Any, topic: str, profile: QoSProfile, raw: bool = False) -> Subscription:
         return self._node.create_subscription(kind, topic, lambda _: None, profile, raw=raw)
 
     def _rows_of(self, name: str, topic: str) -> None:
@@ -123,17 +122,17 @@ class GraphFeed:
             reliability=ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.VOLATILE,
         )
-        self._streams_of[name] = self._follow(JointState, topic, profile, raw=True), WireReader()
+        self._streams_of[name] = self.follow(JointState, topic, profile, raw=True), WireReader()
 
     def _add(self, name: str, sample: JointSample) -> None:
         row = row_of(name, sample)
         if row is None:
             return
-        config = self._graph.node(name).config if name in self._graph.nodes else None
+        config = self.graph.node(name).config if name in self.graph.nodes else None
         stream = next((s for s in self.streams if s.name == name), None)
         if stream is None:
             columns = columns_of(name, sample.name, config)
-            kept = int(min(max(self._graph.simulator.update_rate * _KEPT_S, _FEWEST), _MOST))
+            kept = int(min(max(self.graph.simulator.update_rate * _KEPT_S, _FEWEST), _MOST))
             put_stream(self.board, self.streams, name, Rows(columns, kept))
             stream = self.streams[-1]
         if isinstance(config, FuzzyPidConfig):
@@ -154,25 +153,25 @@ class GraphFeed:
         if name := self._relative(message.node):
             said = (*message.new_parameters, *message.changed_parameters)
             values = {one.name: parameter_value_to_python(one.value) for one in said}
-            self._graph.parameters(name, {n: _listed(v) for n, v in values.items()})
-            self._requests.meet(name)
+            self.graph.parameters(name, {n: _listed(v) for n, v in values.items()})
+            self.requests.meet(name)
 
     def _on_event(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if name := self._relative(status.name):
                 values = {one.key: one.value for one in status.values}
                 stamp_ns = stamp_from_ros(message.header.stamp)
-                self._graph.event(name, stamp_ns, status.message, values)
+                self.graph.event(name, stamp_ns, status.message, values)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             name = self._relative(status.name)
-            if name in self._graph.nodes:
+            if name in self.graph.nodes:
                 values = {one.key: one.value for one in status.values}
-                self._graph.diagnosed(name, status.level[0], status.message, values)
+                self.graph.diagnosed(name, status.level[0], status.message, values)
 
 
-def _taken(subscription: Subscription, raw: bool) -> list[Any]:
+def taken(subscription: Subscription, raw: bool) -> list[Any]:
     """Return the messages that have come, of a flood only so many."""
     found: list[Any] = []
     while len(found) < _AT_ONCE:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import time
 from collections.abc import Callable
 from math import inf
@@ -43,7 +44,7 @@ class GraphRequests:
     def __init__(self, graph: Graph, context: rclpy.Context, namespace: str) -> None:
         self._graph = graph
         self._node = Node(
-            "live_hand",
+            f"live_hand_{os.getpid()}",
             namespace=namespace or "/",
             context=context,
             start_parameter_services=False,
@@ -150,7 +151,7 @@ class GraphRequests:
                     f"{name}: parameter {one!r}: {value!r} cannot be the value of a ROS 2 parameter"
                 ) from None
         request = SetParametersAtomically.Request(parameters=parameters)
-        response = await self._call(SetParametersAtomically, name, request)
+        response = await self.call(SetParametersAtomically, name, request)
         if not response.result.successful:
             raise RefusedRequestError(f"{name}: {response.result.reason}")
         return f"{name}: {', '.join(values)} set"
@@ -184,7 +185,7 @@ class GraphRequests:
 
     async def change(self, name: str, transition: int, state: str) -> None:
         """Change a node's state; done when the node has said so itself."""
-        await self._call(
+        await self.call(
             ChangeState,
             name,
             ChangeState.Request(transition=Transition(id=transition)),
@@ -194,16 +195,16 @@ class GraphRequests:
     async def _reset(self) -> str:
         names = [n for n in self._graph.controllers if self._graph.nodes[n].state != "unconfigured"]
         for name in ("simulator", *names):
-            await self._call(Trigger, name, Trigger.Request())
+            await self.call(Trigger, name, Trigger.Request())
         return "plant and controllers are reset"
 
     async def _pause(self, on: bool) -> str:
-        response = await self._call(SetBool, "simulator", SetBool.Request(data=on))
+        response = await self.call(SetBool, "simulator", SetBool.Request(data=on))
         if not response.success:
             raise RefusedRequestError(f"simulator: {response.message}")
         return str(response.message)
 
-    async def _call(
+    async def call(
         self, kind: Any, name: str, request: Any, happened: Callable[[], bool] | None = None
     ) -> Any:
         """Return a service's response; None where what was asked for has happened without one."""
