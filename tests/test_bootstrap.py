@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 COSTS = (
-    "bootstrap: this downloads up to 390 MB and takes up to 1.5 GB in .venv, and 2 to 10 minutes"
+    "bootstrap: this downloads up to 410 MB and takes up to 1.5 GB in .venv, and 2 to 10 minutes"
 )
 # It begins with two packages, waits until it may go on, and ends as pip does without a network.
 PIP = """

@@ -15,7 +15,7 @@ PACKAGES = sorted(path.parent for path in ROOT.glob("ros2_ws/src/*/package.xml")
 OWN = {path.name for path in PACKAGES}
 ROSDEP = yaml.safe_load((ROOT / "requirements" / "rosdep.yaml").read_text(encoding="utf-8"))
 LIST_OF = {module: name for name, modules in ROSDEP["wheels"].items() for module in modules}
-DISTRIBUTIONS = {"skfuzzy": "scikit-fuzzy"}
+DISTRIBUTIONS = {"foxglove": "foxglove-sdk", "skfuzzy": "scikit-fuzzy"}
 # Called by name: their argument is a module, or where `files` finds a module's data.
 CALLS = {"import_module", "importorskip", "files"}
 NO_IMPORT = {
@@ -90,7 +90,7 @@ def test_what_rosdep_does_not_know_is_locked_and_used():
     used = set().union(*(imported(p, p.name, "launch", "test") for p in PACKAGES))
     for module, name in LIST_OF.items():
         lock = (ROOT / "requirements" / f"{name}.txt").read_text(encoding="utf-8")
-        assert f"\n{DISTRIBUTIONS.get(module, module)}==" in lock
+        assert f"\n{DISTRIBUTIONS.get(module, module)}==" in f"\n{lock}"
     assert set(LIST_OF) | set(ROSDEP["keys"]) <= used
 
 

@@ -16,7 +16,8 @@ from trunk_experiments.paper.runs import PaperRun, cases
 
 from .documents import SHARED, VERBS, checked, documents_of
 
-ELSEWHERE = {"run-1", "params-apply-1"}  # tests/graph/test_json.py
+# tests/graph/test_json.py; test_watch_browser.py
+ELSEWHERE = {"run-1", "params-apply-1", "page-1"}
 
 
 class Case:

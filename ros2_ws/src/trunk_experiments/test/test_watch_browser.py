@@ -16,6 +16,8 @@ from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
 
+from .documents import checked
+
 pytestmark = pytest.mark.browser
 
 TRUNK = [sys.executable, "-c", "from trunk_experiments.executables import trunk; trunk()"]
@@ -126,6 +128,26 @@ def test_what_is_no_recording_is_refused_before_anything_is_served(tmp_path):
     assert done.returncode != 0
     assert "page:" not in done.stdout
     assert done.stderr.count("\n") == 1
+
+
+def test_the_address_as_a_document(swapped):
+    process = subprocess.Popen(
+        [*TRUNK, "watch", str(swapped), "--no-browser", "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    lines = []
+    while lines[-1:] != ["}\n"]:
+        lines.append(process.stdout.readline())
+    process.send_signal(signal.SIGINT)
+    rest, words = process.communicate()
+    assert (process.returncode, rest) == (0, "")
+    document = checked("".join(lines), "page-1")
+    assert document["address"] == document["watch_address"]
+    assert document["address"] in words
+    assert document["recording"] == str(swapped)
+    assert document["foxglove"] is None
 
 
 def test_the_rows_are_those_of_the_recording(swapped):

@@ -13,6 +13,7 @@ from click.core import ParameterSource
 
 from trunk_msgs_util.node import middleware
 
+from ..console.document import json_option
 from ..console.outputs import check_not_read, output_options
 from ..console.page import checked_host, page_options, serve, serving_foxglove, show_address
 from ..console.plan_options import files_read, plan_of, plan_options
@@ -25,7 +26,7 @@ from ..runs.graph import run_graph
 from .run import show_run
 
 _REPORT = "report.html"
-_OF_THE_PAGE = ("attach", "foxglove", "host", "port", "browser")
+_OF_THE_PAGE = ("attach", "foxglove", "host", "port", "browser", "as_json")
 # How much a hand may do, unless a file or --set says something else: the trunk's controllers can stand it.
 _HAND = {"operator.force": 100.0, "operator.torque": 40.0}
 
@@ -51,6 +52,7 @@ _HAND = {"operator.force": 100.0, "operator.torque": 40.0}
     help="Serve the graph to Foxglove and Lichtblick as well, on this port of 127.0.0.1.",
 )
 @page_options
+@json_option("page-1")
 def command(
     scenario: str | None,
     controller: tuple[str, ...],
@@ -62,6 +64,7 @@ def command(
     host: str,
     port: int,
     browser: bool,
+    as_json: bool,
     **options: Any,
 ) -> None:
     """Run SCENARIO in the ROS 2 graph, in a browser: push the trunk, tune and swap its controllers.
@@ -74,7 +77,7 @@ def command(
     middleware.prepare()
     if attach is not None:
         _check_alone()
-        _attach(checked_namespace(attach), host, port, browser, foxglove)
+        _attach(checked_namespace(attach), host, port, browser, foxglove, as_json)
         return
     everywhere: dict[str, object] = {"duration": 0.0, **_HAND}
     if lockstep:
@@ -94,8 +97,8 @@ def command(
     files.logs.mkdir(parents=True, exist_ok=True)
     shown = {"namespace": "", "standby": [n for n in others if n != first], "stoppable": True}
     gateway = GatewayProcess(files.logs / "gateway.log", host, port, shown)
-    with closing(gateway), serving_foxglove(foxglove, "", files.logs):
-        show_address(gateway, browser)
+    with closing(gateway), serving_foxglove(foxglove, "", files.logs) as viewer:
+        show_address(gateway, browser, files.recording, viewer, as_json=as_json)
         click.echo(f"{plan.scenario}, {plan.turns}: until it is stopped, here with Ctrl-C")
         heard: list[str] = []
 
@@ -122,12 +125,14 @@ def _check_alone() -> None:
             raise PlanError(f"--attach joins a graph as it is: leave out {option.opts[0]}")
 
 
-def _attach(namespace: str, host: str, port: int, browser: bool, foxglove: int | None) -> None:
+def _attach(
+    namespace: str, host: str, port: int, browser: bool, foxglove: int | None, as_json: bool
+) -> None:
     with tempfile.TemporaryDirectory(prefix="trunk_live_") as folder:
         log = Path(folder) / "gateway.log"
         gateway = GatewayProcess(log, host, port, {"namespace": namespace})
-        with closing(gateway), serving_foxglove(foxglove, namespace, Path(folder)):
-            show_address(gateway, browser)
+        with closing(gateway), serving_foxglove(foxglove, namespace, Path(folder)) as viewer:
+            show_address(gateway, browser, None, viewer, as_json=as_json)
             click.echo(f"the graph in {namespace or '/'}: until Ctrl-C, which ends the page alone")
             serve(gateway)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from ..console.document import json_option
 from ..console.page import checked_host, page_options, serve, show_address
 from ..gateway.process import GatewayProcess
 from ..recorded.run import RecordedRun
@@ -15,7 +16,8 @@ from ..recorded.run import RecordedRun
 @click.command("watch")
 @click.argument("run", type=click.Path(path_type=Path))
 @page_options
-def command(run: Path, host: str, port: int, browser: bool) -> None:
+@json_option("page-1")
+def command(run: Path, host: str, port: int, browser: bool, as_json: bool) -> None:
     """Play the recording RUN in a browser, in the page of trunk live: seek, speed, loop."""
     host = checked_host(host)
     RecordedRun.open(run)  # what cannot be read is said here
@@ -23,7 +25,7 @@ def command(run: Path, host: str, port: int, browser: bool) -> None:
         shown = {"recording": str(run.absolute())}
         gateway = GatewayProcess(Path(folder) / "gateway.log", host, port, shown)
         try:
-            show_address(gateway, browser, controls=False)
+            show_address(gateway, browser, run, controls=False, as_json=as_json)
             click.echo("until Ctrl-C")
             serve(gateway)
         finally:

@@ -19,6 +19,7 @@ import click
 from ..errors import GatewayError, NotInstalledError, PlanError
 from ..gateway.process import LOOPBACK, GatewayProcess
 from ..runs.interrupt import Interrupt
+from .document import write_json
 
 _LOOK_S = 0.05
 
@@ -63,13 +64,32 @@ def checked_host(host: str) -> str:
     return str(address)
 
 
-def show_address(gateway: GatewayProcess, browser: bool, controls: bool = True) -> None:
+def show_address(
+    gateway: GatewayProcess,
+    browser: bool,
+    recording: Path | None,
+    foxglove: str | None = None,
+    controls: bool = True,
+    as_json: bool = False,
+) -> None:
     """Print the page's addresses, and open the first one in a browser, where there is one."""
-    tokens = gateway.tokens
-    address = gateway.address(tokens.control if controls else tokens.watch)
+    watch = gateway.address(gateway.tokens.watch)
+    address = gateway.address(gateway.tokens.control) if controls else watch
+    if as_json:
+        write_json(
+            "page-1",
+            {
+                "address": address,
+                "watch_address": watch,
+                "foxglove": foxglove,
+                "recording": recording,
+            },
+        )
     click.echo(f"page: {address}")
     if controls:
-        click.echo(f"to watch only: {gateway.address(tokens.watch)}")
+        click.echo(f"to watch only: {watch}")
+    if foxglove is not None:
+        click.echo(f"Foxglove, Lichtblick: open connection {foxglove}")
     if browser and (sys.platform == "darwin" or _has_screen()):
         webbrowser.open(address)  # where there is no screen, it would take the terminal
 
@@ -87,10 +107,13 @@ def serve(gateway: GatewayProcess, over: Callable[[str], bool] = lambda word: Fa
 
 
 @contextmanager
-def serving_foxglove(port: int | None, namespace: str, logs: Path) -> Iterator[None]:
-    """Serve a graph to Foxglove by a process of its own; None: do not. Raises NotInstalledError."""
+def serving_foxglove(port: int | None, namespace: str, logs: Path) -> Iterator[str | None]:
+    """Serve a graph to Foxglove by a process of its own, and yield the address; None: do not.
+
+    Raises NotInstalledError, and GatewayError where the port is taken.
+    """
     if port is None:
-        yield
+        yield None
         return
     if find_spec("foxglove") is None:
         raise NotInstalledError(
@@ -111,9 +134,8 @@ def serving_foxglove(port: int | None, namespace: str, logs: Path) -> Iterator[N
         found = process.stdout.readline().decode().strip()
         if not found:
             raise GatewayError(f"--foxglove {port}: {log.read_text().strip().splitlines()[-1]}")
-        click.echo(f"Foxglove, Lichtblick: open connection ws://{LOOPBACK}:{found}")
         try:
-            yield
+            yield f"ws://{LOOPBACK}:{found}"
         finally:
             process.stdin.close()
 

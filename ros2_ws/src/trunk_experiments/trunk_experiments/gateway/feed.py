@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
+from trunk_msgs_util.errors import TrunkError
+
 from .board import Board
 from .rows import Rows
 
@@ -14,7 +16,7 @@ PLANT = "plant"  # the name of the stream of true states
 PUSHES = "pushes"  # of what was taken from an operator
 
 
-class RefusedRequestError(Exception):
+class RefusedRequestError(TrunkError):
     """A page's request cannot be met: why, in the words of who refused it."""
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import rclpy
@@ -99,12 +100,13 @@ class GraphFeed:
         return await self.requests.ask(client, asked)
 
     async def begin(self) -> None:
-        """Configure the controllers on standby, each once it is there. Raises RefusedRequestError."""
+        """Configure the controllers on standby, each once it is there."""
         for name in self._standby:
             while name not in self.graph.nodes:
                 await asyncio.sleep(_LOOK_S)
-            if self.graph.nodes[name].state == "unconfigured":
-                await self.requests.change(name, Transition.TRANSITION_CONFIGURE, "inactive")
+            while self.graph.nodes[name].state == "unconfigured":
+                with suppress(RefusedRequestError):  # a busy machine: it is asked again
+                    await self.requests.change(name, Transition.TRANSITION_CONFIGURE, "inactive")
 
     def close(self) -> None:
         """Leave the graph."""

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from trunk_msgs_util.errors import TrunkError
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -22,7 +24,7 @@ LONGEST = 65_536  # bytes of a message from a page
 MOST_ROWS = 4_000  # in one frame
 
 
-class BadMessageError(ValueError):
+class BadMessageError(TrunkError, ValueError):
     """A message that no page of ours sends: what is wrong with it."""
 
 
