@@ -88,6 +88,7 @@ def test_the_test_sees_an_import():
 
 def test_what_rosdep_does_not_know_is_locked_and_used():
     used = set().union(*(imported(p, p.name, "launch", "test") for p in PACKAGES))
+    used |= modules((ROOT / "conftest.py").read_text(encoding="utf-8"))
     for module, name in LIST_OF.items():
         lock = (ROOT / "requirements" / f"{name}.txt").read_text(encoding="utf-8")
         assert f"\n{DISTRIBUTIONS.get(module, module)}==" in f"\n{lock}"
