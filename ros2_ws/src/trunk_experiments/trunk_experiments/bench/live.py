@@ -74,6 +74,7 @@ def _pages(log: Path, count: int) -> Iterator[None]:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
+            start_new_session=True,
         )
         with readers:
             assert readers.stdout is not None

@@ -8,6 +8,7 @@ import sys
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
+from ..gateway.priority import give_way
 from ..gateway.protocol import NAME
 
 
@@ -33,6 +34,7 @@ async def _until_input_ends(address: str, count: int) -> None:
 
 def main() -> None:
     """Read as many times as asked."""
+    give_way()  # a person's browser is elsewhere, or knows how to wait
     asyncio.run(_until_input_ends(sys.argv[1], int(sys.argv[2])))
 
 

@@ -38,6 +38,7 @@ from trunk_msgs_util.recording.schemas import definition
 
 from .feed import RefusedRequestError
 from .graph_feed_node import GraphFeed, taken
+from .priority import give_way
 from .process import LOOPBACK
 
 _TURN_S = 1.0 / 60.0
@@ -237,6 +238,7 @@ async def _serve(namespace: str, port: int, say: Callable[[str], object]) -> Non
 
 def main() -> None:
     """Serve until standard input ends."""
+    give_way()
     asyncio.run(_serve(sys.argv[1], int(sys.argv[2]), sys.stderr.write))
 
 

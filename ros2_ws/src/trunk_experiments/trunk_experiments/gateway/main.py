@@ -14,12 +14,14 @@ from typing import Any
 from .access import Hosts, Tokens
 from .feed import Feed
 from .page_files import page_files, report_file
+from .priority import give_way
 from .server import Gateway
 
 
 def main() -> None:
     """Serve until standard input ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started it says when it is over
+    give_way()
     asyncio.run(_serve())
 
 
