@@ -27,6 +27,7 @@ async def _until_input_ends(address: str, count: int) -> None:
     for _ in readers:
         await ready.acquire()
     print("ready", flush=True)
+    give_way()  # a person's browser is elsewhere, or knows how to wait
     await asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
     for reader in readers:
         reader.cancel()
@@ -34,7 +35,6 @@ async def _until_input_ends(address: str, count: int) -> None:
 
 def main() -> None:
     """Read as many times as asked."""
-    give_way()  # a person's browser is elsewhere, or knows how to wait
     asyncio.run(_until_input_ends(sys.argv[1], int(sys.argv[2])))
 
 

@@ -228,6 +228,7 @@ async def _serve(namespace: str, port: int, say: Callable[[str], object]) -> Non
         say(f"port {port}: {error}: give another with --foxglove PORT\n")
         return
     print(bridge.port, flush=True)
+    give_way()
     serving = asyncio.create_task(bridge.serve())
     ends = asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
     await asyncio.wait([serving, ends], return_when=asyncio.FIRST_COMPLETED)
@@ -238,7 +239,6 @@ async def _serve(namespace: str, port: int, say: Callable[[str], object]) -> Non
 
 def main() -> None:
     """Serve until standard input ends."""
-    give_way()
     asyncio.run(_serve(sys.argv[1], int(sys.argv[2]), sys.stderr.write))
 
 

@@ -21,7 +21,6 @@ from .server import Gateway
 def main() -> None:
     """Serve until standard input ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started it says when it is over
-    give_way()
     asyncio.run(_serve())
 
 
@@ -44,6 +43,7 @@ async def _serve() -> None:
     listening.setblocking(False)
     server.add_socket(listening)
     _say("serving")
+    give_way()  # not before: to start takes a second of a processor
     listens = loop.create_task(_listen(told, gateway))
     works = [loop.create_task(gateway.serve()), loop.create_task(feed.begin())]
     try:
