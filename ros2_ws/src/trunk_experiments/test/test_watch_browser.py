@@ -89,6 +89,9 @@ def test_a_recording_is_played_sought_and_looped(watched, swapped):
     assert page.locator("#tables td[data-lit]").count() > 0  # fuzzy_pid acts then
     page.locator("#seek").fill("0.5")
     page.wait_for_function("() => document.querySelectorAll('#tables td[data-lit]').length === 0")
+    page.click("#branch")
+    command = page.inner_text("#branch-command")
+    assert command == f"trunk branch {swapped} --at 0.500 --controller fuzzy_pid -o what_if.mcap"
     page.check("#loop")
     page.select_option("#play-speed", "4")
     page.click("#play")

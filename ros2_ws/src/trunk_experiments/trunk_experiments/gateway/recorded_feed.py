@@ -51,6 +51,7 @@ class RecordedFeed:
         self.board.put(
             "recorded",
             file=path.name,
+            path=str(path),
             complete=recording.complete,
             end=recording.end,
             doubts=recording.further_warnings,

@@ -72,7 +72,13 @@ const grip = (() => {
   };
   canvas.addEventListener("pointerup", release);
   canvas.addEventListener("pointercancel", release);
+  const STEP = 2 / DEGREES; // of the reference, by a key
   const key = (event, sign) => {
+    if (sign && may() && (event.key === "ArrowUp" || event.key === "ArrowDown")) {
+      event.preventDefault();
+      const now = known.control.value("reference", known.control.count - 1) || 0;
+      wire.send("reference", { angle: now + (event.key === "ArrowUp" ? STEP : -STEP) });
+    }
     if (event.key !== "ArrowLeft" && event.key !== "ArrowRight") return;
     event.preventDefault();
     hard = event.shiftKey;

@@ -128,6 +128,33 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
     freeze(true);
     view.time = Number(target.value);
   });
+  // A command, not a request: the page names no files.
+  const quoted = (text) => (/^[\w./:=+-]+$/.test(text) ? text : `'${text.replaceAll("'", `'\\''`)}'`);
+  const actingAt = (time) => {
+    const acting = new Set();
+    for (const { t, node, event } of known.events) {
+      if (t > time) break;
+      if (event === "activated") acting.add(node);
+      if (event === "deactivated") acting.delete(node);
+    }
+    return acting;
+  };
+  at("branch").addEventListener("click", () => {
+    const file = known.recorded?.path ?? known.nodes.get("recorder")?.parameters.output ?? "RUN.mcap";
+    const others = [...known.nodes.values()].filter((node) => node.controller && !actingAt(view.time).has(node.name));
+    const controller = others[0]?.name ?? "pid";
+    at("branch-command").textContent =
+      `trunk branch ${quoted(file)} --at ${view.time.toFixed(3)} --controller ${controller} -o what_if.mcap`;
+    at("branching").hidden = false;
+    freeze(true);
+  });
+  at("branch-copy").addEventListener("click", async () => {
+    const range = document.createRange();
+    range.selectNodeContents(at("branch-command"));
+    getSelection().removeAllRanges();
+    getSelection().addRange(range);
+    await navigator.clipboard?.writeText(at("branch-command").textContent);
+  });
   document.addEventListener("keydown", (event) => {
     if (event.key !== " " || event.ctrlKey || event.altKey || event.metaKey) return;
     if (event.target.closest("button, input, select, summary, a")) return;
