@@ -8,7 +8,7 @@ from typing import Any
 
 from .processes import Child, Children, until
 
-DESKTOP = {"width": 1400, "height": 900}
+SMALL = {"width": 800, "height": 480}  # charts that are not in sight are not drawn
 _HELD = {"tip": "trunk", "hip": "hip", "ring": "reference"}
 
 
@@ -17,7 +17,7 @@ class LivePage:
 
     def __init__(self, browser: Any, address: str, viewport: dict[str, int] | None = None) -> None:
         self.complaints: list[str] = []
-        self._context = browser.new_context(viewport=viewport or DESKTOP)
+        self._context = browser.new_context(viewport=viewport or SMALL)
         self._context.set_default_timeout(0)  # pytest has one
         self.page = self._context.new_page()
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))

@@ -60,6 +60,7 @@ class Served:
         )
         self.server: HTTPServer = self.gateway.server()
         self.server.add_socket(listening)
+        self._connected: list[WebSocketClientConnection] = []
         self.turns = asyncio.get_running_loop().create_task(self.gateway.serve())
 
     async def get(self, path, **headers):
@@ -69,7 +70,8 @@ class Served:
     async def connect(self, token=None, **headers) -> WebSocketClientConnection:
         request = HTTPRequest(f"ws://127.0.0.1:{self.port}/live", headers=headers)
         offered = [NAME] if token == "" else [NAME, token or self.tokens.control]
-        return await websocket_connect(request, subprotocols=offered)
+        self._connected.append(await websocket_connect(request, subprotocols=offered))
+        return self._connected[-1]
 
     async def until(self, condition):
         while not (found := condition()):
@@ -78,6 +80,8 @@ class Served:
         return found
 
     async def close(self):
+        for connection in self._connected:
+            connection.close()
         self.turns.cancel()
         self.server.stop()
         self.gateway.clients.clear()

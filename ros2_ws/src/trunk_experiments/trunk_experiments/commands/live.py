@@ -23,6 +23,7 @@ from ..plans.given import checked_namespace
 from ..recorded.run import RecordedRun
 from ..runs.files import RunFiles
 from ..runs.graph import run_graph
+from ..runs.interrupt import Interrupt
 from .run import show_run
 
 _REPORT = "report.html"
@@ -131,10 +132,14 @@ def _attach(
     with tempfile.TemporaryDirectory(prefix="trunk_live_") as folder:
         log = Path(folder) / "gateway.log"
         gateway = GatewayProcess(log, host, port, {"namespace": namespace})
-        with closing(gateway), serving_foxglove(foxglove, namespace, Path(folder)) as viewer:
+        with (
+            Interrupt() as interrupt,
+            closing(gateway),
+            serving_foxglove(foxglove, namespace, Path(folder)) as viewer,
+        ):
             show_address(gateway, browser, None, viewer, as_json=as_json)
             click.echo(f"the graph in {namespace or '/'}: until Ctrl-C, which ends the page alone")
-            serve(gateway)
+            serve(gateway, interrupt)
 
 
 def _show_report(gateway: GatewayProcess, run: RecordedRun, path: Path) -> None:
@@ -146,4 +151,5 @@ def _show_report(gateway: GatewayProcess, run: RecordedRun, path: Path) -> None:
     write(make_report([RunView.read(run)]), path)
     click.echo(f"report: {path}")
     gateway.tell(report=str(path.absolute()), over=True)
-    serve(gateway, lambda word: word == "shown")
+    with Interrupt() as interrupt:
+        serve(gateway, interrupt, lambda word: word == "shown")

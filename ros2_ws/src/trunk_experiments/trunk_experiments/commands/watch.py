@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from contextlib import closing
 from pathlib import Path
 
 import click
@@ -11,6 +12,7 @@ from ..console.document import json_option
 from ..console.page import checked_host, page_options, serve, show_address
 from ..gateway.process import GatewayProcess
 from ..recorded.run import RecordedRun
+from ..runs.interrupt import Interrupt
 
 
 @click.command("watch")
@@ -21,12 +23,9 @@ def command(run: Path, host: str, port: int, browser: bool, as_json: bool) -> No
     """Play the recording RUN in a browser, in the page of trunk live: seek, speed, loop."""
     host = checked_host(host)
     RecordedRun.open(run)  # what cannot be read is said here
-    with tempfile.TemporaryDirectory(prefix="trunk_watch_") as folder:
+    with Interrupt() as interrupt, tempfile.TemporaryDirectory(prefix="trunk_watch_") as folder:
         shown = {"recording": str(run.absolute())}
-        gateway = GatewayProcess(Path(folder) / "gateway.log", host, port, shown)
-        try:
+        with closing(GatewayProcess(Path(folder) / "gateway.log", host, port, shown)) as gateway:
             show_address(gateway, browser, run, controls=False, as_json=as_json)
             click.echo("until Ctrl-C")
-            serve(gateway)
-        finally:
-            gateway.close()
+            serve(gateway, interrupt)

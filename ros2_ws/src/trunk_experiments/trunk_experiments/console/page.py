@@ -94,16 +94,16 @@ def show_address(
         webbrowser.open(address)  # where there is no screen, it would take the terminal
 
 
-def serve(gateway: GatewayProcess, over: Callable[[str], bool] = lambda word: False) -> None:
-    """Keep the gateway up until SIGINT or SIGTERM, or until what it says ends it."""
-    interrupt = Interrupt()
-    try:
-        while not interrupt.name:
-            if any(over(word) for word in gateway.turn()):
-                return
-            time.sleep(_LOOK_S)
-    finally:
-        interrupt.restore()
+def serve(
+    gateway: GatewayProcess,
+    interrupt: Interrupt,
+    over: Callable[[str], bool] = lambda word: False,
+) -> None:
+    """Keep the gateway up until it is interrupted, or until what it says ends it."""
+    while not interrupt.name:
+        if any(over(word) for word in gateway.turn()):
+            return
+        time.sleep(_LOOK_S)
 
 
 @contextmanager

@@ -6,8 +6,8 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-# About a tenth of what others get where there is not enough for all: a page still lives on a busy machine.
-_NICE = 10
+# A third of what others get where there is not enough for all: a page still lives on a busy machine.
+_NICE = 5
 # Linux shares the processors among sessions first, and only within one by the processes' own priorities.
 _OF_THE_SESSION = Path("/proc/self/autogroup")
 

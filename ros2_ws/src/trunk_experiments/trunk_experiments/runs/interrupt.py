@@ -16,6 +16,12 @@ class Interrupt:
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.name = signal.Signals(number).name
 
+    def __enter__(self) -> Interrupt:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.restore()
+
     def restore(self) -> None:
         """Put the former handlers back."""
         for number, handler in self._handlers.items():
