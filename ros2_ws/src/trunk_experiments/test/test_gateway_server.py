@@ -28,7 +28,7 @@ class Feed:
     def __init__(self):
         self.board = Board()
         self.streams = []
-        self.asked = []
+        self.asked, self.hold = [], None
         put_stream(self.board, self.streams, "plant", Rows(("t", "v"), 1000))
 
     async def begin(self):
@@ -40,6 +40,8 @@ class Feed:
     async def ask(self, client, asked):
         if asked.kind == "pause":
             raise RefusedRequestError("no: it does not stand still")
+        if self.hold is not None:
+            await self.hold.wait()
         self.asked.append((client, asked))
         return "done"
 
@@ -172,7 +174,9 @@ def test_nobody_gets_in_without_a_token(token):
     serving(test)
 
 
-@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1:1"])
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "null", "https://127.0.0.1:1", "http://["]
+)
 def test_pages_of_another_origin_do_not_get_in(origin):
     async def test(served):
         with pytest.raises(HTTPClientError, match="403"):
@@ -226,7 +230,9 @@ def test_a_run_that_was_started_from_here_is_stopped_from_the_page():
         told = await served.until_report(page)
         found = await served.get(told)
         assert found.body == b"<p>report</p>"
-        assert served.said == ["stop", "shown"]
+        assert served.said == ["stop"]  # the page is still there: it may not have it yet
+        page.close()
+        await served.until(lambda: served.said == ["stop", "shown"])
 
     async def until_report(page):
         while not (path := (await words(page, "gateway"))["report"]):
@@ -301,6 +307,34 @@ def test_a_flood_is_cut_off():
         other.write_message('{"kind": "reset", "number": 1}')
         assert (await words(other, "answer"))["ok"]
         assert len(served.feed.asked) == before + 1
+
+    serving(test)
+
+
+def test_a_page_waits_for_what_it_has_asked_before():
+    async def test(served):
+        page = await served.connect()
+        served.feed.hold = asyncio.Event()
+        for number in range(20):
+            page.write_message(f'{{"kind": "reset", "number": {number + 1}}}')
+        refused = [await words(page, "answer") for _ in range(12)]
+        assert {answer["text"] for answer in refused} == {"busy: wait for what was asked before"}
+        served.feed.hold.set()
+        done = [await words(page, "answer") for _ in range(8)]
+        assert all(answer["ok"] for answer in done)
+        page.write_message('{"kind": "reset", "number": 99}')
+        assert (await words(page, "answer"))["ok"]
+
+    serving(test)
+
+
+def test_who_only_watches_leaves_places_for_who_controls():
+    async def test(served):
+        while len(served.gateway.clients) < MOST_CLIENTS - 4:
+            await served.connect(served.tokens.watch)
+        with pytest.raises(HTTPClientError, match="503"):
+            await served.connect(served.tokens.watch)
+        assert (await words(await served.connect(), "hello"))["control"]
 
     serving(test)
 

@@ -200,7 +200,6 @@ class SimulatorConfig(ManagedConfig):
         "Pace, as a multiple of real time; 0: as fast as the machine allows",
         minimum=0.0,
         maximum=1e6,
-        fixed=True,
     )
     lockstep_window: int = parameter(
         "lockstep.window",

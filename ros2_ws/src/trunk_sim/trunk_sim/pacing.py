@@ -76,6 +76,9 @@ class Pacing(ABC):
     def set_timeout(self, command_timeout: float) -> None:  # noqa: B027
         """Use no command that answers a state older than this, s; ignored in lock-step."""
 
+    def set_speed(self, speed: float, now_ns: int) -> None:  # noqa: B027
+        """Go on at another multiple of real time from this wall time; ignored in real time."""
+
     def answered(self, topic: str, stamp_ns: int, now_ns: int) -> None:  # noqa: B027
         """Note that a participant has answered up to this stamp; ignored in real time."""
 
@@ -194,6 +197,11 @@ class LockstepPacing(Pacing):
 
     def _wall(self, duration_ns: int) -> int:
         return round(duration_ns / self._speed) if self._speed > 0.0 else 0
+
+    def set_speed(self, speed: float, now_ns: int) -> None:
+        """Go on at another multiple of real time from this wall time; 0: as fast as possible."""
+        self._speed = speed
+        self._anchor_ns = now_ns - self._wall(self._loop.stamp_ns)
 
     def begin(self, now_ns: int) -> None:
         """Start or resume: the timeout starts afresh."""

@@ -94,6 +94,9 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         """Take changed constants; they act from the next step on."""
         self._simulation.retune(config)
         self._pacing.set_timeout(config.command_timeout)
+        self._pacing.set_speed(config.lockstep_speed, time.monotonic_ns())
+        if self.configured:
+            self._step_timer.timer_period_ns = nanoseconds(tick_period(config))
 
     def _begin(self) -> None:
         """Publish the measured state 0 and step from here on; the true state 0 is already published."""

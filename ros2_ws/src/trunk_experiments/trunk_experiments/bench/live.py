@@ -83,6 +83,8 @@ def _pages(log: Path, count: int) -> Iterator[None]:
                     f"benchmark: the gateway did not serve {count} pages: see {log}"
                 )
             yield
+            if readers.poll() is not None:
+                raise BenchRunError(f"benchmark: the gateway stopped serving pages: see {log}")
             assert readers.stdin is not None
             readers.stdin.close()
     finally:

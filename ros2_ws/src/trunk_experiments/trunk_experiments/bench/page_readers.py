@@ -25,10 +25,20 @@ async def _until_input_ends(address: str, count: int) -> None:
     ready = asyncio.Semaphore(0)
     readers = [asyncio.create_task(_read(address, ready)) for _ in range(count)]
     for _ in readers:
-        await ready.acquire()
+        here = asyncio.create_task(ready.acquire())
+        await asyncio.wait([here, *readers], return_when=asyncio.FIRST_COMPLETED)
+        if not here.done():
+            sys.exit("a page is not served")
     print("ready", flush=True)
     give_way()  # a person's browser is elsewhere, or knows how to wait
-    await asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
+    told = asyncio.StreamReader()
+    await asyncio.get_running_loop().connect_read_pipe(
+        lambda: asyncio.StreamReaderProtocol(told), sys.stdin
+    )
+    ends = asyncio.create_task(told.read())
+    await asyncio.wait([ends, *readers], return_when=asyncio.FIRST_COMPLETED)
+    if not ends.done():
+        sys.exit("a page is served no longer")
     for reader in readers:
         reader.cancel()
 

@@ -14,10 +14,11 @@ from click.core import ParameterSource
 from trunk_msgs_util.node import middleware
 
 from ..console.document import json_option
+from ..console.mistakes import tell
 from ..console.outputs import check_not_read, output_options
 from ..console.page import checked_host, page_options, serve, serving_foxglove, show_address
 from ..console.plan_options import files_read, plan_of, plan_options
-from ..errors import PlanError
+from ..errors import GatewayError, PlanError
 from ..gateway.process import GatewayProcess
 from ..plans.given import checked_namespace
 from ..recorded.run import RecordedRun
@@ -80,7 +81,7 @@ def command(
         _check_alone()
         _attach(checked_namespace(attach), host, port, browser, foxglove, as_json)
         return
-    everywhere: dict[str, object] = {"duration": 0.0, **_HAND}
+    everywhere: dict[str, object] = {"duration": 0.0}
     if lockstep:
         everywhere |= {"lockstep.enabled": True, "lockstep.speed": 1.0}
     first, *others = controller
@@ -90,21 +91,32 @@ def command(
         **options,
         extra=everywhere,
         standby=others,
+        below=_HAND,
     )
     if output is not None:
         for file in (*RunFiles(output).all, output / _REPORT):
             check_not_read(file, files_read({"scenario": scenario, **options}))
     files = RunFiles.for_run(plan, output, force)
     files.logs.mkdir(parents=True, exist_ok=True)
-    shown = {"namespace": "", "standby": [n for n in others if n != first], "stoppable": True}
+    shown = {
+        "namespace": "",
+        "standby": [n for n in others if n != first],
+        "stoppable": not plan.simulator.duration,
+    }
     gateway = GatewayProcess(files.logs / "gateway.log", host, port, shown)
     with closing(gateway), serving_foxglove(foxglove, "", files.logs) as viewer:
         show_address(gateway, browser, files.recording, viewer, as_json=as_json)
         click.echo(f"{plan.scenario}, {plan.turns}: until it is stopped, here with Ctrl-C")
         heard: list[str] = []
+        shown_page = True
 
         def over() -> bool:
-            heard.extend(gateway.turn())
+            nonlocal shown_page
+            try:
+                heard.extend(gateway.turn() if shown_page else ())
+            except (GatewayError, OSError) as error:  # the run does not depend on it
+                shown_page = False
+                tell(error)
             return "stop" in heard
 
         recording = run_graph(plan, files, lambda t: None, over=over)

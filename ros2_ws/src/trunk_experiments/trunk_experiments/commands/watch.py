@@ -8,6 +8,9 @@ from pathlib import Path
 
 import click
 
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording.reader import RecordingError
+
 from ..console.document import json_option
 from ..console.page import checked_host, page_options, serve, show_address
 from ..gateway.process import GatewayProcess
@@ -22,7 +25,9 @@ from ..runs.interrupt import Interrupt
 def command(run: Path, host: str, port: int, browser: bool, as_json: bool) -> None:
     """Play the recording RUN in a browser, in the page of trunk live: seek, speed, loop."""
     host = checked_host(host)
-    RecordedRun.open(run)  # what cannot be read is said here
+    # What cannot be read, or shown, is said here.
+    if not RecordedRun.open(run).count(topics.GROUND_TRUTH):
+        raise RecordingError(f"{run}: no true states of the trunk in it: there is nothing to play")
     with Interrupt() as interrupt, tempfile.TemporaryDirectory(prefix="trunk_watch_") as folder:
         shown = {"recording": str(run.absolute())}
         with closing(GatewayProcess(Path(folder) / "gateway.log", host, port, shown)) as gateway:

@@ -9,7 +9,7 @@ import sys
 import time
 import webbrowser
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from ..runs.interrupt import Interrupt
 from .document import write_json
 
 _LOOK_S = 0.05
+_ENDS_S = 5.0
 
 
 def page_options(function: Any) -> Any:
@@ -133,11 +134,15 @@ def serving_foxglove(port: int | None, namespace: str, logs: Path) -> Iterator[s
         assert process.stdout is not None
         found = process.stdout.readline().decode().strip()
         if not found:
-            raise GatewayError(f"--foxglove {port}: {log.read_text().strip().splitlines()[-1]}")
+            why = log.read_text("utf-8", "replace").strip().splitlines()[-1:]
+            raise GatewayError(f"--foxglove {port}: {''.join(why) or 'it could not be served'}")
         try:
             yield f"ws://{LOOPBACK}:{found}"
         finally:
             process.stdin.close()
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(_ENDS_S)
+            process.kill()
 
 
 def _has_screen() -> bool:

@@ -84,8 +84,12 @@ def plan_of(
     namespace: str = "",
     swaps: Sequence[str] = (),
     standby: Sequence[str] = (),
+    below: Mapping[str, object] | None = None,
 ) -> RunPlan:
-    """Return the plan for the options of `plan_options`, with ``extra`` for all nodes."""
+    """Return the plan for the options of `plan_options`, with ``extra`` for all nodes.
+
+    ``below``: values for all nodes that declare them, where nothing else sets them.
+    """
     everywhere: dict[str, object] = dict(extra or {})
     if duration is not None:
         everywhere["duration"] = duration
@@ -100,6 +104,7 @@ def plan_of(
         namespace,
         [parse_swap(text) for text in swaps],
         standby=standby,
+        below=below,
     )
     for warning in plan.warnings:
         click.echo(f"trunk: warning: {warning}", err=True)

@@ -37,6 +37,7 @@ class Client:
         self._rows: dict[int, int] = {}  # stream -> the number of the next row
         self._answers: deque[str] = deque(maxlen=_ANSWERS)
         self._ignored = 0
+        self.unfinished = 0  # of its requests
 
     def answer(self, number: int, ok: bool, text: str) -> None:
         """Answer one of its messages, when it is its turn."""

@@ -230,7 +230,11 @@ async def _serve(namespace: str, port: int, say: Callable[[str], object]) -> Non
     print(bridge.port, flush=True)
     give_way()
     serving = asyncio.create_task(bridge.serve())
-    ends = asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
+    told = asyncio.StreamReader()
+    await asyncio.get_running_loop().connect_read_pipe(
+        lambda: asyncio.StreamReaderProtocol(told), sys.stdin
+    )
+    ends = asyncio.create_task(told.read())
     await asyncio.wait([serving, ends], return_when=asyncio.FIRST_COMPLETED)
     bridge.close()
     if serving.done():

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from .board import Board
 
-_EVENTS = 100  # that a page can look back to
+_EVENTS = 300  # that a page can look back to
 _STATES = {
     Event.CONFIGURED: "inactive",
     Event.ACTIVATED: "active",
@@ -83,6 +83,7 @@ class Graph:
         self.nodes: dict[str, NodeSeen] = {}
         self.started = self.ended = self.paused = False
         self._board = board
+        self._number = 0  # of the last event
         self._events: deque[dict[str, object]] = deque(maxlen=_EVENTS)
 
     def node(self, name: str) -> NodeSeen:
@@ -121,8 +122,16 @@ class Graph:
             self.started = self.started or message == Event.STARTED
             self.paused = (self.paused or message == Event.PAUSED) and message != Event.RESUMED
             self.ended = (self.ended or message in ENDS) and message != Event.STARTED
+        self._number += 1
+        if self._events and (self._events[-1]["node"], self._events[-1]["event"], message) == (
+            name,
+            message,
+            Event.RETUNED,
+        ):
+            self._events.pop()  # a slider that is dragged is one
         self._events.append(
             {
+                "number": self._number,
                 "t": max(seconds(stamp_ns), 0.0),
                 "node": name,
                 "event": message,

@@ -34,6 +34,7 @@ from .protocol import Asked
 _LOOK_S = 0.005
 _INFINITE = ("inf", "+inf", "-inf")
 _ANSWER_S = 10.0
+_ANSWERS = 20  # taken in a turn
 # A response that is sent before the server has matched the client is lost; these may be asked again.
 _AGAIN_S = {SetParametersAtomically: 1.0, ChangeState: inf, Trigger: inf, SetBool: 1.0}
 
@@ -63,7 +64,7 @@ class GraphRequests:
     def turn(self, latest_ns: int) -> None:
         """Take the services' answers; ``latest_ns``: the stamp of the last state that was seen."""
         self._latest_ns = latest_ns
-        if self._asking:
+        for _ in range(min(self._asking, _ANSWERS)):
             self._executor.spin_once(timeout_sec=0)
 
     def meet(self, name: str) -> None:
@@ -178,6 +179,11 @@ class GraphRequests:
             for name in acting:
                 await self.change(name, Transition.TRANSITION_DEACTIVATE, "inactive")
             await self.change(to, Transition.TRANSITION_ACTIVATE, "active")
+        except RefusedRequestError:
+            if nodes[to].state != "active":  # better the one from before than nobody
+                for name in acting:
+                    await self.change(name, Transition.TRANSITION_ACTIVATE, "active")
+            raise
         finally:
             if hold:
                 await self._pause(False)

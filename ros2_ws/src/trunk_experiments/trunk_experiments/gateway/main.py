@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import os
 import signal
 import socket
@@ -21,6 +22,7 @@ from .server import Gateway
 def main() -> None:
     """Serve until standard input ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started it says when it is over
+    logging.getLogger("tornado").setLevel(logging.CRITICAL)  # nobody fills the log from outside
     asyncio.run(_serve())
 
 

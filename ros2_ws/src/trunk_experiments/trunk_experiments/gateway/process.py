@@ -61,7 +61,8 @@ class GatewayProcess:
             if time.monotonic() - self._since_s > _LASTS_S:
                 self._restarts = 0
             if self._restarts == _RESTARTS:
-                raise GatewayError(f"the gateway ends each time it is started: see {self._log}")
+                last = self._log.read_text("utf-8", "replace").strip().splitlines()[-1:]
+                raise GatewayError(f"the gateway ends each time it is started: {''.join(last)}")
             self._restarts += 1
             self._close_pipes()
             self._process = self._start()

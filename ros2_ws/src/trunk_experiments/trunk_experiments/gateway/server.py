@@ -22,6 +22,10 @@ from .protocol import LONGEST, NAME, UNANSWERED, Asked, BadMessageError, asked
 
 _TURN_S = 1.0 / 60.0
 _PING_S = 20.0
+_BODY_S = 5.0
+_UNIQUE = secrets.token_hex(3)  # several gateways may serve one graph
+_UNFINISHED = 8  # requests of a client
+_FOR_CONTROL = 4  # places that pages which only watch do not take
 _READ = 2**21  # bytes of a message, so that one that is too long is counted
 _HEADERS = {
     "Content-Security-Policy": (
@@ -49,6 +53,8 @@ class Gateway:
     clients: set[Client] = field(default_factory=set)
     refused: Counter[str] = field(default_factory=Counter)
     operator: str = ""  # the client that pushes
+    reports: int = 0  # how often the report was asked for
+    reports_out: int = 0  # and how often it has gone out as a whole
     _report: str = ""
     _named: int = 0
     _operator_s: float = 0.0
@@ -73,6 +79,7 @@ class Gateway:
             application,
             max_header_size=LONGEST,
             max_body_size=LONGEST,
+            body_timeout=_BODY_S,
             idle_connection_timeout=60.0,
         )
 
@@ -82,6 +89,9 @@ class Gateway:
             begun = time.monotonic()
             self.feed.turn()
             self._tell()
+            if self.reports_out and self.reports_out == self.reports and not self.clients:
+                self.say("shown")  # every page has it; who hears that may end this process
+                self.reports_out = 0
             for client in list(self.clients):
                 client.turn(self.feed)
             await asyncio.sleep(max(_TURN_S - (time.monotonic() - begun), 0.001))
@@ -118,11 +128,11 @@ class Gateway:
     def next_name(self) -> str:
         """Return a name for a client, new each time."""
         self._named += 1
-        return f"live{self._named}"
+        return f"live{_UNIQUE}-{self._named}"
 
     def take(self, client: Client, text: str | bytes) -> None:
         """Take a client's message, and answer it when what it asks for is done."""
-        if len(text) > LONGEST:
+        if len(text.encode() if isinstance(text, str) else text) > LONGEST:
             self.refuse("messages too long")
             client.send_away("a message too long")
             return
@@ -140,6 +150,11 @@ class Gateway:
             self.refuse("requests of pages that may only watch")
             client.answer(found.number, False, "this address is for watching only")
             return
+        if client.unfinished >= _UNFINISHED:
+            self.refuse("requests of a page that waits for many others")
+            client.answer(found.number, False, "busy: wait for what was asked before")
+            return
+        client.unfinished += 1
         task = asyncio.get_running_loop().create_task(self._do(client, found))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
@@ -154,12 +169,13 @@ class Gateway:
             else:
                 text = await self.feed.ask(client.name, found)
         except RefusedRequestError as error:
-            if found.kind not in UNANSWERED:
-                self.refuse("requests refused")
+            self.refuse("pushes refused" if found.kind in UNANSWERED else "requests refused")
             client.answer(found.number, False, str(error))
         else:
             if found.kind not in UNANSWERED:
                 client.answer(found.number, True, text)
+        finally:
+            client.unfinished -= 1
 
     def _hold(self, client: Client, found: Asked) -> None:
         """Let one client push at a time, until it lets go or falls silent."""
@@ -204,11 +220,11 @@ class PagePart(_Checked):
             raise HTTPError(404)
         self.set_header("Content-Type", found.kind)
         report = path.startswith("/report-")
+        self.gateway.reports += report
         if report:  # it brings its own policy, and lets nothing in or out
             self.set_header("Content-Security-Policy", "frame-ancestors 'none'")
         await self.finish(found.data)
-        if report:  # who hears that may end this process
-            self.gateway.say("shown")
+        self.gateway.reports_out += report
 
 
 class PageSocket(_Checked, WebSocketHandler):
@@ -231,7 +247,8 @@ class PageSocket(_Checked, WebSocketHandler):
         if not self.may:
             gateway.refuse("connections without the token")
             raise HTTPError(403)
-        if len(gateway.clients) >= MOST_CLIENTS:
+        most = MOST_CLIENTS - (0 if self.may == "control" else _FOR_CONTROL)
+        if len(gateway.clients) >= most:
             gateway.refuse("connections beyond the most")
             raise HTTPError(503)
         await super().get(*args, **kwargs)

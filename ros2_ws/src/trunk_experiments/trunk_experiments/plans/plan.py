@@ -115,6 +115,7 @@ def make_plan(
     others: Sequence[str] = (),
     source: str = "the command line",
     standby: Sequence[str] = (),
+    below: Mapping[str, object] | None = None,
 ) -> RunPlan:
     """Return the plan of a run; later layers win: profile, scenario, params, ``everywhere``, settings.
 
@@ -122,6 +123,7 @@ def make_plan(
     ``settings``: single values, as ``NODE.PARAM=VALUE`` or as a layer of one section.
     ``namespace``: of all nodes, empty or "/name"; relative node names in the files belong to it.
     ``swaps``: who takes over when; they set every controller's ``active.times``.
+    ``below``: values for all nodes that declare them, where nothing else sets them.
     ``standby``: controllers that are started too, and act when somebody configures and activates them.
     ``others``: nodes that ``settings`` may name besides those of this run. ``source`` names
     ``everywhere`` in messages.
@@ -134,7 +136,7 @@ def make_plan(
         )
     turns = turns_of(controller, swaps)
     standby = [name for name in dict.fromkeys(standby) if name not in turns]
-    layers = scenario_layers(scenario)
+    layers = [Layer(source, (Section("/**", dict(below or {})),)), *scenario_layers(scenario)]
     files = [read(find_file(name)) for name in params]
     layers += files
     if everywhere:

@@ -88,9 +88,13 @@ const grip = (() => {
   canvas.addEventListener("keyup", (event) => key(event, 0));
   canvas.addEventListener("blur", () => { keys = 0; });
 
+  const EVERY_MS = 12; // a screen may be faster
+  let asked = 0;
   return {
     // Ask for what the hand does, once for each picture; nothing is asked for by a hand at rest.
     turn: () => {
+      if (performance.now() - asked < EVERY_MS) return;
+      asked = performance.now();
       const at = scene.places();
       if (!at || !may()) {
         if (last.force || last.torque) wire.send("push", { force: 0, torque: 0, stamp: 0 });

@@ -37,7 +37,7 @@ const health = (() => {
   const BAD = new Set(["failed", "stopped", "fell"]);
   const HIDDEN = new Set(["lifecycle"]);
   const counted = new Map(); // of each node, what it says when something is wrong
-  let told = 0; // events of which the bad ones have been said
+  let told = -1; // the last event of which is known whether it is bad; -1: the page has just come
   const cell = (row, text, bad = false) => {
     const made = row.insertCell();
     made.textContent = text;
@@ -69,15 +69,18 @@ const health = (() => {
       item.classList.toggle("bad", BAD.has(event));
       list.append(item);
     }
-    const newest = known.events.at(-1);
-    if (!known.recorded && newest && BAD.has(newest.event) && told && known.events.length !== told)
-      alarm.say(`${newest.node}: ${newest.event} at ${newest.t.toFixed(2)} s${newest.values.reason ? `, ${newest.values.reason}` : ""}`);
-    told = known.events.length;
+    for (const { number, t, node, event, values } of known.events) {
+      if (number <= told || !BAD.has(event)) continue;
+      if (told >= 0 && !known.recorded) alarm.say(`${node}: ${event} at ${t.toFixed(2)} s${values.reason ? `, ${values.reason}` : ""}`);
+    }
+    told = known.events.at(-1)?.number ?? told;
   };
   const served = () => {
     const { clients, operator, refused } = known.gateway;
     const counts = Object.entries(refused).map(([what, count]) => `${what} ${count}`).join(", ");
     gateway.textContent = `${clients} ${clients === 1 ? "page" : "pages"} open${operator ? `; ${operator} pushes` : ""}${counts ? `; refused: ${counts}` : ""}`;
   };
-  return { show, diagnosed, events, served };
+  // Another gateway counts the events anew.
+  const anew = () => { told = -1; };
+  return { show, diagnosed, events, served, anew };
 })();

@@ -7,12 +7,14 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
   const CHARTS_MS = 40; // charts are drawn less often than the trunk
   let before = null;
   let charted = 0;
+  let runs = null; // that have been started, as far as the gateway knows
 
   // ── words ────────────────────────────────────────────────────────────────────────────────────────────
   const link = (state) => {
     at("link").textContent = { open: "connected", closed: "no connection" }[state];
     at("link").dataset.state = state;
-    if (state === "closed") alarm.say(LOST);
+    const lost = known.run.ended || known.recorded ? "what served this page has ended" : LOST;
+    if (state === "closed") alarm.say(lost, LOST);
     else alarm.clear(LOST);
   };
   const controllers = () => {
@@ -71,6 +73,8 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
     else if (kind === "hello") {
       document.body.dataset.may = values.control ? "control" : "watch";
       document.body.dataset.feed ??= "graph";
+      health.anew();
+      runs = null;
     } else if (kind === "recorded") {
       document.body.dataset.feed = "recorded";
       for (const store of [known.plant, known.control, known.pushes]) store.forget = false;
@@ -90,7 +94,12 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
       rules.show();
       speeds();
     } else if (kind === "health") health.diagnosed(values);
-    else if (kind === "events") health.events();
+    else if (kind === "events") {
+      const begun = known.events.filter(({ event }) => event === "started").length;
+      if (runs !== null && begun > runs) for (const store of [known.plant, known.control, known.pushes]) store.clear();
+      runs = begun;
+      health.events();
+    }
     else if (kind === "gateway") {
       health.served();
       at("stop").hidden = !known.gateway.stoppable;

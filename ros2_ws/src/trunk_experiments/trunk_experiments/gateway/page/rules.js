@@ -14,7 +14,8 @@ const rules = (() => {
   let lit = [];
   let shown = "";
 
-  const owner = () => known.run.acting.find((name) => known.nodes.get(name)?.parameters["rules.kp"]) ?? shown;
+  const has = (name) => Boolean(known.nodes.get(name)?.parameters["rules.kp"]);
+  const owner = () => known.run.acting.find(has) ?? (shown || [...known.nodes.keys()].find(has));
   const rowsOf = (name) => changed.get(name) ?? known.nodes.get(shown).parameters[name];
 
   const cellsOf = (text) => text.split(/\s+/).filter(Boolean);

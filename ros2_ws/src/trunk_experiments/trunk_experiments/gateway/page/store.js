@@ -18,17 +18,15 @@ class Store {
 
   get last() { return this.count ? this.columns.get("t")[this.count - 1] : NaN; }
 
-  // `values`: rows one after the other, a number for each name. A time before the last one begins anew.
+  // `values`: rows one after the other, a number for each name.
+  // Rows may come late: of another controller, or once more after a new connection.
   add(names, values) {
+    const before = this.last;
     const width = names.length;
     const at = names.indexOf("t");
     const target = names.map((name) => this.column(name));
     for (let from = 0; from + width <= values.length; from += width) {
       const t = values[from + at];
-      if (t <= this.last) {
-        if (this.last - t < 1) continue; // seen already, after a new connection
-        this.count = 0;
-      }
       if (this.count === this.columns.get("t").length) {
         this.makeRoom();
         names.forEach((name, i) => { target[i] = this.column(name); });
@@ -37,7 +35,22 @@ class Store {
       for (let i = 0; i < width; i++) target[i][this.count] = values[from + i];
       this.count++;
     }
+    if (values[at] <= before) this.sort();
   }
+
+  // Bring the rows into the order of their times, each time once.
+  sort() {
+    const t = this.t.slice();
+    const rows = Array.from(t.keys()).sort((a, b) => t[a] - t[b] || a - b);
+    const once = rows.filter((row, i) => i === 0 || t[row] !== t[rows[i - 1]]);
+    for (const column of this.columns.values()) {
+      const values = column.slice(0, this.count);
+      once.forEach((row, i) => { column[i] = values[row]; });
+    }
+    this.count = once.length;
+  }
+
+  clear() { this.count = 0; }
 
   makeRoom() {
     const drop = this.forget ? rowAt(this.t, this.last - KEPT_S) : 0;

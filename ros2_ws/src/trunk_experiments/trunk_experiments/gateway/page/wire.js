@@ -1,7 +1,10 @@
 "use strict";
 // The connection to the gateway: words and rows in, requests out; it comes back by itself.
 const wire = (() => {
-  const token = location.hash.slice(1);
+  // Out of the address, so that nobody copies it from there by accident; kept for when the page is loaded anew.
+  const token = location.hash.slice(1) || sessionStorage.getItem("token") || "";
+  sessionStorage.setItem("token", token);
+  history.replaceState(null, "", location.pathname);
   const listeners = [];
   const waiting = new Map(); // number of a request -> what to do with its answer
   let socket = null;
