@@ -143,6 +143,31 @@ def test_what_a_person_does_is_done_and_on_the_record(
     assert verdict.exit_code in (VERIFIED, UNJUDGED), verdict
 
 
+def test_in_lockstep_the_page_chooses_the_speed_and_who_acts(
+    children: Children, peer: Peer, browser: Any, tmp_path: Path
+) -> None:
+    child, address, _ = start_live(
+        children,
+        *("demo", "--lockstep", "--controller", "fuzzy_pid", "--controller", "pid"),
+        *("--output", "run", "--set", "simulator.lockstep.timeout=60"),
+    )
+    live = LivePage(browser, address)
+    live.until("known.run.started && known.nodes.get('pid').state === 'inactive'")
+    live.page.select_option("#lockstep-speed", "2")
+    live.until("known.nodes.get('simulator').parameters['lockstep.speed'] === 2")
+    live.page.click("#controllers input[value=pid]")  # checked once it acts
+    live.until("known.run.acting.join() === 'pid' && !known.run.paused")
+    t = live.get("known.plant.last")
+    live.until(f"known.plant.last > {t} + 0.5")
+    live.close()
+    child.send(signal.SIGINT)
+    assert child.wait() == 0, child.stderr
+    run = RecordedRun.open(tmp_path / "run" / "run.mcap")
+    assert run.recording.complete, run.recording.end
+    verdict = verdict_on(run)
+    assert verdict.exit_code == VERIFIED, verdict
+
+
 def test_a_graph_that_runs_already_is_joined_and_left_alone(
     children: Children, peer: Peer, browser: Any, tmp_path: Path
 ) -> None:

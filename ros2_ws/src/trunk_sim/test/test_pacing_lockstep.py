@@ -161,3 +161,21 @@ def test_a_pause_does_not_count_towards_the_timeout():
     assert (loop.efforts, loop.failure) == ([], None)
     pacing.begin(10**10)
     assert loop.efforts == [1.0]
+
+
+def test_the_speed_changes_during_the_run():
+    loop, pacing = lockstep(speed=1.0)
+    pacing.begin(0)
+
+    def answered_at(now_ns):
+        pacing.command(loop.stamp_ns, 1.0, now_ns)
+        pacing.tick(now_ns)
+        return loop.stamp_ns
+
+    before = loop.stamp_ns
+    assert answered_at(loop.period_ns // 2) == before  # too early
+    pacing.set_speed(10.0, loop.period_ns // 2)
+    pacing.tick(loop.period_ns // 2)
+    assert loop.stamp_ns == before  # from now on, a tenth of a period later
+    pacing.tick(loop.period_ns // 2 + loop.period_ns // 10)
+    assert loop.stamp_ns == before + loop.period_ns
