@@ -17,6 +17,7 @@ from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.samples import JointSample
 
+from .lifecycle import Life
 from .peer import Peer
 from .processes import Child, Children
 
@@ -85,8 +86,15 @@ def test_who_repeats_what_a_node_of_ours_says_is_recorded_too(
     peer.until(publisher.get_subscription_count, "the recorder listens")
     kept = topics.evidence(topics.DISTURBANCE)
     peer.node.create_subscription(JointState, kept, repeat, qos.evidence())
-    simulator = children.node("simulator", "duration:=0.0", "wait_for:=[disturbance]")
+    simulator = children.node(
+        "simulator", "duration:=0.0", "wait_for:=[disturbance]", "autostart:=false"
+    )
+    # To the simulator, whoever publishes disturbances is one: it begins when the node is there too.
+    life = Life(peer, "simulator")
+    assert life.change("configure")
     disturbance = children.node("disturbance")
+    peer.until_event("disturbance", Event.READY)
+    assert life.change("activate")
     peer.until(lambda: len(copies) > 200, "it is repeated")
     assert [simulator.stop(), disturbance.stop()] == [0, 0]
     (told,) = peer.until(
