@@ -35,7 +35,8 @@ class Viewer:
         self._connection = connection
         self.channels: dict[str, dict[str, Any]] = {}
         self.services: dict[str, dict[str, Any]] = {}
-        self.parameters: dict[str, Any] = {}
+        self.parameters: dict[str, dict[str, Any]] = {}  # by what asked for them
+        self._asked = 0
         self.messages: dict[int, list[bytes]] = {}
         self.answers: list[bytes] = []
 
@@ -49,6 +50,13 @@ class Viewer:
 
     async def say(self, op: str, **values: object) -> None:
         await self._connection.write_message(json.dumps({"op": op, **values}))
+
+    async def answer(self, op: str, **values: object) -> dict[str, Any]:
+        """Say something that is answered with parameters; return them."""
+        self._asked += 1
+        await self.say(op, **values, id=f"asked {self._asked}")
+        await self.until(lambda: f"asked {self._asked}" in self.parameters)
+        return self.parameters.pop(f"asked {self._asked}")
 
     async def subscribe(self, topics: Sequence[str]) -> None:
         wanted = [{"id": n, "channelId": self.channels[t]["id"]} for n, t in enumerate(topics)]
@@ -77,7 +85,8 @@ class Viewer:
         elif said["op"] == "advertiseServices":
             self.services |= {service["name"]: service for service in said["services"]}
         elif said["op"] == "parameterValues":
-            self.parameters |= {one["name"]: one.get("value") for one in said["parameters"]}
+            values = {one["name"]: one.get("value") for one in said["parameters"]}
+            self.parameters[said.get("id", "")] = values
 
 
 def viewing(port: str, test: Callable[[Viewer], Awaitable[None]]) -> None:
@@ -107,16 +116,16 @@ def test_topics_parameters_and_services_are_there(children: Children, peer: Peer
         assert WireReader()(viewer.messages[0][0]).name == ("hip", "trunk")
         assert "kp" in WireReader()(viewer.messages[1][0]).name
 
-        await viewer.say("getParameters", parameterNames=[], id="all")
-        await viewer.until(lambda: "/fuzzy_pid.gains.d_min" in viewer.parameters)
-        change = [{"name": "/fuzzy_pid.gains.d_min", "value": 8.5}]
-        await viewer.say("setParameters", parameters=change, id="set")
-        await viewer.until(lambda: viewer.parameters["/fuzzy_pid.gains.d_min"] == 8.5)
+        # The answer tells what is known at that time.
+        d_min = "/fuzzy_pid.gains.d_min"
+        while d_min not in await viewer.answer("getParameters", parameterNames=[]):
+            pass
+        change = [{"name": d_min, "value": 8.5}]
+        while (await viewer.answer("setParameters", parameters=change)).get(d_min) != 8.5:
+            pass
         # Refused: the answer says what it still is.
-        viewer.parameters.clear()
-        wrong = [{"name": "/fuzzy_pid.gains.d_min", "value": 99.0}]
-        await viewer.say("setParameters", parameters=wrong, id="refused")
-        await viewer.until(lambda: viewer.parameters.get("/fuzzy_pid.gains.d_min") == 8.5)
+        wrong = [{"name": d_min, "value": 99.0}]
+        assert await viewer.answer("setParameters", parameters=wrong) == {d_min: 8.5}
 
         cdr = b"\x00\x01\x00\x00"
         answer = await viewer.call("/simulator/pause", cdr + b"\x01")

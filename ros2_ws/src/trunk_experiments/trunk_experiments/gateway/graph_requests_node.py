@@ -23,6 +23,7 @@ from std_srvs.srv import SetBool, Trigger
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import sample_to_ros
+from trunk_msgs_util.patience import Patience
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import nanoseconds
 
@@ -219,7 +220,7 @@ class GraphRequests:
         if client is None:
             raise RefusedRequestError(f"{name} has no such service")
         futures: list[Any] = []
-        ask_s, deadline = -inf, time.monotonic() + _ANSWER_S
+        ask_s, patience = -inf, Patience(_ANSWER_S)
         self._asking += 1
         try:
             while True:
@@ -236,7 +237,7 @@ class GraphRequests:
                     raise RefusedRequestError(
                         f"{name}: refused; it is {self._graph.nodes[name].state}"
                     )
-                if now > deadline:
+                if patience.spent([os.getpid()]):
                     raise RefusedRequestError(f"{name} did not answer within {_ANSWER_S:g} s")
                 await asyncio.sleep(_LOOK_S)
         finally:

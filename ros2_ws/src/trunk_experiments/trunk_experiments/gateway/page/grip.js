@@ -105,8 +105,10 @@ const grip = (() => {
       }
       if (held === "reference") wire.send("reference", { angle: angleOf(pointer, at.hip) / DEGREES });
       const now = wanted();
-      if (now.force || now.torque || last.force || last.torque)
-        wire.send("push", { ...now, stamp: known.plant.last });
+      const pushes = now.force || now.torque;
+      // Letting go counts at once, whatever was seen, and is said until it has been heard.
+      if (pushes || last.force || last.torque || known.gateway.operator === known.client)
+        wire.send("push", { ...now, stamp: pushes ? known.plant.last : 0 });
       last = now;
     },
     words: () => {
