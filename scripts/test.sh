@@ -6,6 +6,9 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/bootstrap.sh >/dev/null || { echo 'test: FAILED: bootstrap' >&2; exit 1; }
 source scripts/env.sh
+# Thousands of processes are started: wherever Python is told to keep no bytecode, each would compile anew.
+unset PYTHONDONTWRITEBYTECODE
+export PYTHONPYCACHEPREFIX=$PWD/.venv/.bytecode
 
 failed=()
 stage() { # NAME COMMAND...
