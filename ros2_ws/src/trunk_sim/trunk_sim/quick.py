@@ -19,9 +19,12 @@ WORTH_A_STEP = 150_000  # a single step, which saves four
 ENDLESS_S = 600.0  # how long an endless run counts as
 
 
-def worth_compiling(config: SimulatorConfig) -> bool:
-    """Return True for a run that is long enough to make up for loading a loop's compiled code."""
-    return _steps(config) >= WORTH_COMPILING
+def worth_compiling(config: SimulatorConfig, first: int = 0) -> bool:
+    """Return True for a run that is long enough to make up for loading a loop's compiled code.
+
+    ``first``: the index of the state that it goes on from.
+    """
+    return _steps(config) - first * config.substeps >= WORTH_COMPILING
 
 
 def act_for(config: SimulatorConfig, loaded: bool = False) -> Act:

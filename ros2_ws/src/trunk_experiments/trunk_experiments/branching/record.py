@@ -18,9 +18,9 @@ from ..plans.plan import RunPlan
 from ..recorded.branch_of import AT, CHANGES, MADE_BY, OF, PARENT
 from ..recorded.run import RecordedRun
 from ..replay.as_told import PUBLISHES
-from ..runs.offline import steps_from
+from ..runs.going_on import states_from
 from ..runs.offline_recording import OfflineRecorder, Progress, Within
-from ..runs.states import FRESH, States, in_stretches, longest
+from ..runs.states import FRESH, States
 from .branch import Branch
 from .change import Branched
 from .past import Past
@@ -52,9 +52,7 @@ def record_branch(
         if not planned and not replaced:
             recorder.at_end = "stopped on request"
         recorder.introduce()
-        taken = steps_from(plan, resumed.begun)
-        stretches = in_stretches(taken, longest(plan.simulator.substeps), resumed.first)
-        diverged = recorder.write_all(stretches, progress)
+        diverged = recorder.write_all(states_from(plan, resumed.begun), progress)
     if diverged is not None:
         raise diverged
     return recorder.states

@@ -132,10 +132,11 @@ def steps(plan: RunPlan, act: Act | None = None) -> Iterator[Step]:
     yield from steps_from(plan, begun(plan, act))
 
 
-def steps_from(plan: RunPlan, begin: Begun) -> Iterator[Step]:
+def steps_from(plan: RunPlan, begin: Begun, stop: int = -1) -> Iterator[Step]:
     """Yield the steps of a run from a state on, whose nodes ``begin`` holds. Raises as `steps` does.
 
-    The plan has the configurations in force at that state, and what changes from it on.
+    The plan has the configurations in force at that state, and what changes from it on. The nodes are left
+    before the state with the index ``stop``, if the run comes to it.
     """
     simulator, simulation = plan.simulator, begin.simulation
     of_simulator = plan.timeline("simulator")
@@ -147,7 +148,7 @@ def steps_from(plan: RunPlan, begin: Begun) -> Iterator[Step]:
     last = step_count(simulator.duration, simulator.update_rate)
     of_simulator.advance(simulation.stamp_ns)  # `begin` has them
     told_ns, effort, by_hand = begin.told_ns, begin.effort, begin.by_hand
-    while True:
+    while simulation.step_index != stop:
         stamp_ns = simulation.stamp_ns
         acting = disturbances(stamp_ns)
         measured = simulation.measure(acting)

@@ -5,17 +5,18 @@ Both give the same bits.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from trunk_control.controller import Controller
 from trunk_control.laws import law_named
 from trunk_control.schedule import active_at
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_sim.noise import noise_samples
 from trunk_sim.quick import worth_compiling
-from trunk_sim.simulation import diverged
+from trunk_sim.simulation import Simulation, diverged
 from trunk_sim.step import Trunk, at_rest, noisy
 
 from ..errors import PlanError
@@ -63,15 +64,45 @@ def compiled_states(plan: RunPlan) -> Iterator[States]:
     """
     check_compilable(plan)
     simulator = plan.simulator
-    length = longest(simulator.substeps)
+    trunk = at_rest(simulator.initial_state, simulator.plant)
+    memories, participants = chains_of(plan)
+    return _begin(plan, participants, _Start(0, trunk, memories, False))
+
+
+def compiled_states_from(
+    plan: RunPlan, controllers: Mapping[str, Controller], simulation: Simulation
+) -> Iterator[States]:
+    """Return the states of a run from the simulation's on by compiled code; raises as `compiled_states` does.
+
+    The plan has the configurations in force there; what its sensors still have to see is not known.
+    """
+    check_compilable(plan)
+    memories: Chain = ()
+    for name in reversed(list(plan.controllers)):
+        memories = (controllers[name].memory, memories)
+    trunk = simulation.trunk
+    fallen = trunk.fallen and not simulation.falls_now
+    return _begin(plan, chains_of(plan)[1], _Start(simulation.step_index, trunk, memories, fallen))
+
+
+class _Start(NamedTuple):
+    """The state with index ``first``; ``fallen``: the trunk fell before it."""
+
+    first: int
+    trunk: Trunk
+    memories: Chain
+    fallen: bool
+
+
+def _begin(plan: RunPlan, participants: Chain, start: _Start) -> Iterator[States]:
+    length = longest(plan.simulator.substeps)
     run = _Run(
         surroundings_of(plan),
-        chains_of(plan)[1],
+        participants,
         _Noise(plan, length),
-        np.empty((simulator.delay_steps + 1, 4)),
+        np.empty((plan.simulator.delay_steps + 1, 4)),
     )
-    start = at_rest(simulator.initial_state, simulator.plant), chains_of(plan)[0]
-    stretch = _compiled_stretch(plan, run, start)
+    stretch = _compiled_stretch(plan, run, (start.trunk, start.memories))
     return _stretches(plan, run, start, stretch, length)
 
 
@@ -110,16 +141,17 @@ def _compiled_stretch(plan: RunPlan, run: _Run, start: tuple[Trunk, Chain]) -> C
 def _stretches(
     plan: RunPlan,
     run: _Run,
-    start: tuple[Trunk, Chain],
+    begin: _Start,
     stretch: Callable[..., Any],
     length: int,
 ) -> Iterator[States]:
     plant, states = plan.simulator.plant, run.surroundings.states
     told = {name: law_named(name).record_names for name in plan.controllers}
     columns = TERMS + max(map(len, told.values()))
-    first, end, fallen = 0, GOES_ON, False
+    first, end, fallen = begin.first, GOES_ON, begin.fallen
+    start = begin.trunk, begin.memories
     while end == GOES_ON:
-        stop = min(first + length, states)
+        stop = min(first - first % length + length, states)
         out = np.empty((stop - first, columns))
         done, end, *after = stretch(*run.arguments(first, stop, start, out))
         start = after[0], after[1]
