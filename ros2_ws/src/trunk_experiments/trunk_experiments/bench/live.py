@@ -66,29 +66,34 @@ def _pages(log: Path, count: int) -> Iterator[None]:
     """Serve the graph to so many pages, which read all there is."""
     gateway = GatewayProcess(log, LOOPBACK, 0, {"namespace": ""})
     try:
-        readers = subprocess.Popen(
-            [
-                *(sys.executable, "-m", "trunk_experiments.bench.page_readers"),
-                *(gateway.address(gateway.tokens.watch), str(count)),
-            ],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-        with readers:
-            assert readers.stdout is not None
-            if readers.stdout.readline() != "ready\n":
-                raise BenchRunError(
-                    f"benchmark: the gateway did not serve {count} pages: see {log}"
-                )
+        with readers(gateway, log, count):
             yield
-            if readers.poll() is not None:
-                raise BenchRunError(f"benchmark: the gateway stopped serving pages: see {log}")
-            assert readers.stdin is not None
-            readers.stdin.close()
     finally:
         gateway.close()
+
+
+@contextmanager
+def readers(gateway: GatewayProcess, log: Path, count: int) -> Iterator[None]:
+    """Let so many pages read all there is. Raises BenchRunError where they are not served to the end."""
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "trunk_experiments.bench.page_readers"),
+            *(gateway.address(gateway.tokens.watch), str(count)),
+        ],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    with process:
+        assert process.stdout is not None
+        if process.stdout.readline() != "ready\n":
+            raise BenchRunError(f"benchmark: the gateway did not serve {count} pages: see {log}")
+        yield
+        if process.poll() is not None:
+            raise BenchRunError(f"benchmark: the gateway stopped serving pages: see {log}")
+        assert process.stdin is not None
+        process.stdin.close()
 
 
 def _row(name: str, alone: list[dict[str, float]], served: list[dict[str, float]]) -> LiveRow:
