@@ -1,6 +1,7 @@
 """Each process of a run x each signal x each phase x both modes: what happens is what the table says.
 
-A selection runs every day; TRUNK_FAULTS=all (scripts/check_faults.sh) runs every cell.
+Every second cell of a selection runs each time, the others with ``--all``; TRUNK_FAULTS=all
+(scripts/check_faults.sh) runs every cell.
 """
 
 from __future__ import annotations
@@ -125,7 +126,12 @@ def logs(folder: Path) -> str:
 @pytest.mark.graph
 @pytest.mark.parametrize(
     "cell",
-    CELLS if os.environ.get("TRUNK_FAULTS") == "all" else matrix.selection(),
+    CELLS
+    if os.environ.get("TRUNK_FAULTS") == "all"
+    else [
+        pytest.param(cell, marks=[pytest.mark.long] * (i % 2))
+        for i, cell in enumerate(matrix.selection())
+    ],
     ids=str,
 )
 def test_cell(

@@ -114,9 +114,9 @@ class Peer:
         self.until(publisher.get_subscription_count, f"somebody listens to {topic}")
         return lambda sample: publisher.publish(sample_to_ros(sample))
 
-    def spin(self) -> None:
-        """Take what has come, without waiting."""
-        self._executor.spin_once(timeout_sec=0.0)
+    def spin(self, timeout_s: float = 0.0) -> None:
+        """Take what has come, or comes within the time."""
+        self._executor.spin_once(timeout_sec=timeout_s)
 
     def until(self, condition: Callable[[], Any], what: str) -> Any:
         """Spin until the condition is truthy, and return it."""

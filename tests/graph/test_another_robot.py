@@ -57,7 +57,9 @@ NAN = [math.nan, math.nan]
 
 
 @pytest.mark.parametrize(
-    "unmeasured", [{}, {"velocity": NAN, "effort": NAN}], ids=["left out", "not numbers"]
+    "unmeasured",
+    [pytest.param({}, marks=pytest.mark.long), {"velocity": NAN, "effort": NAN}],
+    ids=["left out", "not numbers"],
 )
 def test_commands_to_another_robot_are_judged(
     children: Children, peer: Peer, tmp_path: Path, unmeasured: dict[str, list[float]]

@@ -24,7 +24,16 @@ pytestmark = pytest.mark.graph
 UNCONFIGURED, INACTIVE, ACTIVE = "unconfigured", "inactive", "active"
 
 
-@pytest.mark.parametrize("node", ["simulator", "disturbance", "pid", "fuzzy_pid", "recorder"])
+@pytest.mark.parametrize(
+    "node",
+    [
+        "simulator",
+        "disturbance",
+        pytest.param("pid", marks=pytest.mark.long),
+        "fuzzy_pid",
+        "recorder",
+    ],
+)
 def test_every_transition(children: Children, peer: Peer, tmp_path: Path, node: str) -> None:
     child = children.node(node, "autostart:=false", "output:=run.mcap", "overwrite:=true")
     peer.until_up(node)

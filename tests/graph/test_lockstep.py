@@ -49,7 +49,11 @@ def succeed(child: Child) -> None:
 
 @pytest.mark.parametrize(
     ("controller", "rate", "duration", "seed"),
-    [("fuzzy_pid", 1000.0, 1.5, 1), ("pid", 1000.0, 1.5, 2), ("fuzzy_pid", 250.0, 0.5, 3)],
+    [
+        ("fuzzy_pid", 1000.0, 1.5, 1),
+        pytest.param("pid", 1000.0, 1.5, 2, marks=pytest.mark.long),
+        ("fuzzy_pid", 250.0, 0.5, 3),
+    ],
     ids=["fuzzy_pid", "pid", "fuzzy_pid at a quarter of the plant's rate"],
 )
 def test_same_bits_everywhere(

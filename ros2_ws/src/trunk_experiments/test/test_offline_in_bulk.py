@@ -87,6 +87,10 @@ PLANS = {
     "less updates": with_less_updates,
     **{f"random {i}": (lambda i=i: random_plan(i)) for i in (3, 6, 9, 15, 26)},
 }
+# All the others are of one scenario each, one law each, or drawn.
+FEW = ("pictures", "noise and delay", "swaps", "a fall", "an end by a fall", "divergence")
+FEW += ("less updates", "fig6 pid", "fig7 fuzzy_pid", "fig9 computed_torque", "random 3")
+SOME = [pytest.param(name, marks=() if name in FEW else pytest.mark.long) for name in PLANS]
 BY_HAND = {
     "changes and pictures": lambda: with_pictures(with_changes()),
     "changes": with_changes,
@@ -184,7 +188,7 @@ def outcome(plan, path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*PLANS, *BY_HAND])
+@pytest.mark.parametrize("name", [*SOME, *BY_HAND])
 def test_states_in_stretches_make_the_same_file(name, tmp_path, monkeypatch):
     plan = (PLANS | BY_HAND)[name]()
     monkeypatch.setattr(chunked, "CHUNK_SIZE", 30_000)  # several chunks in one stretch
@@ -195,7 +199,7 @@ def test_states_in_stretches_make_the_same_file(name, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", PLANS)
+@pytest.mark.parametrize("name", SOME)
 def test_compiled_states_make_the_same_file(name, tmp_path, monkeypatch):
     plan = PLANS[name]()
     expected = one_by_one(plan, tmp_path / "one_by_one.mcap")

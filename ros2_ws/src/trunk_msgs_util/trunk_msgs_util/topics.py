@@ -37,6 +37,8 @@ CONTROLLER_STATE = "~/controller_state"
 LATCHED = (RUN_PARAMETERS, RUN_EVENTS, ROBOT_DESCRIPTION)
 LATCHED_DEPTH = 1000
 LIVE_DEPTH = 5000
+# So many messages rclpy's publishers keep unless told otherwise; what was not received by then is lost.
+STRANGERS_DEPTH = 10
 
 # What discovery calls a node of which it knows an endpoint alone.
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"

@@ -67,6 +67,18 @@ def test_the_disturbance_answers_for_the_next_state():
     assert loop.efforts == [1.0]
 
 
+def test_a_window_is_made_narrower_never_wider():
+    loop, pacing = lockstep(windows={"effort_command": 0, "recorder": 3 * H})
+    pacing.narrow("recorder", H)
+    pacing.narrow("recorder", 2 * H)
+    pacing.narrow("disturbance", H)  # nobody waits for it
+    pacing.begin(0)
+    for k in range(5):
+        pacing.command(k * H, 1.0, 1)
+    assert pacing.silent() == ["recorder"]
+    assert loop.stamp_ns == H
+
+
 def test_the_recorder_may_lag_by_its_window_but_not_at_the_end():
     loop, pacing = lockstep(steps=4, windows={"effort_command": 0, "recorder": 2 * H})
     pacing.answered("recorder", 0, 0)

@@ -41,6 +41,12 @@ def test_a_stranger_is_ready_when_it_has_been_matched_for_a_second():
     assert those.missing(12.5) == ["effort_command"]
 
 
+def test_strangers_are_those_who_say_nothing_of_themselves():
+    those = participants(controllers=["/pid", "/mine"])
+    those.hear("/pid", "configured", {"process": "1"})
+    assert those.strangers() == ["/mine"]
+
+
 def test_who_stands_by_is_waited_for_however_long_it_is_matched():
     those = participants(controllers=["/pid"])
     those.hear("/pid", "configured", {})

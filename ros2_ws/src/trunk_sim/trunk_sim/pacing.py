@@ -79,6 +79,9 @@ class Pacing(ABC):
     def set_speed(self, speed: float, now_ns: int) -> None:  # noqa: B027
         """Go on at another multiple of real time from this wall time; ignored in real time."""
 
+    def narrow(self, topic: str, window_ns: int) -> None:  # noqa: B027
+        """Let a participant's answer lag the state by no more than this; ignored in real time."""
+
     def answered(self, topic: str, stamp_ns: int, now_ns: int) -> None:  # noqa: B027
         """Note that a participant has answered up to this stamp; ignored in real time."""
 
@@ -197,6 +200,11 @@ class LockstepPacing(Pacing):
 
     def _wall(self, duration_ns: int) -> int:
         return round(duration_ns / self._speed) if self._speed > 0.0 else 0
+
+    def narrow(self, topic: str, window_ns: int) -> None:
+        """Let a participant's answer lag the state by no more than this."""
+        if topic in self._windows:
+            self._windows[topic] = min(self._windows[topic], window_ns)
 
     def set_speed(self, speed: float, now_ns: int) -> None:
         """Go on at another multiple of real time from this wall time; 0: as fast as possible."""

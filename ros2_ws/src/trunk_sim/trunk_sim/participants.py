@@ -113,6 +113,10 @@ class Participants:
         acting = self._acting(names)
         return [] if _unnamed(names) or len(acting) <= 1 else acting
 
+    def strangers(self) -> list[str]:
+        """Return the publishers of commands that say nothing of themselves."""
+        return [name for name in self._controllers() if name not in self._processes]
+
     def acting(self) -> list[str]:
         """Return the active publishers of commands; those that take turns count as one."""
         return self._acting(self._controllers())

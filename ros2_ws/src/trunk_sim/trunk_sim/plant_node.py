@@ -106,6 +106,8 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._publish_measured()
         self._say_fall()
         self._step_timer.reset()
+        if self._participants.strangers():
+            self._pacing.narrow("recorder", (topics.STRANGERS_DEPTH - 1) * self.period_ns)
         self._pacing.begin(time.monotonic_ns())
 
     def _only_one_controller(self) -> bool:

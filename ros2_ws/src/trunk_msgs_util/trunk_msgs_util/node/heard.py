@@ -139,6 +139,11 @@ class HeardTopic:
         subscriptions = (self._kept, *(subscription for subscription, _ in self._passing.values()))
         return max(subscription.get_publisher_count() for subscription in subscriptions)
 
+    @property
+    def by_strangers(self) -> bool:
+        """True if nodes that keep no evidence publish there, too."""
+        return bool(self._passing)
+
     def look(self) -> None:
         """Subscribe once more for a publisher that no subscription receives; cheap if none is new."""
         found = (self._node.count_publishers(self._topic), self._kept.get_publisher_count())

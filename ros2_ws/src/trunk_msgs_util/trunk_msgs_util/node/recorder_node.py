@@ -45,7 +45,8 @@ _QUIET_S = 0.3
 _QUIET_TURNS = 10
 # ... but, where the run goes on without it, no longer than this.
 _LEAVE_S = 0.7
-_TELL_EVERY = 50
+_TELL_EVERY = 50  # states
+_TELL_STRANGERS = topics.STRANGERS_DEPTH // 2
 _FOLLOW_S = 0.05
 _CHECK_S = 0.1
 # In lock-step nothing waits for the recorder, within its window: waking it for each message would cost
@@ -71,6 +72,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         )
         self._written_ns = dict.fromkeys(self.config.lockstep_topics, -1)
         self._told_ns = -1
+        self._tell_every = _TELL_EVERY
         self._looked_at = 0
         self.run_stamp_ns = -1
         self._heard: dict[str, HeardTopic] = {}
@@ -130,6 +132,10 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         """
         for heard in list(self._heard.values()):
             heard.look()
+        if self.config.lockstep and any(
+            self._heard[topic].by_strangers for topic in self.config.lockstep_topics
+        ):
+            self._tell_every = _TELL_STRANGERS
         prefix = f"{self.get_namespace().rstrip('/')}/"
         for name, types in self.get_topic_names_and_types():
             relative = name.removeprefix(prefix)
@@ -212,7 +218,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def _on_truth(self, data: bytes) -> None:
         before_ns, self.run_stamp_ns = self.run_stamp_ns, self._written_ns[topics.GROUND_TRUTH]
         self._tally.runs += self.run_stamp_ns < before_ns
-        if self._tally.counts[topics.GROUND_TRUTH] % _TELL_EVERY == 0 and self.config.lockstep:
+        if self._tally.counts[topics.GROUND_TRUTH] % self._tell_every == 0 and self.config.lockstep:
             self._tell_progress()
 
         if self._pictures is not None:
