@@ -128,7 +128,7 @@ def test_what_a_person_does_is_done_and_on_the_record(
     assert "trunk report" in page.title()
     other.close()
     live.close()
-    assert child.wait() == 0, child.stderr
+    assert child.wait() == 0, child.stdout + child.stderr
 
     run = RecordedRun.open(tmp_path / "run" / "run.mcap")
     assert run.recording.complete, run.recording.end
@@ -161,7 +161,7 @@ def test_in_lockstep_the_page_chooses_the_speed_and_who_acts(
     live.until(f"known.plant.last > {t} + 0.5")
     live.close()
     child.send(signal.SIGINT)
-    assert child.wait() == 0, child.stderr
+    assert child.wait() == 0, child.stdout + child.stderr
     run = RecordedRun.open(tmp_path / "run" / "run.mcap")
     assert run.recording.complete, run.recording.end
     verdict = verdict_on(run)
@@ -180,7 +180,7 @@ def test_a_graph_that_runs_already_is_joined_and_left_alone(
     live.page.click("#reset")
     live.until("known.events.some((event) => event.event === 'reset')")
     child.send(signal.SIGINT)
-    assert child.wait() == 0, child.stderr
+    assert child.wait() == 0, child.stdout + child.stderr
     live.until("document.getElementById('link').dataset.state === 'closed'")
     live.close()
     assert run.process.poll() is None

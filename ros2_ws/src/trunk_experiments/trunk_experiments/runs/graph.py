@@ -33,6 +33,7 @@ EXIT_FAILED = 1  # of a node that has said why
 SILENCE_S = 5.0  # of a simulator that diagnoses itself every second
 COMPOSED = "composed"
 _LAST = (COMPOSED, "recorder")  # to be stopped: it has to hear what the others say as they end
+_ENDS_FIRST_S = 1.5  # before all others are told, too: docs/faults.md promises 10 s for everything
 _WAITING = "{} not active: with autostart false, configure and activate it (ros2 lifecycle set …)"
 
 
@@ -105,6 +106,7 @@ def _watch(
         ends = interrupt.name or (over() and "request")
         if ends and simulator.exit_code is None:
             if monitor.started and not plan.simulator.duration:
+                _end_first(simulator, monitor)
                 return False
             raise RunError(f"stopped by {ends}; the recording holds the run up to here")
         _check_alive(running, simulator, monitor)
@@ -164,6 +166,14 @@ def _silent(plan: RunPlan, ready: set[str]) -> str:
         return _WAITING.format(", ".join(waiting))
     silent = [name for name in plan.configs if name not in {*ready, "simulator"}]
     return f"{', '.join(silent) or 'simulator'} not ready"
+
+
+def _end_first(simulator: NodeProcess, monitor: Monitor) -> None:
+    """Let the simulator end while all others are there, so that its last state is answered and recorded."""
+    simulator.signal(signal.SIGINT)
+    patience = Patience(_ENDS_FIRST_S)
+    while simulator.exit_code is None and not patience.spent([os.getpid(), simulator.pid]):
+        monitor.spin(0.05)
 
 
 def _hear_last_words(monitor: Monitor) -> None:

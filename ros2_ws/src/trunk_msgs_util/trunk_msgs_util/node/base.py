@@ -48,6 +48,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
         self._accounted = False
         self._waiting = Waiting()
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._last_turns = 2
         self.linger_s = 0.0  # how long messages may collect before they are taken
         self._parameters_set = NodeParameters(self, config_class, self._on_parameters)
         self._parameters_topic = self.create_publisher(
@@ -162,8 +163,12 @@ class TrunkNode(ManagedNode, Generic[Config]):
         return self.get_node_names_and_namespaces().count(own) > 1
 
     def draining(self) -> bool:
-        """Return True while the node still has messages to take before it closes."""
-        return False
+        """Return True while the node still has messages to take before it closes.
+
+        What has come by then is taken, it may be the run's last state; but not by a node that has failed.
+        """
+        self._last_turns -= 1
+        return self._last_turns >= 0 and not self.exit_code
 
     def waits_for(self) -> str:
         """Return for whom this node waits, and how to start them; asked once a second. Empty: for nobody."""
