@@ -2,7 +2,7 @@
 
     python -m tests.hostile.check [--selection] [NAME...]
 
-``--selection``: a few verbs and a quarter of the quicker files, for CI. Names: only files with one in their names.
+``--selection``: a few verbs and a quarter of the quicker files, for CI. Names: only files with one in theirs.
 """
 
 from __future__ import annotations
