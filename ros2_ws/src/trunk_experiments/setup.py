@@ -20,6 +20,7 @@ setup(
             "py.typed",
             "config/*.yaml",
             "paper/*.html.j2",
+            "paper/*.css",
             "schemas/*.json",
             "studies/*.yaml",
             "templates/controller/*.in",

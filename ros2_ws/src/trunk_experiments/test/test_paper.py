@@ -124,7 +124,10 @@ def test_the_report_is_one_file_with_every_part(tmp_path, monkeypatch):
         literal={"none, derived": None},
     )
     page = paper_report.write_report(result, tmp_path).read_text(encoding="utf-8")
-    for text in (CLAIMS[0].quote, "Errata", "diverges", "a &lt; b", "never", PROFILES[1]):
+    order = ("Of the paper’s", 'href="fig9.html"', CLAIMS[0].quote, "profile practical", "a &lt; b")
+    assert sorted(page.index(text) for text in order) == [page.index(text) for text in order]
+    for text in ("<main>", "diverges", "never", *(claim.why.split("'")[0] for claim in CLAIMS)):
         assert text in page
+    assert page.count("<article") == page.count('<p class="verdict">') == len(CLAIMS)
     assert 'src="http' not in page
     assert json.loads((tmp_path / "paper.json").read_text())["errata"][0]["shown"] is True

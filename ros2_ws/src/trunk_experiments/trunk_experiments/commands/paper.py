@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     "--output",
     type=click.Path(path_type=Path),
     required=True,
-    help="Folder for report.html, paper.json, the figures and the recordings.",
+    help="Folder for report.html, paper.json, the figures, still and animated, and the recordings.",
 )
 @click.option("--force", is_flag=True, help="Write into a folder that is not empty.")
 @click.option(
@@ -45,8 +45,7 @@ def command(context: click.Context, output: Path, force: bool, graph: bool, as_j
     output.mkdir(parents=True, exist_ok=True)
     with steps_told() as tell:
         result = reproduce(output, graph, tell)
-        tell("drawing")
-        report = write_report(result, output)
+        report = write_report(result, output, tell)
     shown = sum(shown for _, shown, _ in result.errata)
     if as_json:
         write_json("paper-1", {"folder": output, "report": report, **paper_values(result)})

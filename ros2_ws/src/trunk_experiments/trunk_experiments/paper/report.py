@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
+from collections import Counter
 from importlib.resources import files
 from math import isinf
 from pathlib import Path
 
 from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from trunk_msgs_util.whole_file import whole_file
@@ -17,8 +19,10 @@ from ..analysis.metrics import missing
 from ..recorded.run import RecordedRun
 from ..views.plot_style import save
 from ..views.plots import paper_figure
+from ..views.report import make_report
+from ..views.report_page import write
 from ..views.run_view import RunView
-from .reproduction import RATE_KEYS, Reproduction, as_json
+from .reproduction import RATE_KEYS, Reproduction, Say, as_json
 from .runs import CONTENDERS, FIGURES, OF_THE_PAPER, PROFILES, Case
 
 COLUMNS = {
@@ -37,18 +41,30 @@ COLUMNS = {
 }
 
 
-def write_report(result: Reproduction, folder: Path) -> Path:
-    """Write ``report.html``, ``paper.json`` and the figures as PNG and SVG; return the HTML's path."""
+def write_report(result: Reproduction, folder: Path, say: Say = lambda step: None) -> Path:
+    """Write ``report.html``, ``paper.json``, and each figure as PNG, SVG and HTML; return the page's path.
+
+    ``say`` is called with each next step.
+    """
     text = json.dumps(as_json(result), indent=2, ensure_ascii=False, allow_nan=False)
     with whole_file(folder / "paper.json") as part:
         part.write_text(text + "\n", encoding="utf-8")
-    pictures = {figure: _figure(figure, folder) for figure in FIGURES}
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    pictures = {}
+    for figure in FIGURES:
+        say(f"drawing {figure}")
+        pictures[figure] = _figure(figure, folder)
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     environment.filters["number"] = _number
-    template = files(__package__).joinpath("report.html.j2").read_text(encoding="utf-8")
+    here = files(__package__)
+    template = here.joinpath("report.html.j2").read_text(encoding="utf-8")
     page = environment.from_string(template).render(
+        style=Markup(here.joinpath("report.css").read_text(encoding="utf-8")),
         result=result,
         verdicts=result.verdicts(),
+        counts=Counter(offline.short for offline, *_ in result.verdicts()),
+        won=_won(result),
         pictures=pictures,
         columns=COLUMNS,
         contenders=CONTENDERS,
@@ -63,8 +79,19 @@ def write_report(result: Reproduction, folder: Path) -> Path:
     return path
 
 
+def _won(result: Reproduction) -> dict[str, tuple[int, int]]:
+    """Return, for each PID, in how many comparisons Fuzzy-PID did better, and how many there are."""
+    found: dict[str, tuple[int, int]] = {}
+    for verdict, *_ in result.verdicts():
+        for check in verdict.checks:
+            if check.against:
+                won, of = found.get(check.contender, (0, 0))
+                found[check.contender] = (won + check.holds, of + 1)
+    return found
+
+
 def _figure(figure: str, folder: Path) -> str:
-    """Draw a figure of the paper with our runs; return it as a data URL."""
+    """Draw a figure of the paper with our runs, and animate these; return the picture as a data URL."""
     views, names = [], []
     for name, contender in OF_THE_PAPER.items():
         case = Case(PROFILES[0], figure, name)
@@ -73,6 +100,7 @@ def _figure(figure: str, folder: Path) -> str:
     drawn: Figure = paper_figure(views, int(figure.removeprefix("fig")), names)
     for suffix in (".png", ".svg"):
         save(drawn, folder / f"{figure}{suffix}")
+    write(make_report(views), folder / f"{figure}.html")
     return "data:image/png;base64," + b64encode((folder / f"{figure}.png").read_bytes()).decode()
 
 
