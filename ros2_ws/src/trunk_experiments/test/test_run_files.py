@@ -57,9 +57,10 @@ def test_with_force_a_run_takes_the_place_of_an_earlier_one_and_of_nothing_else(
     assert old.recording.exists()
     new = RunFiles.for_run(PLAN, old.folder, force=True)
     assert old.recording.exists(), "nothing is touched before the run begins"
+    new.log("gateway").write_text("of this run: it is served before its nodes are started")
     new.record(PLAN)
     left = {str(path.relative_to(new.folder)) for path in new.folder.rglob("*")}
-    assert left == {"params.yaml", "logs", "notes.txt"}
+    assert left == {"params.yaml", "logs", "logs/gateway.log", "notes.txt"}
 
 
 def test_what_is_no_runs_or_being_written_is_not_replaced(tmp_path):

@@ -22,7 +22,7 @@ from ..errors import GatewayError, PlanError
 from ..gateway.process import GatewayProcess
 from ..plans.given import checked_namespace
 from ..recorded.run import RecordedRun
-from ..runs.files import RunFiles
+from ..runs.files import BESIDE, RunFiles
 from ..runs.graph import run_graph
 from ..runs.interrupt import Interrupt
 from .run import show_run
@@ -98,6 +98,8 @@ def command(
             check_not_read(file, files_read({"scenario": scenario, **options}))
     files = RunFiles.for_run(plan, output, force)
     files.logs.mkdir(parents=True, exist_ok=True)
+    for name in BESIDE if force else ():
+        (files.logs / name).unlink(missing_ok=True)
     shown = {
         "namespace": "",
         "standby": [n for n in others if n != first],

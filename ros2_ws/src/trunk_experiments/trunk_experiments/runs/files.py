@@ -19,6 +19,10 @@ from ..errors import PlanError
 from ..plans.plan import RunPlan
 
 
+# Written by what runs beside the nodes, and before them.
+BESIDE = ("gateway.log", "foxglove.log")
+
+
 @dataclass(frozen=True)
 class RunFiles:
     """Where a run leaves what it makes; ``replaces``: in place of what an earlier one has left there."""
@@ -94,7 +98,8 @@ class RunFiles:
             plan, recorder=with_values(plan.recorder, output=str(self.recording.absolute()))
         )
         if self.replaces:
-            for old in (self.recording, self.description, *self.logs.glob("*.log")):
+            logs = [log for log in self.logs.glob("*.log") if log.name not in BESIDE]
+            for old in (self.recording, self.description, *logs):
                 old.unlink(missing_ok=True)
         plan.write_parameters(self.parameters)
         return plan
