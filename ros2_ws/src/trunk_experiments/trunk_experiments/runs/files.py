@@ -18,7 +18,6 @@ from trunk_msgs_util.yaml_text import YamlTextError
 from ..errors import PlanError
 from ..plans.plan import RunPlan
 
-
 # Written by what runs beside the nodes, and before them.
 BESIDE = ("gateway.log", "foxglove.log")
 
