@@ -20,7 +20,7 @@ import yaml
 
 REQUIREMENTS = Path(__file__).parents[1] / "requirements"
 RUNNING = "runtime", "ros", "cluster", "gym", "foxglove", "notebook"
-TOOLS = "setuptools", "build", "dev"
+TOOLS = "setuptools", "build", "crate", "dev"
 _KEYS = {"allowed", "tools", "names", "by_hand"}
 
 

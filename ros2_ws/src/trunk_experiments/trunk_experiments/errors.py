@@ -31,6 +31,12 @@ class NotSignedError(TrunkError):
     exit_code: ClassVar[int] = EXIT_FAILED
 
 
+class CrateError(TrunkError):
+    """A recording that does not belong into a crate: its name, why, how to find out more."""
+
+    exit_code: ClassVar[int] = EXIT_FAILED
+
+
 class ExecutableError(TrunkError):
     """A node's executable that is not installed."""
 

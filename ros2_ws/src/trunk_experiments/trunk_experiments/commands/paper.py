@@ -30,27 +30,43 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Run each figure in the ROS 2 graph as well (lock-step, composed) and compare the bits.",
 )
+@click.option(
+    "--crate",
+    is_flag=True,
+    help="Make the folder an RO-Crate for a reviewer: verified recordings, hashes, CODECHECK's manifest.",
+)
 @json_option("paper-1")
 @click.pass_context
-def command(context: click.Context, output: Path, force: bool, graph: bool, as_json: bool) -> None:
+def command(
+    context: click.Context, output: Path, force: bool, graph: bool, crate: bool, as_json: bool
+) -> None:
     """Reproduce Figs 6 to 9 and judge the paper's claims by the numbers.
 
     Exit code 1 if a graph run's bits differ from the offline run's, or an erratum is not shown.
     """
+    from trunk_msgs_util import provenance
+
+    from ..paper.crate import check_installed, write_crate
     from ..paper.report import write_report
     from ..paper.reproduction import as_json as paper_values
     from ..paper.reproduction import reproduce
 
+    if crate:
+        check_installed()
+    begun = provenance.gather()
     check_folder(output, force)
     output.mkdir(parents=True, exist_ok=True)
     with steps_told() as tell:
         result = reproduce(output, graph, tell)
         report = write_report(result, output, tell)
+        described = write_crate(result, output, begun, tell) if crate else None
     shown = sum(shown for _, shown, _ in result.errata)
     if as_json:
         write_json("paper-1", {"folder": output, "report": report, **paper_values(result)})
     else:
         _show(result, report, graph)
+        if described:
+            click.echo(f"crate: {described}")
     if result.differing or shown < len(result.errata):
         context.exit(1)
 
