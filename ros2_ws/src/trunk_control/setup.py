@@ -1,15 +1,18 @@
+import os
 from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
 manifest = ElementTree.parse("package.xml")
 name = manifest.findtext("name")
+version = manifest.findtext("version")
 maintainer = manifest.find("maintainer")
+wheel = "TRUNK_WHEEL" in os.environ  # scripts/wheels.sh: no executables of nodes
 laws = ["pid", "fuzzy_pid", "lqr", "computed_torque"]
 
 setup(
     name=name,
-    version=manifest.findtext("version"),
+    version=version,
     description=manifest.findtext("description"),
     license=manifest.findtext("license"),
     maintainer=maintainer.text,
@@ -20,12 +23,26 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),
     ],
+    python_requires=">=3.10,<3.14",
+    classifiers=[
+        "Development Status :: 4 - Beta",
+        "Intended Audience :: Science/Research",
+        "License :: OSI Approved :: Apache Software License",
+        "Operating System :: POSIX :: Linux",
+        "Programming Language :: Python :: 3",
+        "Topic :: Scientific/Engineering",
+        "Typing :: Typed",
+    ],
+    # For wheels (docs/release.md): what the locks pin lies within these bounds. ROS 2 comes by package.xml.
+    install_requires=[
+        f"trunk_msgs_util=={version}",
+    ],
     zip_safe=False,
     extras_require={"test": ["pytest"]},  # `colcon test` looks here for what runs the tests
     entry_points={
-        "console_scripts": [
-            f"{name} = trunk_control.executables:{name}" for name in (*laws, "fuzzy_gains")
-        ],
+        "console_scripts": []
+        if wheel
+        else [f"{name} = trunk_control.executables:{name}" for name in (*laws, "fuzzy_gains")],
         "trunk.controllers": [f"{name} = trunk_control.{name}_law:LAW" for name in laws],
     },
 )

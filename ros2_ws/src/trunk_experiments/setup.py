@@ -1,3 +1,4 @@
+import os
 from glob import glob
 from xml.etree import ElementTree
 
@@ -5,11 +6,13 @@ from setuptools import find_packages, setup
 
 manifest = ElementTree.parse("package.xml")
 name = manifest.findtext("name")
+version = manifest.findtext("version")
 maintainer = manifest.find("maintainer")
+wheel = "TRUNK_WHEEL" in os.environ  # scripts/wheels.sh: no executables of nodes
 
 setup(
     name=name,
-    version=manifest.findtext("version"),
+    version=version,
     description=manifest.findtext("description"),
     license=manifest.findtext("license"),
     maintainer=maintainer.text,
@@ -42,18 +45,48 @@ setup(
         (f"share/{name}/rviz", sorted(glob("rviz/*.rviz"))),
         (f"share/{name}/ros2_control", sorted(glob("ros2_control/*"))),
     ],
+    python_requires=">=3.10,<3.14",
+    classifiers=[
+        "Development Status :: 4 - Beta",
+        "Intended Audience :: Science/Research",
+        "License :: OSI Approved :: Apache Software License",
+        "Operating System :: POSIX :: Linux",
+        "Programming Language :: Python :: 3",
+        "Topic :: Scientific/Engineering",
+        "Typing :: Typed",
+    ],
+    # For wheels (docs/release.md): what the locks pin lies within these bounds. ROS 2 comes by package.xml.
+    install_requires=[
+        f"trunk_msgs_util=={version}",
+        f"trunk_sim=={version}",
+        f"trunk_control=={version}",
+        "click>=8.1,<9",
+        "Jinja2>=3.1,<4",
+        "matplotlib>=3.8,<4",
+        "mcap>=1.1,<2",
+        "numpy>=1.26,<3",
+        "plotly>=6,<8",
+        "pyarrow>=15",
+        "PyYAML>=6.0,<7",
+        "rich>=13,<16",
+        "rosbags>=0.10,<1",
+        "scipy>=1.11,<2",
+        "sympy>=1.12,<2",
+        "tornado>=6.4,<7",
+    ],
     zip_safe=False,
     extras_require={
         "test": ["pytest"],  # `colcon test` looks here for what runs the tests
-        "gym": ["gymnasium"],
+        "cluster": ["distributed"],
+        "crate": ["rocrate>=0.13,<1"],
         "foxglove": ["foxglove-sdk"],
+        "gym": ["gymnasium"],
+        "notebook": ["pandas"],
     },
     entry_points={
         "console_scripts": [
-            "bare_pair = trunk_experiments.executables:bare_pair",
-            "composed = trunk_experiments.executables:composed",
-            "markers = trunk_experiments.executables:markers",
-            "trunk = trunk_experiments.executables:trunk",
+            f"{script} = trunk_experiments.executables:{script}"
+            for script in (["trunk"] if wheel else ["bare_pair", "composed", "markers", "trunk"])
         ],
     },
 )

@@ -1,14 +1,17 @@
+import os
 from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
 manifest = ElementTree.parse("package.xml")
 name = manifest.findtext("name")
+version = manifest.findtext("version")
 maintainer = manifest.find("maintainer")
+wheel = "TRUNK_WHEEL" in os.environ  # scripts/wheels.sh: no executables of nodes
 
 setup(
     name=name,
-    version=manifest.findtext("version"),
+    version=version,
     description=manifest.findtext("description"),
     license=manifest.findtext("license"),
     maintainer=maintainer.text,
@@ -19,11 +22,30 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),
     ],
+    python_requires=">=3.10,<3.14",
+    classifiers=[
+        "Development Status :: 4 - Beta",
+        "Intended Audience :: Science/Research",
+        "License :: OSI Approved :: Apache Software License",
+        "Operating System :: POSIX :: Linux",
+        "Programming Language :: Python :: 3",
+        "Topic :: Scientific/Engineering",
+        "Typing :: Typed",
+    ],
+    # For wheels (docs/release.md): what the locks pin lies within these bounds. ROS 2 comes by package.xml.
+    install_requires=[
+        "cryptography[ssh]>=42",
+        "lz4>=4.0",
+        "mcap>=1.1,<2",
+        "numba>=0.61,<1",
+        "numpy>=1.26,<3",
+        "PyYAML>=6.0,<7",
+        "rosbags>=0.10,<1",
+        "zstandard>=0.22,<1",
+    ],
     zip_safe=False,
     extras_require={"test": ["pytest"]},  # `colcon test` looks here for what runs the tests
     entry_points={
-        "console_scripts": [
-            "recorder = trunk_msgs_util.executables:recorder",
-        ],
+        "console_scripts": [] if wheel else ["recorder = trunk_msgs_util.executables:recorder"],
     },
 )

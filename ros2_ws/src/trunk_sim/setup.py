@@ -1,14 +1,17 @@
+import os
 from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
 manifest = ElementTree.parse("package.xml")
 name = manifest.findtext("name")
+version = manifest.findtext("version")
 maintainer = manifest.find("maintainer")
+wheel = "TRUNK_WHEEL" in os.environ  # scripts/wheels.sh: no executables of nodes
 
 setup(
     name=name,
-    version=manifest.findtext("version"),
+    version=version,
     description=manifest.findtext("description"),
     license=manifest.findtext("license"),
     maintainer=maintainer.text,
@@ -19,10 +22,27 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),
     ],
+    python_requires=">=3.10,<3.14",
+    classifiers=[
+        "Development Status :: 4 - Beta",
+        "Intended Audience :: Science/Research",
+        "License :: OSI Approved :: Apache Software License",
+        "Operating System :: POSIX :: Linux",
+        "Programming Language :: Python :: 3",
+        "Topic :: Scientific/Engineering",
+        "Typing :: Typed",
+    ],
+    # For wheels (docs/release.md): what the locks pin lies within these bounds. ROS 2 comes by package.xml.
+    install_requires=[
+        f"trunk_msgs_util=={version}",
+        "numpy>=1.26,<3",
+    ],
     zip_safe=False,
     extras_require={"test": ["pytest"]},  # `colcon test` looks here for what runs the tests
     entry_points={
-        "console_scripts": [
+        "console_scripts": []
+        if wheel
+        else [
             "simulator = trunk_sim.executables:simulator",
             "disturbance = trunk_sim.executables:disturbance",
         ],

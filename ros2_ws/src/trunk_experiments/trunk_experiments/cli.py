@@ -49,6 +49,9 @@ _VERBS = {
     "bench": ("bench", "Measure speed, as ratios in one run."),
 }
 
+# How the modules of ROS 2 begin, and end.
+_ROS = ("rcl", "rosidl", "ament_", "launch"), ("_msgs", "_interfaces", "_srvs")
+
 
 class _Lazy(click.Group):
     """A group that imports a verb's module only when it is called."""
@@ -147,10 +150,21 @@ def _code() -> int:
     except (TrunkError, OSError) as error:
         return _failed(line_of(error), tell(error))
     except Exception as error:
-        line = _fault_of_a_law(error)
+        line = _fault_of_a_law(error) or _without_ros(error)
         if not line:
             raise
         return _failed(say(line), EXIT_FAILED)
+
+
+def _without_ros(error: Exception) -> str:
+    """Return what to do if a module of ROS 2 is missing, as where the wheels alone are installed."""
+    missing = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
+    if not missing.startswith(_ROS[0]) and not missing.endswith(_ROS[1]):
+        return ""
+    return (
+        f"this needs ROS 2 Jazzy ({missing} is not installed): in the project's sources, run "
+        "scripts/bootstrap.sh, then 'source scripts/env.sh': it gets ROS 2"
+    )
 
 
 def _fault_of_a_law(error: Exception) -> str:

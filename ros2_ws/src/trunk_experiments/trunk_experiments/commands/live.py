@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from contextlib import closing
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -143,6 +144,8 @@ def _check_alone() -> None:
 def _attach(
     namespace: str, host: str, port: int, browser: bool, foxglove: int | None, as_json: bool
 ) -> None:
+    if find_spec("rclpy") is None:
+        raise ModuleNotFoundError(name="rclpy")  # said by the command, before a page is opened
     with tempfile.TemporaryDirectory(prefix="trunk_live_") as folder:
         log = Path(folder) / "gateway.log"
         gateway = GatewayProcess(log, host, port, {"namespace": namespace})
