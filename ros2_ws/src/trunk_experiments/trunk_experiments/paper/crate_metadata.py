@@ -82,7 +82,7 @@ def describe(
             "description": "Simulated, judged and drawn: " + _verdicts(result),
             "startTime": about["started_utc"],
             "endTime": about["ended_utc"],
-            "actionStatus": {"@id": "http://schema.org/CompletedActionStatus"},
+            "actionStatus": "http://schema.org/CompletedActionStatus",
         },
     )
     root = crate.root_dataset
@@ -90,6 +90,7 @@ def describe(
     root["description"] = "Figures 6 to 9 of the paper by our own runs. " + _verdicts(result)
     root["datePublished"] = about["ended_utc"]
     root["license"], root["creator"], root["publisher"] = licence, makers, makers
+    root["author"] = makers
     root["citation"], root["conformsTo"], root["mentions"] = paper, profile, action
     graph: dict[str, Any] = crate.metadata.generate()
     return graph
