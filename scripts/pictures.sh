@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Regenerate the README's pictures, in docs/images, from fresh runs: scripts/pictures.sh
+# Regenerate the pictures of the README and of docs/gallery.md, in docs/images, from fresh runs: scripts/pictures.sh
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/bootstrap.sh >/dev/null
@@ -21,18 +21,28 @@ run fuzzy fig6 fuzzy_pid
 run fig8-pid fig8 pid
 run fig8-fuzzy-pid fig8 fuzzy_pid
 run demo demo fuzzy_pid
+for fig in 7 9; do
+    run "fig$fig-pid" "fig$fig" pid
+    run "fig$fig-fuzzy-pid" "fig$fig" fuzzy_pid
+done
+trunk branch "$runs/demo.mcap" --at 3 --push 60Nm:0.1s -o "$runs/pushed.mcap"
+trunk branch "$runs/demo.mcap" --at 3 --controller pid -o "$runs/pid.mcap"
 
 trunk plot --force "$runs"/{pid-as-printed,pid-zn,fuzzy}.mcap --fig 6 -o "$images/fig6.png"
+for fig in 7 8 9; do
+    trunk plot --force "$runs/fig$fig-pid.mcap" "$runs/fig$fig-fuzzy-pid.mcap" --fig "$fig" -o "$images/fig$fig.png"
+done
 trunk plot --force "$runs"/{fig8-pid,fig8-fuzzy-pid}.mcap -o "$images/plot.png"
+trunk plot --force "$runs"/{demo,pushed,pid}.mcap -o "$images/branches.png"
 trunk report "$runs"/{fig8-pid,fig8-fuzzy-pid}.mcap -o "$runs/report.html"
 trunk report "$runs/demo.mcap" -o "$runs/surface.html"
 
-for study in actuator network; do
+for study in actuator network delay_gain; do
     trunk sweep "$study" -o "$runs/$study.parquet"
     trunk map "$runs/$study.parquet" -o "$images/$study.png" --force
 done
 
-python scripts/push_picture.py "$browser" "$images/push.gif"
+python scripts/push_picture.py "$browser" "$images/push.gif" "$images/live.png"
 python - "$browser" "$runs" "$images" <<'END'
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Make the animation of a push in the live page: push_picture.py BROWSER FILE.gif.
+"""Film a push in the live page, and photograph the page: push_picture.py BROWSER FILE.gif PAGE.png.
 
 A real run, a real page: the trunk is pulled to one side and let go, then to the other.
 """
@@ -20,6 +20,8 @@ from playwright.sync_api import Page, sync_playwright
 _EVERY_MS = 80
 _SECONDS = 7.0
 _COLOURS = 48
+# In lock-step: no machine is too busy for it.
+_RUN = ("demo", "--controller", "fuzzy_pid", "--controller", "pid", "--lockstep")
 # When the mouse does what, in s, and where to, in pixels from the tip.
 _SCRIPT = (
     (0.5, "down", 0),
@@ -76,10 +78,10 @@ def _save(pictures: list[Image.Image], path: Path) -> None:
 
 def main() -> None:
     """Run, film, save."""
-    browser, output = sys.argv[1], Path(sys.argv[2])
+    browser, output, whole = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
         live = subprocess.Popen(
-            ["trunk", "live", "demo", "--no-browser", "--output", f"{folder}/run"],
+            ["trunk", "live", *_RUN, "--no-browser", "--output", f"{folder}/run"],
             stdout=subprocess.PIPE,
             text=True,
         )
@@ -93,6 +95,9 @@ def main() -> None:
         page.goto(found[1])
         page.wait_for_selector("html[data-ready]")
         pictures = _film(page)
+        page.set_viewport_size({"width": 1280, "height": 1560})
+        page.wait_for_timeout(1000)
+        page.screenshot(path=whole)
         chromium.close()
         live.send_signal(signal.SIGINT)
         live.communicate()

@@ -1,27 +1,105 @@
-"""The pages' generated tables agree with the declarations."""
+"""README.md and the pages: tables as declared, links that lead somewhere, and for whom each page is."""
 
 from __future__ import annotations
 
+import re
+import subprocess
 from pathlib import Path
 
 import pytest
 
+from trunk_experiments.analysis.metrics import QUANTITIES
 from trunk_experiments.readme import refreshed
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
-PAGES = {"README.md": 3, "docs/recording.md": 1, "docs/api.md": 1}  # generated parts of each
+TABLES = {"topics": 1, "parameter_tables": 2, "recording": 1, "api": 1}  # generated parts of each
+PAGES = [README, *sorted(ROOT.glob("docs/*.md")), ROOT / "docker" / "README.md"]
+OTHERS = [ROOT / name for name in ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")]
+LINK = re.compile(r"\]\(([^)\s]+)\)")
 
 
-@pytest.mark.parametrize(("page", "tables"), PAGES.items(), ids=PAGES)
+def text_of(page):
+    return page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("page", "tables"), TABLES.items(), ids=TABLES)
 def test_the_tables_match_the_declarations(page, tables):
-    text = (ROOT / page).read_text(encoding="utf-8")
+    text = text_of(ROOT / "docs" / f"{page}.md")
     assert text.count("<!-- generated: ") == tables
     assert refreshed(text) == text, "run scripts/update_readme.sh"
 
 
 def test_a_stale_table_is_noticed():
-    text = README.read_text(encoding="utf-8")
+    text = text_of(ROOT / "docs" / "parameter_tables.md")
     stale = text.replace("Mass M of the hip", "Mass of the hip")
     assert stale != text
     assert refreshed(stale) == text
+
+
+def test_what_all_controllers_share_stands_once():
+    text = text_of(ROOT / "docs" / "parameter_tables.md")
+    assert text.count("| `reference.profile` |") == text.count("| `handover.max_step` |") == 1
+    assert text.count("| `gains.p` |") == 3  # pid, lqr, computed_torque: of different units
+
+
+def test_each_metric_is_defined_with_its_unit():
+    page = text_of(ROOT / "docs" / "metrics.md")
+    found = dict(re.findall(r"^\| `(\w+)` \| (\S+) \|", page, re.MULTILINE))
+    assert found == {name: quantity.unit for name, quantity in QUANTITIES.items()}
+
+
+@pytest.mark.parametrize("page", [*PAGES, *OTHERS], ids=lambda page: str(page.relative_to(ROOT)))
+def test_a_page_says_first_for_whom_it_is(page):
+    paragraphs = [
+        part for part in text_of(page).split("\n\n") if not part.startswith(("    ", "#"))
+    ]
+    assert re.match(r"For anyone (who|in|with)\b", paragraphs[0]), paragraphs[0]
+
+
+def headings(page):
+    """Return the anchors of a page's headings, as GitHub and MkDocs make them."""
+    text = re.sub(r"^```.*?^```", "", text_of(page), flags=re.DOTALL | re.MULTILINE)
+    titles = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", title.lower()).strip().replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("page", [*PAGES, *OTHERS], ids=lambda page: str(page.relative_to(ROOT)))
+def test_no_link_leads_nowhere(page):
+    for link in LINK.findall(text_of(page)):
+        if link.startswith("https://"):
+            continue
+        path, _, anchor = link.partition("#")
+        target = page.parent / path if path else page
+        assert target.exists(), link
+        assert not anchor or anchor in headings(target), link
+
+
+def test_the_readme_is_short():
+    assert len(text_of(README).splitlines()) <= 200
+
+
+def block(language):
+    (found,) = re.findall(rf"^```{language}\n(.*?)^```", text_of(README), re.DOTALL | re.MULTILINE)
+    return found
+
+
+@pytest.mark.graph
+@pytest.mark.slow
+def test_the_examples_run_as_printed(tmp_path):
+    """As in a fresh clone: nothing is there but the scripts."""
+    (tmp_path / "scripts").symlink_to(ROOT / "scripts")
+    python = f"cat > example.py <<'END'\n{block('python')}END\npython example.py\n"
+    done = subprocess.run(
+        ["bash", "-ec", block("bash") + python],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "identical: 50006 messages, bit for bit" in done.stdout
+    assert "fig8.mcap: verified" in done.stdout
+    assert "FELL: at t = 1.085 s" in done.stdout + done.stderr
+    made = {path.name for path in tmp_path.iterdir()}
+    assert {"report.html", "what_if.mcap", "lqr.yaml", "lqr.mcap", "fig8.png"} <= made

@@ -1,4 +1,4 @@
-"""Nodes started by hand, each in a shell of its own, as the README says; ended by Ctrl-C, in any order."""
+"""Nodes started by hand, each in its own shell, as docs/running.md says; ended by Ctrl-C, in any order."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from .recordings import finished_file
 
 pytestmark = pytest.mark.graph
 
-README = Path(__file__).parents[2] / "README.md"
+PAGE = Path(__file__).parents[2] / "docs" / "running.md"
 LOCKSTEP = "lockstep.enabled:=true"
 EARLY = "the recorder was stopped before the run was finished"
 
 
 def commands() -> dict[str, str]:
-    """Return what the README says to type, each line by the executable that it runs."""
-    text = README.read_text(encoding="utf-8")
+    """Return what the page says to type, each line by the executable that it runs."""
+    text = PAGE.read_text(encoding="utf-8")
     (block,) = re.findall(r"start the nodes by hand.*?```bash\n(.*?)```", text, re.DOTALL)
     lines = block.strip().splitlines()
     return {line.split("--ros-args")[0].split()[-1]: line for line in lines}
@@ -53,7 +53,7 @@ def verdict(children: Children, file: Path) -> tuple[int, list[str]]:
     return child.wait(), child.stdout.splitlines()
 
 
-def test_the_commands_of_the_readme_end_with_a_verified_file(
+def test_the_commands_of_the_page_end_with_a_verified_file(
     children: Children, tmp_path: Path
 ) -> None:
     said = commands()
@@ -80,7 +80,7 @@ def test_the_commands_of_the_readme_end_with_a_verified_file(
 
 @pytest.fixture(params=[False, True], ids=["real time", "lock-step"])
 def endless(request: pytest.FixtureRequest, children: Children, peer: Peer) -> dict[str, Child]:
-    """Start the README's three nodes without an end, and return them once something is recorded."""
+    """Start the page's three nodes without an end, and return them once something is recorded."""
     shells = {}
     for name, line in commands().items():
         line = line.replace("duration:=10.0", "duration:=0.0")

@@ -1,4 +1,4 @@
-"""Generated parts of README.md and docs/*.md; ``scripts/update_readme.sh`` inserts them."""
+"""Generated parts of docs/*.md; ``scripts/update_readme.sh`` inserts them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from trunk_msgs_util.events import Event
 
 from . import api
 from .api._reference import reference
-from .commands.params import markdown
+from .commands.params import markdown_rows, markdown_table
 from .plans.files import shipped_files
-from .plans.nodes import NODES
+from .plans.nodes import CONTROLLERS, NODES
 
 _SECTION = re.compile(r"(<!-- generated: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -39,12 +39,21 @@ def events_table() -> str:
 
 
 def parameters_tables() -> str:
-    """Return every node's parameters, a folded Markdown table each."""
-    return "\n\n".join(
-        f"<details><summary><b>{node}</b> (package {kind.package})</summary>\n\n"
-        f"{markdown(node)}\n\n</details>"
-        for node, kind in NODES.items()
-    )
+    """Return every node's parameters, a Markdown table each; what our controllers share stands once."""
+    rows = {node: markdown_rows(node) for node in NODES}
+    ours = [name for name in CONTROLLERS if NODES[name].package == "trunk_control"]
+    first, *others = (set(rows[name].values()) for name in ours)
+    shared = first.intersection(*others)
+    parts = []
+    for node, kind in NODES.items():
+        own = [row for row in rows[node].values() if node not in ours or row not in shared]
+        if node == ours[0]:
+            common = [row for row in rows[node].values() if row in shared]
+            also = ", ".join(f"`{name}`" for name in ours)
+            parts.append(f"## All controllers\n\nThe same for {also}.\n\n{markdown_table(common)}")
+        besides = " It also has those of [all controllers](#all-controllers)." * (node in ours)
+        parts.append(f"## {node}\n\nPackage `{kind.package}`.{besides}\n\n{markdown_table(own)}")
+    return "\n\n".join(parts)
 
 
 def files_table() -> str:

@@ -43,7 +43,7 @@ STRANGERS_DEPTH = 10
 # What discovery calls a node of which it knows an endpoint alone.
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 
-# What each topic carries, for the README: name, type, publisher, content.
+# What each topic carries, for docs/topics.md: name, type, publisher, content.
 DESCRIPTIONS = (
     (
         JOINT_STATES,

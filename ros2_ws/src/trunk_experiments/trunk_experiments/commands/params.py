@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import click
@@ -81,14 +81,14 @@ for _command in (show, set_values, apply):
     command.add_command(_command)
 
 
-def markdown(node: str) -> str:
-    """Return a node's parameters as a Markdown table."""
+def markdown_rows(node: str) -> dict[str, str]:
+    """Return a node's parameters by name, each as a row of a Markdown table."""
     from trunk_msgs_util.parameters.table_keys import listed
 
     from ..console.parameter_text import value_text
     from ..plans.nodes import NODES
 
-    lines = ["| parameter | type | default | unit | allowed | what |", "|---|---|---|---|---|---|"]
+    rows = {}
     for declaration in listed(NODES[node].config).values():
         allowed = ", ".join(declaration.choices) or declaration.bounds()
         default = value_text(declaration.default)
@@ -105,8 +105,21 @@ def markdown(node: str) -> str:
             allowed.replace(">= ", "≥ ").replace("<= ", "≤ "),
             declaration.description,
         )
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return "\n".join(lines)
+        rows[declaration.name] = (
+            "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+        )
+    return rows
+
+
+def markdown_table(rows: Iterable[str]) -> str:
+    """Return rows of parameters as a Markdown table."""
+    head = ("| parameter | type | default | unit | allowed | what |", "|---|---|---|---|---|---|")
+    return "\n".join((*head, *rows))
+
+
+def markdown(node: str) -> str:
+    """Return a node's parameters as a Markdown table."""
+    return markdown_table(markdown_rows(node).values())
 
 
 def _list(nodes: Sequence[str], as_json: bool, as_markdown: bool) -> None:

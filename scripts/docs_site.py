@@ -1,0 +1,88 @@
+"""MkDocs' hook, for scripts/docs.sh: pages from outside docs/, and links to files of the repository.
+
+What `mkdocs build --strict` cannot know is checked here: what a link or a path in backticks names is there.
+"""
+
+from __future__ import annotations
+
+import logging
+import posixpath
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mkdocs.structure.files import File
+
+if TYPE_CHECKING:
+    from mkdocs.structure.files import Files
+
+ROOT = Path(__file__).parents[1]
+PAGES = {  # as they are called in the repository, and in the site
+    "README.md": "index.md",  # links to it; the site has a page of its own
+    "CONTRIBUTING.md": "contributing.md",
+    "CHANGELOG.md": "changelog.md",
+    "SECURITY.md": "security_policy.md",
+    "docker/README.md": "docker.md",
+}
+COPIES = "source"  # folder in the site with the files of the repository that pages link to
+
+_LINK = re.compile(r"(?<=\]\()([^)#:\s]+)(?=[)#])")
+_PATH = re.compile(r"`((?:docs|docker|examples|requirements|scripts|tests)/[\w./-]+)`")
+_log = logging.getLogger("mkdocs.hooks.docs_site")
+
+
+def in_repository(page: str, link: str) -> str:
+    """Return what a link of a page means, both by their paths in the repository."""
+    return posixpath.normpath(posixpath.join(posixpath.dirname(page), link))
+
+
+def in_site(path: str) -> str:
+    """Return where a file of the repository is in the site; the pages lie side by side."""
+    if path in PAGES:
+        return PAGES[path]
+    return path.removeprefix("docs/") if path.startswith("docs/") else f"{COPIES}/{path}"
+
+
+def rewritten(page: str, text: str) -> str:
+    """Return a page's text with links as the site needs them; what is nowhere stays, for MkDocs to refuse."""
+
+    def link(match: re.Match[str]) -> str:
+        target = in_repository(page, match[1])
+        return in_site(target) if (ROOT / target).is_file() else match[1]
+
+    return _LINK.sub(link, text)
+
+
+def copied(page: str, text: str) -> set[str]:
+    """Return the files of the repository that a page links to and that are no pages of the site."""
+    targets = {in_repository(page, link) for link in _LINK.findall(text)}
+    return {
+        target
+        for target in targets
+        if target not in PAGES and not target.startswith("docs/") and (ROOT / target).is_file()
+    }
+
+
+def on_files(files: Files, *, config: Any, **_: Any) -> Files:
+    """Add the repository's other pages, and the files that any page links to."""
+    sources = {f"docs/{file.src_uri}": file.content_string for file in files.documentation_pages()}
+    for path, target in PAGES.items():
+        if target == "index.md":
+            continue
+        sources[path] = (ROOT / path).read_text(encoding="utf-8")
+        files.append(File.generated(config, target, content=rewritten(path, sources[path])))
+    for path in sorted(set().union(*(copied(page, text) for page, text in sources.items()))):
+        content = (ROOT / path).read_bytes()
+        files.append(File.generated(config, f"{COPIES}/{path}", content=content))
+    for page, text in sources.items():
+        for path in sorted({path.rstrip("./") for path in _PATH.findall(text)}):
+            if not (ROOT / path).exists():
+                _log.warning("%s names `%s`, which is not there", page, path)
+    return files
+
+
+def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
+    """Rewrite a page's links; the pages from outside docs/ have theirs already."""
+    if page.file.generated_by:
+        return markdown
+    return rewritten(f"docs/{page.file.src_uri}", markdown)
