@@ -18,5 +18,8 @@ if [[ -e $out && ! -e $out/sitemap.xml && -n $(ls -A "$out") ]]; then
     echo "docs: $out is there and no site: it would be emptied; name another folder" >&2
     exit 1
 fi
-PYTHONPATH='' NO_MKDOCS_2_WARNING=true "$tools/bin/python" -m mkdocs build --quiet --strict --site-dir "$out" || exit 1
+code=0 # without --quiet, which would not count warnings
+PYTHONPATH='' NO_MKDOCS_2_WARNING=true "$tools/bin/python" -m mkdocs build --strict --site-dir "$out" 2>"$tools/.log" || code=1
+grep -v '^INFO \|^ *$' "$tools/.log" >&2 || true
+((code == 0)) || exit 1
 printf 'docs: %s pages: open %s/index.html\n' "$(find "$out" -maxdepth 1 -name '*.html' | wc -l)" "$out"

@@ -98,8 +98,7 @@ def test_the_examples_run_as_printed(tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "identical: 50006 messages, bit for bit" in done.stdout
-    assert "fig8.mcap: verified" in done.stdout
-    assert "FELL: at t = 1.085 s" in done.stdout + done.stderr
+    assert "identical: 10006 messages, bit for bit" in done.stdout
+    assert "fuzzy.mcap: verified" in done.stdout
     made = {path.name for path in tmp_path.iterdir()}
     assert {"report.html", "what_if.mcap", "lqr.yaml", "lqr.mcap", "fig8.png"} <= made

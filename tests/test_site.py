@@ -1,0 +1,72 @@
+"""The site of docs/: scripts/docs.sh builds it without a warning, and it asks no other host for anything."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+RESOURCE = re.compile(r"<(?:script|link|img|iframe|source)\b[^>]*?\b(?:src|href)=\"?([^\"\s>]+)")
+BROKEN = {
+    "[page](nowhere.md)": "'nowhere.md'",
+    "[heading](index.md#nowhere)": "'index.md#nowhere'",
+    "[file](../scripts/nowhere.sh)": "'../scripts/nowhere.sh'",
+    "`scripts/nowhere.py`": "`scripts/nowhere.py`, which is not there",
+}
+SMALL = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "docker/README.md")
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("built") / "site"
+    done = subprocess.run(
+        ["bash", ROOT / "scripts" / "docs.sh", folder], capture_output=True, text=True, check=False
+    )
+    if done.returncode == 2:
+        pytest.skip("the site of docs/: scripts/docs.sh installs MkDocs from the network")
+    assert done.returncode == 0, done.stderr
+    said = [line for line in done.stderr.splitlines() if not line.startswith("docs: installing")]
+    assert said == []
+    return folder
+
+
+def test_each_page_is_there(site):
+    pages = {page.stem for page in (ROOT / "docs").glob("*.md")}
+    assert pages <= {page.stem for page in site.glob("*.html")}
+
+
+def test_no_other_host_is_asked_for_anything(site):
+    for page in site.glob("*.html"):
+        wanted = RESOURCE.findall(page.read_text(encoding="utf-8"))
+        assert wanted
+        assert [link for link in wanted if re.match(r"\w+:|//", link)] == [], page.name
+    for style in site.rglob("*.css"):
+        assert not re.search(r"(?:url\(|@import)\s*[\"']?(?:https?:)?//", style.read_text("utf-8"))
+
+
+def test_what_leads_nowhere_is_refused(site, tmp_path):
+    for name in ("mkdocs.yml", "scripts/docs_site.py", "docs/site.css"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        text = (ROOT / name).read_text(encoding="utf-8")
+        (tmp_path / name).write_text(text.split("\nnav:\n")[0], encoding="utf-8")
+    for name in SMALL:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("# A page\n", encoding="utf-8")
+    page = "# Start\n\n" + "\n\n".join(BROKEN)
+    (tmp_path / "docs" / "index.md").write_text(page, encoding="utf-8")
+    python = ROOT / ".venv" / ".docs" / "bin" / "python"
+    done = subprocess.run(
+        [python, "-I", "-m", "mkdocs", "build", "--strict"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    for text in BROKEN.values():
+        assert text in done.stderr, done.stderr
