@@ -1,12 +1,15 @@
 #!/usr/bin/env bash
-# Build the site of docs/ into FOLDER (site), where no file of ours is needed to read it: scripts/docs.sh [FOLDER]
-# A warning fails, and so does a link into nowhere. The tools (requirements/docs.txt) are in .venv/.docs, apart from
-# what runs. Exit code 0: built; 1: a page is wrong; 2: the tools could not be installed.
+# Build the site of docs/ into FOLDER (site): scripts/docs.sh [FOLDER]
+# A warning fails, and so does a link into nowhere. The pages open as files too; the search box needs a server.
+# The tools (requirements/docs.txt) are in .venv/.docs, apart from what runs.
+# Exit code 0: built; 1: a page is wrong; 2: the tools could not be installed.
 set -euo pipefail
 cd -P "$(dirname "${BASH_SOURCE[0]}")/.."
 out=$(realpath -m "${1:-site}")
 bash scripts/bootstrap.sh >/dev/null || exit 2
 tools=$PWD/.venv/.docs
+exec 9>>.venv/.docs-lock
+flock 9 # one at a time
 if ! cmp -s requirements/docs.txt "$tools/.installed"; then
     echo 'docs: installing requirements/docs.txt' >&2
     rm -rf "$tools"
@@ -22,4 +25,5 @@ code=0 # without --quiet, which would not count warnings
 PYTHONPATH='' NO_MKDOCS_2_WARNING=true "$tools/bin/python" -m mkdocs build --strict --site-dir "$out" 2>"$tools/.log" || code=1
 grep -v '^INFO \|^ *$' "$tools/.log" >&2 || true
 ((code == 0)) || exit 1
-printf 'docs: %s pages: open %s/index.html\n' "$(find "$out" -maxdepth 1 -name '*.html' | wc -l)" "$out"
+printf 'docs: %s pages in %s; to read them: python3 -m http.server --bind 127.0.0.1 --directory %q\n' \
+    "$(find "$out" -maxdepth 1 -name '*.html' ! -name 404.html | wc -l)" "$out" "$out"

@@ -35,12 +35,9 @@ def site(tmp_path_factory):
     return folder
 
 
-def test_each_page_is_there(site):
+def test_each_page_is_there_and_asks_no_other_host_for_anything(site):
     pages = {page.stem for page in (ROOT / "docs").glob("*.md")}
     assert pages <= {page.stem for page in site.glob("*.html")}
-
-
-def test_no_other_host_is_asked_for_anything(site):
     for page in site.glob("*.html"):
         wanted = RESOURCE.findall(page.read_text(encoding="utf-8"))
         assert wanted
