@@ -50,6 +50,7 @@ VERBS = (
     Verb(("params", "set"), ("pid", "gains.p=4")),
     Verb(("sweep",), ("study.yaml",), ".parquet"),
     Verb(("compare", "--study"), ("study.parquet",)),
+    Verb(("study", "show", "--run", "1"), ("study.parquet",), ".mcap"),
     Verb(("map",), ("study.parquet",), ".png"),
     Verb(("paper",), (), ".html"),
     Verb(("tune", "poles"), (), ".yaml"),

@@ -9,13 +9,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+from rich.cells import cell_len
 
 from trunk_experiments.cli import trunk
+from trunk_experiments.console import tables
 from trunk_experiments.errors import StudyError
 from trunk_experiments.study.compare import FELL, compare_study
 from trunk_experiments.study.file import parse_study
+from trunk_experiments.study.intervals import mean_and_median, wilson
 from trunk_experiments.study.map import panels
 from trunk_experiments.study.results import Results
+from trunk_experiments.study.summary import Falls
 from trunk_experiments.study.sweep import Sweep, processes
 
 STUDY = """
@@ -125,6 +129,7 @@ def test_differences_are_over_the_same_draws(path):
         pair["pid"] - pair["fuzzy_pid"] for pair in by_pair.values() if None not in pair.values()
     ]
     assert iae.pairs == len(expected) > 10
+    assert iae.left_out == len(by_pair) - len(expected) > 0
     assert iae.mean == pytest.approx(np.mean(expected), rel=1e-12)
     assert iae.low < iae.mean < iae.high
     assert compare_study(results, ("iae",)) == [fell, iae]  # seeded
@@ -166,9 +171,48 @@ def test_compare_prints(path, form):
     command = ["compare", "--study", str(path), *([form] if form else [])]
     done = CliRunner().invoke(trunk, command)
     assert done.exit_code == 0, done.output
-    assert "fallen" in done.output
-    if form == "--json":
-        assert json.loads(done.output)["differences"][0]["metric"] == "fallen"
+    if form == "--csv":
+        assert done.output.splitlines()[1].startswith("fallen,pid,fuzzy_pid,0,48,")
+    elif form == "--json":
+        found = json.loads(done.output)
+        assert found["differences"][0]["metric"] == "fallen"
+        fallen = Results.read(path).of("pid").fallen
+        assert found["falls"][0]["fell"] == np.sum(fallen == 1.0) > 0
+        bins = found["distributions"][0]["histogram"]
+        assert sum(bins["counts"]) == found["distributions"][0]["runs"]
+        assert len(bins["edges"]) == len(bins["counts"]) + 1
+    else:
+        order = ("how often it fell", "mean and median", "first minus second", "histograms")
+        assert sorted(order, key=done.output.index) == list(order)
+
+
+def test_no_line_is_longer_than_a_narrow_terminal(path, monkeypatch):
+    monkeypatch.setattr(tables, "screen_width", lambda: 80)
+    done = CliRunner().invoke(trunk, ["compare", "--study", str(path)])
+    assert max(map(cell_len, done.output.splitlines())) <= 80
+    assert done.output.count("  where it stood  ") == 2  # no table is cut into several
+
+
+def test_intervals_of_falls_are_wilsons():
+    assert Falls("pid", 0, 100, 0, wilson(0, 100)).describe() == "0 of 100, up to 3.7 %"
+    assert Falls("pid", 3, 400, 0, wilson(3, 400)).describe() == "3 of 400, 0.26 % to 2.2 %"
+    assert Falls("pid", 9, 9, 1, wilson(9, 9)).describe() == "9 of 9, at least 70 %"
+    assert Falls("pid", 0, 0, 9, wilson(0, 0)).describe() == "0 of 0"
+    z, n, k = 1.959963984540054, 400, 3  # Wilson (1927), eq. for the bounds
+    middle, half = (k + z * z / 2) / (n + z * z), z * np.sqrt(k * (n - k) / n + z * z / 4)
+    assert wilson(3, 400).low == pytest.approx(middle - half / (n + z * z), rel=1e-9)
+
+
+def test_mean_and_median_have_intervals_that_cover_them():
+    rng = np.random.default_rng(3)
+    inside = np.zeros(2)
+    for _ in range(60):
+        mean, median = mean_and_median(rng.exponential(2.0, 80))
+        inside += mean.low <= 2.0 <= mean.high, median.low <= 2.0 * np.log(2.0) <= median.high
+    assert all(inside >= 51)
+    assert all(inside <= 60)
+    assert not mean_and_median(np.array([1.0]))[1].told
+    assert mean_and_median(np.array([2.0, 2.0]))[1] == (2.0, 2.0, 2.0)
 
 
 def test_compare_takes_runs_or_a_study(path):

@@ -45,6 +45,7 @@ _VERBS = {
     "paper": ("paper", "Reproduce the paper's figures and judge its claims."),
     "tune": ("tune", "Compute gains, their margins, and write them as a parameter file."),
     "fit": ("fit", "Compute parameters from what was measured: the hip's path."),
+    "study": ("study", "Read a sweep: report, one of its runs, which parameter matters."),
     "map": ("map", "Draw a study's stability and performance over two parameters."),
     "bench": ("bench", "Measure speed, as ratios in one run."),
 }

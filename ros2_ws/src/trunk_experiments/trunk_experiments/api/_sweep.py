@@ -36,7 +36,8 @@ _SHOWN = ("iae", "steady_state_error_rms_deg", "peak_torque")
 class PairedDifference:
     """A metric of ``first`` minus that of ``second``, over the draws in which both have it: ``pairs``.
 
-    Made by `Sweep.compare`. ``low`` and ``high`` bound the mean at 95 %, in the metric's unit; low > high
+    Made by `Sweep.compare`. ``left_out``: the other draws, in which one of them fell or has no such
+    metric. ``low`` and ``high`` bound the mean at 95 %, in the metric's unit; low > high
     if there are too few pairs.
     ``smaller``: the fraction of the pairs in which the first's value is smaller; a tie counts half.
     ``verdict``: what the interval shows, in words.
@@ -45,6 +46,7 @@ class PairedDifference:
     metric: str
     first: str
     second: str
+    left_out: int
     pairs: int
     mean: float
     low: float

@@ -7,16 +7,13 @@ from itertools import combinations
 from math import inf, nan
 
 import numpy as np
-from scipy.stats import bootstrap
 
 from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..errors import StudyError
+from .intervals import Estimate, mean_interval
 from .results import METRICS, Results
 
-RESAMPLES = 5000
-CONFIDENCE = 0.95
-_SEED = 1  # of the resampling: the same results give the same intervals
 FELL = "fallen"
 PAIR = "pair"  # grid point and draw, by which runs are paired
 
@@ -31,6 +28,7 @@ class PairedDifference:
     metric: str
     first: str
     second: str
+    left_out: int  # pairs in which one of them fell, was refused, or has no such metric
     pairs: int
     mean: float
     low: float
@@ -38,13 +36,23 @@ class PairedDifference:
     smaller: float  # fraction of the pairs in which the first's value is smaller; a tie counts half
 
     @property
+    def mean_with_bounds(self) -> Estimate:
+        """The mean difference and its interval."""
+        return Estimate(self.mean, self.low, self.high)
+
+    @property
     def verdict(self) -> str:
         """Return in words what the interval shows."""
         if not self.low <= self.high:
             return "too few pairs"
-        if self.low <= 0.0 <= self.high:
-            return "no difference shown"
-        return f"{self.first if self.high < 0.0 else self.second} smaller"
+        return f"{self.smaller_one} smaller" if self.smaller_one else "no difference shown"
+
+    @property
+    def smaller_one(self) -> str:
+        """The controller whose value the interval shows to be smaller; empty: none."""
+        if not self.low <= self.high or self.low <= 0.0 <= self.high:
+            return ""
+        return self.first if self.high < 0.0 else self.second
 
 
 def compare_study(results: Results, metrics: tuple[str, ...] = METRICS) -> list[PairedDifference]:
@@ -88,20 +96,9 @@ def _difference(metric: str, first: str, second: str, a: Floats, b: Floats) -> P
     both = ~(np.isnan(a) | np.isnan(b))
     differences = a[both] - b[both]
     count = len(differences)
+    left_out = len(a) - count
     if count < 2:
-        return PairedDifference(metric, first, second, count, nan, inf, -inf, nan)
+        return PairedDifference(metric, first, second, left_out, count, nan, inf, -inf, nan)
     smaller = float(np.mean(differences < 0.0) + 0.5 * np.mean(differences == 0.0))
-    mean = float(np.mean(differences))
-    if np.ptp(differences) == 0.0:  # nothing to resample
-        return PairedDifference(metric, first, second, count, mean, mean, mean, smaller)
-    interval = bootstrap(
-        (differences,),
-        np.mean,
-        n_resamples=RESAMPLES,
-        confidence_level=CONFIDENCE,
-        method="percentile",
-        batch=max(1, 2_000_000 // count),
-        rng=np.random.default_rng(_SEED),
-    ).confidence_interval
-    low, high = float(interval.low), float(interval.high)
-    return PairedDifference(metric, first, second, count, mean, low, high, smaller)
+    mean = mean_interval(differences)
+    return PairedDifference(metric, first, second, left_out, count, *mean, smaller)

@@ -6,6 +6,7 @@ import json
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -92,6 +93,10 @@ class Results:
         """Return one controller's rows."""
         chosen = self.table.filter(pc.equal(self.table["controller"], controller))
         return replace(self, table=chosen)
+
+    def only(self, chosen: Any) -> Results:
+        """Return the rows of which an array of bools [rows] is True."""
+        return replace(self, table=self.table.filter(pa.array(chosen)))
 
     def column(self, name: str) -> Floats:
         """Return a column of numbers, NaN where there is none. Raises StudyError for another name."""

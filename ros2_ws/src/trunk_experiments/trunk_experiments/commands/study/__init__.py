@@ -1,0 +1,16 @@
+"""``trunk study``: what a study's results tell: a report, one of its runs, which parameter matters."""
+
+from __future__ import annotations
+
+import click
+
+from .show import show
+
+
+@click.group("study")
+def command() -> None:
+    """Read a study: as a page, run by run, and by which parameter matters."""
+
+
+for _command in (show,):
+    command.add_command(_command)

@@ -1,0 +1,106 @@
+"""``trunk study show``: one run of a sweep again, as a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ...console.document import json_option, write_json
+from ...console.mistakes import line_of
+from ...console.outputs import check_output, output_options
+from ...errors import PlanError
+
+_LONG = 100_000  # states, which take seconds
+
+
+@click.command("show")
+@click.argument(
+    "results",
+    metavar="OUT.parquet",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+)
+@click.option(
+    "--run",
+    "number",
+    required=True,
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Which: the column run of the results.",
+)
+@output_options("The MCAP file to write.", required=True)
+@click.option(
+    "--report",
+    type=click.Path(path_type=Path),
+    metavar="FILE.html",
+    help="Also write the report on the run.",
+)
+@json_option("study-show-1")
+def show(
+    results: Path,
+    number: int,
+    output: Path,
+    force: bool,
+    report: Path | None,
+    as_json: bool,
+) -> None:
+    """Run one of a sweep's runs again, offline, as a recording that verifies.
+
+    Its metrics have the bits of its row, or nothing is written and the line says what differs.
+    """
+    from ...console.progress import progress_bar
+    from ...console.reading import written_values
+    from ...study.rerun import record_again, study_run
+    from ...study.results import METRICS, Results
+
+    check_output(output, (".mcap",), force, [results])
+    if report is not None:
+        check_output(report, (".html", ".htm"), force, [results], "--report")
+        if report.resolve() == output.resolve():
+            raise PlanError(f"--report {report}: it is the output: give another name")
+    one = study_run(Results.read(results), number)
+    with progress_bar(f"simulating run {number}", _LONG) as tell:
+        diverged = record_again(one, output, force, tell)
+    size = None if report is None else _write_report(output, report)
+    told = written_values(output)
+    controller = str(one.row["controller"])
+    if as_json:
+        values = {
+            **told,
+            "study": results,
+            "run": number,
+            "controller": controller,
+            "point": one.row["point"],
+            "draw": one.row["draw"],
+            "varied": one.varied,
+            "status": one.row["status"],
+            "failure": None if diverged is None else line_of(diverged),
+            "metrics": None if diverged else {name: one.row[name] for name in METRICS},
+            "report": report,
+        }
+        write_json("study-show-1", values)
+        return
+    if diverged is not None:
+        click.echo(f"diverged, as in the sweep: {line_of(diverged)}")
+    elif one.fell:
+        click.echo("fell, as in the sweep")
+    drawn = ", ".join(f"{name} {_text(value)}" for name, value in one.varied.items())
+    click.echo(f"{output}: run {number}, {controller}, {told['states']} states; {drawn}")
+    if diverged is None:
+        click.echo(f"{output}: the metrics have the bits of the row in {results}")
+    if size is not None:
+        click.echo(f"{report}: 1 run, {size / 1e6:.1f} MB")
+
+
+def _text(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _write_report(recording: Path, target: Path) -> int:
+    from ...console.reading import open_views, show_warnings_of
+    from ...views.report import make_report
+    from ...views.report_page import write
+
+    views = open_views([recording])
+    show_warnings_of(views)
+    return write(make_report(views), target)

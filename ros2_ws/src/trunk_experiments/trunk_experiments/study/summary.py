@@ -1,0 +1,133 @@
+"""What each controller of a sweep did: how often it fell, and its metrics where it stood."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isnan
+
+import numpy as np
+
+from trunk_msgs_util.recording.joint_arrays import Floats
+
+from .intervals import Estimate, mean_and_median, wilson
+from .results import METRICS, Results
+
+BINS = 24
+_MOST = 99.0  # percent of the values that the bins span; those above are in the last one
+
+
+@dataclass(frozen=True)
+class Falls:
+    """How often a controller fell; refused runs, which were not made, are not among ``runs``."""
+
+    controller: str
+    fell: int
+    runs: int
+    refused: int
+    share: Estimate
+
+    @property
+    def bounds(self) -> str:
+        """The interval in words: ``up to 3.7 %`` where none fell; empty if there were no runs."""
+        if not self.share.told:
+            return ""
+        low, high = percent(self.share.low), percent(self.share.high)
+        if self.fell == 0:
+            return f"up to {high}"
+        return f"at least {low}" if self.fell == self.runs else f"{low} to {high}"
+
+    def describe(self) -> str:
+        """Return it in words: ``0 of 100, up to 3.7 %``."""
+        return ", ".join(filter(None, [f"{self.fell} of {self.runs}", self.bounds]))
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """A metric's magnitudes over the runs in which a controller stood and the metric exists."""
+
+    metric: str
+    controller: str
+    stood: int
+    values: Floats
+    mean: Estimate
+    median: Estimate
+
+    @property
+    def of_stood(self) -> str:
+        """In how many of the runs that stood the metric exists: ``388``, or ``380/388``."""
+        count = len(self.values)
+        return str(count) if count == self.stood else f"{count}/{self.stood}"
+
+
+def percent(share: float) -> str:
+    """Return a share with two digits: ``3.7 %``."""
+    told = 100.0 * share
+    return f"{told:.2g} %" if 0.0 <= told < 99.5 else f"{told:.3g} %"
+
+
+def number_text(value: float) -> str:
+    """Return a number with three digits, and all of those before the point."""
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.3g}"
+
+
+def estimate_text(one: Estimate) -> str:
+    """Return a number and its interval: ``1.23 [1.2…1.26]``; empty where there is no number."""
+    if isnan(one.value):
+        return ""
+    bounds = f" [{number_text(one.low)}…{number_text(one.high)}]" if one.told else ""
+    return number_text(one.value) + bounds
+
+
+def falls(results: Results) -> list[Falls]:
+    """Return how often each controller fell, in the study's order."""
+    found = []
+    for name in results.controllers:
+        fallen = results.of(name).fallen
+        runs = int(np.count_nonzero(~np.isnan(fallen)))
+        fell = int(np.count_nonzero(fallen == 1.0))
+        found.append(Falls(name, fell, runs, len(fallen) - runs, wilson(fell, runs)))
+    return found
+
+
+def distributions(
+    results: Results, metrics: tuple[str, ...] = METRICS
+) -> dict[str, list[Distribution]]:
+    """Return each metric's values by controller, with mean and median, over the runs that stood."""
+    stood = {name: _standing(results.of(name)) for name in results.controllers}
+    return {
+        metric: [_distribution(metric, one, name) for name, one in stood.items()]
+        for metric in metrics
+    }
+
+
+def _standing(results: Results) -> Results:
+    return results.only(results.fallen == 0.0)
+
+
+def _distribution(metric: str, results: Results, controller: str) -> Distribution:
+    values = np.abs(results.column(metric))
+    values = values[~np.isnan(values)]
+    mean, median = mean_and_median(values)
+    return Distribution(metric, controller, len(results.table), values, mean, median)
+
+
+def bins_of(found: list[Distribution]) -> Floats | None:
+    """Return the edges of bins for all controllers' values of a metric; None if there are none.
+
+    They span all values but the highest hundredth, which are in the last bin.
+    """
+    values = np.concatenate([one.values for one in found])
+    if not len(values):
+        return None
+    low, high = float(values.min()), float(np.percentile(values, _MOST))
+    if high <= low:
+        high = float(values.max())
+    if high <= low:
+        high = low + (abs(low) or 1.0) * 1e-3
+    return np.linspace(low, high, BINS + 1, dtype=np.float64)
+
+
+def counts_in(values: Floats, edges: Floats) -> list[int]:
+    """Return how many values are in each bin, those beyond the last edge in the last one."""
+    counts, _ = np.histogram(np.minimum(values, edges[-1]), edges)
+    return [int(one) for one in counts]
