@@ -50,6 +50,8 @@ VERBS = (
     Verb(("params", "set"), ("pid", "gains.p=4")),
     Verb(("sweep",), ("study.yaml",), ".parquet"),
     Verb(("compare", "--study"), ("study.parquet",)),
+    Verb(("study", "report"), ("study.parquet",), ".html"),
+    Verb(("study", "sensitivity"), ("study.yaml",)),
     Verb(("study", "show", "--run", "1"), ("study.parquet",), ".mcap"),
     Verb(("map",), ("study.parquet",), ".png"),
     Verb(("paper",), (), ".html"),

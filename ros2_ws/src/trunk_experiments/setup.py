@@ -26,6 +26,7 @@ setup(
             "paper/*.css",
             "schemas/*.json",
             "studies/*.yaml",
+            "study/*.html.j2",
             "templates/controller/*.in",
             "templates/controller/*/*.in",
             "templates/controller/*/*/*.in",

@@ -67,6 +67,15 @@ def hostile_run(short_run, tmp_path):
     return write_hostile(short_run("fig8", "fuzzy_pid"), path), WORDS
 
 
+DRAWN = """
+scenario: fig6
+rate: 100
+duration: 0.2
+controllers: [pid]
+vary:
+  angle: {parameter: "simulator.initial.position[1]", distribution: uniform, low: 0.1, high: 0.4}
+  mass: {parameter: simulator.plant.trunk_mass, distribution: uniform, low: 0.4, high: 0.6}
+"""
 STUDY = """
 scenario: fig6
 params: profile_practical
@@ -108,5 +117,6 @@ def recordings_here(tmp_path, monkeypatch, short_run):
     Path("cut.mcap").write_bytes(Path("a.mcap").read_bytes()[:-40_000])
     Path("broken.mcap").write_bytes(b"nothing")
     Path("study.yaml").write_text(STUDY)
+    Path("drawn.yaml").write_text(DRAWN)
     Path("gait.csv").write_text("0,0\n0.1,1\n0.2,0\n0.3,-1\n0.4,0\n0.5,1\n")
     return tmp_path

@@ -81,6 +81,8 @@ CASES = [
     Case("sweep-1", "sweep study.yaml -o new.parquet --jobs 1", marks=SLOW),
     Case("map-1", "map study.yaml", marks=SLOW),
     Case("map-1", "map out.parquet --no-floquet", before=SWEPT, marks=SLOW),
+    Case("study-report-1", "study report out.parquet --no-floquet", before=SWEPT, marks=SLOW),
+    Case("study-sensitivity-1", "study sensitivity drawn.yaml --n 2 --jobs 1", marks=SLOW),
     Case("study-show-1", "study show out.parquet --run 1 -o new.mcap", before=SWEPT, marks=SLOW),
     Case("tune-1", "tune poles -o gains.yaml"),
     Case("tune-1", "tune lqr"),

@@ -1,6 +1,11 @@
-"""`trunk study`: one of a sweep's runs again, bit by bit; what cannot be shown is refused by name."""
+"""`trunk study`: the report, and a run again, bit by bit; what cannot be shown is refused by name."""
 
 from __future__ import annotations
+
+import html
+import re
+import shlex
+import shutil
 
 import pyarrow.parquet as pq
 import pytest
@@ -9,8 +14,11 @@ from trunk_experiments.analysis.recorded_metrics import recorded_metrics
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import verify
 from trunk_experiments.study.file import parse_study
-from trunk_experiments.study.results import METRICS
+from trunk_experiments.study.report import make_report, render
+from trunk_experiments.study.results import METRICS, Results
+from trunk_experiments.study.summary import falls
 from trunk_experiments.study.sweep import Sweep, processes
+from trunk_experiments.study.worst import worst_runs
 
 STUDY = """
 scenario: fig6
@@ -111,3 +119,82 @@ def test_other_sources_are_named_as_the_reason(swept, tmp_path, command_says):
     pq.write_table(table.replace_schema_metadata(told), file)
     _, _, err = command_says("study", "show", file, "--run", 0, "-o", tmp_path / "x.mcap")
     assert "it was swept by other code, libraries or arithmetic" in err
+
+
+@pytest.fixture(scope="module")
+def page(swept):
+    file = swept.with_name("o <b> t.parquet")
+    shutil.copy(swept, file)
+    return render(make_report(Results.read(file), "iae"))
+
+
+def test_the_report_begins_with_falls_and_has_its_parts_in_order(swept, page):
+    results = Results.read(swept)
+    pid, wild = falls(results)
+    assert 0 < pid.fell < pid.runs == 36
+    assert wild.fell == 36
+    parts = (
+        f"pid fell in {pid.fell} of 36 runs; 95 %: {pid.bounds}",
+        "wild fell in 36 of 36 runs; 95 %: at least 90 %",
+        "How often each fell",
+        "Map: IAE",
+        "overshoot, °",
+        "36 of 36 pairs left out",
+        "The worst 10 runs",
+        "The study's file",
+    )
+    places = [page.index(part) for part in parts]
+    assert places == sorted(places)
+    assert page.count("data:image/png;base64,") == 2  # a map for each controller
+    assert "<b>" not in page
+    assert "http" not in page.replace("http-equiv", "")
+
+
+def test_the_worst_runs_are_those_that_fell_and_their_commands_work(
+    swept, page, tmp_path, command_says, monkeypatch
+):
+    commands = [shlex.split(html.unescape(one)) for one in re.findall(r"<code>(.*?)</code>", page)]
+    shows = [one for one in commands if one[:3] == ["trunk", "study", "show"] and len(one) > 3]
+    assert len(shows) == 10
+    monkeypatch.chdir(tmp_path)
+    command = [str(swept) if word.endswith(".parquet") else word for word in shows[0][1:]]
+    code, out, _ = command_says(*command)
+    assert code == 0
+    assert out.startswith("diverged, as in the sweep")
+    every = worst_runs(Results.read(swept), "settling_time_6deg_s", 72)
+    ended = [one.ended.split()[0].strip(",") for one in every]
+    assert list(dict.fromkeys(ended)) == ["diverged", "fell", "stood"]
+    assert len(every) == 72
+    standing = [one.value for one in every if not one.fell]
+    none = standing.count(None)
+    assert standing[:none] == [None] * none
+    assert standing[none:] == sorted(standing[none:], reverse=True)
+
+
+def test_the_verb_writes_the_report(swept, tmp_path, command_says):
+    target = tmp_path / "page.html"
+    words = ("study", "report", swept, "-o", target, "--no-floquet", "--metric")
+    assert command_says(*words, "nix")[2].startswith("trunk: error: no metric 'nix': one of")
+    code, out, _ = command_says(*words, "effort")
+    assert code == 0
+    assert out.startswith(f"{target}: 72 runs, ")
+    assert "Map: effort" in target.read_text(encoding="utf-8")
+    assert "it exists" in command_says(*words, "effort")[2]
+
+
+@pytest.mark.browser
+def test_the_page_asks_for_nothing_and_fits_a_phone(browser, page, tmp_path):
+    file = tmp_path / "page.html"
+    file.write_text(page, encoding="utf-8")
+    context = browser.new_context(viewport={"width": 390, "height": 844})
+    asked, complaints = [], []
+    view = context.new_page()
+    view.on("request", lambda request: asked.append(request.url.split(",")[0]))
+    view.on("console", lambda message: complaints.append(message.text))
+    view.goto(file.as_uri())
+    assert set(asked) <= {file.as_uri(), "data:image/png;base64"}
+    assert complaints == []
+    assert view.evaluate("document.documentElement.scrollWidth") == 390
+    heights = view.eval_on_selector_all("img", "all => all.map((one) => one.naturalHeight)")
+    assert all(heights)
+    context.close()

@@ -15,6 +15,7 @@ import numpy as np
 
 from trunk_msgs_util.elementary import exp, log
 from trunk_msgs_util.normal import probability_below, quantile
+from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..errors import DrawError
 
@@ -61,7 +62,13 @@ class Distribution:
                 int(self.low), int(self.high), count, endpoint=True
             ).tolist()
             return whole
-        u = generator.random(count)
+        return self.at(generator.random(count))
+
+    def at(self, u: Floats) -> list[Any]:
+        """Return the values at some fractions, 0 <= u < 1, of the distribution."""
+        if self.kind == "integers":
+            whole = np.floor(u * (self.high - self.low + 1.0)) + self.low
+            return [int(one) for one in whole]
         if self.kind == "choice":
             return [self.values[int(i)] for i in u * len(self.values)]
         if self.kind == "uniform":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from math import nan
@@ -170,9 +170,15 @@ def _growth_of(numbered: tuple[int, RunPlan]) -> tuple[int, float]:
         return number, nan
 
 
-def draw(found: list[MapPanel], metric: str, axes: tuple[str, str], title: str) -> Figure:
-    """Return the panels side by side, with a common colour scale."""
-    told = np.concatenate([panel.values[np.isfinite(panel.values)] for panel in found])
+def draw(
+    found: list[MapPanel],
+    metric: str,
+    axes: tuple[str, str],
+    title: str,
+    among: Sequence[MapPanel] = (),
+) -> Figure:
+    """Return the panels side by side, with a common colour scale: that of all ``among`` which they are."""
+    told = np.concatenate([panel.values[np.isfinite(panel.values)] for panel in among or found])
     low, high = np.percentile(told, (2, 98)) if len(told) else (0.0, 1.0)
     with rc_context({**STYLE, "axes.grid": False}):
         figure = Figure(figsize=(1.2 + 4.2 * len(found), 4.6), layout="constrained")
@@ -183,7 +189,9 @@ def draw(found: list[MapPanel], metric: str, axes: tuple[str, str], title: str) 
             plot.set_xlabel(axes[0])
         plots[0].set_ylabel(axes[1])
         figure.colorbar(mesh, ax=list(plots), label=metric, extend="both")
-        figure.legend(handles=_legend(found), loc="outside lower center", ncols=4)
+        figure.legend(
+            handles=_legend(found), loc="outside lower center", ncols=4 if len(found) > 1 else 2
+        )
         figure.suptitle(title)
     return figure
 

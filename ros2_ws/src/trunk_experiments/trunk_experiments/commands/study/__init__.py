@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import click
 
+from .report import report
+from .sensitivity import sensitivity
 from .show import show
 
 
@@ -12,5 +14,5 @@ def command() -> None:
     """Read a study: as a page, run by run, and by which parameter matters."""
 
 
-for _command in (show,):
+for _command in (report, show, sensitivity):
     command.add_command(_command)

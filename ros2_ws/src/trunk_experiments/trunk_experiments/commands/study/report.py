@@ -1,0 +1,74 @@
+"""``trunk study report``: a sweep's results as one HTML page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ...console.document import json_option, write_json
+from ...console.outputs import check_output, output_options
+
+
+@click.command("report")
+@click.argument(
+    "results",
+    metavar="OUT.parquet",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+)
+@output_options("The page to write.  [default: beside the results, .html]")
+@click.option(
+    "--metric",
+    default="iae",
+    show_default=True,
+    help="By which the worst runs are chosen, and which the map shows.",
+)
+@click.option("--no-floquet", is_flag=True, help="Leave out the map's line of the multipliers.")
+@json_option("study-report-1")
+def report(
+    results: Path,
+    output: Path | None,
+    force: bool,
+    metric: str,
+    no_floquet: bool,
+    as_json: bool,
+) -> None:
+    """Write one HTML file on a sweep: falls, map, distributions, differences, the worst ten runs.
+
+    It needs no network and runs no script. Each of the worst runs has the command that makes it again.
+    """
+    from trunk_msgs_util.whole_file import whole_file
+
+    from ...console.progress import progress_bar
+    from ...study.report import make_report, render
+    from ...study.results import Results
+
+    target = output or results.with_suffix(".html")
+    check_output(target, (".html", ".htm"), force, [results])
+    read = Results.read(results)
+    with progress_bar("Floquet multipliers") as tell:
+        found = make_report(read, metric, None if no_floquet else tell)
+    page = render(found).encode("utf-8")
+    with whole_file(target) as part:
+        part.write_bytes(page)
+    if as_json:
+        values = {
+            "results": results,
+            "output": target,
+            "bytes": len(page),
+            "runs": found.runs,
+            "worst": [
+                {
+                    "run": one.run,
+                    "controller": one.controller,
+                    "fell": one.fell,
+                    "ended": one.ended,
+                    "value": one.value,
+                    "command": command,
+                }
+                for one, command in found.worst
+            ],
+        }
+        write_json("study-report-1", values)
+        return
+    click.echo(f"{target}: {found.runs} runs, {len(page) / 1e6:.1f} MB")

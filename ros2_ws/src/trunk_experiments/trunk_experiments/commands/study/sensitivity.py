@@ -1,0 +1,118 @@
+"""``trunk study sensitivity``: which of a study's drawn parameters matters."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import click
+
+from ...analysis.metrics import QUANTITIES
+from ...console.complete import names_or_files, studies
+from ...console.document import json_option, write_json
+from ...console.progress import progress_bar
+from ...console.tables import print_table
+
+if TYPE_CHECKING:
+    from ...study.intervals import Estimate
+    from ...study.sensitivity import Sensitivity
+
+_METRICS = ("iae", "effort", "peak_torque")
+_HEADER = ("parameter", "first order [95 %]", "total [95 %]")
+
+
+@click.command("sensitivity")
+@click.argument("study", shell_complete=names_or_files(studies))
+@click.option(
+    "--n",
+    "n",
+    type=int,
+    default=256,
+    show_default=True,
+    help="Base points, a power of two; the runs are n times (entries + 2) for each controller.",
+)
+@click.option(
+    "--metric",
+    "metrics",
+    multiple=True,
+    help=f"A metric; repeatable. Falls always come first.  [default: {', '.join(_METRICS)}]",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 1024),
+    help="Processes on this machine.  [default: one per core]",
+)
+@json_option("study-sensitivity-1")
+def sensitivity(
+    study: str, n: int, metrics: tuple[str, ...], jobs: int | None, as_json: bool
+) -> None:
+    """Tell which drawn parameter of STUDY matters: Sobol indices over its distributions.
+
+    First order: the share of a metric's variance that a parameter makes alone. Total: with all others, too.
+    A run that fell counts as the worst of those that stood; how many there are is said first.
+    """
+    from ...study.bases import make_bases
+    from ...study.file import read_study
+    from ...study.sensitivity import check_sensitivity, sensitivities, total_runs
+    from ...study.sweep import processes
+
+    read = read_study(study)
+    wanted = tuple(dict.fromkeys(metrics)) or _METRICS
+    check_sensitivity(read, n, wanted)
+    bases = make_bases(read)
+    for warning in dict.fromkeys(text for base in bases.values() for text in base.plan.warnings):
+        click.echo(f"trunk: warning: {warning}", err=True)
+    runs = total_runs(read, n)
+    workers = max(1, min(jobs or len(os.sched_getaffinity(0)), -(-runs // read.block)))
+    with progress_bar("runs") as tell:
+        found = sensitivities(read, bases, n, wanted, processes(workers), tell)
+    if as_json:
+        values = {
+            "study": study,
+            "n": n,
+            "runs": runs,
+            "indices": [as_values(one) for one in found],
+        }
+        write_json("study-sensitivity-1", values)
+        return
+    click.echo(f"{study}: {runs} runs, n = {n}\n")
+    for one in found:
+        _show(one)
+
+
+def as_values(one: Sensitivity) -> dict[str, object]:
+    """Return one metric's indices as plain values."""
+    return {
+        "controller": one.controller,
+        "metric": one.metric,
+        "runs": one.runs,
+        "fell": one.fell,
+        "filled": one.filled,
+        "doubtful": one.doubtful,
+        "parameters": [
+            {"name": i.parameter, "first": i.first._asdict(), "total": i.total._asdict()}
+            for i in one.indices
+        ],
+    }
+
+
+def _show(one: Sensitivity) -> None:
+    from ...study.compare import FELL
+
+    name = "how often it fell" if one.metric == FELL else QUANTITIES[one.metric].label
+    title = f"{one.controller}: {name}"
+    if one.metric == FELL:
+        title += f" ({one.fell} of {one.runs} runs)"
+    elif one.filled:
+        title += f" ({one.filled} of {one.runs} runs have none and count as the worst)"
+    if one.doubtful:
+        title += ": doubtful"
+    if not one.indices:
+        click.echo(f"{title}: the same in all runs, nothing matters\n")
+        return
+    rows = [(i.parameter, _text(i.first), _text(i.total)) for i in one.indices]
+    print_table(title, _HEADER, rows)
+
+
+def _text(one: Estimate) -> str:
+    return f"{one.value:.2f} [{one.low:.2f}…{one.high:.2f}]"

@@ -1,0 +1,224 @@
+"""A study as one HTML page: falls, distributions, the map, paired differences, the worst runs.
+
+The page is text, tables and pictures in the look of the report on runs, whose style it takes. It runs no
+script and asks for nothing from anywhere, so that its content security policy allows neither.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from shlex import quote
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from ..analysis.metrics import QUANTITIES
+from ..errors import StudyError
+from ..views import report_page
+from ..views.plot_style import drawn
+from .compare import PairedDifference, compare_study
+from .intervals import RESAMPLES
+from .map import draw, panels
+from .results import METRICS, Results
+from .summary import (
+    Distribution,
+    Falls,
+    bins_of,
+    counts_in,
+    distributions,
+    estimate_text,
+    falls,
+    number_text,
+    percent,
+)
+from .worst import Worst, worst_runs
+
+WORST = 10
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A run of a histogram's bins as a rectangle, in percent of the plot."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+
+
+@dataclass(frozen=True)
+class Histogram:
+    """One controller's bars over the bins of a metric, its median in percent of the plot's width."""
+
+    distribution: Distribution
+    bars: tuple[Bar, ...]
+    median: float | None
+
+
+@dataclass(frozen=True)
+class MetricPart:
+    """What the page says of one metric."""
+
+    key: str
+    label: str
+    unit: str
+    low: str  # of the bins
+    high: str
+    histograms: tuple[Histogram, ...]
+    differences: tuple[PairedDifference, ...]
+
+
+@dataclass(frozen=True)
+class StudyReport:
+    """What the page says."""
+
+    title: str
+    scenario: str
+    runs: int
+    falls: tuple[Falls, ...]
+    doubts: tuple[str, ...]
+    metrics: tuple[MetricPart, ...]
+    maps: tuple[tuple[str, str], ...]  # of each controller, as a data URL
+    axes: tuple[str, str] | None
+    map_metric: str
+    worst: tuple[tuple[Worst, str], ...]  # with the command that runs it again
+    worst_metric: str
+    varied: tuple[str, ...]
+    text: str
+    provenance: str
+
+
+def make_report(
+    results: Results, metric: str, floquet: Callable[[int, int], None] | None = None
+) -> StudyReport:
+    """Return the report. ``metric``: of the map and of the worst runs. Raises StudyError.
+
+    ``floquet``: takes how many of the map's points are done; None: the map is without that line.
+    """
+    if metric not in METRICS:
+        raise StudyError(f"no metric {metric!r}: one of {', '.join(METRICS)}")
+    study = results.study
+    found = falls(results)
+    spread = distributions(results)
+    differences = compare_study(results) if len(results.controllers) > 1 else []
+    axes = _axes(results)
+    return StudyReport(
+        title=results.path.stem,
+        scenario=study.scenario,
+        runs=len(results.table),
+        falls=tuple(found),
+        doubts=tuple(_doubts(found)),
+        metrics=tuple(
+            _part(name, some, [d for d in differences if d.metric == name])
+            for name, some in spread.items()
+        ),
+        maps=tuple(_maps(results, metric, axes, floquet)) if axes else (),
+        axes=axes,
+        map_metric=metric,
+        worst=tuple(
+            (one, _command(results.path, one.run)) for one in worst_runs(results, metric, WORST)
+        ),
+        worst_metric=metric,
+        varied=tuple(v.name for v in study.variables),
+        text=results.study_text,
+        provenance=(results.table.schema.metadata or {}).get(b"provenance", b"").decode(),
+    )
+
+
+def render(report: StudyReport) -> str:
+    """Return the page."""
+    environment = Environment(
+        loader=PackageLoader(__package__, "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals |= {
+        "quantities": QUANTITIES,
+        "estimate": estimate_text,
+        "number": number_text,
+        "percent": percent,
+        "resamples": RESAMPLES,
+    }
+    shared = files(report_page.__package__) / "report_assets" / "style.css"
+    return environment.get_template("report.html.j2").render(
+        report=report,
+        policy=_POLICY,
+        style=Markup(shared.read_text(encoding="utf-8")),  # our own file, nothing from the results
+    )
+
+
+def _doubts(found: list[Falls]) -> list[str]:
+    told = [
+        f"{one.controller} fell in {one.fell} of {one.runs} runs; 95 %: {one.bounds}"
+        for one in found
+        if one.fell
+    ]
+    told += [
+        f"{one.controller}: {one.refused} runs were refused and not run"
+        for one in found
+        if one.refused
+    ]
+    return told
+
+
+def _axes(results: Results) -> tuple[str, str] | None:
+    """Return the first two grid variables of numbers with two values or more; None if there are none."""
+    names = [
+        v.name
+        for v in results.study.grid
+        if len(v.values) > 1 and not isinstance(v.values[0], str | bool)
+    ]
+    return (names[0], names[1]) if len(names) > 1 else None
+
+
+def _maps(
+    results: Results,
+    metric: str,
+    axes: tuple[str, str],
+    floquet: Callable[[int, int], None] | None,
+) -> list[tuple[str, str]]:
+    found = panels(results, metric, axes, floquet is not None, floquet or (lambda done, of: None))
+    pictures = []
+    for panel in found:
+        picture = drawn(draw([panel], metric, axes, "", among=found), ".png")
+        data = base64.b64encode(picture).decode("ascii")
+        pictures.append((panel.controller, f"data:image/png;base64,{data}"))
+    return pictures
+
+
+def _part(
+    metric: str, found: list[Distribution], differences: list[PairedDifference]
+) -> MetricPart:
+    edges = bins_of(found)
+    counts = [[0] if edges is None else counts_in(one.values, edges) for one in found]
+    histograms = []
+    for one, some in zip(found, counts, strict=True):
+        most = max(*some, 1)
+        width = 100.0 / len(some)
+        bars = tuple(
+            Bar(i * width, 100.0 - 100.0 * count / most, width, 100.0 * count / most)
+            for i, count in enumerate(some)
+            if count
+        )
+        median = None
+        if edges is not None and not np.isnan(one.median.value):
+            span = float(edges[-1] - edges[0])
+            median = min(100.0, 100.0 * (one.median.value - float(edges[0])) / span)
+        histograms.append(Histogram(one, bars, median))
+    quantity = QUANTITIES[metric]
+    ends = ("", "") if edges is None else tuple(number_text(float(edges[i])) for i in (0, -1))
+    return MetricPart(
+        metric, quantity.label, quantity.unit, *ends, tuple(histograms), tuple(differences)
+    )
+
+
+def _command(path: Path, run: int) -> str:
+    return f"trunk study show {quote(str(path))} --run {run} -o run{run}.mcap"

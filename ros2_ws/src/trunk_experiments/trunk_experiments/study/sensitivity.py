@@ -1,0 +1,237 @@
+"""Which of a study's drawn parameters matters: Sobol indices, by `scipy.stats.sobol_indices`.
+
+A first-order index is the share of a metric's variance that a parameter makes alone, a total one the share
+that it takes part in. The runs are those of a sweep, at points of a scrambled Sobol sequence; whatever else
+is drawn by a seed (noise, links, random pulses) is that of the study's first draw in all of them.
+
+A run that fell has no metric that could be compared. It counts as the worst of the runs that stood, and
+how many there are is always told: `Sensitivity.filled`. How often the trunk fell is itself a metric, `FELL`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from scipy.stats import bootstrap, qmc, sobol_indices
+
+from trunk_msgs_util.recording.joint_arrays import Floats
+
+from ..errors import StudyError
+from .compare import FELL
+from .design import design
+from .intervals import CONFIDENCE, Estimate
+from .results import METRICS, Results
+from .study import Study, Variable
+from .sweep import RunBlock, Runner
+from .targets import Bases
+
+RESAMPLES = 999
+_BELOW_1 = 1.0 - 2.0**-53
+_SEED = 1  # of the scrambling and of the resampling: the same study gives the same indices
+Progress = Callable[[int, int], None]  # takes the number of finished runs, and of all
+
+
+@dataclass(frozen=True)
+class Index:
+    """One parameter's part in the variance of a metric, with intervals at 95 %."""
+
+    parameter: str
+    first: Estimate
+    total: Estimate
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """What makes one metric of one controller vary; no ``indices`` if it does not."""
+
+    controller: str
+    metric: str
+    runs: int
+    fell: int
+    filled: (
+        int  # runs that count as the worst of the others: those that fell, or have no such metric
+    )
+    indices: tuple[Index, ...]  # by their total, the largest first
+
+    @property
+    def doubtful(self) -> bool:
+        """True if so many runs were filled in that the indices tell more of falls than of the metric."""
+        return self.filled > 0.05 * self.runs
+
+
+def check_sensitivity(study: Study, n: int, metrics: tuple[str, ...]) -> None:
+    """Raise StudyError for a study without two drawn entries, with a grid, for a bad n or metric."""
+    for v in study.grid:
+        if len(v.values) > 1:
+            raise StudyError(
+                f"{study.source}: vary.{v.name}: a grid of {len(v.values)} values: give a distribution, "
+                "or one value"
+            )
+    if len(_drawn(study)) < 2:
+        raise StudyError(
+            f"{study.source}: vary: {len(_drawn(study))} drawn entries: two or more are needed"
+        )
+    if n < 2 or n & (n - 1):
+        raise StudyError(f"--n is {n}: a power of two from 2 is needed, such as {_near(n)}")
+    for metric in metrics:
+        if metric not in METRICS:
+            raise StudyError(f"no metric {metric!r}: one of {', '.join(METRICS)}")
+
+
+def total_runs(study: Study, n: int) -> int:
+    """Return how many runs the indices of all controllers need."""
+    return n * (len(_drawn(study)) + 2) * len(study.contenders)
+
+
+def sensitivities(
+    study: Study,
+    bases: Bases,
+    n: int,
+    metrics: tuple[str, ...],
+    runner: Runner,
+    progress: Progress = lambda done, of: None,
+) -> list[Sensitivity]:
+    """Return the indices of falls and of some metrics, controller by controller.
+
+    Raises StudyError as `check_sensitivity` does, and for a combination of values that is refused.
+    """
+    check_sensitivity(study, n, metrics)
+    rows = _rows(study, n)
+    done, of = 0, total_runs(study, n)
+    tables: dict[int, pa.Table] = {}
+    for index, table in runner(_blocks(study, bases, rows)):
+        tables[index] = table
+        done += len(table)
+        progress(done, of)
+    table = pa.concat_tables([tables[i] for i in sorted(tables)])
+    _check_all_ran(study, table)
+    results = Results(Path(study.source), table, (), study.text)
+    return [
+        one
+        for contender in study.contenders
+        for one in _of_one(study, results.of(contender.label), n, (FELL, *metrics))
+    ]
+
+
+def _rows(study: Study, n: int) -> list[dict[str, Any]]:
+    """Return the rows of all runs: for each controller the matrices A, B, and A with each column of B."""
+    names = [v.name for v in _drawn(study)]
+    u = qmc.Sobol(2 * len(names), rng=np.random.default_rng(_SEED)).random(n)
+    u = np.minimum(u, _BELOW_1)
+    a, b = u[:, : len(names)], u[:, len(names) :]
+    points = [a, b]
+    for i in range(len(names)):
+        mixed = a.copy()
+        mixed[:, i] = b[:, i]
+        points.append(mixed)
+    drawn = _values(study, np.concatenate(points))
+    first = {name: values[0] for name, values in design(study, 0, 1).items()}
+    count = len(points) * n
+    return [
+        {
+            **first,
+            **{name: values[i] for name, values in drawn.items()},
+            "run": k * count + i,
+            "controller": contender.label,
+        }
+        for k, contender in enumerate(study.contenders)
+        for i in range(count)
+    ]
+
+
+def _values(study: Study, points: Floats) -> dict[str, list[Any]]:
+    """Return each drawn entry's values at some fractions [runs, entries] of its distribution."""
+    found = {}
+    for v, u in zip(_drawn(study), points.T, strict=True):
+        assert v.distribution is not None
+        found[v.name] = v.distribution.at(u)
+    return found
+
+
+def _blocks(study: Study, bases: Bases, rows: list[dict[str, Any]]) -> Iterator[RunBlock]:
+    for index, first in enumerate(range(0, len(rows), study.block)):
+        some = rows[first : first + study.block]
+        columns = {name: [row[name] for row in some] for name in some[0]}
+        yield RunBlock(index, study, bases, columns, "")
+
+
+def _check_all_ran(study: Study, table: pa.Table) -> None:
+    for row in table.select(["controller", "status", "reason"]).to_pylist():
+        if row["status"] == "refused":
+            raise StudyError(
+                f"{study.source}: {row['controller']}: some drawn values do not fit together: "
+                f"{row['reason']}: narrow the distributions"
+            )
+
+
+def _of_one(
+    study: Study, results: Results, n: int, metrics: tuple[str, ...]
+) -> Iterator[Sensitivity]:
+    """Yield one controller's indices, metric by metric."""
+    fell = results.fallen == 1.0
+    columns, lacking = [], []
+    for metric in metrics:
+        values = fell * 1.0 if metric == FELL else np.abs(results.column(metric))
+        lacks = np.zeros(len(fell), bool) if metric == FELL else fell | np.isnan(values)
+        worst = values[~lacks].max(initial=0.0)
+        columns.append(np.where(lacks, worst, values))
+        lacking.append(int(np.count_nonzero(lacks)))
+    parts = np.array(columns).reshape(len(metrics), -1, n)
+    estimates = _estimates(parts)
+    for k, metric in enumerate(metrics):
+        indices = [Index(v.name, *one) for v, one in zip(_drawn(study), estimates[k], strict=True)]
+        indices.sort(key=lambda one: -one.total.value)
+        yield Sensitivity(
+            results.controllers[0],
+            metric,
+            len(fell),
+            int(np.count_nonzero(fell)),
+            lacking[k],
+            tuple(indices) if np.ptp(columns[k]) > 0.0 else (),
+        )
+
+
+def _estimates(parts: Floats) -> list[list[tuple[Estimate, Estimate]]]:
+    """Return first-order and total index, [metric][entry], of outputs [metric, 2 + entries, n]."""
+    metrics, matrices, n = parts.shape
+    entries = matrices - 2
+
+    def indices(which: Any) -> Floats:
+        some = parts[:, :, which]
+        outputs = {"f_A": some[:, 0], "f_B": some[:, 1], "f_AB": some[:, 2:].transpose(1, 0, 2)}
+        found = sobol_indices(func=outputs, n=n)
+        both = np.array([found.first_order, found.total_order])
+        return both.reshape(2, metrics, entries)
+
+    value = indices(np.arange(n))
+    interval = bootstrap(
+        (np.arange(n),),
+        indices,
+        vectorized=False,
+        n_resamples=RESAMPLES,
+        confidence_level=CONFIDENCE,
+        method="percentile",
+        rng=np.random.default_rng(_SEED),
+    ).confidence_interval
+
+    def estimate(k: int, metric: int, entry: int) -> Estimate:
+        at = k, metric, entry
+        return Estimate(float(value[at]), float(interval.low[at]), float(interval.high[at]))
+
+    return [
+        [(estimate(0, m, i), estimate(1, m, i)) for i in range(entries)] for m in range(metrics)
+    ]
+
+
+def _drawn(study: Study) -> list[Variable]:
+    return [v for v in study.variables if v.distribution is not None]
+
+
+def _near(n: int) -> str:
+    below = 1 << max(1, max(n, 2).bit_length() - 1)
+    return f"{below} or {2 * below}"
