@@ -214,9 +214,15 @@ def _part(
             median = min(100.0, 100.0 * (one.median.value - float(edges[0])) / span)
         histograms.append(Histogram(one, bars, median))
     quantity = QUANTITIES[metric]
-    ends = ("", "") if edges is None else tuple(number_text(float(edges[i])) for i in (0, -1))
+    low, high = ("", "") if edges is None else (number_text(float(edges[i])) for i in (0, -1))
     return MetricPart(
-        metric, quantity.label, quantity.unit, *ends, tuple(histograms), tuple(differences)
+        key=metric,
+        label=quantity.label,
+        unit=quantity.unit,
+        low=low,
+        high=high,
+        histograms=tuple(histograms),
+        differences=tuple(differences),
     )
 
 
