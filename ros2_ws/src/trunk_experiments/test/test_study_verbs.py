@@ -165,6 +165,7 @@ def test_the_worst_runs_are_those_that_fell_and_their_commands_work(
     ended = [one.ended.split()[0].strip(",") for one in every]
     assert list(dict.fromkeys(ended)) == ["diverged", "fell", "stood"]
     assert len(every) == 72
+    assert {type(one.fell) for one in every} == {bool}
     standing = [one.value for one in every if not one.fell]
     none = standing.count(None)
     assert standing[:none] == [None] * none

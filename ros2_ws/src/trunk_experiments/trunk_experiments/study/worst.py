@@ -53,5 +53,7 @@ def worst_runs(results: Results, metric: str, count: int = 10) -> list[Worst]:
             ended = f"fell, up to {swing[i]:.0f}°"
         value = None if np.isnan(values[i]) else float(values[i])
         told = {name: row[name] for name in names}
-        found.append(Worst(row["run"], row["controller"], ended, fallen[i] == 1.0, value, told))
+        found.append(
+            Worst(row["run"], row["controller"], ended, bool(fallen[i] == 1.0), value, told)
+        )
     return found
