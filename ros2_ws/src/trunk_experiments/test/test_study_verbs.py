@@ -161,15 +161,17 @@ def test_the_worst_runs_are_those_that_fell_and_their_commands_work(
     code, out, _ = command_says(*command)
     assert code == 0
     assert out.startswith("diverged, as in the sweep")
-    every = worst_runs(Results.read(swept), "settling_time_6deg_s", 72)
+    lacks = first(swept, lambda row: row["status"] == "ok" and row["delay"] == 0.0)
+    file = changed(swept, tmp_path / "lacks.parquet", "iae", lacks, None)
+    every = worst_runs(Results.read(file), "iae", 72)
     ended = [one.ended.split()[0].strip(",") for one in every]
     assert list(dict.fromkeys(ended)) == ["diverged", "fell", "stood"]
     assert len(every) == 72
     assert {type(one.fell) for one in every} == {bool}
     standing = [one.value for one in every if not one.fell]
-    none = standing.count(None)
-    assert standing[:none] == [None] * none
-    assert standing[none:] == sorted(standing[none:], reverse=True)
+    assert standing[0] is None  # it may be worse than any
+    assert standing[1:] == sorted(standing[1:], reverse=True)
+    assert len(standing) > 10
 
 
 def test_the_verb_writes_the_report(swept, tmp_path, command_says):
