@@ -1,16 +1,26 @@
 #!/usr/bin/env bash
-# Fetch again what is kept here of other projects: uPlot, the live page's charts. Needs curl and the network.
-# To renew it: another version, and the sha512 that the npm registry gives for it (npm view uplot@VERSION dist.integrity).
+# Fetch again what is kept here of other projects: uPlot, the live page's charts, and Plotly's cartesian bundle, the
+# report's. Needs curl and the network. To renew one: another version, and the sha512 that the npm registry gives for
+# it (npm view uplot@VERSION dist.integrity).
 set -euo pipefail
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
-version=1.6.32
-sha512=KIMVnG68zvu5XXUbC4LQEPnhwOxBuLyW1AHtpm6IKTXImkbLgkMy+jabjLgSLMasNuGGzQm/ep3tOkyTxpiQIw==
-target=ros2_ws/src/trunk_experiments/trunk_experiments/gateway/page/vendor
+cd "$(dirname "${BASH_SOURCE[0]}")/../ros2_ws/src/trunk_experiments/trunk_experiments"
 
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
-curl --fail --silent --show-error --location -o "$folder/uplot.tgz" "https://registry.npmjs.org/uplot/-/uplot-$version.tgz"
-found=$(openssl dgst -sha512 -binary "$folder/uplot.tgz" | base64 --wrap=0)
-[[ $found == "$sha512" ]] || { echo "vendor: uplot-$version.tgz: sha512 is $found, not $sha512" >&2; exit 1; }
-tar --extract --gzip --file "$folder/uplot.tgz" --directory "$folder"
-cp "$folder"/package/dist/uPlot.iife.min.js "$folder"/package/dist/uPlot.min.css "$folder"/package/LICENSE "$target/"
+
+renew() { # NAME VERSION SHA512 TARGET FILE...: these files of the package
+    local name=$1 version=$2 sha512=$3 target=$4 found
+    curl --fail --silent --show-error --location -o "$folder/$name.tgz" \
+        "https://registry.npmjs.org/$name/-/$name-$version.tgz"
+    found=$(openssl dgst -sha512 -binary "$folder/$name.tgz" | base64 --wrap=0)
+    [[ $found == "$sha512" ]] || { echo "vendor: $name-$version.tgz: sha512 is $found, not $sha512" >&2; exit 1; }
+    mkdir "$folder/$name"
+    tar --extract --gzip --file "$folder/$name.tgz" --directory "$folder/$name" --strip-components 1
+    (cd "$folder/$name" && cp "${@:5}" "$OLDPWD/$target/")
+}
+
+renew uplot 1.6.32 KIMVnG68zvu5XXUbC4LQEPnhwOxBuLyW1AHtpm6IKTXImkbLgkMy+jabjLgSLMasNuGGzQm/ep3tOkyTxpiQIw== \
+    gateway/page/vendor dist/uPlot.iife.min.js dist/uPlot.min.css LICENSE
+renew plotly.js-cartesian-dist-min 4.1.1 \
+    o8GrFeusncwBIxbBynRJpY4pkgVB6caM+JLpwrLYbbsO7dZ8FJ+SVN2Fr+L7kiG/Z6w4P5O0Jus/Qr5EefHVeg== \
+    views/report_assets/vendor plotly-cartesian.min.js LICENSE

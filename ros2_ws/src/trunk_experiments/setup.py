@@ -33,6 +33,7 @@ setup(
             "gateway/page/*",
             "gateway/page/vendor/*",
             "views/report_assets/*",
+            "views/report_assets/vendor/*",
         ]
     },
     data_files=[

@@ -120,3 +120,38 @@ def recordings_here(tmp_path, monkeypatch, short_run):
     Path("drawn.yaml").write_text(DRAWN)
     Path("gait.csv").write_text("0,0\n0.1,1\n0.2,0\n0.3,-1\n0.4,0\n0.5,1\n")
     return tmp_path
+
+
+@pytest.fixture
+def opened(browser):
+    """Return a function that opens a report; at the end there must be no requests and no console errors."""
+    contexts, requests, complaints = [], [], []
+
+    def go(path, viewport=None, **options):
+        context = browser.new_context(
+            viewport=viewport or {"width": 1440, "height": 900}, **options
+        )
+        contexts.append(context)
+
+        def answer(route):
+            requests.append(route.request.url)
+            if route.request.url == path.as_uri():
+                route.continue_()
+            else:
+                route.abort()
+
+        context.route("**/*", answer)
+        context.set_default_timeout(0)  # pytest has one
+        page = context.new_page()
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("dialog", lambda dialog: (complaints.append("dialog"), dialog.dismiss()))
+        page.goto(path.as_uri())
+        page.wait_for_selector("html[data-ready]")
+        return page
+
+    yield go
+    for context in contexts:
+        context.close()
+    assert complaints == []
+    assert len(requests) == len(contexts), requests  # each page itself, and nothing more

@@ -6,6 +6,7 @@ import base64
 import hashlib
 import json
 import re
+import zlib
 from html.parser import HTMLParser
 
 import numpy as np
@@ -15,13 +16,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from trunk_control.fuzzy import infer
+from trunk_control.fuzzy import fired_rules, infer
 from trunk_experiments.cli import trunk
+from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.doctor import INFO, examine
+from trunk_experiments.views import report_data
+from trunk_experiments.views.packing import packed, packed_columns
 from trunk_experiments.views.report import make_report
-from trunk_experiments.views.report_data import packed, rule_use
 from trunk_experiments.views.report_page import render
+from trunk_experiments.views.rule_use import rule_use, times_fired
 from trunk_experiments.views.run_view import RunView
 from trunk_msgs_util.recording.writer import RecordingWriter
 
@@ -30,10 +34,26 @@ def view_of(path):
     return RunView.read(RecordedRun.open(path))
 
 
-def unpacked(column):
+def unpacked(column, columns=None):
+    """Return a column's doubles, decoded apart from the page and from what wrote it."""
+    if "same" in column:
+        return unpacked(columns[column["same"]])
     if "constant" in column:
         return np.full(column["count"], column["constant"])
-    return np.frombuffer(base64.b64decode(column["f8"]), "<f8")
+    plain = zlib.decompress(base64.b64decode(column["packed"]), -15)
+    kind = "<u4" if "step" in column else "<u8"
+    planes = (
+        np.frombuffer(plain, np.uint8).reshape(-1, column["count"]) if plain else np.empty((8, 0))
+    )
+    whole = np.ascontiguousarray(planes.T).view(kind).ravel()
+    for _ in range(column["differences"]):
+        whole = np.cumsum(whole, dtype=kind)
+    if "step" not in column:
+        return whole.view("<f8")
+    steps = whole.view("<i4")
+    values = column["low"] + steps * column["step"]
+    values[steps == steps.max()] = column["high"]
+    return np.where(steps < 0, np.nan, values)
 
 
 class Page(HTMLParser):
@@ -85,6 +105,58 @@ def test_packing_distinguishes_the_zeros():
     assert np.signbit(unpacked(packed(np.array([-0.0, -0.0])))).all()
 
 
+def test_packing_in_steps_keeps_extremes_gaps_and_what_an_eye_sees():
+    t = np.linspace(0.0, 10.0, 5001)
+    wave = 30.0 * np.sin(t) + 1e-3 * np.sin(300.0 * t)
+    wave[700] = 4000.0  # a peak does not make the rest coarse
+    wave[100:120] = np.nan
+    for bits in (24, 16):
+        back = unpacked(packed(wave, bits))
+        assert np.nanmax(back) == 4000.0
+        assert np.nanmin(back) == np.nanmin(wave)
+        assert np.array_equal(np.isnan(back), np.isnan(wave))
+        assert np.nanmax(np.abs(back - wave)) <= 60.0 * 2.0**-bits
+    for whole in (np.array([0.0, np.inf, 1.0]), np.array([0.0, 1e308, -1e308])):
+        assert unpacked(packed(whole, 16)).tobytes() == whole.tobytes()  # no steps: exact
+
+
+@given(st.lists(st.floats(), max_size=20), st.sampled_from([16, 20, 24]))
+def test_packing_in_steps_keeps_the_range_of_whatever_comes(values, bits):
+    array = np.array(values, np.float64)
+    back = unpacked(packed(array, bits))
+    assert np.array_equal(np.isnan(back), np.isnan(array))
+    known = array[~np.isnan(array)]
+    if len(known):
+        assert (np.nanmin(back), np.nanmax(back)) == (known.min(), known.max())
+
+
+def test_equal_columns_are_written_once_and_times_are_always_exact():
+    t = np.arange(5000) / 1e3
+    columns = packed_columns({"t": t, "one": np.sin(t), "other": np.sin(t)}, 16)
+    assert columns["other"] == {"same": "one"}
+    assert unpacked(columns["t"]).tobytes() == t.tobytes()
+
+
+def test_a_smooth_curve_is_a_third_of_its_size():
+    wave = np.sin(np.arange(10_000) / 1e3)
+    assert len(packed(wave)["packed"]) < len(base64.b64encode(wave.tobytes())) / 2
+    assert len(packed(wave, 24)["packed"]) < len(base64.b64encode(wave.tobytes())) / 10
+
+
+def test_long_runs_are_rounded_and_say_so(views, monkeypatch):
+    monkeypatch.setattr(report_data, "_EXACT_ROWS", 100)
+    page = Page(render(make_report(views)))
+    assert page.data["bits"] == 24
+    for view, run in zip(views, page.data["runs"], strict=True):
+        assert unpacked(run["columns"]["t"]).tobytes() == view.table.t.tobytes()
+        back = unpacked(run["columns"]["torque"], run["columns"])
+        assert (back.min(), back.max()) == (view.table.torque.min(), view.table.torque.max())
+        assert (back != view.table.torque).any()
+    assert "one part in 16,777,216" in " ".join(page.words)
+    monkeypatch.setattr(report_data, "_MOST_TEXT", 100)
+    assert Page(render(make_report(views))).data["bits"] == 16  # whatever its size
+
+
 def test_the_page_holds_every_value_of_every_run(views, page):
     for view, run in zip(views, page.data["runs"], strict=True):
         table = view.table
@@ -103,7 +175,8 @@ def test_the_page_holds_every_value_of_every_run(views, page):
         }
         assert run["columns"].keys() == expected.keys()
         for name, values in expected.items():
-            assert unpacked(run["columns"][name]).tobytes() == values.tobytes(), name
+            column = run["columns"][name]
+            assert unpacked(column, run["columns"]).tobytes() == values.tobytes(), name
         (pulse,) = run["pulses"]
         assert (pulse["start"], pulse["end"]) == (1.0, 1.1)
         assert pulse["text"] == "+100° on the measured angle"
@@ -129,7 +202,7 @@ def test_surfaces_equal_the_inference(views, page):
         expected = infer(np.radians(errors[j]), rates[i], rules)[2]
         assert alpha[i, j] == pytest.approx(expected, abs=1e-9)
     updates = surface["updates"]
-    assert unpacked(updates["rate"]).tobytes() == (
+    assert unpacked(updates["rate"], updates).tobytes() == (
         views[1].terms.column("position", "error_rate").tobytes()
     )
 
@@ -146,6 +219,19 @@ def test_rules_are_counted(views):
     near_r = np.abs(r[:, None] - peaks_r) < spacing_r * (1 - 1e-12)
     assert np.array_equal(counts, near_e.T.astype(int) @ near_r.astype(int))
     assert rule_use(views[0]) == []
+
+
+@given(
+    st.lists(st.tuples(st.floats(-1e3, 1e3) | st.just(np.nan), st.floats(-1e3, 1e3)), max_size=8)
+)
+def test_rules_are_counted_as_the_inference_fires_them(inputs):
+    rules = make_plan("fig8", "fuzzy_pid").configs["fuzzy_pid"].rules
+    inputs += [(e, r) for e in rules.error_peaks for r in rules.rate_peaks]
+    expected = np.zeros((len(rules.error_peaks), len(rules.rate_peaks)), int)
+    for error, rate in inputs:
+        for rule in fired_rules(error, rate, rules):
+            expected[rule.row, rule.column] += rule.weight > 0.0
+    assert times_fired(*np.array(inputs).T, rules) == expected.tolist()
 
 
 def test_words_and_numbers_of_the_page(page):
@@ -217,7 +303,7 @@ def test_the_command_and_its_size(short_run, tmp_path, monkeypatch):
     run = short_run("fig8", "fuzzy_pid", duration=10.0)
     done = CliRunner().invoke(trunk, ["report", str(run)])
     assert done.exit_code == 0, done.output
-    assert (tmp_path / "fig8-fuzzy_pid.html").stat().st_size < 8_000_000
+    assert (tmp_path / "fig8-fuzzy_pid.html").stat().st_size < 3_000_000
 
 
 def test_a_run_without_a_known_controller(short_run, tmp_path):

@@ -18,7 +18,8 @@ from ..analysis.metrics import QUANTITIES
 from ..replay.doctor import INFO, findings
 from ..replay.doubts import Doubts, doubts_of
 from .compare import Row, differing_parameters, metric_rows
-from .report_data import report_data, rule_use
+from .report_data import report_data
+from .rule_use import rule_use
 from .run_view import RunView, labels
 from .task import different_tasks
 

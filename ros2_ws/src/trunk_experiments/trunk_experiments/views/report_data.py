@@ -1,26 +1,30 @@
-"""A report page's plots and animation as plain values: columns in full precision, surfaces, rule use."""
+"""A report page's plots and animation as plain values: columns, surfaces, rule use."""
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from math import degrees, isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trunk_control.fuzzy import fired_rules, infer
+from trunk_control.fuzzy import infer
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.config import SimulatorConfig
 
 from .own_terms import OwnTerm, gains_told, own_terms, values_of_term
+from .packing import Columns, packed, packed_columns
 from .run_view import Pulse, RunView, labels, off_scale
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Floats
 
 _SURFACE_POINTS = 61  # per side: evenly spaced peaks fall on grid points
+_MOST_TEXT = 6_000_000  # characters of all columns; beyond it they are rounded
+_EXACT_ROWS = 150_000  # more are not even tried: they do not fit
+_BITS = (24, 20, 16)  # of a curve's usual range; 16 are 30 times what a screen can show
 _CHANNELS = {  # what a pulse acts on, its unit
     "hip_effort": ("on the hip", "N"),
     "trunk_effort": ("on the trunk", "N·m"),
@@ -29,35 +33,45 @@ _CHANNELS = {  # what a pulse acts on, its unit
 }
 
 
-def packed(values: Floats) -> dict[str, Any]:
-    """Return an array of doubles as base64 of its little-endian bytes, or as its constant.
-
-    Every value, NaN included, comes back with the same bits (in a constant column all NaNs are alike).
-    """
-    data = np.ascontiguousarray(values, "<f8")
-    if len(data) and (data.view("<i8") == data.view("<i8")[0]).all() and isfinite(data[0]):
-        return {"constant": float(data[0]), "count": len(data)}
-    return {"f8": base64.b64encode(data.tobytes()).decode("ascii")}
-
-
 def report_data(views: Sequence[RunView]) -> dict[str, Any]:
-    """Return the data of all runs, ready for JSON."""
+    """Return the data of all runs, ready for JSON.
+
+    Columns are exact to the last bit while that makes a small page; of long runs they are rounded to as many
+    `bits` of a curve's usual range as fit.
+    """
     own = own_terms(views)
+    columns = [_columns(view, own) for view in views]
+    updates = [_updates(view) for view in views]
+    rows = sum(len(view.table.t) for view in views)
+    for bits in (None, *_BITS) if rows <= _EXACT_ROWS else _BITS:
+        texts = [
+            [packed_columns(part, bits) for part in run]
+            for run in zip(columns, updates, strict=True)
+        ]
+        if sum(_size(part) for run in texts for part in run) <= _MOST_TEXT:
+            break
     return {
-        "runs": [_run(view, label, own) for view, label in zip(views, labels(views), strict=True)],
+        "runs": [
+            _run(view, label, *text)
+            for view, label, text in zip(views, labels(views), texts, strict=True)
+        ],
         "own": [{"id": f"own-{term.name}", "name": term.name, "unit": term.unit} for term in own],
         "gains": gains_told(views),
+        "bits": bits,
     }
 
 
-def _run(view: RunView, label: str, own: Sequence[OwnTerm]) -> dict[str, Any]:
-    table, controller = view.table, view.controller
-    low, high = view.limits
-    amplitude, wavenumber, harmonics = view.hip_path
-    x = table.x
-    if view.run.another_robot:  # drawn as a pendulum on a fixed pivot
-        amplitude, harmonics, x = 0.0, None, np.zeros_like(x)
-    columns = {
+def _size(columns: Columns) -> int:
+    """Return the number of characters that columns take."""
+    return sum(len(column.get("packed", "")) for column in columns.values())
+
+
+def _columns(view: RunView, own: Sequence[OwnTerm]) -> dict[str, Floats]:
+    """Return what is shown of the states, by name; angles in degrees."""
+    table = view.table
+    # Another robot is drawn as a pendulum on a fixed pivot.
+    x = np.zeros_like(table.x) if view.run.another_robot else table.x
+    return {
         "t": table.t,
         "x": x,
         "theta": np.degrees(table.theta),
@@ -71,10 +85,18 @@ def _run(view: RunView, label: str, own: Sequence[OwnTerm]) -> dict[str, Any]:
         "alpha": table.alpha,
         **{f"own-{term.name}": values_of_term(view, term) for term in own},
     }
+
+
+def _run(view: RunView, label: str, columns: Columns, updates: Columns) -> dict[str, Any]:
+    controller = view.controller
+    low, high = view.limits
+    amplitude, wavenumber, harmonics = view.hip_path
+    if view.run.another_robot:
+        amplitude, harmonics = 0.0, None
     return {
         "label": label,
         "title": view.title,
-        "columns": {name: packed(values) for name, values in columns.items()},
+        "columns": columns,
         "limits": [low if isfinite(low) else None, high if isfinite(high) else None],
         "path": {
             "amplitude": amplitude,
@@ -82,12 +104,13 @@ def _run(view: RunView, label: str, own: Sequence[OwnTerm]) -> dict[str, Any]:
             "harmonics": harmonics or (),
             "length": (view.simulator or SimulatorConfig()).length,
         },
+        "pushes": _pushes(view),
         "pulses": [{"start": p.start, "end": p.end, "text": pulse_text(p)} for p in view.pulses],
         "fell": _fell(view),
         "branch": None if view.run.branch is None else view.run.branch.at,
         "turns": [turn._asdict() for turn in view.turns],
-        "torqueRange": off_scale(table.torque),
-        "fuzzy": _surfaces(view, controller) if isinstance(controller, FuzzyPidConfig) else None,
+        "torqueRange": off_scale(view.table.torque),
+        "fuzzy": _surfaces(controller, updates) if isinstance(controller, FuzzyPidConfig) else None,
     }
 
 
@@ -104,24 +127,47 @@ def pulse_text(pulse: Pulse) -> str:
     return f"{value:+.4g}{'' if unit == '°' else ' '}{unit} {where}"
 
 
-def _updates(view: RunView) -> tuple[Floats, Floats, Floats]:
-    """Return the stamps [s], errors [rad] and rates [rad/s] that were the inputs of the inference."""
+def _pushes(view: RunView) -> list[dict[str, float]]:
+    """Return the spans in which an operator pushed, in s, with the greatest force [N] and torque [N m]."""
+    try:
+        operated = view.run.operated
+    except RecordingError:  # the warnings say what is wrong with them
+        return []
+    if not operated:
+        return []
+    t = view.table.t
+    acts = operated.over(np.rint(t * NANOSECONDS).astype(np.int64) + view.run.begin_ns)
+    edges = np.flatnonzero(np.diff(acts.any(axis=1), prepend=False, append=False))
+    return [
+        {
+            "start": float(t[first]),
+            "end": float(t[min(after, len(t) - 1)]),
+            "force": float(np.abs(acts[first:after, 0]).max()),
+            "torque": float(np.abs(acts[first:after, 1]).max()),
+        }
+        for first, after in edges.reshape(-1, 2).tolist()
+    ]
+
+
+def _updates(view: RunView) -> dict[str, Floats]:
+    """Return the stamps [s], errors [degrees] and rates [rad/s] that were the inputs of the inference."""
+    if not isinstance(view.controller, FuzzyPidConfig):
+        return {}
     terms = view.terms
-    return (
-        (terms.stamp_ns - view.run.begin_ns) / NANOSECONDS,
-        terms.column("position", "error"),
-        terms.column("position", "error_rate"),
-    )
+    return {
+        "t": (terms.stamp_ns - view.run.begin_ns) / NANOSECONDS,
+        "error": np.degrees(terms.column("position", "error")),
+        "rate": terms.column("position", "error_rate"),
+    }
 
 
-def _surfaces(view: RunView, config: FuzzyPidConfig) -> dict[str, Any]:
+def _surfaces(config: FuzzyPidConfig, updates: Columns) -> dict[str, Any]:
     rules = config.rules
     errors, rates = (
         np.linspace(peaks[0], peaks[-1], _SURFACE_POINTS, dtype=np.float64)
         for peaks in (rules.error_peaks, rules.rate_peaks)
     )
     grid = np.array([[infer(e, r, rules) for e in errors.tolist()] for r in rates.tolist()])
-    t, error, rate = _updates(view)
     return {
         "error": packed(np.degrees(errors)),
         "rate": packed(rates),
@@ -130,20 +176,5 @@ def _surfaces(view: RunView, config: FuzzyPidConfig) -> dict[str, Any]:
         "alpha": packed(grid[:, :, 2].ravel()),
         "errorPeaks": [degrees(peak) for peak in rules.error_peaks],
         "ratePeaks": list(rules.rate_peaks),
-        "updates": {"t": packed(t), "error": packed(np.degrees(error)), "rate": packed(rate)},
+        "updates": updates,
     }
-
-
-def rule_use(view: RunView) -> list[list[int]]:
-    """Return how many updates fired each rule (weight above 0), [label of e][label of e_dot]."""
-    config = view.controller
-    if not isinstance(config, FuzzyPidConfig):
-        return []
-    rules = config.rules
-    counts = [[0] * len(rules.rate_peaks) for _ in rules.error_peaks]
-    _, errors, rates = _updates(view)
-    for error, rate in zip(errors.tolist(), rates.tolist(), strict=True):
-        for rule in fired_rules(error, rate, rules):
-            if rule.weight > 0.0:
-                counts[rule.row][rule.column] += 1
-    return counts

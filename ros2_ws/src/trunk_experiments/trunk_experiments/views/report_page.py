@@ -21,13 +21,27 @@ from trunk_msgs_util.whole_file import whole_file
 
 from .report import Report, number, quantity_label
 
-_SCRIPTS = ("numbers.js", "data.js", "stage.js", "stages.js", "charts.js", "page.js")
+_SCRIPTS = (
+    "numbers.js",
+    "data.js",
+    "clock.js",
+    "stage.js",
+    "stages.js",
+    "thin.js",
+    "plots.js",
+    "marks.js",
+    "time_charts.js",
+    "planes.js",
+    "compare.js",
+    "paper.js",
+    "page.js",
+)
 
 
 def render(report: Report) -> str:
     """Return the page."""
     assets = files(__package__) / "report_assets"
-    plotly = (files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
+    plotly = (assets / "vendor" / "plotly-cartesian.min.js").read_text(encoding="utf-8")
     own = "\n".join((assets / name).read_text(encoding="utf-8") for name in _SCRIPTS)
     scripts = [_inline(plotly), _inline(own)]
     environment = Environment(

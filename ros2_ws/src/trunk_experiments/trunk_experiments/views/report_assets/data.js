@@ -1,58 +1,74 @@
 "use strict";
-// The page's data: columns decoded to Float64Arrays once, shared by plots and animation.
-const report = (() => {
-  const unpack = (column) => {
-    if ("constant" in column) return new Float64Array(column.count).fill(column.constant);
-    const text = atob(column.f8);
-    const bytes = new Uint8Array(text.length);
-    for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
-    return new Float64Array(bytes.buffer);
+// The page's data: columns become Float64Arrays once, shared by plots and animation; `packing.py` wrote them.
+const report = JSON.parse(document.getElementById("data").textContent);
+
+const unpackReport = (() => {
+  const inflated = async (text) => {
+    const letters = atob(text);
+    const bytes = new Uint8Array(letters.length);
+    for (let i = 0; i < letters.length; i++) bytes[i] = letters.charCodeAt(i);
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate-raw"));
+    return new Uint8Array(await new Response(stream).arrayBuffer());
   };
-  const unpackAll = (columns) =>
-    Object.fromEntries(Object.entries(columns).map(([name, column]) => [name, unpack(column)]));
-
-  const data = JSON.parse(document.getElementById("data").textContent);
-  for (const run of data.runs) {
-    run.columns = unpackAll(run.columns);
-    const fuzzy = run.fuzzy;
-    if (fuzzy) {
-      for (const name of ["error", "rate", "kp", "kd", "alpha"]) fuzzy[name] = unpack(fuzzy[name]);
-      fuzzy.updates = unpackAll(fuzzy.updates);
+  // A plane holds one byte of each number; sums of differences wrap around.
+  const words = (bytes, count, plane) => {
+    const found = new Int32Array(count);
+    for (let i = 0; i < count; i++) {
+      const at = plane * count + i;
+      found[i] = bytes[at] | (bytes[at + count] << 8) | (bytes[at + 2 * count] << 16) | (bytes[at + 3 * count] << 24);
     }
-  }
-  data.start = Math.min(...data.runs.map((run) => run.columns.t[0]));
-  data.end = Math.max(...data.runs.map((run) => run.columns.t[run.columns.t.length - 1]));
-  return data;
-})();
+    return found;
+  };
+  const inSteps = (bytes, { count, differences, low, high, step }) => {
+    const steps = words(bytes, count, 0);
+    for (let pass = 0; pass < differences; pass++) {
+      for (let i = 1; i < count; i++) steps[i] = (steps[i] + steps[i - 1]) | 0;
+    }
+    const top = steps.reduce((most, v) => (v > most ? v : most), 0);
+    const found = new Float64Array(count);
+    for (let i = 0; i < count; i++) found[i] = steps[i] < 0 ? NaN : steps[i] === top ? high : low + steps[i] * step;
+    return found;
+  };
+  const inBits = (bytes, { count, differences }) => {
+    const [low, high] = [new Uint32Array(words(bytes, count, 0).buffer), words(bytes, count, 4)];
+    for (let pass = 0; pass < differences; pass++) {
+      for (let i = 1; i < count; i++) {
+        const sum = low[i] + low[i - 1];
+        low[i] = sum;
+        high[i] = (high[i] + high[i - 1] + (sum > 0xffffffff ? 1 : 0)) | 0;
+      }
+    }
+    const both = new Uint32Array(2 * count);
+    for (let i = 0; i < count; i++) {
+      both[2 * i] = low[i];
+      both[2 * i + 1] = high[i];
+    }
+    return new Float64Array(both.buffer);
+  };
+  const unpack = async (column) => {
+    if ("constant" in column) return new Float64Array(column.count).fill(column.constant);
+    const bytes = await inflated(column.packed);
+    return "step" in column ? inSteps(bytes, column) : inBits(bytes, column);
+  };
+  const unpackAll = async (columns) => {
+    const found = {};
+    for (const [name, column] of Object.entries(columns)) {
+      found[name] = "same" in column ? found[column.same] : await unpack(column);
+    }
+    return found;
+  };
 
-// One clock for everything on the page. Listeners get the time in s.
-const clock = {
-  time: report.start,
-  playing: false,
-  speed: 1,
-  listeners: [],
-  set(time) {
-    this.time = Math.min(report.end, Math.max(report.start, time));
-    for (const listener of this.listeners) listener(this.time);
-  },
-  play() {
-    if (this.playing) return;
-    if (this.time >= report.end) this.set(report.start);
-    this.playing = true;
-    let before = null;
-    const tick = (now) => {
-      if (!this.playing) return;
-      if (before !== null) this.set(this.time + (this.speed * (now - before)) / 1000);
-      before = now;
-      if (this.time >= report.end) this.pause();
-      else requestAnimationFrame(tick);
-    };
-    requestAnimationFrame(tick);
-    this.told();
-  },
-  pause() {
-    this.playing = false;
-    this.told();
-  },
-  told: () => {},
-};
+  return async () => {
+    for (const run of report.runs) {
+      run.columns = await unpackAll(run.columns);
+      const { reference, theta } = run.columns;
+      run.columns.error = theta.map((v, i) => reference[i] - v);
+      const { fuzzy } = run;
+      if (!fuzzy) continue;
+      for (const name of ["error", "rate", "kp", "kd", "alpha"]) fuzzy[name] = await unpack(fuzzy[name]);
+      fuzzy.updates = await unpackAll(fuzzy.updates);
+    }
+    report.start = Math.min(...report.runs.map((run) => run.columns.t[0]));
+    report.end = Math.max(...report.runs.map((run) => run.columns.t[run.columns.t.length - 1]));
+  };
+})();

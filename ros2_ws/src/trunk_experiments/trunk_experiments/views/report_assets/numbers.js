@@ -31,14 +31,15 @@ const showNumber = (value, digits = 4) => {
 };
 
 // Looking a colour up costs more than drawing with it: each is kept until the theme changes.
-const cssColor = (() => {
+const [cssColor, forgetColors] = (() => {
   const kept = new Map();
   for (const theme of ["(prefers-color-scheme: dark)", "print"]) matchMedia(theme).addEventListener("change", () => kept.clear());
-  return (name) => {
+  const color = (name) => {
     if (!kept.has(name)) kept.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());
     return kept.get(name);
   };
+  return [color, () => kept.clear()];
 })();
-const runColor = (index) => cssColor(`--run${index % 6}`);
+const runColor = (index) => cssColor(`--run${index % 8}`);
 const DASHES = ["solid", "8px,3px", "9px,3px,2px,3px", "2px,2px", "12px,3px,4px,3px"];
 const runDash = (index) => DASHES[index % DASHES.length];

@@ -1,6 +1,7 @@
 "use strict";
 // Controls, keys, themes, printing; then everything is drawn.
-(() => {
+(async () => {
+  await unpackReport();
   const play = document.getElementById("play");
   const scrub = document.getElementById("scrub");
   const time = document.getElementById("time");
@@ -32,11 +33,13 @@
     const on = event.target instanceof Element ? event.target : document.body;
     if (on.closest("select, summary, a, .scroll")) return;
     if (event.key === " ") {
-      if (on === play) return; // a button knows what space means
+      if (on.closest("button")) return; // it knows what space means
       event.preventDefault();
       toggle();
       return;
     }
+    const times = { "+": 0.5, "=": 0.5, "-": 2, 0: Infinity }[event.key];
+    if (times !== undefined) zoomAbout(clock.time, times);
     const step = event.shiftKey ? 0.1 : 0.01;
     const to = {
       ArrowLeft: clock.time - step, ArrowRight: clock.time + step,
@@ -59,18 +62,25 @@
     });
     stages.forEach((stage) => stage.draw());
   };
-  const repaint = () => {
+  const repaintAll = () => {
     paint();
     repaintCharts();
   };
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
-  matchMedia("print").addEventListener("change", repaint);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaintAll);
+  paper.start(repaintAll);
 
   makeTimeCharts();
   makePlaneCharts();
   makeMaps();
-  for (const chart of charts) clock.listeners.push((now) => chart.show(now));
+  clock.listeners.push((now) => charts.forEach((chart) => chart.show(now)));
+  comparing.start();
+  for (const place of document.querySelectorAll(".scroll")) {
+    // Only what can be scrolled is a stop of the Tab key.
+    new ResizeObserver(() => { place.tabIndex = place.scrollWidth > place.clientWidth + 1 ? 0 : -1; }).observe(place);
+  }
   paint();
   clock.set(report.start);
-  drawCharts().then(() => { document.documentElement.dataset.ready = "true"; });
+  if (report.bits) document.querySelector(".rounded").hidden = false;
+  await drawCharts();
+  document.documentElement.dataset.ready = "true";
 })();

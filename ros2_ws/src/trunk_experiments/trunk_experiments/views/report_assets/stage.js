@@ -3,7 +3,7 @@
 
 // Fit the canvas to its place on the screen. Returns its size in CSS pixels; no width: it is not shown.
 const fitCanvas = (canvas, context) => {
-  const ratio = devicePixelRatio || 1;
+  const ratio = document.documentElement.hasAttribute("data-paper") ? 3 : devicePixelRatio || 1;
   const width = canvas.clientWidth;
   const tall = canvas.clientHeight;
   if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(tall * ratio)) {

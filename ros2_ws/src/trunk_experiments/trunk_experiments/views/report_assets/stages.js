@@ -6,7 +6,7 @@ const makeStage = (run, index) => {
   const readout = document.getElementById(`readout-${index}`);
   const { t, x, theta, measured, reference, torque } = run.columns;
   const { length } = run.path;
-  const extent = x.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
+  const extent = [x.reduce((low, v) => Math.min(low, v), Infinity), x.reduce((high, v) => Math.max(high, v), -Infinity)];
   // A hip that travels far is followed; otherwise the whole path fits.
   const follows = extent[1] - extent[0] > 9;
   const largest = () => {
@@ -16,17 +16,20 @@ const makeStage = (run, index) => {
   const fullTorque = largest();
   // The full extent of hip, trunk and measured trunk, plus a margin.
   const span = { left: extent[0], right: extent[1], low: Infinity, high: -Infinity };
-  for (let i = 0; i < t.length; i++) {
-    const angles = [theta[i], measured[i], reference[i]].filter(Number.isFinite).map((v) => (v * Math.PI) / 180);
-    const y = pathHeight(run.path, x[i]);
-    const heights = [y, ...angles.map((v) => y + length * Math.cos(v))];
-    span.low = Math.min(span.low, ...heights);
-    span.high = Math.max(span.high, ...heights);
-    for (const v of angles) {
-      span.left = Math.min(span.left, x[i] + length * Math.sin(v));
-      span.right = Math.max(span.right, x[i] + length * Math.sin(v));
+  const hip = x.map((v) => pathHeight(run.path, v));
+  const include = (angles) => {
+    for (let i = 0; i < t.length; i++) {
+      const angle = (angles[i] * Math.PI) / 180;
+      if (!Number.isFinite(angle)) continue;
+      const side = x[i] + length * Math.sin(angle);
+      const top = hip[i] + length * Math.cos(angle);
+      if (side < span.left) span.left = side;
+      if (side > span.right) span.right = side;
+      span.low = Math.min(span.low, hip[i], top);
+      span.high = Math.max(span.high, hip[i], top);
     }
-  }
+  };
+  new Set([theta, measured, reference]).forEach(include);
   span.left -= 0.3 * length;
   span.right += 0.3 * length;
   span.low -= 0.45 * length;

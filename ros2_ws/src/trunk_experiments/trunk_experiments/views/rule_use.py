@@ -1,0 +1,55 @@
+"""How often each fuzzy rule fired in a run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from trunk_control.fuzzy import FuzzyRules
+    from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+
+    from .run_view import RunView
+
+
+def rule_use(view: RunView) -> list[list[int]]:
+    """Return how many updates fired each rule (weight above 0), [label of e][label of e_dot]."""
+    config = view.controller
+    if not isinstance(config, FuzzyPidConfig):
+        return []
+    terms = view.terms
+    errors, rates = (terms.column("position", name) for name in ("error", "error_rate"))
+    return times_fired(errors, rates, config.rules)
+
+
+def times_fired(errors: Floats, rates: Floats, rules: FuzzyRules) -> list[list[int]]:
+    """Return how many of the inputs [rad, rad/s] fire each rule: `fired_rules` of all at once."""
+    i, a = _located(errors, rules.error_peaks)
+    j, b = _located(rates, rules.rate_peaks)
+    both = a * b
+    later = b - both
+    counts = np.zeros((len(rules.error_peaks), len(rules.rate_peaks)), np.int64)
+    for rows, columns, weights in (
+        (i, j, 1.0 - a - later),
+        (i, j + 1, later),
+        (i + 1, j, a - both),
+        (i + 1, j + 1, both),
+    ):
+        fired = weights > 0.0
+        np.add.at(counts, (rows[fired], columns[fired]), 1)
+    found: list[list[int]] = counts.tolist()
+    return found
+
+
+def _located(values: Floats, peaks: Sequence[float]) -> tuple[Integers, Floats]:
+    """Return what `locate` returns, of all values at once."""
+    at = np.asarray(peaks, np.float64)
+    inside = np.where(values > at[0], np.minimum(values, at[-1]), at[0])  # NaN to the first peak
+    low: Integers = np.minimum(np.searchsorted(at, inside, side="right") - 1, len(at) - 2)
+    weights: Floats = (inside - at[low]) / (at[low + 1] - at[low])
+    return low, weights
