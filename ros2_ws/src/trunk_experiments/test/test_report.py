@@ -7,6 +7,7 @@ import hashlib
 import json
 import re
 import zlib
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -21,6 +22,7 @@ from trunk_experiments.cli import trunk
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.doctor import INFO, examine
+from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.views import report_data
 from trunk_experiments.views.packing import packed, packed_columns
 from trunk_experiments.views.report import make_report
@@ -28,6 +30,7 @@ from trunk_experiments.views.report_page import render
 from trunk_experiments.views.rule_use import rule_use, times_fired
 from trunk_experiments.views.run_view import RunView
 from trunk_msgs_util.recording.writer import RecordingWriter
+from trunk_sim.operator_input import Applied
 
 
 def view_of(path):
@@ -232,6 +235,19 @@ def test_rules_are_counted_as_the_inference_fires_them(inputs):
         for rule in fired_rules(error, rate, rules):
             expected[rule.row, rule.column] += rule.weight > 0.0
     assert times_fired(*np.array(inputs).T, rules) == expected.tolist()
+
+
+def test_an_operators_pushes_are_spans_with_their_greatest_values(tmp_path):
+    settings = ("simulator.operator.torque=80.0", "simulator.operator.timeout=0.1")
+    plan = make_plan("fig6", "pid", settings=settings, everywhere={"duration": 0.6})
+    asked = ((100, 40.0), (150, -60.0), (400, 20.0))  # ms, N m
+    pushes = tuple((ms * 1_000_000, Applied(0.0, torque)) for ms, torque in asked)
+    record_offline(replace(plan, pushes=pushes), tmp_path / "pushed.mcap")
+    (run,) = make_report([view_of(tmp_path / "pushed.mcap")]).data["runs"]
+    first, second = run["pushes"]
+    assert (first["start"], second["start"]) == (0.1, 0.4)
+    assert first["end"] == pytest.approx(0.25, abs=0.011)
+    assert (first["force"], first["torque"], second["torque"]) == (0.0, 60.0, 20.0)
 
 
 def test_words_and_numbers_of_the_page(page):

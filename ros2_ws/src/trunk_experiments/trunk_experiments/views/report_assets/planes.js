@@ -67,6 +67,15 @@ const makeMaps = () => {
     if (!fuzzy) return;
     const columns = fuzzy.error.length;
     const { t, error, rate } = fuzzy.updates;
+    const ways = new Map(); // three surfaces, one way
+    const wayIn = (box) => {
+      const key = JSON.stringify(box);
+      if (!ways.has(key)) {
+        ways.clear();
+        ways.set(key, way(error, rate, t, box));
+      }
+      return ways.get(key);
+    };
     const whole = { x: [fuzzy.error[0], fuzzy.error[columns - 1]], y: [fuzzy.rate[0], fuzzy.rate[fuzzy.rate.length - 1]] };
     for (const name of ["kp", "kd", "alpha"]) {
       const z = Array.from(fuzzy.rate, (_, i) => fuzzy[name].subarray(i * columns, (i + 1) * columns));
@@ -85,7 +94,7 @@ const makeMaps = () => {
         document.getElementById(`map-${index}-${name}`),
         (chart) => {
           const gone = {
-            ...way(error, rate, t, boxOf(chart, whole)), line: { color: "#ffffff", width: 1.6 },
+            ...wayIn(boxOf(chart, whole)), line: { color: "#ffffff", width: 1.6 },
             hovertemplate: `e ${hoverNumber("x")}°, ė ${hoverNumber("y")} rad/s<br>t = %{customdata:.9~f} s<extra></extra>`,
           };
           return [surface(), { ...gone, line: { color: "#000000", width: 4 }, hoverinfo: "skip", hovertemplate: null }, gone];

@@ -6,7 +6,8 @@ const chartsById = new Map();
 const rangeOf = (columns, { zero = false } = {}) => {
   let [low, high] = zero ? [0, 0] : [Infinity, -Infinity];
   for (const column of columns) {
-    for (const v of column) {
+    for (let i = 0; i < column.length; i++) {
+      const v = column[i];
       if (v < low && v !== -Infinity) low = v;
       if (v > high && v !== Infinity) high = v;
     }
@@ -35,7 +36,13 @@ const timeChart = (id, column, symbol, unit, options = {}) => {
     });
     return found;
   };
-  const everything = () => rangeOf(shownColumns(), options) ?? [-1, 1];
+  let ranged = { columns: [], range: null };
+  const everything = () => {
+    const columns = shownColumns();
+    const same = columns.length === ranged.columns.length && columns.every((column, i) => column === ranged.columns[i]);
+    if (!same || !ranged.range) ranged = { columns, range: rangeOf(columns, options) ?? [-1, 1] };
+    return ranged.range;
+  };
   const layout = () => {
     const made = baseLayout("time, s", unit ? `${symbol}, ${unit}` : symbol);
     made.hovermode = "x";
