@@ -93,6 +93,9 @@ def test_a_recording_is_played_sought_and_looped(watched, swapped):
     shown = page.inner_text("[data-value=theta]").replace("−", "-").rstrip("°")
     assert float(shown) == pytest.approx(np.degrees(truth.position[row, 1]), rel=1e-3)
     assert page.evaluate("() => view.time") == 2.5 != stopped
+    for key, time in (("ArrowRight", 2.51), ("Shift+ArrowLeft", 2.41), (".", 2.411), ("End", 3.0)):
+        page.keyboard.press(key)  # the report's keys
+        assert page.evaluate("() => view.time") == pytest.approx(time, abs=1e-9), key
     assert page.locator("#tables td[data-lit]").count() > 0  # fuzzy_pid acts then
     page.locator("#seek").fill("0.5")
     page.wait_for_function("() => document.querySelectorAll('#tables td[data-lit]').length === 0")
@@ -123,7 +126,7 @@ def test_hostile_words_stay_text(watched, hostile_run):
     page.evaluate("() => document.querySelectorAll('details').forEach((d) => { d.open = true; })")
     page.wait_for_function("() => known.plant.count > 0")
     assert page.evaluate("() => document.images.length") == 0
-    assert page.evaluate("() => document.scripts.length") == 12
+    assert page.evaluate("() => document.scripts.length") == 13
 
 
 def test_what_is_no_recording_is_refused_before_anything_is_served(tmp_path):

@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 _PACKAGE = __package__.partition(".")[0]
-# Path of the address -> folder and name of the file. Stage and style are the report's.
+# Path of the address -> folder and name of the file. Stage, style and keys are the report's.
 _PAGE = {
     "/": "gateway/page/index.html",
     "/style.css": "views/report_assets/style.css",
     "/stage.js": "views/report_assets/stage.js",
     "/numbers.js": "views/report_assets/numbers.js",
+    "/keys.js": "views/report_assets/keys.js",
     **{
         f"/{name}": f"gateway/page/{name}"
         for name in (

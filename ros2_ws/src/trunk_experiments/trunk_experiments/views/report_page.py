@@ -25,6 +25,7 @@ _SCRIPTS = (
     "numbers.js",
     "data.js",
     "clock.js",
+    "keys.js",
     "stage.js",
     "stages.js",
     "thin.js",

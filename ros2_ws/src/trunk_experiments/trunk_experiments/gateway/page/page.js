@@ -165,10 +165,22 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
     await navigator.clipboard?.writeText(at("branch-command").textContent);
   });
   document.addEventListener("keydown", (event) => {
-    if (event.key !== " " || event.ctrlKey || event.altKey || event.metaKey) return;
-    if (event.target.closest("button, input, select, summary, a")) return;
+    if (event.ctrlKey || event.altKey || event.metaKey || event.defaultPrevented) return;
+    const { target, key } = event;
+    if (target.closest("select, summary, a, .scroll") || (target.closest("button, input") && (key === " " || target.id !== "seek"))) return;
+    if (key === " ") {
+      event.preventDefault();
+      at("play").click();
+      return;
+    }
+    if (!known.recorded) return; // the keys of the trunk are grip.js's
+    const { t, count } = known.plant;
+    const { first, last } = known.recorded;
+    const to = timeOfKey(event, { time: view.time, finest: count > 1 ? (t[count - 1] - t[0]) / (count - 1) : 0.001, first, last });
+    if (to === undefined) return;
     event.preventDefault();
-    at("play").click();
+    freeze(true);
+    view.time = to;
   });
 
   // ── pictures ─────────────────────────────────────────────────────────────────────────────────────────

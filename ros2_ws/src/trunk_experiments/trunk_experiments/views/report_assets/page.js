@@ -40,16 +40,11 @@
     }
     const times = { "+": 0.5, "=": 0.5, "-": 2, 0: Infinity }[event.key];
     if (times !== undefined) zoomAbout(clock.time, times);
-    const step = event.shiftKey ? 0.1 : 0.01;
-    const to = {
-      ArrowLeft: clock.time - step, ArrowRight: clock.time + step,
-      ",": clock.time - finest, ".": clock.time + finest,
-      Home: report.start, End: report.end,
-    }[event.key];
+    const to = timeOfKey(event, { time: clock.time, finest, first: report.start, last: report.end });
     if (to === undefined) return;
     event.preventDefault();
     clock.pause();
-    clock.set(Math.round(to * 1e9) / 1e9);
+    clock.set(to);
   });
 
   const stages = report.runs.map(makeStage);
