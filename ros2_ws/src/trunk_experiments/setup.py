@@ -67,7 +67,6 @@ setup(
         "matplotlib>=3.8,<4",
         "mcap>=1.1,<2",
         "numpy>=1.26,<3",
-        "plotly>=6,<8",
         "pyarrow>=15",
         "PyYAML>=6.0,<7",
         "rich>=13,<16",
