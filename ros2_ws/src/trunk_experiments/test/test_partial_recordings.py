@@ -8,12 +8,15 @@ import pytest
 from mcap.reader import make_reader
 
 from trunk_experiments.cli import main
+from trunk_experiments.commands.run import show_run
 from trunk_experiments.plans.nodes import NODES
+from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, verify
+from trunk_experiments.runs.files import RunFiles
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import declarations
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
-from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.samples import JointSample
@@ -83,6 +86,17 @@ def test_a_recorder_that_is_stopped_between_a_command_and_its_terms_accuses_nobo
     for cut, expected in ((1, UNJUDGED), (2, beyond), (3, beyond)):
         path = without_the_last(whole, tmp_path / f"{cut}.mcap", topic, cut, stopped=True)
         assert verify(Recording.open(path)).exit_code == expected
+
+
+def test_a_run_that_was_stopped_at_once_has_no_metrics_but_files(whole, tmp_path, capsys):
+    path = copy(whole, tmp_path / "run.mcap", without(STATE))
+    files, run = RunFiles(tmp_path), RecordedRun.open(path)
+    show_run(files, run, interrupted=True)
+    said = capsys.readouterr()
+    assert "stopped before there was anything to measure" in said.err
+    assert f"recording: {path}" in said.out
+    with pytest.raises(RecordingError, match="no metrics"):
+        show_run(files, run)
 
 
 @pytest.mark.parametrize("topics_", [(STATE, topics.EFFORT_COMMAND), (topics.DISTURBANCE,)])

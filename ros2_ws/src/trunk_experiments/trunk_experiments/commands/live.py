@@ -124,7 +124,7 @@ def command(
 
         recording = run_graph(plan, files, lambda t: None, over=over)
         run = RecordedRun(recording)
-        show_run(files, run)
+        show_run(files, run, interrupted=not plan.simulator.duration)
         if "stop" in heard:
             _show_report(gateway, run, files.folder / _REPORT)
         if not recording.complete:

@@ -9,6 +9,7 @@ import click
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import middleware
+from trunk_msgs_util.recording.topic import RecordingError
 
 from ..console.document import json_option, write_json
 from ..console.mistakes import line_of, tell
@@ -121,9 +122,17 @@ def _values(run: RecordedRun) -> dict[str, object]:
     }
 
 
-def show_run(files: RunFiles, run: RecordedRun) -> None:
-    """Print a run's metrics, and where its files are."""
-    show_metrics(run, "metrics of the run (true error)")
+def show_run(files: RunFiles, run: RecordedRun, interrupted: bool = False) -> None:
+    """Print a run's metrics, and where its files are.
+
+    One that was ``interrupted`` may be too short for metrics; of others, raises RecordingError.
+    """
+    try:
+        show_metrics(run, "metrics of the run (true error)")
+    except RecordingError as error:
+        if not interrupted:
+            raise
+        show_warnings([f"stopped before there was anything to measure: {line_of(error)}"])
     states, commands = run.count(topics.GROUND_TRUTH), run.count(topics.EFFORT_COMMAND)
     whole = "complete: " if run.recording.complete else ""  # what is missing stands first
     click.echo(f"{whole}{states} states, {commands} commands recorded")
