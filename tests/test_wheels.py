@@ -127,6 +127,7 @@ def test_the_wheels_hold_all_data_of_the_packages(wheels):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_wheels_alone_simulate_and_verify(trunk):
     assert trunk("--version").stdout == f"trunk {project_version()}\n"
     made = trunk("simulate", "fig6", "--controller", "fuzzy_pid", "-o", "run.mcap")

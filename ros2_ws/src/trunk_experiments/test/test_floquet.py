@@ -55,7 +55,16 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize(("controller", "settings"), CASES.values(), ids=CASES)
+LONG = ("pid, delayed, unstable", "pid, filtered, slower", "fuzzy_pid, delayed")
+
+
+@pytest.mark.parametrize(
+    ("controller", "settings"),
+    [
+        pytest.param(*case, id=name, marks=[pytest.mark.long] * (name in LONG))
+        for name, case in CASES.items()
+    ],
+)
 def test_small_errors_grow_as_the_multipliers_say(controller, settings):
     made = plan(controller, *settings)
     table = Batch().run(made).table
