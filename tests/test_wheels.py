@@ -45,6 +45,8 @@ def test_one_version_everywhere():
     found = {p.name: ElementTree.parse(p / "package.xml").findtext("version") for p in PACKAGES}
     found |= {f"installed {name}": version(name) for name in NAMES}
     found["CITATION.cff"] = citation["version"]
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    found["CHANGELOG.md"] = re.findall(r"^## ([\d.]+) – \d{4}-\d\d-\d\d$", changes, re.MULTILINE)[0]
     assert found == dict.fromkeys(found, project_version()), "scripts/version.sh sets it"
 
 
