@@ -23,20 +23,31 @@ syntax() {
 
 TRUNK_SKIPPED=$(mktemp)
 export TRUNK_SKIPPED
-trap 'rm -f "$TRUNK_SKIPPED"' EXIT
 run=(python -m pytest --dist worksteal)
 left=''
 
+# One core is enough for mypy: the other does what comes before it here.
+said=$(mktemp)
+trap 'rm -f "$TRUNK_SKIPPED" "$said"' EXIT
+mypy >"$said" 2>&1 &
+mypy=$!
+types() {
+    local found=0
+    wait "$mypy" || found=$?
+    cat "$said"
+    return "$found"
+}
 stage 'shell syntax' syntax
 stage 'ruff check' ruff check
 stage 'ruff format' ruff format --check
-stage mypy mypy
 stage arrows lint-imports
 stage licences python scripts/licences.py
 if [[ ${1:-} == --quick ]]; then
+    stage mypy types
     stage 'pytest: quick' "${run[@]}" -n auto -q -m 'not (graph or browser or slow)' "${@:2}"
     left='; not run: processes, browser, slow ones (scripts/test.sh)'
 elif (($#)) && [[ $1 != --all ]]; then
+    stage mypy types
     stage pytest python -m pytest "$@"
 else
     some=' and not long'
@@ -44,6 +55,7 @@ else
     [[ ${1:-} != --all ]] || some='' left=''
     # colcon finds and runs each package's pytest: a few tests of each, as pytest below runs them all.
     stage 'colcon test: a few' bash scripts/colcon_test.sh -q -k 'test_units or test_config or test_timeline'
+    stage mypy types
     bash scripts/browser.sh >/dev/null || true # says why, and its tests are skipped
     stage 'pytest: in one process' "${run[@]}" -n auto -m "not graph$some" --durations=8
     # Processes wait for each other more than they work: two tests at once for each core.

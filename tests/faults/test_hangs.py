@@ -30,6 +30,7 @@ def test_simulator_hangs_in_real_time(children: Children, peer: Peer, tmp_path: 
     assert not Recording.open(tmp_path / "run" / "run.mcap").complete
 
 
+@pytest.mark.long
 def test_simulator_is_killed_while_all_others_hang(children: Children, peer: Peer) -> None:
     run = children.trunk("run", "demo", "--duration", 60, "--output", "run")
     peer.until_started(run)
@@ -52,6 +53,7 @@ def test_all_hang_and_the_runner_is_told_to_end(children: Children, peer: Peer) 
     assert run.stderr.splitlines()[-1].startswith("trunk: error: stopped by SIGTERM")
 
 
+@pytest.mark.long
 def test_recorder_hangs_at_the_end(children: Children, tmp_path: Path) -> None:
     run = children.trunk("run", "demo", "--duration", 2, "--output", "run")
     recorder = children.pid_of("recorder")

@@ -55,7 +55,7 @@ LOCKSTEP = ("-p", "lockstep.enabled:=true")
 @pytest.mark.parametrize(
     ("machine", "node", "context"),
     [
-        (Controllers, node_of("pid"), ()),
+        pytest.param(Controllers, node_of("pid"), (), marks=pytest.mark.long),
         (Controllers, node_of("fuzzy_pid"), LOCKSTEP),
         pytest.param(Controllers, node_of("lqr"), LOCKSTEP, marks=pytest.mark.long),
         pytest.param(Controllers, node_of("computed_torque"), (), marks=pytest.mark.long),

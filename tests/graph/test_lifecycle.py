@@ -207,7 +207,11 @@ def run_swapped(children: Children, *arguments: object) -> Child:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("composed", [False, True], ids=["processes", "composed"])
+@pytest.mark.parametrize(
+    "composed",
+    [False, pytest.param(True, marks=pytest.mark.long)],
+    ids=["processes", "composed"],
+)
 def test_a_swap_in_lockstep_has_the_offline_bits(
     children: Children, tmp_path: Path, composed: bool
 ) -> None:

@@ -47,7 +47,7 @@ LINKS = (
 )
 
 
-@pytest.mark.parametrize("mode", ["lock-step", "real time"])
+@pytest.mark.parametrize("mode", ["lock-step", pytest.param("real time", marks=pytest.mark.long)])
 @pytest.mark.parametrize("given", [DRIVE, LINKS], ids=["drive", "links"])
 def test_the_nodes_do_as_the_offline_run_does(
     children: Children, tmp_path: Path, given: tuple[str, ...], mode: str

@@ -94,7 +94,11 @@ def same_bits(run: RecordedRun, other: Path) -> None:
         assert truth.values(quantity).tobytes() == again.values(quantity).tobytes()
 
 
-@pytest.mark.parametrize("mode", [(), LOCKSTEP], ids=["real time", "lock-step"])
+@pytest.mark.parametrize(
+    "mode",
+    [pytest.param((), marks=pytest.mark.long), LOCKSTEP],
+    ids=["real time", "lock-step"],
+)
 def test_a_push_moves_the_trunk_and_is_recomputed_and_repeated(
     children: Children,
     pushed_run: Callable[..., tuple[Child, RecordedRun]],

@@ -118,7 +118,7 @@ def test_a_second_set_of_nodes_is_refused(children: Children, peer: Peer, tmp_pa
         assert child.wait() == 1, child.stderr
 
 
-@pytest.mark.parametrize("when", ["before", "during"])
+@pytest.mark.parametrize("when", [pytest.param("before", marks=pytest.mark.long), "during"])
 def test_second_controller_is_refused(
     children: Children, peer: Peer, file: Path, when: str
 ) -> None:

@@ -17,6 +17,7 @@ pytestmark = [pytest.mark.graph, pytest.mark.slow]
 SCRIPT = Path(__file__).parents[2] / "scripts" / "check_soak.py"
 
 
+@pytest.mark.long
 def test_a_quarter_of_a_minute(children: Children) -> None:
     # On a busy machine a recorder may have up to 5000 messages of each topic to take in, half a minute or
     # an hour after its start: a tenth of its memory, and no leak.

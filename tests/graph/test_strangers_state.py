@@ -20,7 +20,9 @@ pytestmark = pytest.mark.graph
 @pytest.mark.parametrize(
     ("topic", "says"),
     [
-        (topics.GROUND_TRUTH, "2 runs are in it"),  # from there on stamps go back
+        pytest.param(  # from there on stamps go back
+            topics.GROUND_TRUTH, "2 runs are in it", marks=pytest.mark.long
+        ),
         (topics.JOINT_STATES, "402 messages of 401 states: another node publishes there too"),
     ],
 )

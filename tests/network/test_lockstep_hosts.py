@@ -110,7 +110,10 @@ def test_short_cut_changes_no_bit(
 @pytest.mark.parametrize(
     ("far", "answers", "recorded_reason"),
     [
-        ("fuzzy_pid", "effort_command", "no answer from /fuzzy_pid (effort_command)"),
+        pytest.param(
+            *("fuzzy_pid", "effort_command", "no answer from /fuzzy_pid (effort_command)"),
+            marks=pytest.mark.long,
+        ),
         ("recorder", "recorder", "the recorder was stopped before the run was finished"),
     ],
     ids=["controller", "recorder"],
