@@ -6,17 +6,19 @@ import csv
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
-from math import isfinite
+from itertools import count
+from math import comb, isfinite
 from pathlib import Path
 
 import click
 
 from ..analysis.metrics import QUANTITIES
 from ..console.document import write_json
+from ..console.progress import progress_bar
 from ..console.tables import print_table
 from ..study.compare import FELL, PairedDifference, compare_study
 from ..study.intervals import RESAMPLES, Estimate
-from ..study.results import Results
+from ..study.results import METRICS, Results
 from ..study.summary import (
     Distribution,
     Falls,
@@ -31,6 +33,7 @@ from ..study.summary import (
 
 Row = tuple[str, ...]
 _BARS = "·▁▂▃▄▅▆▇█"
+_LONG = 500_000  # rows times numbers: some seconds
 _INDENT = "  "  # before a controller, below its metric
 _FALLS = ("controller", "fell", "share", "95 %", "not run")
 _STOOD = ("where it stood", "runs", "mean [95 %]", "median [95 %]")
@@ -48,9 +51,17 @@ class Compared:
 
     @classmethod
     def of(cls, results: Results) -> Compared:
-        """Return what a sweep says. Raises StudyError as `compare_study` does."""
-        differences = compare_study(results)
-        return cls(falls(results), distributions(results), differences)
+        """Return what a sweep says, and tell how far it is. Raises StudyError as `compare_study` does."""
+        rows, controllers = len(results.table), len(results.controllers)
+        estimates = len(METRICS) * controllers + (len(METRICS) + 1) * comb(controllers, 2)
+        with progress_bar("resampling", lines_from=_LONG) as tell:
+            number = count(1)
+
+            def done() -> None:
+                tell(next(number) * rows, estimates * rows)
+
+            differences = compare_study(results, done=done)
+            return cls(falls(results), distributions(results, done=done), differences)
 
 
 def show(path: Path, form: str | None, as_json: bool) -> None:

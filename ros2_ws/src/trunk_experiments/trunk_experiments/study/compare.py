@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
 from math import inf, nan
@@ -55,11 +56,14 @@ class PairedDifference:
         return self.first if self.high < 0.0 else self.second
 
 
-def compare_study(results: Results, metrics: tuple[str, ...] = METRICS) -> list[PairedDifference]:
+def compare_study(
+    results: Results, metrics: tuple[str, ...] = METRICS, done: Callable[[], object] = lambda: None
+) -> list[PairedDifference]:
     """Return all pairs of controllers, metric by metric, beginning with how often each falls.
 
     Runs are paired by grid point and draw. Angles and errors that may be negative are compared by their
-    magnitude. Raises StudyError for a single controller or an unknown metric.
+    magnitude. ``done`` is called after each difference.
+    Raises StudyError for a single controller or an unknown metric.
     """
     names = results.controllers
     if len(names) < 2:
@@ -77,6 +81,7 @@ def compare_study(results: Results, metrics: tuple[str, ...] = METRICS) -> list[
                     f"{results.path}: {first!r} and {second!r} do not have the same draws: rows are missing"
                 )
             found.append(_difference(metric, first, second, a[metric], b[metric]))
+            done()
     return found
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 from math import isnan
 
 import numpy as np
@@ -90,14 +92,18 @@ def falls(results: Results) -> list[Falls]:
 
 
 def distributions(
-    results: Results, metrics: tuple[str, ...] = METRICS
+    results: Results, metrics: tuple[str, ...] = METRICS, done: Callable[[], object] = lambda: None
 ) -> dict[str, list[Distribution]]:
-    """Return each metric's values by controller, with mean and median, over the runs that stood."""
+    """Return each metric's values by controller, with mean and median, over the runs that stood.
+
+    ``done`` is called after each of them.
+    """
     stood = {name: _standing(results.of(name)) for name in results.controllers}
-    return {
-        metric: [_distribution(metric, one, name) for name, one in stood.items()]
-        for metric in metrics
-    }
+    found: dict[str, list[Distribution]] = {metric: [] for metric in metrics}
+    for metric, name in product(metrics, stood):
+        found[metric].append(_distribution(metric, stood[name], name))
+        done()
+    return found
 
 
 def _standing(results: Results) -> Results:
