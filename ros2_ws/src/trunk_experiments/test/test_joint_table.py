@@ -29,7 +29,7 @@ def path(tmp_path_factory):
 @pytest.fixture
 def filled(path):
     run = RecordedRun.open(path)
-    run.fill_tables(run.recording.survey())
+    run.fill_tables(readable for _, readable in run.recording.survey())
     return run
 
 
@@ -78,7 +78,7 @@ def test_a_verified_run_is_never_read_whole(path, monkeypatch):
 def test_a_topic_of_several_layouts_is_read_when_it_is_needed(path, monkeypatch):
     monkeypatch.setattr("trunk_msgs_util.recording.filling.structured", lambda messages: None)
     run = RecordedRun.open(path)
-    run.fill_tables(run.recording.survey())
+    run.fill_tables(readable for _, readable in run.recording.survey())
     assert not run._tables
     assert len(run.table(TERMS)) == 301
 

@@ -124,10 +124,17 @@ def test_the_report_is_one_file_with_every_part(tmp_path, monkeypatch):
         literal={"none, derived": None},
     )
     page = paper_report.write_report(result, tmp_path).read_text(encoding="utf-8")
-    order = ("of its 10 claims", 'href="fig9.html"', CLAIMS[0].quote, "profile practical", "a &lt; b")
+    order = (
+        "of its 10 claims",
+        'href="fig9.html"',
+        CLAIMS[0].quote,
+        "profile practical",
+        "a &lt; b",
+    )
     assert sorted(page.index(text) for text in order) == [page.index(text) for text in order]
     parts = [claim.see[0] for claim in CLAIMS if claim.see is not None]
-    assert parts and all(f'href="#{part}"' in page and f'id="{part}"' in page for part in parts)
+    assert parts
+    assert all(f'href="#{part}"' in page and f'id="{part}"' in page for part in parts)
     for text in ("<main>", "diverges", "never", *(claim.why.split("'")[0] for claim in CLAIMS)):
         assert text in page
     assert page.count("<article") == page.count('<p class="verdict">') == len(CLAIMS)

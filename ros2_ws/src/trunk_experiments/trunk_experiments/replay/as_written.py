@@ -34,6 +34,8 @@ from trunk_msgs_util.units import LAST_STAMP_NS, NANOSECONDS, seconds
 from ..plans.nodes import CONTROLLERS, NODES
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from trunk_msgs_util.recording.file import RecordingFile
     from trunk_msgs_util.recording.joint_arrays import Integers
     from trunk_msgs_util.recording.messages import Messages
@@ -53,8 +55,8 @@ def not_as_written(run: RecordedRun, survey: Survey | None = None) -> list[str]:
     """
     if survey is None:
         survey = Survey(run)
-        for block in run.recording.blocks(list(run.recording.topics)):
-            survey.take(block)
+        for whole, readable in run.recording.survey():
+            survey.take(whole, readable)
     found = [line for file in run.recording.opened for line in _around(run, file)]
     found += survey.lines()
     found += _told(run)
@@ -139,41 +141,46 @@ class Survey:
         self._others: dict[str, str] = {}
         self._unstamped = {run.recording.topic(name) for name in topics.PICTURES}
 
-    def passing(self, blocks: Iterable[Mapping[str, Messages]]) -> Iterator[Mapping[str, Messages]]:
-        """Take all blocks and pass them on."""
-        for block in blocks:
-            self.take(block)
-            yield block
+    def passing(
+        self, blocks: Iterable[tuple[Mapping[str, Messages], Mapping[str, Messages]]]
+    ) -> Iterator[Mapping[str, Messages]]:
+        """Take all blocks and pass on what can be read of them."""
+        for whole, readable in blocks:
+            self.take(whole, readable)
+            yield readable
 
-    def take(self, block: Mapping[str, Messages]) -> None:
-        """Take a block's messages by topic."""
-        for topic, messages in block.items():
+    def take(self, whole: Mapping[str, Messages], readable: Mapping[str, Messages]) -> None:
+        """Take a block's messages by topic: all of them, and those that can be read."""
+        for topic, messages in whole.items():
             self._take_heads(topic, messages)
+        for topic, messages in readable.items():
+            if self._run.exact and topic not in self._unstamped:
+                self._take_stamps(topic, messages)
             if topic in self._layouts and topic not in self._others:
                 self._take_layout(topic, messages)
 
     def _take_heads(self, topic: str, messages: Messages) -> None:
-        """Note sequence numbers, publish times or simulated log times that are not ours."""
+        """Note sequence numbers or publish times that are not ours, and count the messages."""
         data, offsets, log = messages.data, messages.offsets(), messages.log_time_ns
-        stamp_ns = log
-        if topic not in self._unstamped:
-            stamp_ns = np.clip(_stamps(messages), 0, LAST_STAMP_NS)
         times_ns = self._times_ns | {int(log.min()), int(log.max())}
         self._times_ns = {min(times_ns), max(times_ns)}
         sequence = np.arange(self._counts[topic], self._counts[topic] + len(messages))
         self._counts[topic] += len(messages)
-        odd = {
-            "the sequence number is not the next": head_field(data, offsets, "sequence")
-            != sequence,
-            "the publish time is not the log time": head_field(data, offsets, "publish_time")
-            != log.astype(np.uint64),
-        }
-        if self._run.exact:
-            odd[f"mode {self._run.mode}, but the log time is not the stamp"] = log != stamp_ns
-        for what, wrong in odd.items():
-            if wrong.any():
-                at = seconds(int(stamp_ns[np.flatnonzero(wrong)[0]]))
-                self._heads.setdefault((topic, what), f"{topic}: at t = {at:g} s {what}")
+        odd = head_field(data, offsets, "sequence") != sequence
+        self._note(topic, "the sequence number is not the next", odd, messages)
+        odd = head_field(data, offsets, "publish_time") != log.astype(np.uint64)
+        self._note(topic, "the publish time is not the log time", odd, messages)
+
+    def _take_stamps(self, topic: str, messages: Messages) -> None:
+        """Note log times of simulated time that are not the stamps."""
+        what = f"mode {self._run.mode}, but the log time is not the stamp"
+        self._note(topic, what, messages.log_time_ns != _stamps(messages), messages)
+
+    def _note(self, topic: str, what: str, odd: NDArray[np.bool_], messages: Messages) -> None:
+        if odd.any():
+            times_ns = messages.log_time_ns if topic in self._unstamped else _stamps(messages)
+            at = seconds(int(times_ns[np.flatnonzero(odd)[0]]))
+            self._heads.setdefault((topic, what), f"{topic}: at t = {at:g} s {what}")
 
     def _take_layout(self, topic: str, messages: Messages) -> None:
         """Note the first message of a topic of the loop with another frame, order of names or length."""
@@ -214,12 +221,12 @@ def _summed_up(run: RecordedRun, counts: Counter[str], times_ns: set[int]) -> It
 
 
 def _stamps(messages: Messages) -> Integers:
-    """Return the stamps with which the messages begin, ns; 0 for those that are too short."""
+    """Return the stamps with which the messages begin, ns, in bounds; 0 for those that are too short."""
     sec, nanosec = unaligned(messages.data, "<i4"), unaligned(messages.data, "<u4")
     long = messages.end - messages.start >= 12
     start = np.where(long, messages.start, 0)
     stamp_ns: Integers = sec[start + 4].astype(np.int64) * NANOSECONDS + nanosec[start + 8]
-    return np.where(long, stamp_ns, 0)
+    return np.where(long, np.clip(stamp_ns, 0, LAST_STAMP_NS), 0)
 
 
 def layouts(run: RecordedRun) -> dict[str, JointStateLayout]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -154,12 +154,16 @@ class RecordedFiles:
             _digest(digests, file, content)
         return digests.values()
 
-    def survey(self) -> Iterator[dict[str, Messages]]:
-        """Yield what `blocks` yields of all topics, and find out `digested`: one pass for both."""
+    def survey(self) -> Iterator[tuple[dict[str, Messages], dict[str, Messages]]]:
+        """Yield each block's messages by topic: all of them, and those that can be read.
+
+        One pass for both, and for `digested`.
+        """
         digests = self._digests_around()
         for file, block, channels, content in self._contents(self.topics):
             _digest(digests, file, content)
-            yield _by_topic(file, block, channels, content, only_readable=True)
+            whole = _by_topic(file, channels, content)
+            yield whole, _readable(file, block, whole)
         self.__dict__["digested"] = digests.values()  # as `cached_property` keeps it
 
     def _digests_around(self) -> RunningDigests:
@@ -191,7 +195,9 @@ class RecordedFiles:
         self, topics: Iterable[str], only_readable: bool = False
     ) -> Iterator[dict[str, Messages]]:
         for file, block, channels, content in self._contents(topics):
-            found = _by_topic(file, block, channels, content, only_readable)
+            found = _by_topic(file, channels, content)
+            if only_readable:
+                found = _readable(file, block, found)
             if found:
                 yield found
 
@@ -250,18 +256,22 @@ def _digest(digests: RunningDigests, file: RecordingFile, content: Content) -> N
         digests.messages(file.channels[number].topic, messages.joined())
 
 
-def _by_topic(
-    file: RecordingFile, block: Block, channels: Set[int], content: Content, only_readable: bool
-) -> dict[str, Messages]:
+def _by_topic(file: RecordingFile, channels: Set[int], content: Content) -> dict[str, Messages]:
     """Return a block's messages of these channels by topic; none for a topic without messages."""
     found: dict[str, Messages] = {}
     for topic, numbers in file.by_topic(sorted(channels & content.channels.keys())).items():
         messages = content.messages(numbers)
-        if messages is not None and only_readable:
-            messages = file.readable(block.offset, messages)
         if messages is not None and len(messages):
             found[topic] = messages
     return found
+
+
+def _readable(
+    file: RecordingFile, block: Block, found: Mapping[str, Messages]
+) -> dict[str, Messages]:
+    """Return those of a block's messages that can be read; none for a topic without any."""
+    readable = {topic: file.readable(block.offset, messages) for topic, messages in found.items()}
+    return {topic: messages for topic, messages in readable.items() if len(messages)}
 
 
 def _cost(content: Content) -> int:

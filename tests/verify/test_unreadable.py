@@ -1,0 +1,45 @@
+"""Messages that cannot be read, which anybody may send: the run is not judged, and nobody is accused."""
+
+from __future__ import annotations
+
+import pytest
+
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, verify
+from trunk_experiments.runs.offline_recording import record_offline
+
+from ..edited import ANEW, copied
+from .messages import COMMAND, of
+
+REFERENCE = "/reference"
+
+
+@pytest.fixture(scope="module")
+def honest(tmp_path_factory):
+    path = tmp_path_factory.mktemp("unreadable") / "run.mcap"
+    record_offline(make_plan("fig8", "pid", everywhere={"duration": 0.1}), path)
+    return path
+
+
+def cut_references(messages):
+    """Add what a stranger's node sent while the run went on: cut messages, a whole one between them."""
+    (whole, log_time_ns) = of(messages, COMMAND)[40][2], of(messages, COMMAND)[40][1]
+    for number, data in enumerate((whole[:30], whole, b"\0\1\0\0", whole[:30])):
+        messages.append([REFERENCE, log_time_ns, data, log_time_ns, number])
+
+
+def test_the_obstacle_is_all_that_is_said(honest, tmp_path):
+    verdict = verify(copied(honest, tmp_path / "a.mcap", cut_references, digests=ANEW))
+    assert verdict.exit_code == UNJUDGED, verdict.reasons
+    assert not verdict.contradictions
+    assert any(f"{REFERENCE}: 3 of 4 messages cannot be read" in line for line in verdict.reasons)
+
+
+def test_a_message_that_was_taken_out_shows_all_the_same(honest, tmp_path):
+    def edit(messages):
+        cut_references(messages)
+        del messages[-2]
+
+    verdict = verify(copied(honest, tmp_path / "a.mcap", edit, digests=ANEW))
+    assert verdict.exit_code == DIVERGES
+    assert any("the sequence number is not the next" in line for line in verdict.contradictions)
