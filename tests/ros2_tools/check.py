@@ -20,14 +20,14 @@ from .nodes import (
     check_runs,
     check_topics,
 )
-from .tools import results, ros2
+from .tools import daemon_of_ours, results, ros2
 
 
 def main() -> int:
     if ros2("topic", "list", "--help").returncode:
         print("skipped: no real ros2 command here; source /opt/ros/jazzy/setup.bash first")
         return 0
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory() as name, daemon_of_ours():
         folder = Path(name)
         check_packages()
         check_runs()

@@ -10,7 +10,7 @@ from pathlib import Path
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util.recording.reader import Recording
 
-from .tools import check, listed, node, ros2, running, says, until
+from .tools import check, check_verified, listed, node, ros2, running, says, until
 
 LAUNCH = ("launch", "trunk_experiments", "trunk.launch.py")
 
@@ -21,8 +21,7 @@ def check_launch(folder: Path) -> None:
     given = ("scenario:=demo", "duration:=1.0", "lockstep:=true")
     text = says("ros2 launch, lock-step", (*LAUNCH, *given, f"output:={run}"), "the run is over")
     check("... gives our reason at its end", "was required" not in text, text)
-    verdict = verify(Recording.open(run))  # the folder, as a bag
-    check("... its folder is a bag, and verified", verdict.exit_code == VERIFIED, str(verdict))
+    check_verified("... its folder is a bag, and verified", run)
     bad = (*LAUNCH, "scenario:=nowhere", f"output:={folder / 'bad'}")
     says("ros2 launch of an unknown scenario", bad, "nowhere", code=1)
     for name in ("pid", "simulator", "recorder"):

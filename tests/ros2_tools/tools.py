@@ -9,6 +9,11 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+
+from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.topic import RecordingError
 
 PATIENCE_S = 60.0  # for what a tool has to discover first
 results: list[bool] = []
@@ -36,6 +41,27 @@ def says(what: str, words: tuple[object, ...], *patterns: str, code: int = 0) ->
     good = done.returncode == code and not missing and "Traceback" not in text
     check(what, good, f"code {done.returncode}, without {missing}: {text}")
     return text
+
+
+def check_verified(what: str, recording: Path) -> None:
+    """Check that a file, or a folder as a bag, is verified."""
+    try:
+        verdict = verify(Recording.open(recording))
+    except RecordingError as error:
+        check(what, False, str(error))
+    else:
+        check(what, verdict.exit_code == VERIFIED, str(verdict))
+
+
+@contextmanager
+def daemon_of_ours() -> Iterator[None]:
+    """End the daemon that `ros2` starts meanwhile; one that runs already is somebody's, and stays."""
+    was_there = "is running" in ros2("daemon", "status").stdout
+    try:
+        yield
+    finally:
+        if not was_there:
+            ros2("daemon", "stop")
 
 
 def until(condition: Callable[[], object]) -> bool:
