@@ -13,6 +13,7 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.conversions import WireReader
+from trunk_msgs_util.node.managed import ENDING
 from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import LAST_STAMP_NS
@@ -80,8 +81,10 @@ class Callbacks(RuleBasedStateMachine):
         service = "set_parameters_atomically" if together else "set_parameters"
         response = self.call(service, parameters=changes)
         results = [response.result] if together else response.results
+        ending = self.node.ending
         for result in results:
-            assert result.successful or result.reason.startswith("parameter "), result.reason
+            refused = result.reason.startswith(ENDING if ending else "parameter ")
+            assert refused if ending else result.successful or refused, result.reason
         if not any(result.successful for result in results):
             assert self.node.config is before
 
@@ -113,6 +116,7 @@ class Callbacks(RuleBasedStateMachine):
     def transition(self, number: int) -> None:
         """Deactivate, activate, or request a transition that the current state does not have."""
         changed = self.call("change_state", transition=Transition(id=number)).success
+        assert not (changed and self.node.ending)
         assert not changed or self.node.active == (number == Transition.TRANSITION_ACTIVATE)
 
     @rule()

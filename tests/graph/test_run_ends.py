@@ -12,10 +12,15 @@ from typing import Any
 
 import pytest
 import rclpy
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import SetBool, Trigger
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.node.conversions import sample_to_wire
+from trunk_msgs_util.node.managed import ENDING
 from trunk_msgs_util.node.recorder_node import RecorderNode
 from trunk_msgs_util.recording.schemas import event
 from trunk_msgs_util.samples import JointSample
@@ -88,6 +93,36 @@ def test_a_run_that_was_stopped_takes_no_more_steps(arguments: Any, lockstep: st
     assert node.stamp_ns == stopped_at
     node.stopping()
     assert events.count("stopped") == 1
+    node.destroy_node()
+
+
+@MODES
+@pytest.mark.parametrize("end", ["finished", "stopped"])
+def test_nothing_that_is_asked_after_the_end_changes_the_record(
+    arguments: Any, lockstep: str, end: str
+) -> None:
+    arguments(f"lockstep.enabled:={lockstep}", "wait_for:=[effort_command]", "duration:=0.05")
+    events: list[str] = []
+    node = started(events)
+    if end == "finished":
+        while node.exit_code is None:
+            command(node)
+    node.end()
+    said = list(events)
+    assert said[-1] == end
+    reset = node._on_reset(Trigger.Request(), Trigger.Response())
+    pause = node._on_pause(SetBool.Request(data=True), SetBool.Response())
+    changed = node.set_parameters([Parameter("plant.gravity", value=9.0)])[0]
+    asked = Transition(id=Transition.TRANSITION_DEACTIVATE)
+    held = node._on_change_state(ChangeState.Request(transition=asked), ChangeState.Response())
+    answers = [
+        (reset.success, reset.message),
+        (pause.success, pause.message),
+        (changed.successful, changed.reason),
+    ]
+    assert answers == [(False, ENDING)] * 3
+    assert not held.success
+    assert events == said
     node.destroy_node()
 
 

@@ -95,11 +95,22 @@ class Run:
         self.world.crash(process)
 
     def published(self, topic: str) -> tuple[int, int]:
-        """Return how many messages there were at least and at most; what a killed process kept is lost."""
+        """Return how many messages there were at least and at most.
+
+        What a killed process kept is lost; what is sent once the recorder has ended comes too late for it, as
+        from a controller that slept until the run was over.
+        """
         writers = [one for one in self.world.network.writers if one.topic == "/" + topic]
+        ends = [one.ended_ns for one in self.processes["recorder"]]
+        until_ns = self.world.now_ns if None in ends else max(filter(None, ends), default=0)
         return (
-            sum(one.sent for one in writers if not one.process.crashed),
-            sum(one.sent for one in writers),
+            sum(
+                sent_ns <= until_ns
+                for one in writers
+                if not one.process.crashed
+                for sent_ns in one.sent_ns
+            ),
+            sum(len(one.sent_ns) for one in writers),
         )
 
     @property

@@ -69,7 +69,7 @@ class Writer(Endpoint):
     """A publisher's side: what it keeps, and what is under way to each reader."""
 
     def __post_init__(self) -> None:
-        self.sent = 0
+        self.sent_ns: list[int] = []  # when each message was sent
         self.kept: deque[Message] = deque(maxlen=max(self.quality.depth, 1))
         self.matched: dict[int, Reader] = {}
         self.under_way: dict[int, deque[Message]] = {}
@@ -174,10 +174,10 @@ class Network:
 
     def publish(self, writer: Writer, data: bytes) -> None:
         """Send a message to every subscription that the publisher knows."""
-        writer.sent += 1
+        writer.sent_ns.append(self.world.now_ns)
         if writer.topic in self.first:
             self.first.pop(writer.topic)()
-        message = Message(data, writer.sent, self.world.now_ns + next(self._stamps))
+        message = Message(data, len(writer.sent_ns), self.world.now_ns + next(self._stamps))
         writer.kept.append(message)
         for reader in list(writer.matched.values()):
             self._send(writer, reader, message)

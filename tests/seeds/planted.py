@@ -79,7 +79,7 @@ BUGS = (
     Bug("a full disk goes unnoticed", _NODE + "recorder_node.py",
         'self.fail(f"{self._path}: cannot write: {error.strerror}; the recording ends here")', "pass"),
     Bug("stopped without a last word", _NODE + "run.py",
-        "            node.stopping()\n", "            pass\n"),
+        "        node.end()\n", "        pass\n"),
 )  # fmt: skip
 
 

@@ -42,6 +42,7 @@ class Process:
     pending: list[int] = field(default_factory=list)
     log: list[str] = field(default_factory=list)
     exit_code: int | None = None
+    ended_ns: int | None = None
     crashed: bool = False
     stalled_ns: int = 0
     ready: Callable[[], bool] | None = None  # what it waits for besides the time
@@ -114,6 +115,7 @@ class World:
             return
         except SystemExit as error:
             process.exit_code = int(error.code or 0)
+        process.ended_ns = self.now_ns
         self.note("exit", process.name, process.exit_code)
         self.network.gone(process, self.delay(1_000_000, 50_000_000))
 

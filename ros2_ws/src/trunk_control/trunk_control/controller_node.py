@@ -13,6 +13,7 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import meeting, qos, waiting
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.conversions import sample_to_wire
+from trunk_msgs_util.node.managed import ENDING
 from trunk_msgs_util.node.run import run_nodes
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import seconds
@@ -146,6 +147,9 @@ class ControllerNode(TrunkNode[ControllerConfig]):
                 self._controller_state.publish(record)
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self.ending:
+            response.message = ENDING
+            return response
         self._controller.reset()
         self.event(Event.RESET)
         response.success = True

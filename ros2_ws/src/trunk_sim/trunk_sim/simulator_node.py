@@ -9,6 +9,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
+from trunk_msgs_util.node.managed import ENDING
 from trunk_msgs_util.node.run import main_for
 from trunk_msgs_util.units import seconds
 
@@ -84,6 +85,9 @@ class SimulatorNode(PlantNode):
     # Services.
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self.ending:
+            response.message = ENDING
+            return response
         self._simulation.reset()
         self.event(Event.RESET)
         response.success = True
@@ -95,11 +99,14 @@ class SimulatorNode(PlantNode):
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        response.success = self._running and self.active
+        response.success = self._running and self.active and not self.ending
         if response.success:
             self._pause_asked = request.data
             self._hold(request.data)
-        response.message = self._state() if self.active else "inactive: activate the simulator"
+        if self.ending:
+            response.message = ENDING
+        else:
+            response.message = self._state() if self.active else "inactive: activate the simulator"
         return response
 
     def _hold(self, hold: bool) -> None:

@@ -22,7 +22,7 @@ from ..printable import printable
 from ..process_id import local_pid, process_id, same_machine
 from . import evidence, qos
 from .conversions import status_to_ros
-from .managed import EXIT_FAILED, ManagedNode
+from .managed import ENDING, EXIT_FAILED, ManagedNode
 from .ros_parameters import NodeParameters
 from .waiting import Waiting
 
@@ -50,7 +50,9 @@ class TrunkNode(ManagedNode, Generic[Config]):
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._last_turns = 2
         self.linger_s = 0.0  # how long messages may collect before they are taken
-        self._parameters_set = NodeParameters(self, config_class, self._on_parameters)
+        self._parameters_set = NodeParameters(
+            self, config_class, self._on_parameters, lambda: ENDING if self.ending else ""
+        )
         self._parameters_topic = self.create_publisher(
             ParameterEvent, topics.RUN_PARAMETERS, qos.run_information()
         )

@@ -17,6 +17,7 @@ from ..process_id import process_id
 
 RCLError = rclpy_implementation.RCLError
 EXIT_FAILED = 1
+ENDING = "this node is ending: nothing that is asked of it now changes the run"
 
 
 class ManagedNode(LifecycleNode):
@@ -32,6 +33,7 @@ class ManagedNode(LifecycleNode):
         self.active = False
         self.counters: Counter[str] = Counter()
         self.exit_code: int | None = None  # once set, the node is done and its process ends
+        self._told_to_end = False
         self._refusal: ParameterError | None = None
         self._permanent: set[int] = set()
         self._change_state = self._service_change_state.callback
@@ -43,6 +45,17 @@ class ManagedNode(LifecycleNode):
 
     def event(self, message: Event, level: bytes = b"\0", **values: object) -> None:
         """Put an event on the run's record."""
+
+    @property
+    def ending(self) -> bool:
+        """True once the last messages are published: a request that comes now is refused."""
+        return self._told_to_end or self.exit_code is not None
+
+    def end(self) -> None:
+        """Publish the last messages, once; a node that is done has published them."""
+        if not self.ending:
+            self.stopping()
+        self._told_to_end = True
 
     def stopping(self) -> None:
         """Publish the last messages before the process ends; called once."""
@@ -100,13 +113,19 @@ class ManagedNode(LifecycleNode):
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """End the node's process in order, as SIGINT does."""
-        if self.exit_code is None:
-            self.stopping()
-            self.exit_code = 0
+        self.end()
+        self.exit_code = self.exit_code or 0
         return TransitionCallbackReturn.SUCCESS
 
     def _on_change_state(self, request: Any, response: Any) -> Any:
-        """Refuse a transition that the current state does not have; rclpy would raise and end the node."""
+        """Refuse a transition that the current state does not have; rclpy would raise and end the node.
+
+        A node that is ending has none: its record is closed.
+        """
+        if self.ending:
+            self.get_logger().warning(f"transition refused: {ENDING}")
+            response.success = False
+            return response
         try:
             response = self._change_state(request, response)
         except RCLError:

@@ -98,16 +98,22 @@ class NodeParameters(Generic[Config]):
     """A node's configuration, always equal to its stored ROS parameters."""
 
     def __init__(
-        self, node: Node, config_class: type[Config], on_change: Callable[[Config, Config], None]
+        self,
+        node: Node,
+        config_class: type[Config],
+        on_change: Callable[[Config, Config], None],
+        barred: Callable[[], str] = lambda: "",
     ) -> None:
         """Declare everything. Raises ParameterError for a bad value; warns of unknown names.
 
+        ``barred`` returns why nothing may be changed at the time; empty where it may.
         A CSV file that only plans read is refused, not passed over.
         """
         self._node = node
         self._class = config_class
         self._declared = declarations(config_class)
         self._on_change = on_change
+        self._barred = barred
         # The only place where rclpy keeps overrides that nothing declares.
         self._overrides: Mapping[str, object] = getattr(node, "_parameter_overrides", {})
         self.config = build(config_class, self._take_overrides())
@@ -188,6 +194,8 @@ class NodeParameters(Generic[Config]):
 
         Linked values are checked together once each is valid by itself.
         """
+        if reason := self._barred():
+            return reason
         errors = []
         for change in changes:
             try:

@@ -133,8 +133,7 @@ def _fail(nodes: list[TrunkNode[Any]], error: Exception) -> None:
 
 def _end(nodes: list[TrunkNode[Any]], executor: LoopExecutor) -> None:
     for node in reversed(nodes):
-        if node.exit_code is None:
-            node.stopping()
+        node.end()
     deadline = time.monotonic() + _DRAIN_S
     _drain(nodes, executor, deadline)
     if len(nodes) > 1:  # a recorder among them takes in the others' counts, too, before it closes
