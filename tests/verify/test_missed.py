@@ -43,6 +43,24 @@ def test_what_a_recorder_missed_is_judged_neither_right_nor_wrong(
     assert len(told) >= 4, told  # true and measured states, commands, disturbances, terms
 
 
+@pytest.mark.parametrize("topic", [COMMAND, "/fuzzy_pid/state"])
+@pytest.mark.parametrize("lost", [1, 2, 5])
+def test_the_last_answers_of_a_controller_that_was_killed_may_be_there_in_part(
+    whole, tmp_path, topic, lost
+):
+    """Commands and terms come by topics of their own: of either the recorder may lack several."""
+
+    def kill(messages):
+        for message in of(messages, topic)[-lost:]:
+            messages.remove(message)
+
+    path = tmp_path / "killed.mcap"
+    verdict = verify(copied(whole, path, kill, ANEW, end=False, provenance={"mode": "lockstep"}))
+    assert verdict.exit_code == UNJUDGED, verdict
+    assert not any(part.wrong_steps for part in verdict.parts)
+    assert verdict.judged.startswith("t = 0 to 1.19")
+
+
 WALL = struct.pack("<iI", 1_795_000_000, 0)
 
 

@@ -197,18 +197,19 @@ def cut_off_ns(run: RecordedRun) -> int | None:
     if whole or not len(commands):
         return None
     told = [run.table(topics.controller_state(name)).stamp_ns for name in run.controllers]
+    answers = np.concatenate([commands, *told])
+    both = min(
+        int(stamps.max(initial=-1)) for stamps in (commands, np.concatenate(told or [commands]))
+    )
+    later = answers[answers > both].tolist()
     if not run.exact:  # each command has its terms, and of either the last ones may be missing
-        answers = np.concatenate([commands, *told])
-        both = min(
-            int(stamps.max(initial=-1)) for stamps in (commands, np.concatenate(told or [commands]))
-        )
-        later = answers[answers > both]
-        if len(later):
-            return int(later.min())
-        return both + 1 if killed(run) else None  # both of its last answer may be missing
-    last = max(int(stamps.max()) for stamps in (commands, *told) if len(stamps))
-    both_there = (commands == last).any() and any((stamps == last).any() for stamps in told)
-    return min([*_beyond(run), *([] if both_there else [last])], default=None)
+        # Where there are none, both of the last answer may be.
+        return min(later, default=both + 1 if killed(run) else None)
+    if run.mode == "offline" or not killed(run):  # one is written after the other
+        last = int(answers.max())
+        both_there = (commands == last).any() and any((stamps == last).any() for stamps in told)
+        later = [] if both_there else [last]
+    return min([*_beyond(run), *later], default=None)
 
 
 def _beyond(run: RecordedRun) -> Iterator[int]:
