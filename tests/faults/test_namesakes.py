@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from trunk_experiments.runs.monitor_node import Monitor
+from trunk_msgs_util.recording.reader import Recording
 
 from ..graph.peer import Peer
 from ..graph.processes import Children
@@ -27,6 +30,26 @@ def test_second_node_of_a_name_is_refused(
         "trunk: error: another disturbance is running in this ROS domain: stop it"
     )
     assert other.stop() == 0
+
+
+@pytest.mark.parametrize("verb", ["run", "live"])
+def test_a_second_run_is_refused_before_it_starts_anything(
+    children: Children, peer: Peer, tmp_path: Path, verb: str
+) -> None:
+    first = children.trunk("run", "demo", "--duration", 3600, "--output", tmp_path / "first")
+    peer.until_event("simulator", "started")
+    page = ["--no-browser"] if verb == "live" else []
+    second = children.trunk(verb, "demo", "--output", tmp_path / "second", *page)
+    assert second.wait() == 1
+    assert second.stderr == (
+        f"trunk: error: another run is under way in ROS domain {os.environ['ROS_DOMAIN_ID']}, in process "
+        f"{first.process.pid}: stop it or wait for its end, or set ROS_DOMAIN_ID to another number\n"
+    )
+    assert not (tmp_path / "second").exists()
+    assert first.process.poll() is None
+    first.stop()
+    events = Recording.open(tmp_path / "first" / "run.mcap").events()
+    assert [e.node for e in events if e.message == "configured"].count("/simulator") == 1
 
 
 def test_doubled_is_who_says_so_and_not_who_is_listed_twice(domain: int) -> None:

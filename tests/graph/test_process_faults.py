@@ -98,8 +98,8 @@ def test_a_second_set_of_nodes_is_refused(children: Children, peer: Peer, tmp_pa
     for child, wanted in zip(
         second,
         (
-            r"another /recorder is running, in process \S+: ",
-            r"another /simulator is running, in process \S+: |2 nodes publish /effort_command: ",
+            r"another /recorder was running, in process \S+: ",
+            r"another /simulator was running, in process \S+: |2 nodes publish /effort_command: ",
         ),
         strict=False,
     ):

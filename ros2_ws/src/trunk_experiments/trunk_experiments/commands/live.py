@@ -23,6 +23,7 @@ from ..errors import GatewayError, PlanError
 from ..gateway.process import GatewayProcess
 from ..plans.given import checked_namespace
 from ..recorded.run import RecordedRun
+from ..runs.domain_claim import claimed_domain
 from ..runs.files import BESIDE, RunFiles
 from ..runs.graph import run_graph
 from ..runs.interrupt import Interrupt
@@ -82,6 +83,7 @@ def command(
         _check_alone()
         _attach(checked_namespace(attach), host, port, browser, foxglove, as_json)
         return
+    click.get_current_context().with_resource(claimed_domain())
     everywhere: dict[str, object] = {"duration": 0.0}
     if lockstep:
         everywhere |= {"lockstep.enabled": True, "lockstep.speed": 1.0}

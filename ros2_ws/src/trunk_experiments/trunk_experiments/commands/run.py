@@ -26,6 +26,7 @@ from ..console.reading import show_warnings, written_values
 from ..console.terminal import console
 from ..errors import PlanError, RunError
 from ..recorded.run import RecordedRun
+from ..runs.domain_claim import claimed_domain
 from ..runs.files import RunFiles
 from ..runs.graph import run_graph
 from .metrics import metrics_values, show_metrics
@@ -76,8 +77,9 @@ def command(
     plan = plan_of(**options, extra=everywhere)
     if not plan.simulator.duration:
         raise PlanError("simulator: duration is 0: a recorded run needs an end; give --duration S")
-    # What ROS 2 cannot use is refused before a folder is made.
+    # What ROS 2 cannot use, and a second run, is refused before a folder is made.
     middleware.prepare()
+    click.get_current_context().with_resource(claimed_domain())
     if output is not None:
         for file in RunFiles(output).all:
             check_not_read(file, files_read(options))

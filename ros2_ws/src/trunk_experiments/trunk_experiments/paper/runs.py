@@ -17,6 +17,7 @@ from ..analysis.run_table import RunTable
 from ..plans.plan import RunPlan, make_plan
 from ..recorded.run import RecordedRun
 from ..replay.diff import diff
+from ..runs.domain_claim import claimed_domain
 from ..runs.files import RunFiles
 from ..runs.graph import run_graph
 from ..runs.offline_recording import record_offline
@@ -141,7 +142,8 @@ def run_in_graph(
     """
     files = RunFiles(folder / case.stem)
     files.recording.unlink(missing_ok=True)
-    run_graph(case.plan(**{"lockstep.enabled": True}), files, progress, composed=True)
+    with claimed_domain():
+        run_graph(case.plan(**{"lockstep.enabled": True}), files, progress, composed=True)
     first = diff(RecordedRun.open(offline), RecordedRun.open(files.recording)).first
     return _judged(case, files.recording, "" if first is None else first.describe())
 

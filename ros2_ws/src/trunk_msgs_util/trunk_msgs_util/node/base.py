@@ -150,7 +150,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
             and self._is_alive(process)
         ):
             self.fail(
-                f"another {node} is running, in process {process}: stop it, or give each its own "
+                f"another {node} was running, in process {process}: stop it, or give each its own "
                 "namespace or ROS_DOMAIN_ID"
             )
 
