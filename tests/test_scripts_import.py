@@ -1,8 +1,9 @@
-"""What scripts and the checks beside the tests import from the packages is there: no test runs them all."""
+"""What scripts and the checks beside the tests need is there: no test runs them all."""
 
 from __future__ import annotations
 
 import ast
+import os
 from importlib import import_module
 from pathlib import Path
 
@@ -34,3 +35,10 @@ def missing(path: Path) -> list[str]:
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_what_it_imports_is_there(path: Path) -> None:
     assert missing(path) == []
+
+
+def test_what_names_its_interpreter_can_be_started() -> None:
+    files = [path for path in (ROOT / "scripts").iterdir() if path.is_file()]
+    told = [path for path in files if path.read_bytes().startswith(b"#!")]
+    assert told
+    assert [path.name for path in told if not os.access(path, os.X_OK)] == []

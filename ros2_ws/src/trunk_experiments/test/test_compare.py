@@ -113,7 +113,7 @@ def test_markdown_marks_the_best(runs):
 def test_the_table_on_a_terminal(runs):
     text = invoke(*runs)
     assert "* 0." in text
-    assert "fig6-fuzzy_pid against fig6-pid: t = 0 s: effort_command" in text
+    assert "fig6-pid (A) and fig6-fuzzy_pid (B): t = 0 s: effort_command" in text
 
 
 def test_a_file_that_is_not_a_recording(tmp_path):

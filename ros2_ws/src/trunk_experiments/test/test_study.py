@@ -121,7 +121,8 @@ def test_mistakes(text, line):
 
 def test_no_such_study():
     with pytest.raises(
-        StudyError, match=r"no study 'nix': give a file, or one of actuator, delay_gain"
+        StudyError,
+        match=r"no study 'nix': there is no such file: give one, or one of actuator, delay_gain",
     ):
         read_study("nix")
 

@@ -217,7 +217,10 @@ def test_mean_and_median_have_intervals_that_cover_them():
 
 
 def test_compare_takes_runs_or_a_study(path):
-    for arguments in ([], ["x.mcap", "--study", str(path)]):
+    for arguments, says in (
+        ([], "give RUN..., or --study OUT.parquet"),
+        (["x.mcap", "--study", str(path)], f"--study {path} and x.mcap: give one of them"),
+    ):
         done = CliRunner().invoke(trunk, ["compare", *arguments])
         assert done.exit_code == 2
-        assert "give RUN..., or --study OUT.parquet" in done.output
+        assert says in done.output

@@ -103,7 +103,13 @@ def test_a_refused_run_ends_it_in_one_line():
         ("", "", 100, "iae", "--n is 100: a power of two from 2 is needed, such as 64 or 128"),
         ("", "", 1, "iae", "--n is 1: a power of two"),
         ("", "", 8, "nix", "no metric 'nix': one of overshoot_deg"),
-        ("distribution: uniform, low: 1.0, high: 2.0", "values: [1.0]", 8, "iae", "0 drawn entr"),
+        (
+            "distribution: uniform, low: 1.0, high: 2.0",
+            "values: [1.0]",
+            8,
+            "iae",
+            "entries that are drawn: 0;",
+        ),
         ("distribution: uniform", "from: 1.0, to: 2.0, steps: 3", 8, "iae", "a grid of 3 values"),
     ],
 )

@@ -182,7 +182,13 @@ def test_a_mistake_gives_one_line(arguments, code, says, tmp_path):
             ("compare", "--study"),
             "Option '--study' requires an argument (see trunk compare --help)",
         ),
-        (("list", "rnus"), "No such command 'rnus'. Did you mean 'runs'? (see trunk list --help)"),
+        (
+            ("list", "rnus"),
+            (
+                "trunk list 'rnus': give one of controllers, files, runs, scenarios, schemas, studies; "
+                "did you mean 'runs'?"
+            ),
+        ),
         (
             ("simulate", "fig8", "--rate", "x"),
             (
@@ -207,6 +213,21 @@ def test_a_file_is_not_overwritten_unless_asked(tmp_path):
     assert path.read_text() == "mine"
     trunk("simulate", "fig6", "--duration", "0.1", "-o", path, "--force")
     assert path.stat().st_size > 1000
+
+
+def test_a_fall_is_said_first_of_a_simulated_run(tmp_path):
+    said = trunk("simulate", "fig8", "--duration", "1.2", "-o", tmp_path / "x.mcap").stdout
+    assert said.splitlines()[0] == "FELL: at t = 1.085 s, -90 degrees"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "verb", ["bench", "check", "fit", "list", "new", "params", "study", "tune"]
+)
+def test_help_cuts_no_sentence(verb):
+    commands = trunk(verb, "--help").stdout.partition("Commands:")[2]
+    assert commands.strip().endswith(".")
+    assert "..." not in commands
 
 
 @pytest.mark.slow

@@ -13,9 +13,10 @@ import click
 from ..console.common import FiniteRange
 from ..console.document import json_option, write_json
 from ..console.tables import print_table
+from ..console.verbs import Verbs
 
 
-@click.group("bench")
+@click.group("bench", cls=Verbs)
 def command() -> None:
     """Measure speed, as ratios in one run."""
 

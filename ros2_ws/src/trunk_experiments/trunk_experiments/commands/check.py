@@ -13,13 +13,14 @@ from trunk_msgs_util.errors import EXIT_FAILED
 from ..console.common import Name
 from ..console.document import json_option, write_json
 from ..console.tables import print_table
+from ..console.verbs import Verbs
 from ..plans.nodes import CONTROLLERS, UNUSABLE
 
 if TYPE_CHECKING:
     from ..conformance import LawCheck, LawFinding
 
 
-@click.group("check")
+@click.group("check", cls=Verbs)
 def command() -> None:
     """Check a controller: pure, finite, within limits, portable, compilable, replayable."""
 

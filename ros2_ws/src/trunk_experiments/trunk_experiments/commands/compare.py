@@ -37,8 +37,10 @@ def command(runs: tuple[Path, ...], study: Path | None, form: str | None, as_jso
     fell, is incomplete, or did not keep real time is told first and is never the best. Of runs whose plant,
     start, reference, disturbances or length differ none is.
     """
-    if (study is None) == (not runs):
+    if study is None and not runs:
         raise click.UsageError("give RUN..., or --study OUT.parquet")
+    if study is not None and runs:
+        raise click.UsageError(f"--study {study} and {runs[0]}: give one of them")
     if as_json and form:
         raise click.UsageError(f"--json and --{form}: give one of them")
     if study is not None:
@@ -200,4 +202,4 @@ def _show(found: Comparison) -> None:
     for name, whose in branched(found):
         click.echo(f"{name}: {whose}")
     for name, where in divergences(found):
-        click.echo(f"{name} against {found.names[0]}: {where}")
+        click.echo(f"{found.names[0]} (A) and {name} (B): {where}")

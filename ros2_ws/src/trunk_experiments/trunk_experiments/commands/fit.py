@@ -13,9 +13,10 @@ from ..console.common import FiniteRange
 from ..console.document import json_option, write_json
 from ..console.outputs import check_output, output_options
 from ..console.tables import print_table
+from ..console.verbs import Verbs
 
 
-@click.group("fit")
+@click.group("fit", cls=Verbs)
 def command() -> None:
     """Compute parameters from what was measured."""
 

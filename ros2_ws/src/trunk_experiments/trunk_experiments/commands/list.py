@@ -12,6 +12,7 @@ from ..analysis.metrics import missing
 from ..console.document import json_option, schemas, write_json
 from ..console.reading import open_run
 from ..console.tables import print_table
+from ..console.verbs import Verbs
 from ..errors import PlanError
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ class ListedRun(NamedTuple):
         }
 
 
-@click.group("list")
+@click.group("list", cls=Verbs)
 def command() -> None:
     """List recorded runs, or what is shipped: scenarios, files, studies, controllers, schemas."""
 

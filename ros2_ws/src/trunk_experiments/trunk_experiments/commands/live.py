@@ -73,7 +73,7 @@ def command(
 ) -> None:
     """Run SCENARIO in the ROS 2 graph, in a browser: push the trunk, tune and swap its controllers.
 
-    SCENARIO is demo, fig6, fig7, fig8, fig9, or the path of a parameter file.  [default: demo]
+    SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.  [default: demo]
 
     The run goes on until it is stopped, in the page or by Ctrl-C, and is recorded.
     """

@@ -12,13 +12,14 @@ import click
 from trunk_control.laws import REGISTERED
 
 from ..console.document import json_option, write_json
+from ..console.verbs import Verbs
 from ..errors import PlanError
 from ..plans.nodes import OTHERS
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*[a-z0-9]")
 
 
-@click.group("new")
+@click.group("new", cls=Verbs)
 def command() -> None:
     """Make a package for a controller of your own."""
 

@@ -8,11 +8,12 @@ from typing import Any
 import click
 
 from ..console.document import json_option, write_json
+from ..console.verbs import Verbs
 from .params_live import apply, set_values
 from .params_show import show
 
 
-class _Verb(click.Group):
+class _Verb(Verbs):
     """A group that also takes a node's name, to list its parameters, in place of a command."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:

@@ -50,7 +50,7 @@ def command(
 
     SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.
     """
-    from ..console.reading import open_run, written_values
+    from ..console.reading import open_run, show_written_doubts, written_values
 
     if like is not None:
         _check_alone(click.get_current_context())
@@ -74,6 +74,7 @@ def command(
         told = {**written_values(output), **plan_values(plan), "failure": failure}
         write_json("simulate-1", told)
     elif diverged is None:
+        show_written_doubts(output)
         click.echo(f"{output}: {states} states, {plan.scenario}, {plan.turns}")
     if diverged is not None:
         click.get_current_context().exit(tell(diverged))

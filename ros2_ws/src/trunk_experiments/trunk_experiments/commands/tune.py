@@ -16,6 +16,7 @@ from ..console.document import json_option
 from ..console.outputs import check_output, output_options
 from ..console.progress import progress_bar
 from ..console.reading import show_warnings
+from ..console.verbs import Verbs
 from ..plans.plan import RunPlan, make_plan
 from .tuned import finish, finish_values, show_relay
 
@@ -74,7 +75,7 @@ def _plan(
     return make_plan(scenario, controller, ("profile_practical", *params), settings, everywhere)
 
 
-@click.group("tune")
+@click.group("tune", cls=Verbs)
 def command() -> None:
     """Compute gains, report their margins, and write them as a parameter file that the nodes load.
 

@@ -60,6 +60,17 @@ def written_values(path: Path) -> Values:
     return {"file": path, "doubts": None, "states": None}
 
 
+def show_written_doubts(path: Path) -> None:
+    """Print what makes a recording doubtful that was just written, as far as its events tell it."""
+    from ..replay.doubts import doubts_of
+
+    if path.is_file():
+        with suppress(TrunkError):
+            run = RecordedRun(Recording.glance(path))
+            for line in doubts_of(run, twin=False, whole=False).lines:
+                click.echo(line)
+
+
 def open_views(paths: Iterable[Path]) -> list[RunView]:
     """Open runs that are to be shown. Raises RecordingError."""
     from ..views.run_view import RunView

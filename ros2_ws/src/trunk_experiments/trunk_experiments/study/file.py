@@ -33,7 +33,7 @@ def read_study(name: str) -> Study:
     path = shipped.get(name, Path(name))
     if not path.is_file():
         raise StudyError(
-            f"no study {name!r}: give a file, or one of {', '.join(shipped)}"
+            f"no study {name!r}: there is no such file: give one, or one of {', '.join(shipped)}"
             f"{did_you_mean(name, shipped)}"
         )
     try:

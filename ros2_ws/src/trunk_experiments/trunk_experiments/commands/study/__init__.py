@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import click
 
+from ...console.verbs import Verbs
 from .report import report
 from .sensitivity import sensitivity
 from .show import show
 
 
-@click.group("study")
+@click.group("study", cls=Verbs)
 def command() -> None:
     """Read a study: as a page, run by run, and by which parameter matters."""
 
