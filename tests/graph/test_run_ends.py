@@ -97,6 +97,18 @@ def test_a_run_that_was_stopped_takes_no_more_steps(arguments: Any, lockstep: st
 
 
 @MODES
+def test_a_simulator_that_was_told_to_end_begins_no_run(arguments: Any, lockstep: str) -> None:
+    arguments(f"lockstep.enabled:={lockstep}", "wait_for:=[]")
+    node = SimulatorNode()
+    node.autostart()
+    node.end()
+    node._try_start()
+    assert (node._running, node.stamp_ns) == (False, 0)
+    assert not node._truth_published
+    node.destroy_node()
+
+
+@MODES
 @pytest.mark.parametrize("end", ["finished", "stopped"])
 def test_nothing_that_is_asked_after_the_end_changes_the_record(
     arguments: Any, lockstep: str, end: str

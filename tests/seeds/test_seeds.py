@@ -28,7 +28,9 @@ def test_whatever_happens_the_promises_hold(first: int) -> None:
     assert done.stdout.startswith("75 seeds, 0 failed")
 
 
-@pytest.mark.parametrize("seed", [2342, 2703, 2894, 3132, 3201, 4170, 4405, 50255, 50662, 65372])
+@pytest.mark.parametrize(
+    "seed", [2342, 2703, 2894, 3132, 3201, 4170, 4405, 50255, 50662, 65372, 81622]
+)
 def test_what_was_found_stays_mended(seed: int) -> None:
     done = seeds(1, "--seed", seed)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -61,6 +61,8 @@ class SimulatorNode(PlantNode):
     # Start: hold state 0 until every participant is matched in both directions.
 
     def _try_start(self) -> None:
+        if self.ending:
+            return  # nobody would tell how that run ended
         missing = self._participants.missing(time.monotonic())
         if not missing and not self._truth_published:
             self._publish_clock()
