@@ -20,9 +20,10 @@ from ..recorded.plan import references_of, why_not_again
 from ..recorded.run import RecordedRun, usable
 from ..recorded.turns import idle_ns
 from ..replay.as_written import pictures
-from ..replay.attributable import cut_off_ns, missed_from_ns, recorded_until_ns, shared_from_ns
+from ..replay.attributable import shared_from_ns
 from ..replay.driven import DrivenController, driven_controllers
 from ..replay.gaps import absent_steps
+from ..replay.missing import cut_off_ns, missed_from_ns, recorded_until_ns
 from ..replay.real_time import replay_torques
 from ..replay.replay import Checked, replay_controllers, replay_disturbance
 from ..replay.replay_plant import PlantReplay

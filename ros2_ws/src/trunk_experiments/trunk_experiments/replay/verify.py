@@ -17,17 +17,11 @@ from ..recorded.run import RecordedRun
 from ..recorded.turns import idle_ns
 from .as_planned import not_as_planned
 from .as_written import Survey, not_as_written, pictures
-from .attributable import (
-    SHARED,
-    cut_off_ns,
-    missed_from_ns,
-    recorded_until_ns,
-    robot_obstacles,
-    shared_from_ns,
-)
+from .attributable import SHARED, robot_obstacles, shared_from_ns
 from .consistency import contradictions, failures, uncounted
 from .driven import driven_controllers
 from .gaps import gaps
+from .missing import cut_off_ns, missed_from_ns, recorded_until_ns
 from .real_time import replay_torques
 from .replay import Checked, replay_controllers, replay_disturbance
 from .replay_plant import PlantReplay

@@ -1,0 +1,119 @@
+"""What a recording lacks, and from when on: its recorder came late, was stopped, or a node was killed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
+
+from ..recorded.turns import exact_from_ns, idle_ns
+from .consistency import killed, uncounted
+from .gaps import absent_steps
+
+if TYPE_CHECKING:
+    from ..recorded.run import RecordedRun
+
+
+def missed_from_ns(run: RecordedRun) -> int | None:
+    """Return the first step of which a state or an answer was missed; None without any.
+
+    The recorder came late or could not keep up, or a node was killed before it had handed its answers over.
+
+    What follows depends on it: the plant's state, a law's memory. In a file that says to be complete a gap is
+    a contradiction.
+    """
+    if (run.recording.end or {}).get("complete") == "true":
+        return None
+    period_ns = run.config("simulator").period_ns
+    gaps_of = (
+        absent_steps(run.table(relative).stamp_ns, period_ns)
+        for relative in (topics.GROUND_TRUTH, topics.JOINT_STATES)
+    )
+    found = [first for count, first in gaps_of if count]
+    return min([*found, *(_unanswered(run) if run.exact else ())], default=None)
+
+
+def _unanswered(run: RecordedRun) -> Iterator[int]:
+    """Yield the first state whose command, or disturbance, is missing while later ones are there.
+
+    A node was killed before the recorder had taken them, and started again.
+    """
+    truth = run.table(topics.GROUND_TRUTH).stamp_ns
+    for relative in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
+        stamps = run.table(relative).stamp_ns
+        since_ns = exact_from_ns(run)
+        may_join = run.branch is not None or relative not in run.config("simulator").wait_for
+        if relative == topics.DISTURBANCE and may_join:
+            since_ns = int(stamps.min(initial=0))
+        absent = np.setdiff1d(truth[(truth >= since_ns) & (truth < stamps.max(initial=0))], stamps)
+        if relative == topics.EFFORT_COMMAND:
+            absent = np.setdiff1d(absent, idle_ns(run))
+        yield from absent[:1].tolist()
+
+
+def cut_off_ns(run: RecordedRun) -> int | None:
+    """Return the last answer's stamp if a recording may be cut off and lacks its command or terms; else None.
+
+    A chunk may end between the two, a recorder be stopped, or a controller killed, which then has no last
+    word: what is not there is no difference.
+    """
+    commands = run.table(topics.EFFORT_COMMAND).stamp_ns
+    whole = (run.recording.end or {}).get("complete") == "true" and not uncounted(run)
+    if whole or not len(commands):
+        return None
+    told = [run.table(topics.controller_state(name)).stamp_ns for name in run.controllers]
+    answers = np.concatenate([commands, *told])
+    both = min(
+        int(stamps.max(initial=-1)) for stamps in (commands, np.concatenate(told or [commands]))
+    )
+    later = answers[answers > both].tolist()
+    if not run.exact:  # each command has its terms, and of either the last ones may be missing
+        # Where there are none, both of the last answer may be.
+        return min(later, default=both + 1 if killed(run) else None)
+    if run.mode == "offline" or not killed(run):  # one is written after the other
+        last = int(answers.max())
+        both_there = (commands == last).any() and any((stamps == last).any() for stamps in told)
+        later = [] if both_there else [last]
+    return min([*_beyond(run), *later], default=None)
+
+
+def _beyond(run: RecordedRun) -> Iterator[int]:
+    """Yield the first stamp that depends on an answer after the last recorded ones, of an exact run.
+
+    A command acts on the step to the next state, a disturbance on the measurement of its own.
+    """
+    truth = run.table(topics.GROUND_TRUTH).stamp_ns
+    commands, disturbances = (
+        run.table(t).stamp_ns for t in (topics.EFFORT_COMMAND, topics.DISTURBANCE)
+    )
+    unanswered = np.setdiff1d(truth[truth > commands.max()], idle_ns(run))
+    if len(unanswered) and truth.max() > unanswered[0]:
+        yield int(unanswered[0]) + 1
+    if len(disturbances):
+        yield from truth[truth > disturbances.max()][:1].tolist()
+
+
+def recorded_until_ns(run: RecordedRun) -> int | None:
+    """Return until when everything is recorded; None if the recorder never missed a part of the run.
+
+    When it became inactive, messages of any topic were still queued, and were dropped: the first step of
+    which a part is missing ends it, and the last one may have been answered in part.
+    """
+    node = run.recording.topic("recorder")
+    turns = [e for e in run.events if e.node == node and e.message == Event.DEACTIVATED]
+    commands = run.table(topics.EFFORT_COMMAND).stamp_ns
+    if not turns or not len(commands) or turns[0].stamp_ns >= commands.max():
+        return None
+    terms = np.concatenate(
+        [run.table(topics.controller_state(n)).stamp_ns for n in run.controllers]
+    )
+    states = [run.table(t).stamp_ns for t in (topics.GROUND_TRUTH, topics.JOINT_STATES)]
+    period_ns = run.config("simulator").period_ns
+    firsts = [absent_steps(stamps, period_ns)[1] for stamps in states]
+    if not run.exact:  # every command is an update, and has its terms
+        firsts += np.setxor1d(commands, terms)[:1].tolist()
+    return min(*firsts, int(commands[commands <= turns[0].stamp_ns].max(initial=0))) - 1
