@@ -96,7 +96,7 @@ def test_a_recording_is_played_sought_and_looped(watched, swapped):
     for key, time in (("ArrowRight", 2.51), ("Shift+ArrowLeft", 2.41), (".", 2.411), ("End", 3.0)):
         page.keyboard.press(key)  # the report's keys
         assert page.evaluate("() => view.time") == pytest.approx(time, abs=1e-9), key
-    assert page.locator("#tables td[data-lit]").count() > 0  # fuzzy_pid acts then
+    page.wait_for_function("() => document.querySelector('#tables td[data-lit]')")  # fuzzy_pid acts
     page.locator("#seek").fill("0.5")
     page.wait_for_function("() => document.querySelectorAll('#tables td[data-lit]').length === 0")
     page.click("#branch")

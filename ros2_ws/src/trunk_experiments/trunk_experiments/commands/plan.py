@@ -48,6 +48,5 @@ def command(
     if as_json:
         write_json("plan-1", {"output": target, **plan_values(plan), "commands": commands})
         return
-    click.echo(f"parameters: {target}", err=True)  # stdout has the commands alone
     for words in commands:
         click.echo(shlex.join(words))
