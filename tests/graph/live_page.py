@@ -9,6 +9,12 @@ from typing import Any
 from .processes import Child, Children, until
 
 SMALL = {"width": 800, "height": 480}  # charts that are not in sight are not drawn
+# What the page says goes to the test's output: there it tells why a wait never ends.
+_SAID = """addEventListener("DOMContentLoaded", () => {
+  const alarm = document.getElementById("alarm-text");
+  const say = () => console.log([...alarm.children].map((one) => one.textContent).join("; "));
+  if (alarm) new MutationObserver(say).observe(alarm, { childList: true });
+});"""
 _HELD = {"tip": "trunk", "hip": "hip", "ring": "reference"}
 
 
@@ -21,6 +27,8 @@ class LivePage:
         self._context.set_default_timeout(0)  # pytest has one
         self.page = self._context.new_page()
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.add_init_script(_SAID)
+        self.page.on("console", lambda message: print(f"the page: {message.text}"))
         self.page.on("dialog", lambda dialog: self.complaints.append("dialog"))
         self.requests: list[str] = []
         self.page.on("request", lambda request: self.requests.append(request.url))

@@ -43,7 +43,8 @@ def test_what_a_person_does_is_done_and_on_the_record(
     pushed = peer.hear(f"/{topics.OPERATOR_PUSH}")
     child, address, watch = start_live(
         children,
-        *("demo", "--controller", "fuzzy_pid", "--controller", "pid", "--output", "run"),
+        *("demo", "--rate", "200", "--output", "run"),
+        *("--controller", "fuzzy_pid", "--controller", "pid"),
         *("--set", "simulator.operator.timeout=2.0"),  # a busy page asks seldom
     )
     live = LivePage(browser, address)
@@ -171,7 +172,7 @@ def test_in_lockstep_the_page_chooses_the_speed_and_who_acts(
 def test_a_graph_that_runs_already_is_joined_and_left_alone(
     children: Children, peer: Peer, browser: Any, tmp_path: Path
 ) -> None:
-    run = children.trunk("run", "demo", "--duration", 600, "--output", "run")
+    run = children.trunk("run", "demo", "--duration", 36000, "--rate", 200, "--output", "run")
     peer.until_started(run)
     child, address, _ = start_live(children, "--attach", "/")
     live = LivePage(browser, address)

@@ -311,6 +311,35 @@ def test_a_flood_is_cut_off():
     serving(test)
 
 
+def test_pushes_that_come_late_and_all_at_once_keep_nothing_from_being_done():
+    async def test(served):
+        page = await served.connect()
+        push = '{"kind": "push", "force": 0, "torque": 0, "stamp": 0}'
+        for _ in range(100):  # what a page sends in a second in which the gateway had no processor
+            page.write_message(push)
+        page.write_message('{"kind": "reset", "number": 1}')
+        answer = await words(page, "answer")
+        assert (answer["number"], answer["ok"]) == (1, True), answer["text"]
+        assert served.gateway.refused == {}
+
+    serving(test)
+
+
+def test_what_is_asked_for_too_fast_is_refused_and_not_left_unanswered():
+    async def test(served):
+        page = await served.connect()
+        push = '{"kind": "push", "force": 0, "torque": 0, "stamp": 0}'
+        for _ in range(1200):  # not yet sent away
+            page.write_message(push)
+        page.write_message('{"kind": "reset", "number": 1}')
+        answer = await words(page, "answer")
+        assert (answer["number"], answer["ok"]) == (1, False)
+        assert answer["text"] == "busy: too much was asked at once; ask again"
+        assert served.gateway.refused["messages faster than a page sends them"] > 1
+
+    serving(test)
+
+
 def test_a_page_waits_for_what_it_has_asked_before():
     async def test(served):
         page = await served.connect()

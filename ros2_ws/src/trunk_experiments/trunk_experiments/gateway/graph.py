@@ -43,6 +43,7 @@ class NodeSeen:
     values: dict[str, Any] = field(default_factory=dict)
     health: Mapping[str, str] = field(default_factory=dict)
     kind: str = ""
+    process: str = ""  # as `process_id` gives it
     _config: Any = None
 
     def say(self, values: Mapping[str, Any]) -> None:
@@ -50,9 +51,9 @@ class NodeSeen:
         self.values.update(values)
         self._config = self._built()
 
-    def be(self, kind: str) -> None:
-        """Take what sort of node it is: its name may be another."""
-        self.kind = kind
+    def be(self, kind: str, process: str) -> None:
+        """Take what sort of node it is, for its name may be another, and in which process."""
+        self.kind, self.process = kind, process
         self._config = self._built()
 
     @property
@@ -113,7 +114,7 @@ class Graph:
         """Take a run event."""
         node = self.node(name)
         if message == Event.CONFIGURED:
-            node.be(values.get("kind", ""))
+            node.be(values.get("kind", ""), values.get("process", ""))
         for event, state in _STATES.items():
             if message == event:
                 node.state = state

@@ -24,6 +24,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import sample_to_ros
 from trunk_msgs_util.patience import Patience
+from trunk_msgs_util.process_id import local_pid
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import nanoseconds
 
@@ -221,6 +222,8 @@ class GraphRequests:
             raise RefusedRequestError(f"{name} has no such service")
         futures: list[Any] = []
         ask_s, patience = -inf, Patience(_ANSWER_S)
+        there = local_pid(self._graph.nodes[name].process) if name in self._graph.nodes else None
+        awaited = [os.getpid(), *([there] if there else [])]
         self._asking += 1
         try:
             while True:
@@ -237,7 +240,7 @@ class GraphRequests:
                     raise RefusedRequestError(
                         f"{name}: refused; it is {self._graph.nodes[name].state}"
                     )
-                if patience.spent([os.getpid()]):
+                if patience.spent(awaited):
                     raise RefusedRequestError(f"{name} did not answer within {_ANSWER_S:g} s")
                 await asyncio.sleep(_LOOK_S)
         finally:

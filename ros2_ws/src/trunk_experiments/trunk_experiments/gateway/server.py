@@ -8,36 +8,23 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 from tornado.httpserver import HTTPServer
-from tornado.web import Application, HTTPError, RequestHandler
-from tornado.websocket import WebSocketHandler
+from tornado.web import Application
 
-from .access import MOST_CLIENTS, Hosts, Tokens
+from .access import Hosts, Tokens
 from .clients import Client
 from .feed import Feed, RefusedRequestError
+from .handlers import PagePart, PageSocket
 from .page_files import PageFile
-from .protocol import LONGEST, NAME, UNANSWERED, Asked, BadMessageError, asked
+from .protocol import LONGEST, UNANSWERED, Asked, BadMessageError, asked
 
 _TURN_S = 1.0 / 60.0
 _PING_S = 20.0
 _BODY_S = 5.0
 _UNIQUE = secrets.token_hex(3)  # several gateways may serve one graph
 _UNFINISHED = 8  # requests of a client
-_FOR_CONTROL = 4  # places that pages which only watch do not take
 _READ = 2**21  # bytes of a message, so that one that is too long is counted
-_HEADERS = {
-    "Content-Security-Policy": (
-        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
-        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-    ),
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "Cache-Control": "no-store",
-}
 
 
 @dataclass
@@ -136,25 +123,32 @@ class Gateway:
             self.refuse("messages too long")
             client.send_away("a message too long")
             return
-        if not client.rate.allows():
-            self.refuse("messages faster than a page sends them")
-            client.too_many()
-            return
+        found, wrong = None, ""
         try:
             found = asked(text)
         except BadMessageError as error:
+            wrong = str(error)
+        if not client.rate.allows():
+            self.refuse("messages faster than a page sends them")
+            if found is not None and found.kind not in UNANSWERED:
+                client.answer(found.number, False, "busy: too much was asked at once; ask again")
+            client.too_many()
+            return
+        if found is None:
             self.refuse("malformed messages")
-            client.answer(0, False, str(error))
+            client.answer(0, False, wrong)
             return
         if not client.controls:
             self.refuse("requests of pages that may only watch")
             client.answer(found.number, False, "this address is for watching only")
             return
-        if client.unfinished >= _UNFINISHED:
+        # Those that come with each picture are done at once: they come in heaps after a pause.
+        lasting = found.kind not in UNANSWERED
+        if lasting and client.unfinished >= _UNFINISHED:
             self.refuse("requests of a page that waits for many others")
             client.answer(found.number, False, "busy: wait for what was asked before")
             return
-        client.unfinished += 1
+        client.unfinished += lasting
         task = asyncio.get_running_loop().create_task(self._do(client, found))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
@@ -175,7 +169,7 @@ class Gateway:
             if found.kind not in UNANSWERED:
                 client.answer(found.number, True, text)
         finally:
-            client.unfinished -= 1
+            client.unfinished -= found.kind not in UNANSWERED
 
     def _hold(self, client: Client, found: Asked) -> None:
         """Let one client push at a time, until it lets go or falls silent."""
@@ -184,92 +178,3 @@ class Gateway:
             raise RefusedRequestError("somebody else is pushing")
         idle = found.values["force"] == 0.0 and found.values["torque"] == 0.0
         self._operator_s, self.operator = now, "" if idle else client.name
-
-
-class _Checked(RequestHandler):
-    """A request is answered only if it is made to us."""
-
-    gateway: Gateway
-
-    def initialize(self, gateway: Gateway) -> None:
-        self.gateway = gateway
-
-    def set_default_headers(self) -> None:
-        self.clear_header("Server")
-        for name, value in _HEADERS.items():
-            self.set_header(name, value)
-
-    def prepare(self) -> None:
-        if not self.gateway.hosts.known(self.request.headers.get("Host", "")):
-            self.gateway.refuse("requests to another host")
-            raise HTTPError(403)
-
-    def write_error(self, status_code: int, **_: Any) -> None:
-        self.set_header("Content-Type", "text/plain")
-        self.finish(f"{status_code}\n")
-
-
-class PagePart(_Checked):
-    """The page's files, each by its one path, and nothing else."""
-
-    async def get(self, path: str = "") -> None:
-        """Answer with a file of the page."""
-        found = self.gateway.files.get(path)
-        if found is None:
-            self.gateway.refuse("paths that do not exist")
-            raise HTTPError(404)
-        self.set_header("Content-Type", found.kind)
-        report = path.startswith("/report-")
-        self.gateway.reports += report
-        if report:  # it brings its own policy, and lets nothing in or out
-            self.set_header("Content-Security-Policy", "frame-ancestors 'none'")
-        await self.finish(found.data)
-        self.gateway.reports_out += report
-
-
-class PageSocket(_Checked, WebSocketHandler):
-    """A page's connection."""
-
-    client: Client | None = None
-
-    def check_origin(self, origin: str) -> bool:
-        """Return True for our page."""
-        return self.gateway.hosts.same(origin)
-
-    async def get(self, *args: Any, **kwargs: Any) -> None:
-        """Let a page in that knows a token."""
-        gateway = self.gateway
-        if not gateway.hosts.same(self.request.headers.get("Origin")):
-            gateway.refuse("pages of another origin")
-            raise HTTPError(403)
-        offered = self.request.headers.get("Sec-WebSocket-Protocol", "").replace(" ", "").split(",")
-        self.may = gateway.tokens.may(offered)
-        if not self.may:
-            gateway.refuse("connections without the token")
-            raise HTTPError(403)
-        most = MOST_CLIENTS - (0 if self.may == "control" else _FOR_CONTROL)
-        if len(gateway.clients) >= most:
-            gateway.refuse("connections beyond the most")
-            raise HTTPError(503)
-        await super().get(*args, **kwargs)
-
-    def select_subprotocol(self, subprotocols: list[str]) -> str | None:
-        """Return ours; the token is not repeated."""
-        return NAME if NAME in subprotocols else None
-
-    def open(self, *args: str, **kwargs: str) -> None:
-        """Greet the page."""
-        self.set_nodelay(True)
-        self.client = Client(self.gateway.next_name(), self, self.may == "control")
-        self.client.greet()
-        self.gateway.joined(self.client)
-
-    def on_message(self, message: str | bytes) -> None:
-        """Take what the page says."""
-        if self.client is not None:
-            self.gateway.take(self.client, message)
-
-    def on_close(self) -> None:
-        """Forget the page."""
-        if self.client is not None:
-            self.gateway.left(self.client)
