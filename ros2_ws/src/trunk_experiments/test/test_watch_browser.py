@@ -93,12 +93,18 @@ def test_a_recording_is_played_sought_and_looped(watched, swapped):
     shown = page.inner_text("[data-value=theta]").replace("−", "-").rstrip("°")
     assert float(shown) == pytest.approx(np.degrees(truth.position[row, 1]), rel=1e-3)
     assert page.evaluate("() => view.time") == 2.5 != stopped
-    for key, time in (("ArrowRight", 2.51), ("Shift+ArrowLeft", 2.41), (".", 2.411), ("End", 3.0)):
+    for key, time in (("ArrowRight", 2.51), ("Shift+ArrowLeft", 2.41), (".", 2.411)):
         page.keyboard.press(key)  # the report's keys
         assert page.evaluate("() => view.time") == pytest.approx(time, abs=1e-9), key
-    page.wait_for_function("() => document.querySelector('#tables td[data-lit]')")  # fuzzy_pid acts
+    lit = "document.querySelectorAll('#tables td[data-lit]').length"
+    page.wait_for_function(f"() => {lit} > 0")  # fuzzy_pid acts
+    page.keyboard.press("End")
+    assert page.evaluate("() => view.time") == 3.0
+    page.wait_for_function(f"() => {lit} === 0")  # pid acts again
+    page.locator("#seek").fill("2.0")
+    page.wait_for_function(f"() => {lit} > 0")
     page.locator("#seek").fill("0.5")
-    page.wait_for_function("() => document.querySelectorAll('#tables td[data-lit]').length === 0")
+    page.wait_for_function(f"() => {lit} === 0")
     page.click("#branch")
     command = page.inner_text("#branch-command")
     assert command == f"trunk branch {swapped} --at 0.500 --controller fuzzy_pid -o what_if.mcap"
