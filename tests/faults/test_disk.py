@@ -55,7 +55,7 @@ def ends(children: Children, child: Child, code: int, *texts: str) -> None:
 
 
 @pytest.mark.graph
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", ["real time", pytest.param("lock-step", marks=pytest.mark.long)])
 def test_disk_gets_full_in_a_run(children: Children, peer: Peer, disk: Disk, mode: str) -> None:
     file = disk.folder / "run" / "run.mcap"
     run = start(children, peer, file.parent, *MODES[mode])
@@ -118,7 +118,11 @@ HARMS = {
 
 
 @pytest.mark.graph
-@pytest.mark.parametrize("harm", HARMS, ids=lambda harm: harm.__name__)
+@pytest.mark.parametrize(
+    "harm",
+    [pytest.param(replaced, marks=pytest.mark.long), truncated],
+    ids=lambda harm: harm.__name__,
+)
 def test_recording_is_changed_in_a_run(
     children: Children, peer: Peer, tmp_path: Path, recorded: Path, harm: Callable[..., None]
 ) -> None:

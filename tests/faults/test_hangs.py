@@ -17,6 +17,7 @@ from ..graph.recordings import finished_file
 pytestmark = pytest.mark.graph
 
 
+@pytest.mark.long
 def test_simulator_hangs_in_real_time(children: Children, peer: Peer, tmp_path: Path) -> None:
     run = children.trunk("run", "demo", "--duration", 60, "--output", "run")
     peer.until_started(run)

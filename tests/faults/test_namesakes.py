@@ -32,7 +32,7 @@ def test_second_node_of_a_name_is_refused(
     assert other.stop() == 0
 
 
-@pytest.mark.parametrize("verb", ["run", "live"])
+@pytest.mark.parametrize("verb", ["run", pytest.param("live", marks=pytest.mark.long)])
 def test_a_second_run_is_refused_before_it_starts_anything(
     children: Children, peer: Peer, tmp_path: Path, verb: str
 ) -> None:

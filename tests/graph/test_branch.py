@@ -45,7 +45,7 @@ def made(path: Path, branch: Branch, out: Path) -> RunDiff:
     return diff(run, found)
 
 
-@pytest.mark.parametrize("mode", ["lock-step", "real time"])
+@pytest.mark.parametrize("mode", [pytest.param("lock-step", marks=pytest.mark.long), "real time"])
 def test_a_run_of_the_real_nodes_is_branched(children: Children, tmp_path: Path, mode: str) -> None:
     more = ["--lockstep"] if mode == "lock-step" else []
     run = children.trunk(

@@ -78,7 +78,9 @@ def test_the_commands_of_the_page_end_with_a_verified_file(
     assert int(given[1]) == Recording.open(file).topics["/effort_command"].count
 
 
-@pytest.fixture(params=[False, True], ids=["real time", "lock-step"])
+@pytest.fixture(
+    params=[pytest.param(False, marks=pytest.mark.long), True], ids=["real time", "lock-step"]
+)
 def endless(request: pytest.FixtureRequest, children: Children, peer: Peer) -> dict[str, Child]:
     """Start the page's three nodes without an end, and return them once something is recorded."""
     shells = {}

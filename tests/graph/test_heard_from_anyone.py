@@ -38,7 +38,11 @@ def recorded(recorder: Child, folder: Path) -> Recording:
 
 @pytest.mark.parametrize(
     "profiles",
-    [[DEFAULT], [qos_profile_sensor_data], [DEFAULT, qos.evidence(), qos_profile_sensor_data]],
+    [
+        [DEFAULT],
+        pytest.param([qos_profile_sensor_data], marks=pytest.mark.long),
+        [DEFAULT, qos.evidence(), qos_profile_sensor_data],
+    ],
     ids=["default", "best effort", "all three"],
 )
 @pytest.mark.parametrize(
@@ -73,7 +77,11 @@ def test_every_message_is_recorded_once(
         assert sorted(stamps) == sorted(told * len(profiles)), topic
 
 
-@pytest.mark.parametrize("profile", [DEFAULT, qos.evidence()], ids=["default", "latched"])
+@pytest.mark.parametrize(
+    "profile",
+    [DEFAULT, pytest.param(qos.evidence(), marks=pytest.mark.long)],
+    ids=["default", "latched"],
+)
 def test_who_repeats_what_a_node_of_ours_says_is_recorded_too(
     children: Children, peer: Peer, tmp_path: Path, profile: QoSProfile
 ) -> None:

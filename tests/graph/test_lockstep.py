@@ -50,7 +50,7 @@ def succeed(child: Child) -> None:
 @pytest.mark.parametrize(
     ("controller", "rate", "duration", "seed"),
     [
-        ("fuzzy_pid", 1000.0, 1.5, 1),
+        pytest.param("fuzzy_pid", 1000.0, 1.5, 1, marks=pytest.mark.long),
         pytest.param("pid", 1000.0, 1.5, 2, marks=pytest.mark.long),
         ("fuzzy_pid", 250.0, 0.5, 3),
     ],

@@ -17,7 +17,11 @@ from .recordings import finished_file
 pytestmark = pytest.mark.graph
 
 
-@pytest.mark.parametrize("mode", [(), ("--lockstep",), ("--lockstep", "--composed")], ids=" ".join)
+@pytest.mark.parametrize(
+    "mode",
+    [(), pytest.param(("--lockstep",), marks=pytest.mark.long), ("--lockstep", "--composed")],
+    ids=" ".join,
+)
 def test_a_run_with_its_picture_is_verified(
     children: Children, tmp_path: Path, mode: tuple[str, ...]
 ) -> None:

@@ -28,7 +28,11 @@ def stop(number: int, *children: Child) -> None:
         assert "Traceback" not in child.stderr
 
 
-@pytest.mark.parametrize("number", SIGNALS, ids=lambda number: number.name)
+@pytest.mark.parametrize(
+    "number",
+    [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)],
+    ids=lambda number: number.name,
+)
 def test_idle_node(children: Children, peer: Peer, tmp_path: Path, number: int) -> None:
     # Each in a namespace of its own: they do not meet, and have nothing to do.
     started = {

@@ -15,7 +15,7 @@ from .told_story import ToldStory, can_be_forced
 
 pytestmark = pytest.mark.graph
 
-_FEW, _ALL = 2, 60
+_FEW, _ALL = 1, 60
 
 
 def sample() -> list[Story]:

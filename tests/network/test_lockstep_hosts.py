@@ -107,13 +107,11 @@ def test_short_cut_changes_no_bit(
     assert_same_bits(plan, run.recording(), tmp_path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("far", "answers", "recorded_reason"),
     [
-        pytest.param(
-            *("fuzzy_pid", "effort_command", "no answer from /fuzzy_pid (effort_command)"),
-            marks=pytest.mark.long,
-        ),
+        ("fuzzy_pid", "effort_command", "no answer from /fuzzy_pid (effort_command)"),
         ("recorder", "recorder", "the recorder was stopped before the run was finished"),
     ],
     ids=["controller", "recorder"],

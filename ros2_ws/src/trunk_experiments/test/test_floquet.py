@@ -55,7 +55,12 @@ CASES = {
 }
 
 
-LONG = ("pid, delayed, unstable", "pid, filtered, slower", "fuzzy_pid, delayed")
+LONG = (
+    "pid, on harmonics",
+    "pid, delayed, unstable",
+    "pid, filtered, slower",
+    "fuzzy_pid, delayed",
+)
 
 
 @pytest.mark.parametrize(
