@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+import time
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
@@ -165,6 +167,28 @@ def test_it_compiles_even_without_a_writable_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
     twin = compiled.compiled(saturate)
     assert twin(3.0, 2.0) == 2.0
+
+
+def test_compiled_code_that_nobody_used_for_long_is_deleted(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    kept = tmp_path / "trunk"
+    for name, days in (("0" * 16, 91), ("1" * 16, 89), ("somebody's", 91)):
+        (kept / name).mkdir(parents=True)
+        (kept / name / "code.nbc").touch()
+        os.utime(kept / name, (time.time() - days * 86400,) * 2)
+    compiled.compiled(saturate)
+    assert {one.name for one in kept.iterdir()} == {
+        *("1" * 16, "somebody's", compiled.fingerprint(saturate))
+    }
+
+
+def test_what_is_used_is_not_old(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    compiled.compiled(saturate)
+    (kept,) = (tmp_path / "trunk").iterdir()
+    os.utime(kept, (0, 0))
+    compiled.compiled(saturate)
+    assert kept.stat().st_mtime > time.time() - 3600
 
 
 def test_the_script_reports_what_it_found():

@@ -15,7 +15,11 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
+import shutil
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, wraps
 from importlib.metadata import version
 from pathlib import Path
@@ -34,6 +38,8 @@ from .reached import reached
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "_nrt": False}
 _registered: set[FunctionType] = set()
 
+_KEPT_DAYS = 90.0
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -41,8 +47,8 @@ def compiled(function: Function) -> Function:
     """Return a function's compiled twin; it is compiled on the first call, or loaded from disk.
 
     The machine code is kept in `cache_folder`, under a fingerprint of all its sources:
-    numba's own cache checks the age of one source file only. If no folder is writable, nothing
-    is kept.
+    numba's own cache checks the age of one source file only. What was not used for 90 days is
+    deleted when other sources are compiled. If no folder is writable, nothing is kept.
     """
     for callee in reached(function):
         if callee is not function and callee not in _registered:
@@ -51,9 +57,14 @@ def compiled(function: Function) -> Function:
             _registered.add(callee)
     config: Any = numba.config
     folder = config.CACHE_DIR
+    kept = cache_folder() / fingerprint(function)
     try:
-        config.CACHE_DIR = str(cache_folder() / fingerprint(function))
+        is_new = not kept.exists()
+        config.CACHE_DIR = str(kept)
         twin: Function = numba.njit(function, cache=True, **_OPTIONS)
+        os.utime(kept)
+        if is_new:
+            _delete_unused(kept.parent)
     except (RuntimeError, OSError):
         twin = numba.njit(function, **_OPTIONS)
     finally:
@@ -120,6 +131,17 @@ def cache_folder() -> Path:
     """Return the folder of compiled code: ``$XDG_CACHE_HOME/trunk``, else ``~/.cache/trunk``."""
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "trunk"
+
+
+def _delete_unused(folder: Path) -> None:
+    """Delete the code of sources that no run used for so long; who has it loaded keeps it."""
+    for old in folder.iterdir():
+        with suppress(OSError):
+            if (
+                re.fullmatch("[0-9a-f]{16}", old.name)
+                and old.stat().st_mtime < time.time() - _KEPT_DAYS * 86400.0
+            ):
+                shutil.rmtree(old)
 
 
 @cache
