@@ -40,7 +40,9 @@ def test_the_model_of_computed_torque_is_the_plant():
     assert plan.controller.model == plan.simulator.body
 
 
-@pytest.mark.parametrize("controller", ["pid", "fuzzy_pid", "lqr"])
+@pytest.mark.parametrize(
+    "controller", ["pid", pytest.param("fuzzy_pid", marks=pytest.mark.long), "lqr"]
+)
 def test_every_controller_walks_upright(controller):
     outcome = Batch().run(make_plan("fig6", controller, FILES)) if controller != "lqr" else None
     if outcome is None:

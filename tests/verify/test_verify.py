@@ -152,7 +152,14 @@ def test_a_message_dropped_swapped_or_doubled_is_never_verified(whole, tmp_path,
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("topic", [TRUTH, STATE, COMMAND, DISTURBANCE])
+@pytest.mark.parametrize(
+    "topic",
+    [
+        TRUTH,
+        STATE,
+        *(pytest.param(topic, marks=pytest.mark.long) for topic in (COMMAND, DISTURBANCE)),
+    ],
+)
 def test_one_stamp_in_the_far_future_costs_no_more_than_any_other(whole, tmp_path, topic):
     def edit(messages):
         message = of(messages, topic)[700]

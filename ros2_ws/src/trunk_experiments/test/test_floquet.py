@@ -57,6 +57,7 @@ CASES = {
 
 LONG = (
     "pid, on harmonics",
+    "pid, delayed, stable",
     "pid, delayed, unstable",
     "pid, filtered, slower",
     "fuzzy_pid, delayed",

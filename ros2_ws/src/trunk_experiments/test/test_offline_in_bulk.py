@@ -88,7 +88,7 @@ PLANS = {
     **{f"random {i}": (lambda i=i: random_plan(i)) for i in (3, 6, 9, 15, 26)},
 }
 # All the others are of one scenario each, one law each, or drawn.
-FEW = ("pictures", "noise and delay", "swaps", "a fall", "an end by a fall", "divergence")
+FEW = ("pictures", "noise and delay", "a fall", "an end by a fall", "divergence")
 FEW += ("less updates", "fig6 pid", "fig7 fuzzy_pid", "fig9 computed_torque", "random 3")
 SOME = [pytest.param(name, marks=() if name in FEW else pytest.mark.long) for name in PLANS]
 BY_HAND = {
