@@ -6,10 +6,12 @@ import struct
 
 import pytest
 
+from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.doctor import examine
 from trunk_experiments.replay.explain import explain
 from trunk_experiments.replay.verify import UNJUDGED, verify
+from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.reader import RecordingError
 
 from ..edited import ANEW, copied
@@ -59,6 +61,35 @@ def test_the_last_answers_of_a_controller_that_was_killed_may_be_there_in_part(
     assert verdict.exit_code == UNJUDGED, verdict
     assert not any(part.wrong_steps for part in verdict.parts)
     assert verdict.judged.startswith("t = 0 to 1.19")
+
+
+@pytest.mark.parametrize("lost", [1, 2, 5])
+def test_the_last_terms_of_a_controller_killed_after_the_end_may_be_missing(whole, tmp_path, lost):
+    """In lock-step a run is complete without them: the states and commands are all there."""
+
+    def kill(messages):
+        for message in of(messages, "/fuzzy_pid/state")[-lost:]:
+            messages.remove(message)
+
+    path = tmp_path / "killed.mcap"
+    verdict = verify(copied(whole, path, kill, ANEW, provenance={"mode": "lockstep"}))
+    assert verdict.exit_code == UNJUDGED, verdict
+    assert not any(part.wrong_steps for part in verdict.parts)
+    assert verdict.judged.startswith(f"t = 0 to {1.2 - 0.001 * lost:g} s")
+    (obstacle,) = verdict.obstacles
+    assert obstacle.startswith("fuzzy_pid did not say how many messages it published")
+
+
+@pytest.mark.parametrize("update_rate", [1000, 250])
+def test_a_controller_that_outlives_the_recorder_is_judged_to_the_end(tmp_path, update_rate):
+    settings = [f"fuzzy_pid.update_rate={update_rate}"]
+    plan = make_plan("fig8", "fuzzy_pid", settings=settings, everywhere={"duration": 0.303})
+    record_offline(plan, tmp_path / "offline.mcap")
+    provenance = {"mode": "lockstep"}
+    source, path = tmp_path / "offline.mcap", tmp_path / "run.mcap"
+    verdict = verify(copied(source, path, digests=ANEW, provenance=provenance))
+    assert not verdict.obstacles, verdict
+    assert verdict.judged.startswith("t = 0 to 0.303 s, 304 states")
 
 
 WALL = struct.pack("<iI", 1_795_000_000, 0)

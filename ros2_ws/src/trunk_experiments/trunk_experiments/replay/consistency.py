@@ -263,9 +263,14 @@ def uncounted(run: RecordedRun) -> list[str]:
         wanted = disturbed if _ends_early(run) else []
     else:
         wanted = ["simulator", *(n for n in run.controllers if n in CONTROLLERS), *disturbed]
+    return without_a_count(_missing_words(run, wanted))
+
+
+def without_a_count(nodes: Sequence[str]) -> list[str]:
+    """Return a line for each of some nodes that did not say how much they published."""
     return [
         f"{name} did not say how many messages it published: whether all of them are here is not known"
-        for name in _missing_words(run, wanted)
+        for name in nodes
     ]
 
 

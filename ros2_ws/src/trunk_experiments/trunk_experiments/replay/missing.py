@@ -62,9 +62,10 @@ def cut_off_ns(run: RecordedRun) -> int | None:
     word: what is not there is no difference.
     """
     commands = run.table(topics.EFFORT_COMMAND).stamp_ns
-    whole = (run.recording.end or {}).get("complete") == "true" and not uncounted(run)
-    if whole or not len(commands):
+    if not len(commands):
         return None
+    if (run.recording.end or {}).get("complete") == "true" and not uncounted(run):
+        return _without_terms_ns(run) if run.exact and run.mode != "offline" else None
     told = [run.table(topics.controller_state(name)).stamp_ns for name in run.controllers]
     answers = np.concatenate([commands, *told])
     both = min(
@@ -79,6 +80,22 @@ def cut_off_ns(run: RecordedRun) -> int | None:
         both_there = (commands == last).any() and any((stamps == last).any() for stamps in told)
         later = [] if both_there else [last]
     return min([*_beyond(run), *later], default=None)
+
+
+def _without_terms_ns(run: RecordedRun) -> int | None:
+    """Return the first command that lacks its terms at the end of a run that is complete without them.
+
+    All states are there and answered. The last terms of a controller that was killed may be lost; they were
+    due one period after those that are there.
+    """
+    commands = run.table(topics.EFFORT_COMMAND).stamp_ns
+    told = {name: run.table(topics.controller_state(name)).stamp_ns for name in run.controllers}
+    last = max((int(stamps.max(initial=-1)) for stamps in told.values()), default=-1)
+    acting = [name for name in killed(run) if told[name].max(initial=-1) == last]
+    if not acting:
+        return None
+    due = last + run.config(acting[0]).period_ns if last >= 0 else 0
+    return min(commands[commands >= due].tolist(), default=None)
 
 
 def _beyond(run: RecordedRun) -> Iterator[int]:

@@ -18,7 +18,7 @@ from ..recorded.turns import idle_ns
 from .as_planned import not_as_planned
 from .as_written import Survey, not_as_written, pictures
 from .attributable import SHARED, robot_obstacles, shared_from_ns
-from .consistency import contradictions, failures, uncounted
+from .consistency import contradictions, failures, killed, uncounted, without_a_count
 from .driven import driven_controllers
 from .gaps import gaps
 from .missing import cut_off_ns, missed_from_ns, recorded_until_ns
@@ -150,7 +150,8 @@ def _judge(run: RecordedRun, verdict: Verdict, survey: Survey | None) -> None:
         before_ns = shared_ns - run.config("simulator").period_ns
         until_ns = before_ns if until_ns is None else min(until_ns, before_ns)
     elif (run.recording.end or {}).get("complete") == "true" and cut_ns is not None:
-        verdict.obstacles += uncounted(run)  # a node was killed: its last messages may be missing
+        # A node was killed: its last messages may be missing.
+        verdict.obstacles += uncounted(run) or without_a_count(killed(run))
     elif (run.recording.end or {}).get("complete") == "true":
         verdict.contradictions += contradictions(run)
         verdict.contradictions += not_as_written(run, survey)
