@@ -30,7 +30,24 @@ def test_whatever_happens_the_promises_hold(first: int) -> None:
 
 @pytest.mark.parametrize(
     "seed",
-    [2342, 2703, 2894, 3132, 3201, 4170, 4405, 50255, 50662, 65372, 81622, 90746, 91946, 102996],
+    [
+        2342,
+        2703,
+        2894,
+        3132,
+        3201,
+        4170,
+        4405,
+        50255,
+        50662,
+        65372,
+        81622,
+        90746,
+        91946,
+        102996,
+        106307,
+        106380,
+    ],
 )
 def test_what_was_found_stays_mended(seed: int) -> None:
     done = seeds(1, "--seed", seed)

@@ -59,6 +59,17 @@ def test_what_could_not_be_heard(whole):
     assert whole.verdict(HEARD, ("a stranger", "another")) == (False, "a stranger; another")
 
 
+def test_a_controller_of_which_nothing_was_heard():
+    """It was there before the recorder, and ended before the two had discovered each other."""
+    tally = Tally("/{}".format)
+    tally.counts.update({topics.GROUND_TRUTH: 3, topics.JOINT_STATES: 3})
+    tally.hear(told("/simulator", "finished", states="3", reason="finished"))
+    assert tally.verdict(HEARD, ()) == (True, "finished"), "nobody held the trunk"
+    tally.driven = True
+    why = "effort_command: no message was recorded, but a torque acted on the plant"
+    assert tally.verdict(HEARD, ()) == (False, why)
+
+
 def test_in_lockstep_every_state_has_an_answer():
     tally = Tally("/{}".format, HEARD)
     tally.counts.update({topics.GROUND_TRUTH: 3, topics.JOINT_STATES: 3, topics.EFFORT_COMMAND: 2})

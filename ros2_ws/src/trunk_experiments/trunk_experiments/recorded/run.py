@@ -276,6 +276,8 @@ class RecordedRun:
     def changes(self, node: str) -> list[Change]:
         """Return a node's changes of parameters and resets, and a controller's turns, in their order.
 
+        Those of another process that took the node's name later are left out: they are not this node's.
+
         Raises RecordingError if the record does not tell the order: it holds other events
         of changed parameters than changes.
         """
@@ -284,7 +286,7 @@ class RecordedRun:
         name = self.recording.topic(node)
         changed = self.parameter_changes(node)
         # The plant's turns are pauses, in which simulated time stands still.
-        wanted = (Event.RETUNED, Event.RESET) + (
+        wanted = (Event.CONFIGURED, Event.RETUNED, Event.RESET) + (
             (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP) if node in usable() else ()
         )
         events = [event for event in self.events if event.node == name and event.message in wanted]
@@ -297,7 +299,14 @@ class RecordedRun:
         values = iter(changed)
         found: list[Change] = []
         since_ns = -1  # a node that was cleaned up stamps anew from -1 on, until it sees a state
+        process = ""
         for event in events:
+            if event.message == Event.CONFIGURED:
+                told = event.values.get("process", "")
+                if process not in ("", told):
+                    break
+                process = told
+                continue
             if event.message == Event.CLEANED_UP:
                 since_ns = event.stamp_ns
             stamp_ns = max(event.stamp_ns, since_ns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -16,7 +17,8 @@ from . import meeting, qos, settings
 # A node that ends waits at most this long for the recorder and every other reliable reader to receive
 # what it published; this and the next limit are multiplied by TRUNK_PATIENCE.
 _HAND_OVER_S = 3.0
-# A node finds a recorder within this time of its start; an older node that knows of none ends at once.
+# A node finds a recorder within this time of its start, and of the first message that there is to record: the
+# plant may have waited for the recorder. After that one that knows of none ends at once.
 _FOUND_S = 2.0
 _LOOK_S = 0.01
 
@@ -36,12 +38,15 @@ class Evidence:
         self._publish_live = self._live.handle.publish_raw
         self._publish_kept = self._kept.handle.publish_raw
         self.count = 0
+        self.began_s = -math.inf  # monotonic clock, of the first message
 
     def publish(self, data: bytes) -> None:
         """Publish a serialized message: first to the loop, which waits for it."""
         self._publish_live(data)
         self._publish_kept(data)
         self.count += 1
+        if self.count == 1:
+            self.began_s = time.monotonic()
 
     @property
     def is_kept_for_somebody(self) -> bool:
@@ -61,14 +66,16 @@ def hand_over(node: Node, born_s: float, anything: bool, evidence: Sequence[Evid
     """Wait, for a bounded time, until every reliable reader has received what the node published.
 
     If there is ``anything`` to record, first wait until every known recorder is matched with this node.
-    If none is known, it may not have been discovered yet: ``born_s`` (monotonic clock) is the node's start.
+    If none is known, it may not have been discovered yet, for some time after the node's start, ``born_s``
+    (monotonic clock), and after its first evidence.
     That somebody takes the node's ``evidence`` may be known first.
     """
     patience = settings.patience()
+    known_s = max([born_s, *(one.began_s for one in evidence)]) + _FOUND_S * patience
     deadline = time.monotonic() + _HAND_OVER_S * patience
     while anything and not _recorder_met(node) and time.monotonic() < deadline:
         if (
-            time.monotonic() > born_s + _FOUND_S * patience
+            time.monotonic() > known_s
             and not any(one.is_kept_for_somebody for one in evidence)
             and not node.get_publishers_info_by_topic(topics.RECORDER_PROGRESS)
         ):

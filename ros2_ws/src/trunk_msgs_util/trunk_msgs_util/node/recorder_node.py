@@ -23,7 +23,7 @@ from ..samples import JointSample
 from ..units import LAST_STAMP_NS, NANOSECONDS
 from . import qos, waiting
 from .base import TrunkNode
-from .conversions import sample_to_wire
+from .conversions import WireReader, sample_to_wire
 from .heard import HeardTopic
 from .output_file import open_output
 from .pictures import Pictures
@@ -60,6 +60,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def __init__(self) -> None:
         super().__init__("recorder", RecorderConfig)
         self._writer: RecordingWriter | None = None
+        self._read_truth = WireReader()
         self._forget()
 
     def _forget(self) -> None:
@@ -220,7 +221,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._tally.runs += self.run_stamp_ns < before_ns
         if self._tally.counts[topics.GROUND_TRUTH] % self._tell_every == 0 and self.config.lockstep:
             self._tell_progress()
-
+        if not self._tally.driven:
+            self._tally.driven = any(self._read_truth(data).effort[1:])  # the first is the hip's
         if self._pictures is not None:
             self._draw(self._pictures, data)
 

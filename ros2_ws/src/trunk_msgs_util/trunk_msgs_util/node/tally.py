@@ -22,6 +22,7 @@ class Tally:
         self._of_each_state = of_each_state or _OF_STATES
         self.counts: Counter[str] = Counter()  # by relative topic
         self.runs = 1
+        self.driven = False  # did a torque ever act on the plant?
         self.end: RunEvent | None = None
         self._kinds: dict[str, str] = {}  # of nodes, by what they say
         self._claimed: Counter[str] = Counter()  # by the nodes that have ended
@@ -96,6 +97,11 @@ class Tally:
                 )
         if unheard:
             return False, "; ".join(unheard)
+        if self.driven and not self.counts[topics.EFFORT_COMMAND]:
+            return (
+                False,
+                f"{topics.EFFORT_COMMAND}: no message was recorded, but a torque acted on the plant",
+            )
         for node, silent in self._silent.items():
             if silent:
                 return False, f"{node}: its parameters were recorded, but none of its events"
