@@ -91,7 +91,11 @@ def _without_terms_ns(run: RecordedRun) -> int | None:
     commands = run.table(topics.EFFORT_COMMAND).stamp_ns
     told = {name: run.table(topics.controller_state(name)).stamp_ns for name in run.controllers}
     last = max((int(stamps.max(initial=-1)) for stamps in told.values()), default=-1)
-    acting = [name for name in killed(run) if told[name].max(initial=-1) == last]
+    acting = [
+        name
+        for name in killed(run)
+        if name in run.parameters and told[name].max(initial=-1) == last
+    ]
     if not acting:
         return None
     due = last + run.config(acting[0]).period_ns if last >= 0 else 0
