@@ -165,6 +165,25 @@ def test_an_end_that_does_not_say_how_many_states_there_are(arguments: Any, tmp_
     node.close()
 
 
+@pytest.mark.parametrize("torque", [0.0, 3.0])
+def test_a_run_is_not_complete_without_the_commands_that_drove_it(
+    arguments: Any, tmp_path: Path, torque: float
+) -> None:
+    arguments(f"output:={tmp_path / 'run.mcap'}")
+    node = RecorderNode()
+    node.autostart()
+    for stamp_ns, effort in ((0, 0.0), (10**6, torque)):
+        node._on_truth(
+            sample_to_wire(JointSample(stamp_ns, ("hip", "trunk"), effort=(0.0, effort)))
+        )
+    node._tally.counts.update({topics.GROUND_TRUTH: 2, topics.JOINT_STATES: 2})
+    node._on_event(event(0, "/simulator", "finished", {"states": "2"}))
+    complete, why = node.verdict()
+    assert complete == (torque == 0.0), why
+    assert ("a torque acted on the plant" in why) == (torque != 0.0)
+    node.close()
+
+
 def test_a_recorder_that_ends_looks_for_messages_first(
     arguments: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -169,6 +169,15 @@ def test_it_compiles_even_without_a_writable_folder(tmp_path, monkeypatch):
     assert twin(3.0, 2.0) == 2.0
 
 
+def test_it_compiles_even_without_a_home(monkeypatch):
+    def nowhere() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", nowhere)
+    assert compiled.compiled(saturate)(3.0, 2.0) == 2.0
+
+
 def test_compiled_code_that_nobody_used_for_long_is_deleted(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     kept = tmp_path / "trunk"

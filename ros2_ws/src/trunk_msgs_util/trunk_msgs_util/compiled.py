@@ -57,8 +57,8 @@ def compiled(function: Function) -> Function:
             _registered.add(callee)
     config: Any = numba.config
     folder = config.CACHE_DIR
-    kept = cache_folder() / fingerprint(function)
     try:
+        kept = cache_folder() / fingerprint(function)
         is_new = not kept.exists()
         config.CACHE_DIR = str(kept)
         twin: Function = numba.njit(function, cache=True, **_OPTIONS)

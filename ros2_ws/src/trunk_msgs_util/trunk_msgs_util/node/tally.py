@@ -98,9 +98,9 @@ class Tally:
         if unheard:
             return False, "; ".join(unheard)
         if self.driven and not self.counts[topics.EFFORT_COMMAND]:
-            return (
-                False,
-                f"{topics.EFFORT_COMMAND}: no message was recorded, but a torque acted on the plant",
+            return False, (
+                f"{topics.EFFORT_COMMAND}: no message was recorded, but a torque acted on the plant: "
+                "start the recorder before the controller"
             )
         for node, silent in self._silent.items():
             if silent:
