@@ -1,206 +1,16 @@
-"""The gateway's server against who wants to get past it: no token, other origins, floods, nonsense."""
+"""What pages may ask of the gateway, against nonsense, floods and pages that do not read."""
 
 from __future__ import annotations
 
 import asyncio
-import json
 import socket
-from collections.abc import Awaitable, Callable
 
 import pytest
-from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
-from tornado.httpserver import HTTPServer
-from tornado.testing import bind_unused_port
-from tornado.websocket import WebSocketClientConnection, websocket_connect
 
-from trunk_experiments.gateway.access import MOST_CLIENTS, Hosts, Tokens
-from trunk_experiments.gateway.board import Board
-from trunk_experiments.gateway.feed import RefusedRequestError, put_stream
-from trunk_experiments.gateway.page_files import PageFile, page_files
+from trunk_experiments.gateway.page_files import PageFile
 from trunk_experiments.gateway.protocol import LONGEST, NAME
-from trunk_experiments.gateway.rows import Rows
-from trunk_experiments.gateway.server import Gateway
 
-
-class Feed:
-    """A stream to which the test adds, and requests that are noted."""
-
-    def __init__(self):
-        self.board = Board()
-        self.streams = []
-        self.asked, self.hold = [], None
-        put_stream(self.board, self.streams, "plant", Rows(("t", "v"), 1000))
-
-    async def begin(self):
-        pass
-
-    def turn(self):
-        pass
-
-    async def ask(self, client, asked):
-        if asked.kind == "pause":
-            raise RefusedRequestError("no: it does not stand still")
-        if self.hold is not None:
-            await self.hold.wait()
-        self.asked.append((client, asked))
-        return "done"
-
-    def close(self):
-        pass
-
-
-class Served:
-    """A gateway that serves in this process, and clients of it."""
-
-    def __init__(self, stoppable=False):
-        listening, self.port = bind_unused_port()
-        self.feed, self.said = Feed(), []
-        self.tokens = Tokens.new()
-        hosts = Hosts(frozenset({"127.0.0.1", "localhost"}), self.port)
-        self.gateway = Gateway(
-            self.feed, self.tokens, hosts, page_files(), self.said.append, stoppable
-        )
-        self.server: HTTPServer = self.gateway.server()
-        self.server.add_socket(listening)
-        self._connected: list[WebSocketClientConnection] = []
-        self.turns = asyncio.get_running_loop().create_task(self.gateway.serve())
-
-    async def get(self, path, **headers):
-        request = HTTPRequest(f"http://127.0.0.1:{self.port}{path}", headers=headers)
-        return await AsyncHTTPClient().fetch(request, raise_error=False)
-
-    async def connect(self, token=None, **headers) -> WebSocketClientConnection:
-        request = HTTPRequest(f"ws://127.0.0.1:{self.port}/live", headers=headers)
-        offered = [NAME] if token == "" else [NAME, token or self.tokens.control]
-        self._connected.append(await websocket_connect(request, subprotocols=offered))
-        return self._connected[-1]
-
-    async def until(self, condition):
-        while not (found := condition()):
-            assert not self.turns.done(), self.turns.exception()
-            await asyncio.sleep(0.005)
-        return found
-
-    async def close(self):
-        for connection in self._connected:
-            connection.close()
-        self.turns.cancel()
-        self.server.stop()
-        self.gateway.clients.clear()
-        await self.server.close_all_connections()
-
-
-def serving(test: Callable[[Served], Awaitable[None]], **more: object) -> None:
-    async def run():
-        served = Served(**more)
-        try:
-            await test(served)
-        finally:
-            await served.close()
-
-    asyncio.run(run())
-
-
-async def words(connection, kind):
-    """Return the next message of this kind."""
-    while True:
-        message = await connection.read_message()
-        assert message is not None, "the connection was closed"
-        if isinstance(message, str) and json.loads(message)["kind"] == kind:
-            return json.loads(message)
-
-
-def test_the_page_is_served_with_headers_that_let_nothing_in():
-    async def test(served):
-        for path in ("/", "/style.css", "/page.js", "/uplot.js"):
-            found = await served.get(path)
-            assert found.code == 200
-            assert found.body == page_files()[path].data
-            policy = found.headers["Content-Security-Policy"]
-            assert "default-src 'none'" in policy
-            assert "unsafe" not in policy
-            assert found.headers["X-Content-Type-Options"] == "nosniff"
-            assert "Server" not in found.headers
-
-    serving(test)
-
-
-@pytest.mark.parametrize(
-    "path",
-    [
-        "/../../../../etc/passwd",
-        "/..%2f..%2fetc/passwd",
-        "/%2e%2e/pyproject.toml",
-        "//etc/passwd",
-        "/vendor/LICENSE",
-        "/index.html",
-        "/report-.html",
-        "/page.js/",
-        "/\x00",
-    ],
-)
-def test_paths_that_are_none_of_the_page_do_not_exist(path):
-    async def test(served):
-        reader, writer = await asyncio.open_connection("127.0.0.1", served.port)
-        writer.write(
-            f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\nConnection: close\r\n\r\n".encode()
-        )
-        answer = await reader.read()
-        writer.close()
-        assert answer.split()[1] in (b"404", b"400")
-        assert b"root:" not in answer
-        assert b"Traceback" not in answer
-
-    serving(test)
-
-
-def test_another_host_is_not_answered():
-    async def test(served):
-        found = await served.get("/", Host=f"evil.example:{served.port}")
-        assert found.code == 403
-        await served.until(lambda: served.gateway.refused["requests to another host"] == 1)
-
-    serving(test)
-
-
-@pytest.mark.parametrize("token", ["", "x" * 43])
-def test_nobody_gets_in_without_a_token(token):
-    async def test(served):
-        with pytest.raises(HTTPClientError, match="403"):
-            await served.connect(token)
-        assert served.gateway.refused == {"connections without the token": 1}
-        assert not served.gateway.clients
-
-    serving(test)
-
-
-@pytest.mark.parametrize(
-    "origin", ["http://evil.example", "null", "https://127.0.0.1:1", "http://["]
-)
-def test_pages_of_another_origin_do_not_get_in(origin):
-    async def test(served):
-        with pytest.raises(HTTPClientError, match="403"):
-            await served.connect(Origin=origin)
-        assert served.gateway.refused == {"pages of another origin": 1}
-        own = await served.connect(Origin=f"http://localhost:{served.port}")
-        assert (await words(own, "hello"))["control"]
-        assert own.selected_subprotocol == NAME  # the token is not repeated
-
-    serving(test)
-
-
-def test_a_page_for_watching_sees_everything_and_does_nothing():
-    async def test(served):
-        page = await served.connect(served.tokens.watch)
-        assert not (await words(page, "hello"))["control"]
-        assert (await words(page, "stream"))["columns"] == ["t", "v"]
-        page.write_message('{"kind": "reset", "number": 5}')
-        answer = await words(page, "answer")
-        assert (answer["number"], answer["ok"]) == (5, False)
-        assert served.feed.asked == []
-        assert served.gateway.refused == {"requests of pages that may only watch": 1}
-
-    serving(test)
+from .gateway_served import serving, words
 
 
 def test_requests_are_answered_in_the_words_of_who_refused_them():
@@ -353,29 +163,6 @@ def test_a_page_waits_for_what_it_has_asked_before():
         assert all(answer["ok"] for answer in done)
         page.write_message('{"kind": "reset", "number": 99}')
         assert (await words(page, "answer"))["ok"]
-
-    serving(test)
-
-
-def test_who_only_watches_leaves_places_for_who_controls():
-    async def test(served):
-        while len(served.gateway.clients) < MOST_CLIENTS - 4:
-            await served.connect(served.tokens.watch)
-        with pytest.raises(HTTPClientError, match="503"):
-            await served.connect(served.tokens.watch)
-        assert (await words(await served.connect(), "hello"))["control"]
-
-    serving(test)
-
-
-def test_there_is_room_for_so_many_pages_and_no_more():
-    async def test(served):
-        pages = [await served.connect() for _ in range(MOST_CLIENTS)]
-        with pytest.raises(HTTPClientError, match="503"):
-            await served.connect()
-        pages[0].close()
-        await served.until(lambda: len(served.gateway.clients) < MOST_CLIENTS)
-        await served.connect()
 
     serving(test)
 

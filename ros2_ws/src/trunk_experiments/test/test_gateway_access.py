@@ -1,0 +1,130 @@
+"""Who gets into the gateway: paths, hosts, tokens, origins, and how many pages at once."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from tornado.httpclient import HTTPClientError
+
+from trunk_experiments.gateway.access import MOST_CLIENTS
+from trunk_experiments.gateway.page_files import page_files
+from trunk_experiments.gateway.protocol import NAME
+
+from .gateway_served import serving, words
+
+
+def test_the_page_is_served_with_headers_that_let_nothing_in():
+    async def test(served):
+        for path in ("/", "/style.css", "/page.js", "/uplot.js"):
+            found = await served.get(path)
+            assert found.code == 200
+            assert found.body == page_files()[path].data
+            policy = found.headers["Content-Security-Policy"]
+            assert "default-src 'none'" in policy
+            assert "unsafe" not in policy
+            assert found.headers["X-Content-Type-Options"] == "nosniff"
+            assert "Server" not in found.headers
+
+    serving(test)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/../../../../etc/passwd",
+        "/..%2f..%2fetc/passwd",
+        "/%2e%2e/pyproject.toml",
+        "//etc/passwd",
+        "/vendor/LICENSE",
+        "/index.html",
+        "/report-.html",
+        "/page.js/",
+        "/\x00",
+    ],
+)
+def test_paths_that_are_none_of_the_page_do_not_exist(path):
+    async def test(served):
+        reader, writer = await asyncio.open_connection("127.0.0.1", served.port)
+        writer.write(
+            f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\nConnection: close\r\n\r\n".encode()
+        )
+        answer = await reader.read()
+        writer.close()
+        assert answer.split()[1] in (b"404", b"400")
+        assert b"root:" not in answer
+        assert b"Traceback" not in answer
+
+    serving(test)
+
+
+def test_another_host_is_not_answered():
+    async def test(served):
+        found = await served.get("/", Host=f"evil.example:{served.port}")
+        assert found.code == 403
+        await served.until(lambda: served.gateway.refused["requests to another host"] == 1)
+
+    serving(test)
+
+
+@pytest.mark.parametrize("token", ["", "x" * 43])
+def test_nobody_gets_in_without_a_token(token):
+    async def test(served):
+        with pytest.raises(HTTPClientError, match="403"):
+            await served.connect(token)
+        assert served.gateway.refused == {"connections without the token": 1}
+        assert not served.gateway.clients
+
+    serving(test)
+
+
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "null", "https://127.0.0.1:1", "http://["]
+)
+def test_pages_of_another_origin_do_not_get_in(origin):
+    async def test(served):
+        with pytest.raises(HTTPClientError, match="403"):
+            await served.connect(Origin=origin)
+        assert served.gateway.refused == {"pages of another origin": 1}
+        own = await served.connect(Origin=f"http://localhost:{served.port}")
+        assert (await words(own, "hello"))["control"]
+        assert own.selected_subprotocol == NAME  # the token is not repeated
+
+    serving(test)
+
+
+def test_a_page_for_watching_sees_everything_and_does_nothing():
+    async def test(served):
+        page = await served.connect(served.tokens.watch)
+        assert not (await words(page, "hello"))["control"]
+        assert (await words(page, "stream"))["columns"] == ["t", "v"]
+        page.write_message('{"kind": "reset", "number": 5}')
+        answer = await words(page, "answer")
+        assert (answer["number"], answer["ok"]) == (5, False)
+        assert served.feed.asked == []
+        assert served.gateway.refused == {"requests of pages that may only watch": 1}
+
+    serving(test)
+
+
+def test_who_only_watches_leaves_places_for_who_controls():
+    async def test(served):
+        while len(served.gateway.clients) < MOST_CLIENTS - 4:
+            await served.connect(served.tokens.watch)
+        with pytest.raises(HTTPClientError, match="503"):
+            await served.connect(served.tokens.watch)
+        assert (await words(await served.connect(), "hello"))["control"]
+
+    serving(test)
+
+
+def test_there_is_room_for_so_many_pages_and_no_more():
+    async def test(served):
+        pages = [await served.connect() for _ in range(MOST_CLIENTS)]
+        with pytest.raises(HTTPClientError, match="503"):
+            await served.connect()
+        pages[0].close()
+        await served.until(lambda: len(served.gateway.clients) < MOST_CLIENTS)
+        await served.connect()
+
+    serving(test)
