@@ -2,7 +2,7 @@
 
     source scripts/env.sh && python scripts/check_seeds.py [COUNT] [--seed N] [--trace]
 
-COUNT seeds from N on; --trace prints what happens in one.
+COUNT seeds from N on, from each N where several are given; --trace prints what happens in one.
 """
 
 from __future__ import annotations
@@ -107,18 +107,24 @@ def faults_of(story: Story) -> list[str]:
 
 @click.command()
 @click.argument("count", type=int, default=300)
-@click.option("--seed", default=0, show_default=True, help="The first one.")
+@click.option(
+    "--seed", "firsts", multiple=True, default=(0,), help="The first one; may be repeated."
+)
 @click.option("--trace", is_flag=True, help="Print what happens in the first seed, and stop.")
 @click.option("--twice", is_flag=True, help="Play each seed twice: the trace is the same.")
 @click.option("--raw", is_flag=True, help="Do not look for the shortest list of faults.")
 @click.option("--most", default=20, show_default=True, help="Stop after so many failures.")
-def main(count: int, seed: int, trace: bool, twice: bool, raw: bool, most: int) -> None:
+def main(
+    count: int, firsts: tuple[int, ...], trace: bool, twice: bool, raw: bool, most: int
+) -> None:
     """Play COUNT seeds; the exit code is 1 if one breaks a promise."""
     folder = Path(tempfile.mkdtemp(prefix="seeds_", dir="/dev/shm"))
-    failed = 0
+    done = failed = 0
     begun = time.perf_counter()
+    numbers = [first + i for first in firsts for i in range(count)]
     try:
-        for number in range(seed, seed + (1 if trace else count)):
+        for number in numbers[: 1 if trace else None]:
+            done += 1
             story = draw(number)
             outcome = play(story, folder)
             if trace:
@@ -138,6 +144,5 @@ def main(count: int, seed: int, trace: bool, twice: bool, raw: bool, most: int) 
         took = time.perf_counter() - begun
     finally:
         shutil.rmtree(folder)
-    done = number - seed + 1
     print(f"{done} seeds, {failed} failed; {3600 * done / took:.0f} an hour in one process")
     raise SystemExit(min(failed, 1))
