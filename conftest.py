@@ -2,6 +2,8 @@
 
 No example has a time limit, and no test sets one: how long it takes is the machine's affair.
 
+Of a test marked ``one_in(N)``, one case in N runs each time and the others with scripts/test.sh --all.
+
 What was skipped, and how to get it, goes to the file TRUNK_SKIPPED, for the last line of scripts/test.sh.
 """
 
@@ -32,6 +34,7 @@ settings.register_profile(
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 
+_GRAPH_TESTS = Path(__file__).parent / "tests"  # where scripts/test.sh looks for them
 _QUIET = ("background-networking", "component-update", "sync")
 _ARGUMENTS = [
     "--no-sandbox",
@@ -63,6 +66,25 @@ def browser() -> Iterator[Any]:
         started = driver.chromium.launch(executable_path=path, args=_ARGUMENTS)
         yield started
         started.close()
+
+
+@pytest.hookimpl(tryfirst=True)  # before those that -m does not choose are left out
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of a test marked ``one_in(N)``, mark all cases but the first of each N as long.
+
+    Raises UsageError for a test of the graph where scripts/test.sh does not look for any.
+    """
+    seen: Counter[str] = Counter()
+    for item in items:
+        if item.get_closest_marker("graph") and not item.path.is_relative_to(_GRAPH_TESTS):
+            raise pytest.UsageError(
+                f"{item.nodeid}: what starts the graph is tested in {_GRAPH_TESTS}"
+            )
+        if mark := item.get_closest_marker("one_in"):
+            test = item.nodeid.partition("[")[0]
+            if seen[test] % mark.args[0]:
+                item.add_marker(pytest.mark.long)
+            seen[test] += 1
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:

@@ -54,12 +54,14 @@ else
     left='; not run: long ones (scripts/test.sh --all)'
     [[ ${1:-} != --all ]] || some='' left=''
     # colcon finds and runs each package's pytest: a few tests of each, as pytest below runs them all.
-    stage 'colcon test: a few' bash scripts/colcon_test.sh -q -k 'test_units or test_config or test_timeline'
+    few='python_files=test_units.py test_config.py test_terminal.py'
+    stage 'colcon test: a few' bash scripts/colcon_test.sh -q "--override-ini=$few"
     stage mypy types
     bash scripts/browser.sh >/dev/null || true # says why, and its tests are skipped
-    stage 'pytest: in one process' "${run[@]}" -n auto -m "not graph$some" --durations=8
+    # Some wait, for a browser or a process of their own: one test more at once than there are cores.
+    stage 'pytest: in one process' "${run[@]}" -n "$(($(nproc) + 1))" -m "not graph$some" --durations=8
     # Processes wait for each other more than they work: two tests at once for each core.
-    stage 'pytest: the graph' "${run[@]}" -n "$((2 * $(nproc)))" -m "graph$some" --durations=8
+    stage 'pytest: the graph' "${run[@]}" -n "$((2 * $(nproc)))" -m "graph$some" --durations=8 tests
 fi
 
 skipped=$(sort -u "$TRUNK_SKIPPED" | paste -sd';' | sed 's/;/; /g')

@@ -20,6 +20,7 @@ def recorded(path, scenario, controller, params=(), settings=(), duration=3.0):
     return Recording.open(path)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("controller", ["lqr", "computed_torque"])
 @pytest.mark.parametrize("profile", ["profile_paper", "profile_practical"])
 def test_a_recorded_run_verifies(controller, profile, tmp_path):

@@ -62,10 +62,7 @@ def test_one_sine_is_the_default_path():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "controller",
-    [
-        pytest.param(c, marks=() if c == "computed_torque" else pytest.mark.long)
-        for c in CONTROLLERS
-    ],
+    [pytest.param(c, marks=() if c == "pid" else pytest.mark.long) for c in CONTROLLERS],
 )
 def test_compiled_code_and_lanes_have_the_bits_of_cpython(batch, controller):
     assert first_difference(walk(controller), batch) is None

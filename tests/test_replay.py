@@ -155,6 +155,7 @@ JOINTS = ("hip", "trunk")
 joint = pytest.mark.parametrize("column", [0, 1], ids=JOINTS)
 
 
+@pytest.mark.one_in(5)
 @pytest.mark.parametrize("topic", ["ground_truth/joint_states", "joint_states"])
 @pytest.mark.parametrize("quantity", ["position", "velocity", "effort"])
 @joint

@@ -16,6 +16,7 @@ from . import check
 PAGE = Path(__file__).parents[2] / "docs" / "branch.md"
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("name", check.plans())
 def test_without_a_change_it_is_its_parent(name: str, tmp_path: Path) -> None:
     path = tmp_path / f"{name}.mcap"

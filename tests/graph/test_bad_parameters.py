@@ -82,6 +82,7 @@ def refusal(child: Child) -> str:
     return lines[0]
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("executable", WRONG)
 def test_wrong_value(children: Children, executable: str) -> None:
     cases = WRONG[executable]

@@ -42,6 +42,7 @@ sys.exit(run_nodes(classes, "composed"))
 """
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("node", "method", "after"),
     [

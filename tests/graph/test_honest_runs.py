@@ -58,7 +58,9 @@ def test_a_second_simulator_is_no_fault_of_the_run(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
     """The run ends with an error; it is judged up to where the second simulator came in."""
-    run = children.trunk("run", "fig8", "--lockstep", "--duration", 3600, "--output", "run")
+    run = children.trunk(
+        *("run", "fig8", "--lockstep", "--speed", 1, "--duration", 3600, "--output", "run")
+    )
     peer.until_started(run)
     second = children.node("simulator", "lockstep.enabled:=true", "update_rate:=1000.0")
     assert run.wait() != 0

@@ -18,6 +18,7 @@ from ..edited import ANEW, copied
 from .lifecycle import Life
 from .peer import Peer
 from .processes import Child, Children
+from .verbs import said, verified
 
 pytestmark = pytest.mark.graph
 
@@ -144,8 +145,7 @@ def test_a_swap_by_hand(children: Children, peer: Peer, tmp_path: Path) -> None:
     acting = states.column("effort", "trunk")[states.stamp_ns == first]
     assert commands.column("effort", "trunk")[commands.stamp_ns == first] == pytest.approx(acting)
     # Repeated offline, nobody commands between the two either.
-    again = children.trunk("simulate", "--like", "run.mcap", "-o", "again.mcap", name="like")
-    assert again.wait() == 0, again.stderr
+    said("simulate", "--like", tmp_path / "run.mcap", "-o", tmp_path / "again.mcap")
     repeated = Recording.open(tmp_path / "again.mcap")
     assert verify(repeated).exit_code == VERIFIED, verify(repeated)
     truth_ns = repeated.joints("/ground_truth/joint_states").stamp_ns
@@ -218,14 +218,12 @@ def test_a_swap_in_lockstep_has_the_offline_bits(
     run = run_swapped(children, "--lockstep", *(["--composed"] if composed else []))
     assert run.wait() == 0, run.stderr
     children.none_left()
-    again = children.trunk("simulate", "--like", "run/run.mcap", "-o", "again.mcap", name="like")
-    assert again.wait() == 0, again.stderr
-    difference = children.trunk("diff", "run/run.mcap", "again.mcap", name="diff")
-    assert difference.wait() == 0, difference.stdout
-    verdict = children.trunk("verify", "run/run.mcap", name="verify")
-    assert verdict.wait() == 0, verdict.stdout
-    assert "commands of pid: 201 steps" in verdict.stdout
-    assert "commands of fuzzy_pid: 100 steps" in verdict.stdout
+    path = tmp_path / "run" / "run.mcap"
+    said("simulate", "--like", path, "-o", tmp_path / "again.mcap")
+    said("diff", path, tmp_path / "again.mcap")
+    text = verified(path)
+    assert "commands of pid: 201 steps" in text
+    assert "commands of fuzzy_pid: 100 steps" in text
 
     def ended(node: str, at_ns: int) -> Verdict:
         """Judge the run as if a node had counted its messages, its last word, at another state."""

@@ -24,6 +24,7 @@ from trunk_msgs_util.samples import JointSample
 
 from .peer import Peer
 from .processes import Child, Children
+from .verbs import verified
 
 pytestmark = pytest.mark.graph
 
@@ -240,6 +241,5 @@ def test_change_in_a_recorded_run_is_replayed(children: Children, peer: Peer) ->
     changes = recording.parameter_changes()
     assert sorted(change.node for change in changes) == ["/fuzzy_pid", "/fuzzy_pid", "/simulator"]
     assert all(0 < change.stamp_ns < 5_000_000_000 for change in changes)
-    verdict = children.trunk("verify", folder / "run.mcap", name="verify")
-    assert verdict.wait() == 0, verdict.stdout
-    assert "states of the plant: 1001 steps checked, all equal" in verdict.stdout
+    text = verified(folder / "run.mcap")
+    assert "states of the plant: 1001 steps checked, all equal" in text

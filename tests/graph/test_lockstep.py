@@ -8,13 +8,12 @@ import signal
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from trunk_experiments.cli import trunk
 from trunk_experiments.plans.plan import make_plan
 
 from .peer import Peer
 from .processes import Child, Children
+from .verbs import said, verified
 
 pytestmark = pytest.mark.graph
 
@@ -34,13 +33,6 @@ plan = make_plan(
 run_graph(plan, RunFiles(Path(folder)), lambda t: None, order)
 """
 BUSY = "while True: pass"
-
-
-def verdict(*arguments: object) -> str:
-    """Return the output of a verb that only reads; it must end with code 0."""
-    result = CliRunner().invoke(trunk, [str(argument) for argument in arguments])
-    assert result.exit_code == 0, result.output
-    return result.output
 
 
 def succeed(child: Child) -> None:
@@ -66,7 +58,7 @@ def test_same_bits_everywhere(
     offline, processes, composed = (
         tmp_path / name for name in ("offline.mcap", "processes/run.mcap", "composed/run.mcap")
     )
-    succeed(children.trunk("simulate", *options, "-o", offline))
+    said("simulate", *options, "-o", offline)
     load = [children.python(BUSY, name=f"busy-{i}") for i in range(1)]
     succeed(children.python(RUN_IN_ORDER, processes.parent, controller, rate, duration, *order))
     for busy in load:
@@ -79,11 +71,9 @@ def test_same_bits_everywhere(
     steps, updates = round(duration * 1000) + 1, round(duration * rate) + 1
     messages = 4 * steps + 1 + updates  # the disturbance is published one step ahead
     for run in (processes, composed):
-        assert f"identical: {messages} messages" in verdict("diff", offline, run)
+        assert f"identical: {messages} messages" in said("diff", offline, run)
     for run in (offline, processes, composed):
-        said = verdict("verify", run)
-        assert ": verified" in said
-        assert f"states of the plant: {steps} steps checked, all equal" in said
+        assert f"states of the plant: {steps} steps checked, all equal" in verified(run)
 
 
 def test_same_bits_on_a_path_of_ones_own(children: Children, tmp_path: Path) -> None:
@@ -96,11 +86,11 @@ def test_same_bits_on_a_path_of_ones_own(children: Children, tmp_path: Path) -> 
             f"{prefix}sines=[0.0, 2cm]",
         ]
     offline, processes = tmp_path / "offline.mcap", tmp_path / "processes" / "run.mcap"
-    succeed(children.trunk("simulate", *options, "-o", offline))
+    said("simulate", *options, "-o", offline)
     succeed(children.trunk("run", *options, "--lockstep", "--output", processes.parent))
     children.none_left()
-    assert "identical" in verdict("diff", offline, processes)
-    assert ": verified" in verdict("verify", processes)
+    assert "identical" in said("diff", offline, processes)
+    verified(processes)
 
 
 def test_incommensurate_rate_is_refused_by_the_run(children: Children, tmp_path: Path) -> None:
@@ -162,12 +152,10 @@ def test_nodes_follow_csv_files_and_random_pulses_as_the_offline_run_does(
     succeed(children.trunk("simulate", *options, "-o", offline))
     succeed(children.trunk("run", *options, "--lockstep", "--output", processes.parent))
     children.none_left()
-    assert "identical: " in verdict("diff", offline, processes)
-    said = verdict("verify", processes)
-    assert ": verified" in said
-    assert "disturbances: 102 steps checked, all equal" in said
+    assert "identical: " in said("diff", offline, processes)
+    assert "disturbances: 102 steps checked, all equal" in verified(processes)
     table = tmp_path / "run.csv"
-    verdict("export", processes, "--csv", table)
+    said("export", processes, "--csv", table)
     with table.open(newline="") as file:
         references = {row["reference"] for row in csv.DictReader(file)}
     assert len(references) > 50

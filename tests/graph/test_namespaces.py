@@ -11,6 +11,7 @@ import pytest
 from trunk_experiments.runs.processes import find_executable
 
 from .processes import Child, Children, until
+from .verbs import said, verified
 
 pytestmark = pytest.mark.graph
 
@@ -22,14 +23,13 @@ def start(children: Children, namespace: str) -> dict[str, Child]:
     """Start the executables that ``trunk plan`` lists."""
     controller, angle = SETS[namespace]
     place = namespace.replace("/", "_")
-    plan = children.trunk(
+    plan = said(
         "plan", "demo", "--controller", controller, "--namespace", namespace, "--lockstep",
         "--duration", 2, "--set", f"simulator.initial.position=[0.0, {angle}]",
-        "--set", f"recorder.output={place}.mcap", "-o", f"{place}.yaml", name=f"plan_{place}",
+        "--set", f"recorder.output={place}.mcap", "-o", children.folder / f"{place}.yaml",
     )  # fmt: skip
-    assert plan.wait() == 0, plan.stderr
     started = {}
-    for line in plan.stdout.splitlines():
+    for line in plan.splitlines():
         _, _, package, executable, *arguments = shlex.split(line)
         started[executable] = children.start(
             f"{executable}_{place}", find_executable(package, executable), *arguments
@@ -50,12 +50,9 @@ def test_two_sets_at_once(children: Children, tmp_path: Path) -> None:
             assert node.process.returncode == 0, node.stderr
     for namespace, (controller, angle) in SETS.items():
         run = f"{namespace.replace('/', '_')}.mcap"
-        verdict = children.trunk("verify", run, name="verify")
-        assert verdict.wait() == 0, verdict.stdout
-        alone = children.trunk(
+        verified(tmp_path / run)
+        said(
             "simulate", "demo", "--controller", controller, "--duration", 2,
-            "--set", f"simulator.initial.position=[0.0, {angle}]", "-o", f"alone_{run}", name="alone",
+            "--set", f"simulator.initial.position=[0.0, {angle}]", "-o", tmp_path / f"alone_{run}",
         )  # fmt: skip
-        assert alone.wait() == 0, alone.stderr
-        difference = children.trunk("diff", run, f"alone_{run}", name="diff")
-        assert difference.wait() == 0, difference.stdout
+        said("diff", tmp_path / run, tmp_path / f"alone_{run}")

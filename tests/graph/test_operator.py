@@ -9,7 +9,7 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.verdict import UNJUDGED, VERIFIED
+from trunk_experiments.replay.verdict import UNJUDGED
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import stamp_from_ros, stamp_to_ros
@@ -19,6 +19,7 @@ from trunk_sim.operator_input import Applied
 
 from .peer import Peer
 from .processes import Child, Children
+from .verbs import said, verified
 
 pytestmark = pytest.mark.graph
 
@@ -116,13 +117,10 @@ def test_a_push_moves_the_trunk_and_is_recomputed_and_repeated(
     asked = list(dict.fromkeys(applied for _, applied in pushes))
     assert asked == [Applied(0.0, 40.0), Applied(0.0, -MOST), Applied()]
     path = tmp_path / "run" / "run.mcap"
-    verify = children.trunk("verify", path, name="verify")
-    assert verify.wait() == VERIFIED, verify.stdout
+    verified(path)
     if mode:
-        again = children.trunk("simulate", "--like", path, "-o", "again.mcap", name="again")
-        assert again.wait() == 0, again.stderr
-        verified = children.trunk("verify", "again.mcap", name="verified")
-        assert verified.wait() == VERIFIED, verified.stdout
+        said("simulate", "--like", path, "-o", tmp_path / "again.mcap")
+        verified(tmp_path / "again.mcap")
         same_bits(run, tmp_path / "again.mcap")
     # Before the first push, and a branch of that one within it.
     first_ns = pushes[0][0]
@@ -130,17 +128,14 @@ def test_a_push_moves_the_trunk_and_is_recomputed_and_repeated(
     parent = path
     for i, at in enumerate(times):
         child = tmp_path / f"{i}.mcap"
-        branch = children.trunk("branch", parent, "--at", at, "-o", child, name=f"branch_{i}")
-        assert branch.wait() == 0, branch.stderr
-        verify = children.trunk("verify", child, name=f"verify_{i}")
-        assert verify.wait() == VERIFIED, verify.stdout
+        said("branch", parent, "--at", at, "-o", child)
+        verified(child)
         assert RecordedRun.open(child).operated.pushes == pushes
         if mode:
             same_bits(run, child)
         parent = child
-    explained = children.trunk("explain", path, "--at", (first_ns + 50_000_000) * 1e-9)
-    assert explained.wait() == 0
-    assert "disturbance: trunk torque" in explained.stdout
+    explained = said("explain", path, "--at", (first_ns + 50_000_000) * 1e-9)
+    assert "disturbance: trunk torque" in explained
 
 
 def test_who_falls_silent_lets_go_and_what_is_malformed_spoils_nothing(
@@ -157,8 +152,7 @@ def test_who_falls_silent_lets_go_and_what_is_malformed_spoils_nothing(
     assert applied == Applied(0.0, 30.0)
     assert run.operated.at(since_ns + 2_000_000_000) == applied
     assert run.operated.at(since_ns + 2_005_000_000) == Applied()
-    verify = children.trunk("verify", tmp_path / "run" / "run.mcap", name="verify")
-    assert verify.wait() == VERIFIED, verify.stdout
+    verified(tmp_path / "run" / "run.mcap")
 
 
 def test_a_stranger_s_pushes_make_a_recording_incomplete(
@@ -170,5 +164,4 @@ def test_a_stranger_s_pushes_make_a_recording_incomplete(
     say(JointSample(0, ("hip", "trunk"), effort=(0.0, 5.0)))
     assert child.wait() == 1
     assert "operator/push" in (Recording.open(tmp_path / "run" / "run.mcap").end or {})["reason"]
-    verify = children.trunk("verify", tmp_path / "run" / "run.mcap", name="verify")
-    assert verify.wait() == UNJUDGED, verify.stdout
+    said("verify", tmp_path / "run" / "run.mcap", code=UNJUDGED)

@@ -33,7 +33,7 @@ def test_the_cores_without_fma():
 
 
 def test_a_recording_without_fma_is_the_same_and_verified(tmp_path):
-    given = ["--set", "simulator.duration=5.0", "--set", "simulator.sensor.position_noise=0.001"]
+    given = ["--set", "simulator.duration=0.9", "--set", "simulator.sensor.position_noise=0.001"]
     given += ["--controller", "fuzzy_pid", "--set", "fuzzy_pid.fuzzy.consequents=log"]
     for name, more in (("with.mcap", {}), ("without.mcap", WITHOUT_FMA)):
         command = ["trunk", "simulate", "fig6", *given, "-o", name]

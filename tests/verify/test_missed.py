@@ -45,6 +45,7 @@ def test_what_a_recorder_missed_is_judged_neither_right_nor_wrong(
     assert len(told) >= 4, told  # true and measured states, commands, disturbances, terms
 
 
+@pytest.mark.one_in(5)
 @pytest.mark.parametrize("topic", [COMMAND, "/fuzzy_pid/state"])
 @pytest.mark.parametrize("lost", [1, 2, 5])
 def test_the_last_answers_of_a_controller_that_was_killed_may_be_there_in_part(
@@ -63,6 +64,7 @@ def test_the_last_answers_of_a_controller_that_was_killed_may_be_there_in_part(
     assert verdict.judged.startswith("t = 0 to 1.19")
 
 
+@pytest.mark.one_in(5)
 @pytest.mark.parametrize("lost", [1, 2, 5])
 def test_the_last_terms_of_a_controller_killed_after_the_end_may_be_missing(whole, tmp_path, lost):
     """In lock-step a run is complete without them: the states and commands are all there."""
@@ -103,6 +105,7 @@ def again(messages, topic, row, stamp):
     messages.insert(at + 1, message)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("topic", [STATE, TRUTH, COMMAND, DISTURBANCE])
 @pytest.mark.parametrize("stamp", [WALL, None], ids=["wall clock", "doubled"])
 def test_a_stranger_is_not_taken_for_a_node_of_ours(whole, tmp_path, topic, stamp):

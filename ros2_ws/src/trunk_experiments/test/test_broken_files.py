@@ -295,6 +295,7 @@ finally:
 """
 
 
+@pytest.mark.one_in(5)
 @pytest.mark.parametrize("hostile", HOSTILE.values(), ids=HOSTILE.keys())
 @pytest.mark.slow
 def test_hostile_files_take_neither_time_nor_memory(hostile, tmp_path):

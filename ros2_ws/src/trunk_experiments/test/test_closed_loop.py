@@ -98,8 +98,16 @@ def test_a_fall_ends_the_run_where_the_plan_says_so(batch):
     assert first_difference(plan, batch) is None
 
 
-def test_controllers_that_take_over_have_the_same_bits(batch):
-    swaps = [Swap(0.3, "computed_torque"), Swap(0.7, "pid"), Swap(0.9, "fuzzy_pid")]
+@pytest.mark.parametrize(
+    "others",
+    [
+        ("lqr", "pid", "lqr"),
+        pytest.param(("computed_torque", "pid", "fuzzy_pid"), marks=pytest.mark.long),
+    ],
+    ids="-".join,
+)
+def test_controllers_that_take_over_have_the_same_bits(batch, others):
+    swaps = [Swap(t, name) for t, name in zip((0.3, 0.7, 0.9), others, strict=True)]
     plan = make_plan("fig8", "pid", everywhere={"duration": 1.1}, swaps=swaps)
     assert first_difference(plan, batch) is None
 

@@ -88,6 +88,7 @@ def offline(options):
     return plan, list(steps(plan))
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("action", ["torque", "gains"])
 @each_option
 def test_an_episode_as_planned_is_the_offline_run_bit_for_bit(options, action):
@@ -180,6 +181,7 @@ def balanced(seen):
     return float(60.0 * (seen[2] - seen[0]) - 9.0 * seen[1])
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ("policy", "longest", "reason"),
     [

@@ -187,6 +187,7 @@ def outcome(plan, path):
     return ended, path.read_bytes() if path.exists() else None
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*SOME, *BY_HAND])
 def test_states_in_stretches_make_the_same_file(name, tmp_path, monkeypatch):
@@ -198,6 +199,7 @@ def test_states_in_stretches_make_the_same_file(name, tmp_path, monkeypatch):
     assert outcome(plan, tmp_path / "in_bulk.mcap") == expected
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SOME)
 def test_compiled_states_make_the_same_file(name, tmp_path, monkeypatch):

@@ -61,6 +61,7 @@ BAD = {
 }
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(("entry", "module", "told"), BAD.values(), ids=BAD)
 def test_a_bad_one_is_a_line_and_the_others_go_on(
     tmp_path: Path, entry: str, module: str, told: str
@@ -177,6 +178,7 @@ def test_whoever_stands_beside_a_law_is_not_the_law(tmp_path: Path) -> None:
     assert run.stdout == "''\n"
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     "name",
     ["pid", "simulator", "Mine", "mine-too", "_mine", "m__e", "9mine", "class", "numpy", "x"],

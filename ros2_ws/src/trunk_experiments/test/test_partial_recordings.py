@@ -291,6 +291,7 @@ CASES = [
 ]
 
 
+@pytest.mark.one_in(5)
 @pytest.mark.filterwarnings("error")  # they would be shown to the user
 @pytest.mark.parametrize(("part", "verb"), CASES)
 def test_one_line_at_most(part, verb, whole, tmp_path, monkeypatch, capsys):

@@ -34,6 +34,7 @@ def has_line(axes, x, y):
     )
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("suffix", MAGIC)
 @pytest.mark.parametrize("draw", [overview, lambda views: paper_figure(views, 8)])
 @pytest.mark.slow

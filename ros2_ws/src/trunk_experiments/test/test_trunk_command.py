@@ -85,6 +85,7 @@ KEYS = (
 )
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("run", "expected"), REFERENCE.items(), ids=lambda v: "-".join(map(str, v))
