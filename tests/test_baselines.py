@@ -20,6 +20,7 @@ def recorded(path, scenario, controller, params=(), settings=(), duration=3.0):
     return Recording.open(path)
 
 
+@pytest.mark.slow
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize("controller", ["lqr", "computed_torque"])
 @pytest.mark.parametrize("profile", ["profile_paper", "profile_practical"])
@@ -40,6 +41,7 @@ def test_computed_torque_with_an_exact_model_obeys_its_error_equation(tmp_path):
     assert table.theta == pytest.approx(expected, abs=5e-3)  # held over a period of 1 ms
 
 
+@pytest.mark.slow
 def test_the_feed_forward_holds_a_lean_without_an_integral(tmp_path):
     settings = ["lqr.gains.i=0.0", "simulator.hip.mode=prescribed"]
     settings += ["simulator.path.amplitude=0.0", "simulator.initial.velocity=[0.0, 0.0]"]

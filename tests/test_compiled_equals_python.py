@@ -110,12 +110,14 @@ def test_energy(twin):
         assert bits(twin["energy"](state, p)) == bits(plant.energy(state, p))
 
 
+@pytest.mark.slow
 def test_rk4_step(twin):
     for state, force, torque, p in plants(3000, seed=3):
         arguments = (state, force, torque, 0.005, p)
         assert bits(twin["rk4_step"](*arguments)) == bits(integrator.rk4_step(*arguments))
 
 
+@pytest.mark.slow
 def test_advance(twin):
     for k, (state, force, torque, p) in enumerate(plants(2000, seed=4)):
         arguments = (state, force, torque, 0.001, 1 + k % 10, p)
@@ -150,6 +152,7 @@ def law_id(law: pid.PidLaw) -> str:
     return "-".join([*names, filtered, limits])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS, ids=law_id)
 def test_pid_update(twin, law):
     for arguments in pid_inputs(400, 5, law):
@@ -173,6 +176,7 @@ def rules(request) -> fuzzy.FuzzyRules:
     return FuzzyPidConfig(consequents=request.param).rules
 
 
+@pytest.mark.slow
 def test_infer(twin, rules):
     rng = np.random.default_rng(7)
     inputs = rng.uniform((-2.0, -6.0), (2.0, 6.0), (4000, 2)).tolist()
@@ -182,6 +186,7 @@ def test_infer(twin, rules):
         assert bits(twin["infer"](e, rate, compiled_rules)) == bits(fuzzy.infer(e, rate, rules))
 
 
+@pytest.mark.slow
 def test_fuzzy_pid_update(twin, rules):
     box, compiled_rules = fuzzy_pid.GainBox(), arrays(rules)
     for *sample, _, law in pid_inputs(2000, 8, LAWS[-2]):
@@ -196,6 +201,7 @@ def test_lqr_update(twin):
         assert bits(twin["lqr_update"](*arguments)) == bits(lqr.lqr_update(*arguments))
 
 
+@pytest.mark.slow
 def test_updates_at_extreme_numbers(twin, rules):
     """Where products overflow, both hold the same command."""
     rng = np.random.default_rng(13)
@@ -247,6 +253,7 @@ def test_multisine(twin):
         assert bits(twin["multisine"](t, amplitude, *compiled_components)) == bits(expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["held", "interpolated"])
 def test_time_table(twin, name):
     rng = np.random.default_rng(8)
@@ -260,6 +267,7 @@ def test_time_table(twin, name):
             assert bits(twin[name](t_ns, *rows, -0.25)) == bits(expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("linear", [True, False], ids=["linear", "hold"])
 @pytest.mark.parametrize("channels", [(0, 1, 2, 3), (3, 3, 3, 3), (1, 0, 3, 1)], ids=str)
 def test_disturbance_at(twin, channels, linear):

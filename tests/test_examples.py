@@ -47,6 +47,7 @@ def test_a_policy_is_trained_saved_and_compared(train, tmp_path):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "says"),
     [

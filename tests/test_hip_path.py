@@ -75,6 +75,7 @@ def test_a_path_moves_the_trunk():
     assert states(walk("computed_torque"))[-1] != states(other)[-1], "the model's path, too"
 
 
+@pytest.mark.slow
 def test_runs_on_several_paths_share_blocks_with_their_like_alone(batch):
     paths = [(0.01,), (0.01, 0.02), (), (0.01, 0.02, 0.0)]
     plans = [
@@ -162,6 +163,7 @@ def test_a_path_that_changes_while_the_run_goes_on(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_the_library_takes_a_path(tmp_path):
     given = {"simulator.path.sines": np.array([0.01, 0.02]), "simulator.path.cosines": [0.003]}
     run = trunk.simulate(trunk.plan("fig6", "pid", overrides=given, duration=0.1))
@@ -169,6 +171,7 @@ def test_the_library_takes_a_path(tmp_path):
     assert trunk.verify(run).verified
 
 
+@pytest.mark.slow
 def test_floquet_multipliers_are_those_of_the_same_path_as_a_sine():
     settings = ["simulator.hip.mode=prescribed", "simulator.path.wavenumber=9"]
     sine = walk("pid", *settings, "simulator.path.cosines=[]", "simulator.path.sines=[0.05]")

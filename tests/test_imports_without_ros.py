@@ -57,6 +57,7 @@ def import_blocked(*modules: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", PACKAGES)
 def test_modules_import_without_ros_installed(package):
     modules = [name for name in PURE if name.split(".")[0] == package]

@@ -73,6 +73,7 @@ REFERENCE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REFERENCE)
 def test_reference_numbers(name):
     controller, expected = REFERENCE[name]

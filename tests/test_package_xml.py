@@ -67,6 +67,7 @@ def declared_by(package):
     return tuple({e.text for e in root.findall(tag)} for tag in ("exec_depend", "test_depend"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_package_xml_declares_what_is_imported(package):
     run, test = declared_by(package)
@@ -86,6 +87,7 @@ def test_the_test_sees_an_import():
     assert modules(text) == {"a", "c", "h"}
 
 
+@pytest.mark.slow
 def test_what_rosdep_does_not_know_is_locked_and_used():
     used = set().union(*(imported(p, p.name, "launch", "test") for p in PACKAGES))
     used |= modules((ROOT / "conftest.py").read_text(encoding="utf-8"))

@@ -31,6 +31,7 @@ def files(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_commands_make_a_verified_run(tmp_path):
     done = subprocess.run(
         ["bash", "-euc", block("bash")], cwd=tmp_path, capture_output=True, text=True, check=False

@@ -195,6 +195,7 @@ def exact_power(left, right):
     return left.value == 2 or (type(left.value) is int and not negative)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", files(), ids=lambda path: str(path.relative_to(SOURCES)))
 def test_no_function_of_the_c_library_decides_a_bit(path):
     found = set(inexact(ast.parse(path.read_text())))

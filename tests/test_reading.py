@@ -73,6 +73,7 @@ def assert_same_bits(joints, expected):
                 assert np.isnan(read).all()
 
 
+@pytest.mark.slow
 @settings(
     max_examples=60,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],

@@ -155,6 +155,7 @@ JOINTS = ("hip", "trunk")
 joint = pytest.mark.parametrize("column", [0, 1], ids=JOINTS)
 
 
+@pytest.mark.slow
 @pytest.mark.one_in(5)
 @pytest.mark.parametrize("topic", ["ground_truth/joint_states", "joint_states"])
 @pytest.mark.parametrize("quantity", ["position", "velocity", "effort"])
@@ -185,6 +186,7 @@ def test_one_bit_of_a_command_is_found_in_its_place(whole, tmp_path, step):
     assert found.recorded == nextafter(found.computed, inf)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("column", range(len(STATE_NAMES)), ids=STATE_NAMES)
 def test_one_bit_of_a_controllers_terms_is_found_in_its_place(whole, tmp_path, column):
     topic = "fuzzy_pid/state"

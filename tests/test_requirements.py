@@ -132,6 +132,7 @@ def install(wheel, requirement):
     return done.returncode, (done.stdout + done.stderr).splitlines(), folder / "target"
 
 
+@pytest.mark.slow
 def test_what_has_the_hash_is_installed_without_what_it_depends_on(wheel):
     digest = hashlib.sha256(wheel.read_bytes()).hexdigest()
     code, lines, target = install(wheel, f"tiny-thing==1.0 --hash=sha256:{digest}")
@@ -139,6 +140,7 @@ def test_what_has_the_hash_is_installed_without_what_it_depends_on(wheel):
     assert (target / "tiny_thing.py").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("digest", "says"),
     [
@@ -159,6 +161,7 @@ def test_what_has_not_the_hash_is_not_installed_and_one_line_says_so(wheel, dige
     assert not target.exists()
 
 
+@pytest.mark.slow
 def test_no_code_of_a_source_package_is_run(wheel):
     """Its hash is right, but setup.py would be run, with whatever it needs to build."""
     source = wheel.with_name("tiny_thing-1.0.tar.gz")

@@ -78,6 +78,7 @@ def edit(name, messages):
     raise AssertionError(name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EDITS)
 def test_another_value_is_found(whole, tmp_path, name):
     copy = copied(whole, tmp_path / "edited.mcap", partial(edit, name), digests=ANEW)
@@ -92,6 +93,7 @@ PATH = ("path.cosines", "path.sines")
 MODEL = ("model.path_cosines", "model.path_sines")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("node", "left_out", "judged"),
     [

@@ -36,6 +36,7 @@ def test_every_edit_is_refused_or_listed(base, tmp_path, digests, share):
     assert kinds[1] > 0
 
 
+@pytest.mark.slow
 def test_honest_runs_are_not_accused(tmp_path):
     assert not [f"{run.name}: {run.accused}" for run in offline_runs(12, tmp_path) if run.accused]
 

@@ -36,6 +36,7 @@ SWAPPED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", SWAPPED)
 def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
     controller, swaps = SWAPPED[scenario]
@@ -104,6 +105,7 @@ def test_a_controller_that_is_activated_during_the_run_begins_inactive(tmp_path)
     assert diff(RecordedRun.open(path), RecordedRun.open(again)).identical
 
 
+@pytest.mark.slow
 def test_commands_of_two_publishers_may_be_in_any_order(tmp_path):
     path = tmp_path / "swapped.mcap"
     swaps = [parse_swap("0.5:fuzzy_pid")]
@@ -170,6 +172,7 @@ def test_a_controller_with_its_own_times_is_awaited_like_others_that_take_turns(
     assert make_plan("fig8", "pid").simulator.controllers == ()
 
 
+@pytest.mark.slow
 def test_a_fall_is_marked_and_verified(tmp_path):
     path = tmp_path / "fell.mcap"
     weak = ["pid.u_clamp_max=0.1", "pid.u_clamp_min=-0.1"]

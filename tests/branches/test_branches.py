@@ -16,6 +16,7 @@ from . import check
 PAGE = Path(__file__).parents[2] / "docs" / "branch.md"
 
 
+@pytest.mark.slow
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize("name", check.plans())
 def test_without_a_change_it_is_its_parent(name: str, tmp_path: Path) -> None:
@@ -26,6 +27,7 @@ def test_without_a_change_it_is_its_parent(name: str, tmp_path: Path) -> None:
         assert check.differences(path, at, tmp_path) == []
 
 
+@pytest.mark.slow
 def test_the_pages_commands_work_in_their_order(tmp_path: Path) -> None:
     commands = re.findall(r"^    (trunk .*)$", PAGE.read_text("utf-8"), re.MULTILINE)
     assert len(commands) == 7

@@ -38,6 +38,7 @@ def branch(parent: Path, at: float, path: Path) -> RecordedRun:
     return RecordedRun.open(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("topic", ["/ground_truth/joint_states", "/effort_command", "/disturbance"])
 def test_what_does_not_verify_up_to_there_is_refused(
     parent: Path, tmp_path: Path, topic: str

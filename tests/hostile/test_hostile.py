@@ -56,6 +56,7 @@ def test_a_signal_ends_a_verb_in_a_long_file(children: Children, tmp_path, verb,
     assert {one.name for one in tmp_path.iterdir() if "mcap" in one.name} == {"long.mcap"}
 
 
+@pytest.mark.slow
 def test_the_fuzzers_corpus_is_read_or_refused(tmp_path):
     """Every file with which fuzzing reached new code: read to its end, or a TrunkError."""
     read = readers()

@@ -62,6 +62,7 @@ def judged(path: Path) -> tuple[int, list[str]]:
     return verdict.exit_code, [*verdict.reasons, *verdict.obstacles]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", range(6))
 def test_random_links_and_drives_verify(index: int, tmp_path: Path) -> None:
     assert check.differences(check.random_plan(index, 5), tmp_path, False, ()) == []
@@ -88,6 +89,7 @@ def test_what_the_controller_sees_and_the_plant_is_told_is_late_lost_and_held(ru
     assert applied.tolist() == [commands[j] if j >= 0 else 0.0 for j in told[:-1]]
 
 
+@pytest.mark.slow
 def test_its_branches_verify_and_without_a_change_are_the_run(run: Path, tmp_path: Path) -> None:
     for i, at in enumerate((0.0, 0.005, 0.3331, 0.7, 1.0)):
         assert check_branch(run, Branch(at), tmp_path / f"{i}.mcap") is None
@@ -125,6 +127,7 @@ def test_sensors_that_always_fail_hold_the_first_reading(tmp_path: Path) -> None
     assert judged(tmp_path / "a.mcap") == (VERIFIED, [])
 
 
+@pytest.mark.slow
 def test_long_runs_are_skipped_over_in_stretches(tmp_path: Path) -> None:
     record_offline(bad(60.0), tmp_path / "long.mcap")
     assert judged(tmp_path / "long.mcap") == (VERIFIED, [])

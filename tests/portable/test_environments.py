@@ -24,6 +24,7 @@ WITHOUT_FMA = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2,-FMA4"}
 COUNT = 10_000  # arguments for each function
 
 
+@pytest.mark.slow
 def test_the_cores_without_fma():
     program = [sys.executable, "-m", "tests.portable.cores", "4000"]
     found = subprocess.run(
@@ -32,6 +33,7 @@ def test_the_cores_without_fma():
     assert json.loads(found.stdout) == cores.fingerprints(4000)
 
 
+@pytest.mark.slow
 def test_a_recording_without_fma_is_the_same_and_verified(tmp_path):
     given = ["--set", "simulator.duration=0.9", "--set", "simulator.sensor.position_noise=0.001"]
     given += ["--controller", "fuzzy_pid", "--set", "fuzzy_pid.fuzzy.consequents=log"]

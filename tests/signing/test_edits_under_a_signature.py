@@ -56,6 +56,7 @@ EDITS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize("edit", EDITS.values(), ids=EDITS)
 def test_every_edit_with_new_digests_is_told_by_the_signature(signed, original, trunk, edit):

@@ -55,6 +55,7 @@ def put(messages, row, **efforts):
     message[2] = bytes(data)
 
 
+@pytest.mark.slow
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     "edit",

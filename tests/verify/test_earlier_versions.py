@@ -18,6 +18,7 @@ GROUPS = [(node, group) for node in ("simulator", "disturbance") for group in _L
 FIRST = {"simulator": 32, "disturbance": 17}
 
 
+@pytest.mark.slow
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize(("node", "group"), GROUPS, ids=[group[0] for _, group in GROUPS])
 def test_parameters_that_came_later_may_be_missing(whole, tmp_path, node, group):

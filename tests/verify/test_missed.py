@@ -18,6 +18,7 @@ from ..edited import ANEW, copied
 from .messages import COMMAND, DISTURBANCE, STATE, TRUTH, of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("first", "last", "judged"),
     [(0.0, 0.5, "no state"), (0.5, 0.7, "t = 0 to 0.499 s, 500 states, offline")],
@@ -45,6 +46,7 @@ def test_what_a_recorder_missed_is_judged_neither_right_nor_wrong(
     assert len(told) >= 4, told  # true and measured states, commands, disturbances, terms
 
 
+@pytest.mark.slow
 @pytest.mark.one_in(5)
 @pytest.mark.parametrize("topic", [COMMAND, "/fuzzy_pid/state"])
 @pytest.mark.parametrize("lost", [1, 2, 5])
@@ -64,6 +66,7 @@ def test_the_last_answers_of_a_controller_that_was_killed_may_be_there_in_part(
     assert verdict.judged.startswith("t = 0 to 1.19")
 
 
+@pytest.mark.slow
 @pytest.mark.one_in(5)
 @pytest.mark.parametrize("lost", [1, 2, 5])
 def test_the_last_terms_of_a_controller_killed_after_the_end_may_be_missing(whole, tmp_path, lost):
@@ -82,6 +85,7 @@ def test_the_last_terms_of_a_controller_killed_after_the_end_may_be_missing(whol
     assert obstacle.startswith("fuzzy_pid did not say how many messages it published")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("update_rate", [1000, 250])
 def test_a_controller_that_outlives_the_recorder_is_judged_to_the_end(tmp_path, update_rate):
     settings = [f"fuzzy_pid.update_rate={update_rate}"]
@@ -105,6 +109,7 @@ def again(messages, topic, row, stamp):
     messages.insert(at + 1, message)
 
 
+@pytest.mark.slow
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize("topic", [STATE, TRUTH, COMMAND, DISTURBANCE])
 @pytest.mark.parametrize("stamp", [WALL, None], ids=["wall clock", "doubled"])

@@ -99,6 +99,7 @@ PLANTED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.one_in(5)
 @pytest.mark.parametrize("edit", PLANTED.values(), ids=PLANTED.keys())
 def test_a_planted_change_diverges_by_recomputation_alone(whole, tmp_path, edit):
@@ -107,6 +108,7 @@ def test_a_planted_change_diverges_by_recomputation_alone(whole, tmp_path, edit)
     assert not verdict.altered
 
 
+@pytest.mark.slow
 def test_one_bit_of_one_command_is_found_at_its_step_one_ulp_apart(whole, tmp_path):
     copy = copied(whole, tmp_path / "planted.mcap", PLANTED["one bit of one command"], digests=NONE)
     commands = next(p for p in verify(copy).parts if p.name == "commands of fuzzy_pid")
@@ -119,6 +121,7 @@ def test_one_bit_of_one_command_is_found_at_its_step_one_ulp_apart(whole, tmp_pa
     assert ", 1 ULP apart" in found.first.describe()
 
 
+@pytest.mark.slow
 def test_a_change_without_effect_on_any_bit_is_caught_by_the_digests(whole, tmp_path):
     unused = {"i_clamp_max": 1e9}
     copy = copied(
@@ -176,6 +179,7 @@ def test_one_stamp_in_the_far_future_costs_no_more_than_any_other(whole, tmp_pat
     assert peak < 64 << 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("topic", "obstacles"),
     [
@@ -194,6 +198,7 @@ def test_in_real_time_too_every_measured_state_has_to_be_there(whole, tmp_path, 
     assert [line for line in verify(copy).obstacles if "steps missing" in line] == obstacles
 
 
+@pytest.mark.slow
 def test_a_run_without_an_end_marker_cannot_be_judged(whole, tmp_path):
     verdict = verify(copied(whole, tmp_path / "endless.mcap", end=False, digests=NONE))
     assert verdict.exit_code == UNJUDGED
@@ -209,6 +214,7 @@ def test_a_run_without_parameters_cannot_be_judged(whole, tmp_path):
     assert any("no parameters recorded of" in line for line in verdict.obstacles)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arithmetic", "line"),
     [("", "no provenance that names its arithmetic"), ("portable-2", "in arithmetic 'portable-2'")],
@@ -249,6 +255,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.slow
 def test_changes_during_a_run_are_replayed_and_rebuilt(whole, tmp_path):
     plan = RecordedRun.open(whole).plan()
     changed = tmp_path / "changed.mcap"

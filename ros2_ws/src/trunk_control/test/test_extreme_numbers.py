@@ -96,6 +96,7 @@ def computed_torque_step(data):
     return lambda state, sample, law: computed_torque_update(state, *sample, *chosen, law)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make_step", [pid_step, fuzzy_pid_step, lqr_step, computed_torque_step])
 @given(st.data())
 def test_every_command_is_finite_and_within_its_limits(make_step, data):

@@ -62,6 +62,7 @@ def all_rules(error: float, error_rate: float, rules: FuzzyRules) -> tuple[float
 both = pytest.mark.parametrize("logarithmic", [False, True], ids=["linear", "log"])
 
 
+@pytest.mark.slow
 @both
 def test_four_rules_equal_all_on_a_grid(logarithmic):
     rules = PRINTED._replace(logarithmic=logarithmic)
@@ -97,6 +98,7 @@ rule_bases = st.builds(
 values = st.floats(-10.0, 10.0)
 
 
+@pytest.mark.slow
 @given(values, values, rule_bases)
 @settings(max_examples=300)
 def test_four_rules_equal_all_for_any_tables_and_peaks(error, error_rate, rules):
@@ -164,6 +166,7 @@ def test_logarithmic_consequents_do_not_change_alpha():
     assert logarithmic[:2] != linear[:2]
 
 
+@pytest.mark.slow
 @given(values, values, rule_bases)
 @settings(max_examples=300)
 def test_fired_rules_add_up_to_the_inferred_values(error, error_rate, rules):

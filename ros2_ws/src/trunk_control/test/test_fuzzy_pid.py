@@ -39,6 +39,7 @@ def boxes(draw) -> GainBox:
     return GainBox(lows[0], p_max, lows[1], d_max)
 
 
+@pytest.mark.slow
 @given(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), configurations, boxes())
 @settings(max_examples=300)
 def test_gains_never_leave_the_box(error, error_rate, config, box):
@@ -49,6 +50,7 @@ def test_gains_never_leave_the_box(error, error_rate, config, box):
     assert gains.i == pytest.approx(gains.p**2 / (alpha * gains.d), rel=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("consequents", ["linear", "log"])
 def test_printed_gains_never_leave_the_box(consequents):
     rules = FuzzyPidConfig(consequents=consequents).rules

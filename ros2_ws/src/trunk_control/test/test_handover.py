@@ -45,6 +45,7 @@ def taking_over(make, config, position=0.125):
     return controller
 
 
+@pytest.mark.slow
 @every
 @pytest.mark.parametrize("mode", MODES)
 @given(position=angles, rate=st.floats(-3.0, 3.0), effort=st.floats(-80.0, 80.0))

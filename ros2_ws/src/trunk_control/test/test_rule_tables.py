@@ -79,6 +79,7 @@ def test_centers_run_along_the_rows():
 GOOD = ("S S S S S S S",) * 7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rows", "message"),
     [

@@ -42,6 +42,7 @@ def test_importing_it_loads_nothing_large_and_no_ros():
     assert done.stdout == "[]\n"
 
 
+@pytest.mark.slow
 def test_a_simulated_run_is_the_recording_that_the_command_makes(run, tmp_path):
     plan = make_plan("fig8", "pid", everywhere={"duration": 1.3})
     record_offline(plan, tmp_path / "run.mcap")
@@ -93,6 +94,7 @@ def test_controllers_take_turns():
     assert np.ptp(run.alpha[:500]) == 0.0 < np.ptp(run.alpha[500:])
 
 
+@pytest.mark.slow
 def test_a_run_is_run_again_from_its_recording(run):
     again = trunk.simulate(run.plan())
     assert again.torque.tobytes() == run.torque.tobytes()
@@ -117,6 +119,7 @@ def test_a_run_that_diverges_raises_and_leaves_what_there_was(tmp_path):
     assert trunk.load(tmp_path / "run.mcap").doubts[0].startswith("INCOMPLETE")
 
 
+@pytest.mark.slow
 def test_nothing_can_be_changed(run, swept):
     with pytest.raises(ValueError, match="read-only"):
         run.theta[0] = 1.0

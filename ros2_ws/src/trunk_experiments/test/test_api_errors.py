@@ -139,6 +139,7 @@ def made():
     return SimpleNamespace(run=run, picture=trunk.plot(run), results=trunk.sweep(study()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "write"), WRITERS.items(), ids=WRITERS)
 def test_nothing_writes_over_a_file_unasked(name, write, made, tmp_path):
     path = tmp_path / name

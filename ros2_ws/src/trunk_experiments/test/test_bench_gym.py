@@ -15,6 +15,7 @@ from trunk_experiments.gym.task import make_task
 from trunk_msgs_util.compiled import compiled
 
 
+@pytest.mark.slow
 def test_rows(monkeypatch):
     monkeypatch.setattr(bench, "STEPS", 3)
     for row in bench.bench_gym(rounds=1, count=20):

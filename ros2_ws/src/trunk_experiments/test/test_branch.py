@@ -78,6 +78,7 @@ def same(run, plan, tmp_path):
     return found.identical or found.describe()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "changes"),
     [
@@ -140,6 +141,7 @@ def test_nothing_disturbed_the_past_of_a_run_without_disturbances(branch, tmp_pa
     assert run.table("disturbance").stamp_ns[0] == AT
 
 
+@pytest.mark.slow
 def test_a_branch_ends_when_it_is_told_or_was_planned(branch, parent, plan, tmp_path):
     for end, states in ((0.75, 151), (2.0, 401)):
         run = branch(parent, tmp_path / f"{end}.mcap", "--duration", end)
@@ -170,6 +172,7 @@ def twice(capsys, tmp_path, parent, first, second):
     return RecordedRun.open(path)
 
 
+@pytest.mark.slow
 def test_a_controller_that_has_given_no_command_yet_is_there(tmp_path, capsys):
     path = tmp_path / "swap.mcap"
     swap = make_plan("demo", "fuzzy_pid", everywhere={"duration": 1.0}, swaps=(Swap(2.0, "pid"),))
@@ -191,6 +194,7 @@ def test_a_controller_that_has_given_no_command_yet_is_there(tmp_path, capsys):
     assert "turn at t = 0 s that would undo it" in cli(capsys, "branch", path, *scheduled)[1]
 
 
+@pytest.mark.slow
 def test_changes_at_the_same_time_add_up(parent, plan, tmp_path, capsys):
     limited = ("--at", 0.5, "--set", "simulator.max_effort=5")
     run = twice(
@@ -207,6 +211,7 @@ def test_changes_at_the_same_time_add_up(parent, plan, tmp_path, capsys):
     assert [one.changed for one in run.parameter_changes("simulator")] == [{"max_effort": 3.0}]
 
 
+@pytest.mark.slow
 def test_a_disturbance_that_joined_at_a_branch_is_there_in_the_next(tmp_path, capsys):
     path = tmp_path / "quiet.mcap"
     record_offline(make_plan("fig6", "pid", everywhere={"duration": 0.9}), path)

@@ -18,6 +18,7 @@ def parent(short_run):
     return short_run("demo", "pid", duration=1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -49,6 +49,7 @@ def test_random_runs_have_the_same_bits(batch):
 NOT_DRAWN = {"joint", "joints", "wait_for", "controllers", "autostart", "plant.equations"}
 
 
+@pytest.mark.slow
 def test_every_parameter_is_drawn():
     plans = [random_plan(index) for index in range(300)]
     seen = defaultdict(set)
@@ -77,6 +78,7 @@ def test_the_comparison_detects_one_changed_bit(batch, monkeypatch):
     assert "step 7: theta is" in first_difference(plan, batch)
 
 
+@pytest.mark.slow
 def test_the_same_loop_runs_in_cpython(batch):
     plan = make_plan("fig8", "pid", everywhere={"duration": 0.05}, swaps=[Swap(0.02, "lqr")])
     expected = batch.run(plan).table
@@ -88,6 +90,7 @@ def test_the_same_loop_runs_in_cpython(batch):
     assert out[closed_loop.THETA].tolist() == expected.theta.tolist()
 
 
+@pytest.mark.slow
 def test_a_fall_ends_the_run_where_the_plan_says_so(batch):
     settings = ["simulator.fall.stop=true", "simulator.fall.angle=0.6", "pid.gains.i=0.0"]
     plan = make_plan("fig8", "pid", settings=settings)
@@ -134,6 +137,7 @@ def test_a_compiled_controller_at_half_the_plants_rate_does_so_too(batch, half_r
     assert (torque[2::2] != torque[1:-1:2]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", ["pid", "fuzzy_pid"])
 def test_metrics_are_those_of_the_recording(batch, short_run, controller):
     path = short_run("fig8", controller)
@@ -208,6 +212,7 @@ def test_what_is_used_is_not_old(tmp_path, monkeypatch):
     assert kept.stat().st_mtime > time.time() - 3600
 
 
+@pytest.mark.slow
 def test_the_script_reports_what_it_found():
     script = Path(__file__).parents[4] / "scripts" / "check_compiled.py"
     if not script.is_file():

@@ -53,6 +53,7 @@ def test_the_smallest_magnitude_is_best_and_null_ranks_last(values, best):
     assert best_of(values) == best
 
 
+@pytest.mark.slow
 def test_rows_hold_the_metrics_of_each_run(runs, found):
     expected = [metrics(RunTable.from_run(RecordedRun.open(run))).as_dict() for run in runs]
     assert [row.key for row in found.rows] == list(expected[0]) == list(QUANTITIES)
@@ -124,6 +125,7 @@ def test_a_file_that_is_not_a_recording(tmp_path):
     assert str(path) in str(done.exception)
 
 
+@pytest.mark.slow
 def test_what_has_no_level_is_not_said_to_never_settle(short_run):
     sine = ["pid.reference.profile=sine", "pid.reference.amplitude=0.5"]
     tracked = short_run("fig6", "pid", duration=3.0, settings=sine)
@@ -154,6 +156,7 @@ def test_a_folder_that_is_given_as_a_dot_has_its_name(runs, tmp_path, monkeypatc
     assert "mine: true error" in CliRunner().invoke(trunk, ["metrics", "."]).output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "files", "differs"),
     [
@@ -174,6 +177,7 @@ def test_runs_of_different_tasks_are_not_ranked(short_run, runs, scenario, files
     assert differs in json.loads(invoke(*paths, "--json"))["different_tasks"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "more",
     [
@@ -190,6 +194,7 @@ def test_another_disturbance_is_another_task(short_run, more):
     assert compare([RunView.read(RecordedRun.open(p)) for p in (paths[0], idle)]).tasks == ()
 
 
+@pytest.mark.slow
 def test_how_finely_time_is_cut_is_no_task(short_run, runs):
     finer = short_run("fig6", "pid", duration=3.0, settings=("simulator.substeps=20",))
     assert compare([RunView.read(RecordedRun.open(p)) for p in (runs[0], finer)]).tasks == ()

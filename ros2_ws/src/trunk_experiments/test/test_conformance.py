@@ -37,6 +37,7 @@ def test_an_honest_law_keeps_everything(check: LawCheck) -> None:
     assert [one for one in check.run(HONEST) if not one.note] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "check"),
     [

@@ -114,6 +114,7 @@ def test_how_far_the_angle_was_moved(short_run, tmp_path, monkeypatch):
     assert doubts_of(RecordedRun.open(path)).lines == [LATE]
 
 
+@pytest.mark.slow
 def test_a_run_that_departs_from_lockstep_is_marked_even_if_no_command_was_late(
     short_run, tmp_path
 ):
@@ -135,6 +136,7 @@ def fallen(path):
     return path
 
 
+@pytest.mark.slow
 def test_a_fall_stands_first(tmp_path, told):
     path = fallen(tmp_path / "fallen.mcap")
     assert doubts_of(RecordedRun.open(path)).fell_at_s == 0.0
@@ -147,6 +149,7 @@ def test_a_fall_stands_first(tmp_path, told):
     assert "FELL: at t = 0 s" in told_of
 
 
+@pytest.mark.slow
 def test_such_runs_are_never_the_best(short_run, tmp_path, told):
     sound = short_run("fig6", "lqr")
     late = in_real_time(short_run("fig6", "pid"), tmp_path / "late.mcap", [7])
@@ -249,6 +252,7 @@ def test_metrics_of_an_incomplete_run_are_marked(short_run, tmp_path, told):
     assert "INCOMPLETE" not in told("metrics", short_run("fig6", "pid"))[1]
 
 
+@pytest.mark.slow
 def test_plots_and_comparisons_say_it_once_too(short_run, tmp_path, told):
     path, whole = cut(short_run("fig6", "pid"), tmp_path / "cut.mcap"), short_run("fig6", "lqr")
     _, out, err = told("plot", path, "-o", tmp_path / "a.png")

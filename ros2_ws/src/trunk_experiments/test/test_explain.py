@@ -22,6 +22,7 @@ from trunk_msgs_util.recording.reader import RecordingError
 FIELDS = ("error", "error_rate", "p_term", "i_term", "d_term", "kp", "ki", "kd", "alpha")
 
 
+@pytest.mark.slow
 @pytest.mark.one_in(5)
 @pytest.mark.parametrize("scenario", ["fig8", "demo"])
 @pytest.mark.parametrize("controller", ["pid", "fuzzy_pid", "lqr", "computed_torque"])

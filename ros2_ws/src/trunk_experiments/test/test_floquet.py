@@ -64,6 +64,7 @@ LONG = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("controller", "settings"),
     [
@@ -84,6 +85,7 @@ def test_small_errors_grow_as_the_multipliers_say(controller, settings):
     assert seen == pytest.approx(np.log(floquet(made).growth), rel=0.05)
 
 
+@pytest.mark.slow
 def test_without_a_loop_the_trunk_falls_at_its_own_rate():
     gains = [f"pid.gains.{gain}=0.0" for gain in "pid"]
     made = plan("pid", *gains, "simulator.path.amplitude=0.0", rate=1000.0)

@@ -104,6 +104,7 @@ def test_a_message_of_a_megabyte_ends_its_connection_alone():
     serving(test)
 
 
+@pytest.mark.slow
 def test_a_flood_is_cut_off():
     async def test(served):
         page, other = await served.connect(), await served.connect()
@@ -167,6 +168,7 @@ def test_a_page_waits_for_what_it_has_asked_before():
     serving(test)
 
 
+@pytest.mark.slow
 def test_a_page_that_does_not_read_has_no_queue_and_the_others_go_on():
     async def test(served):
         rows = served.feed.streams[0].rows

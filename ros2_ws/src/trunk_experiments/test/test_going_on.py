@@ -34,6 +34,7 @@ def parents(tmp_path_factory):
     return {name: RecordedRun.open(path) for name, path in made.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("parent", "branch", "compiled"),
     [

@@ -34,6 +34,7 @@ OPTIONS = {
 ABOUT_BOUNDS = "A Box .* space (minimum|maximum) value is|For Box action spaces, we recommend"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", OPTIONS.values(), ids=OPTIONS)
 def test_gymnasiums_own_check(options):
     env = gymnasium.make(ENVIRONMENT, **options).unwrapped

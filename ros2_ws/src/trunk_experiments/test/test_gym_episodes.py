@@ -88,6 +88,7 @@ def offline(options):
     return plan, list(steps(plan))
 
 
+@pytest.mark.slow
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize("action", ["torque", "gains"])
 @each_option
@@ -142,6 +143,7 @@ def test_the_reward_is_the_cost_of_error_and_torque():
     assert terminated
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("action", ["torque", "gains"])
 @each_option
 def test_the_same_seed_gives_the_same_bits_alone_and_in_any_lane(options, action):
@@ -181,6 +183,7 @@ def balanced(seen):
     return float(60.0 * (seen[2] - seen[0]) - 9.0 * seen[1])
 
 
+@pytest.mark.slow
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ("policy", "longest", "reason"),

@@ -134,6 +134,7 @@ def reproduced():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [case.param for case in CASES])
 def test_one_document_as_its_schema_says(case, recordings_here, command_says, short):
     for words in case.before:

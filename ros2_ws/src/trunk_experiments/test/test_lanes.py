@@ -68,6 +68,7 @@ def different(name, settings=(), count=LANES):
     return plans
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", [(), DISTURBED], ids=["undisturbed", "disturbed"])
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_every_lane_has_the_bits_of_its_own_run(batch, name, settings):

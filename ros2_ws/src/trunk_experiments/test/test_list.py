@@ -72,6 +72,7 @@ def with_another_command(source, path):
             writer.write(channels[channel.topic], *times, bytes(data))
 
 
+@pytest.mark.slow
 def test_only_what_was_judged_has_a_verdict(short_run, tmp_path, told, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copy(short_run("fig6", "pid"), "good.mcap")

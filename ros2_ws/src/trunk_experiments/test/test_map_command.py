@@ -70,6 +70,7 @@ def test_a_study_is_swept_and_drawn(here):
     assert "mine.parquet: it exists: give it in place of mine.yaml, or delete it" in told
 
 
+@pytest.mark.slow
 def test_a_picture_is_replaced_only_by_force(here):
     run("mine.yaml", "-o", "x.png")
     (here / "mine.png").write_text("mine")
@@ -83,11 +84,13 @@ def test_a_picture_is_replaced_only_by_force(here):
     assert (here / "mine.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_giving_one_axis_leaves_the_other_variable_for_the_other(here):
     _, told = run("mine.yaml", "--y", "delay")
     assert "over gain and delay" in told
 
 
+@pytest.mark.slow
 def test_a_terminal_shows_the_progress(here, monkeypatch):
     screen = io.StringIO()
 

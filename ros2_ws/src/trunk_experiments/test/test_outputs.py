@@ -102,6 +102,7 @@ OVER_OTHERS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", OVER_OTHERS, ids=" ".join)
 def test_what_exists_is_replaced_only_by_force(here, told, words):
     Path(words[-1]).write_text("mine")
@@ -117,6 +118,7 @@ def test_what_exists_is_replaced_only_by_force(here, told, words):
     assert after == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "made"),
     [

@@ -61,6 +61,7 @@ BAD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize(("entry", "module", "told"), BAD.values(), ids=BAD)
 def test_a_bad_one_is_a_line_and_the_others_go_on(
@@ -103,6 +104,7 @@ def test_one_that_numba_refuses_is_swept_by_cpython(tmp_path: Path) -> None:
     assert "not compilable" in swept.stderr
 
 
+@pytest.mark.slow
 def test_an_exception_of_a_law_is_a_line_with_its_place(tmp_path: Path) -> None:
     law = own_law(tmp_path, "    wanted = ", "    unknown, of_two = (1.0,)\n    wanted = ")
     install(tmp_path, "mine", "mine = mine:LAW", module=law)
@@ -178,6 +180,7 @@ def test_whoever_stands_beside_a_law_is_not_the_law(tmp_path: Path) -> None:
     assert run.stdout == "''\n"
 
 
+@pytest.mark.slow
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     "name",

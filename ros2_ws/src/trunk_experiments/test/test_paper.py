@@ -87,6 +87,7 @@ def test_claims_are_distinct():
         assert claim.tolerance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("erratum", ERRATA, ids=lambda e: e.where)
 def test_every_erratum_is_shown(erratum):
     shown, text = erratum.show()

@@ -187,6 +187,7 @@ def test_the_ways_to_say_a_time_and_a_rate():
         parse_swap("4 kg:pid")
 
 
+@pytest.mark.slow
 def test_options_of_verbs_take_units(tmp_path):
     file = tmp_path / "run.mcap"
 

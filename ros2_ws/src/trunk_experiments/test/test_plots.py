@@ -114,6 +114,7 @@ def test_a_spike_is_cut_off_and_its_height_is_given(views):
     assert off_scale(np.sin(np.arange(100.0))) is None
 
 
+@pytest.mark.slow
 def test_no_legend_covers_data(views):
     for figure in (overview(views), paper_figure(views, 8)):
         figure.draw_without_rendering()
@@ -150,6 +151,7 @@ def test_names_are_distinct_and_not_read_as_mathematics(views, tmp_path, short_r
     assert r"_\$x^\$" in figure.legends[0].get_texts()[0].get_text()
 
 
+@pytest.mark.slow
 def test_the_command(short_run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run = str(short_run("fig8", "pid"))

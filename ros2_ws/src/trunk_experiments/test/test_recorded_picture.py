@@ -33,6 +33,7 @@ def pair(tmp_path_factory):
     return folder / "with.mcap", folder / "without.mcap"
 
 
+@pytest.mark.slow
 def test_it_is_recorded_when_asked_for(pair):
     with_picture, without = map(Recording.open, pair)
     assert not PICTURES & without.topics.keys()

@@ -224,6 +224,7 @@ def test_rules_are_counted(views):
     assert rule_use(views[0]) == []
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.tuples(st.floats(-1e3, 1e3) | st.just(np.nan), st.floats(-1e3, 1e3)), max_size=8)
 )

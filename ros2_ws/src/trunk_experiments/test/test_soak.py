@@ -117,6 +117,7 @@ def test_a_short_run_settles_in_its_first_half():
         soak.growth("pid", [(1.0, 1), (4.9, 1)], 5.0)
 
 
+@pytest.mark.slow
 def test_the_file_must_be_whole(short_run, tmp_path):
     path = short_run()
     assert soak.problems_of_file(Recording.open(path)) == []

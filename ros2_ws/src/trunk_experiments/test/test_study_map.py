@@ -59,6 +59,7 @@ def test_panels(path):
         assert np.isnan(panel.values[0, 3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "more", [[], ["--no-floquet", "--metric", "iae", "--x", "gain", "--y", "delay"]]
 )

@@ -108,6 +108,7 @@ def test_a_row_is_the_run_that_simulate_makes(undisturbed, tmp_path):
     assert {name: row[name] for name in METRICS} == expected.as_dict()
 
 
+@pytest.mark.slow
 def test_processes_give_the_same_bytes(undisturbed, study, tmp_path):
     assert make(study, tmp_path / "out.parquet", 2) == undisturbed.read_bytes()
 

@@ -203,6 +203,7 @@ def test_the_file_holds_the_values_that_its_runs_used(study, parameters, tmp_pat
         assert told["parameters"][node] == expected
 
 
+@pytest.mark.slow
 def test_a_map_needs_only_the_results(study, parameters, tmp_path):
     path = whole(study, tmp_path / "out.parquet")
     (before,) = panels(Results.read(path), "iae", ("delay", "gain"), with_floquet=True)

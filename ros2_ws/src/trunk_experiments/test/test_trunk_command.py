@@ -102,6 +102,7 @@ def test_simulate_and_metrics_reproduce_the_reference_table(run, expected, tmp_p
             assert values[key] == pytest.approx(wanted, rel=1e-4, abs=6e-5)
 
 
+@pytest.mark.slow
 def test_metrics_have_the_documented_keys(fig7):
     found = json.loads(trunk("metrics", fig7, "--json").stdout)
     assert list(found["metrics"]) == [field.name for field in fields(Metrics)]
@@ -138,6 +139,7 @@ def test_simulate_like_gives_the_same_bits(fig7, tmp_path):
     trunk("verify", again)
 
 
+@pytest.mark.slow
 def test_diff_finds_where_two_runs_diverge(fig7, tmp_path):
     other = tmp_path / "other.mcap"
     trunk("simulate", "fig7", "--controller", "pid", "--set", "pid.gains.d=9.5", "-o", other)
@@ -162,6 +164,7 @@ MISTAKES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("arguments", "code", "says"), MISTAKES.values(), ids=MISTAKES.keys())
 def test_a_mistake_gives_one_line(arguments, code, says, tmp_path):
     if code == 1:
@@ -171,6 +174,7 @@ def test_a_mistake_gives_one_line(arguments, code, says, tmp_path):
     assert sum(line.startswith("trunk: error: ") for line in said.splitlines()) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -206,6 +210,7 @@ def test_a_wrong_usage_is_one_line_that_says_what_to_do(arguments, says):
     assert (done.stdout, done.stderr) == ("", f"trunk: error: {says}\n")
 
 
+@pytest.mark.slow
 def test_a_file_is_not_overwritten_unless_asked(tmp_path):
     path = tmp_path / "x.mcap"
     path.write_text("mine")
@@ -216,6 +221,7 @@ def test_a_file_is_not_overwritten_unless_asked(tmp_path):
     assert path.stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_a_fall_is_said_first_of_a_simulated_run(tmp_path):
     said = trunk("simulate", "fig8", "--duration", "1.2", "-o", tmp_path / "x.mcap").stdout
     assert said.splitlines()[0] == "FELL: at t = 1.085 s, -90 degrees"

@@ -101,6 +101,7 @@ def test_a_simulation_confirms_the_largest_delay(gains, h, rate):
         assert (np.max(angles[-quarter:]) < np.max(angles[quarter : 2 * quarter])) == dies
 
 
+@pytest.mark.slow
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     "poles", [(-12.0, -8.0, -2.0), (-3.0, -4.0), (-1.0, -2.0), (-20.0, -1.0), (-30.0, -7.0, -0.2)]
@@ -239,6 +240,7 @@ def test_a_file_is_not_overwritten(tmp_path):
     assert path.read_text() == "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("setting", "says"),
     [

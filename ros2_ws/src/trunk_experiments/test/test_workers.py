@@ -52,6 +52,7 @@ def test_endless_items_are_taken_on_demand():
     results.close()
 
 
+@pytest.mark.slow
 def test_blocks_are_made_on_demand(sweep, monkeypatch):
     monkeypatch.setattr(module, "worker_pool", _one_thread)
     taken = []

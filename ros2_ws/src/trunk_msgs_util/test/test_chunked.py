@@ -44,6 +44,7 @@ def calls(writer, steps):
     writer.finish()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ours", "theirs"),
     [("zstd", CompressionType.ZSTD), ("lz4", CompressionType.LZ4), ("", CompressionType.NONE)],
@@ -79,6 +80,7 @@ BLOCK = st.dictionaries(
 )
 
 
+@pytest.mark.slow
 @given(blocks=st.lists(BLOCK, max_size=5), size=st.integers(1, 800), seed=st.integers(0, 9))
 def test_rows_make_the_file_of_single_messages(blocks, size, seed):
     rng = np.random.default_rng(seed)

@@ -34,6 +34,7 @@ def points(name):
     return [some.uniform(-1e6, 1e6) for _ in many] + quarters + near + magnitudes(-300, 6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_the_error_is_below_one_unit_in_the_last_place(name):
     true, ours = getattr(mpmath, name), FUNCTIONS[name]
@@ -81,6 +82,7 @@ def test_odd_and_even():
         assert sincos(-x) == (-s, c)
 
 
+@pytest.mark.slow
 def test_compiled_code_returns_the_same_bits():
     numba = pytest.importorskip("numba")
     numba.extending.register_jitable(sincos)

@@ -271,6 +271,7 @@ def test_a_file_altered_outside_chunks_is_not_complete(run_file):
     assert not recording.complete
 
 
+@pytest.mark.slow
 @settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
     max_examples=300,

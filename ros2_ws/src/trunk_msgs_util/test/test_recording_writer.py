@@ -230,6 +230,7 @@ def test_a_file_with_a_gap_is_never_complete(tmp_path, step):
     assert not recording.complete
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
 def test_a_killed_writer_loses_nothing_before_its_flush(tmp_path, compression):
     path = tmp_path / "killed.mcap"

@@ -154,11 +154,13 @@ def test_noise_of_seed_1_stays_what_it_was():
     assert (amplitude, frequencies[0], phases[0]) == (0.5, 0.5719749159734736, 3.9175016711702146)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_noise_has_its_root_mean_square(seed):
     assert np.sqrt(np.mean(noise(seed) ** 2)) == pytest.approx(2.0, rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_noise_spectrum_stays_inside_its_band(seed):
     samples = noise(seed)

@@ -58,6 +58,7 @@ links = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(links, st.integers(0, 2**31 - 1))
 def test_the_message_in_use_is_that_of_a_plain_account(link, seed):
     traffic = Traffic(network(link, link, seed=seed))
@@ -73,6 +74,7 @@ def test_the_message_in_use_is_that_of_a_plain_account(link, seed):
     assert traffic.all_seen(120).tolist() == seen.tolist()
 
 
+@pytest.mark.slow
 @given(links, st.lists(st.integers(1, 900), max_size=4))
 def test_how_far_it_is_drawn_at_a_time_changes_nothing(link, steps):
     whole = Traffic(network(link, link, dropout=0.3)).all_seen(2000)
@@ -82,6 +84,7 @@ def test_how_far_it_is_drawn_at_a_time_changes_nothing(link, steps):
     assert parts.all_seen(2000).tolist() == whole.tolist()
 
 
+@pytest.mark.slow
 @given(links)
 def test_step_by_step_it_is_the_same_and_the_past_is_forgotten(link):
     one = network(link, link, zero=True, dropout=0.3)

@@ -71,6 +71,7 @@ def many():
     return noise_samples(1, 1_500_000)
 
 
+@pytest.mark.slow
 def test_kolmogorov_smirnov(many):
     for channel in many.T:
         assert stats.kstest(channel, "norm").pvalue > 0.01

@@ -103,6 +103,7 @@ harmonics = st.tuples(*[between(-0.5, 0.5)] * 6)
 TOLERANCE = 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("prescribed", [False, True], ids=["passive", "prescribed"])
 @given(states, between(-100, 100), between(-100, 100), parameters)
 @settings(max_examples=150)
@@ -131,6 +132,7 @@ def test_energy_is_that_of_the_lagrangian(lagrangian, state, p):
     assert energy(state, p) == pytest.approx(expected, rel=TOLERANCE, abs=TOLERANCE * zero_level)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("prescribed", [False, True], ids=["passive", "prescribed"])
 @given(states, between(-100, 100), between(-100, 100), parameters, harmonics)
 @settings(max_examples=60)

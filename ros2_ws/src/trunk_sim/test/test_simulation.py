@@ -19,6 +19,7 @@ from trunk_sim.step import act, saturate
 QUIET = Disturbance()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate", "period_ns"),
     [(200.0, 5_000_000), (1000.0, 1_000_000), (60.0, 16_666_667), (700.0, 1_428_571)],
