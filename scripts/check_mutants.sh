@@ -18,7 +18,7 @@ git ls-files -coz --exclude-standard --deduplicate | xargs -0 cp --parents -t "$
 for package in "$folder"/tree/ros2_ws/src/*/; do # before the built packages, which link to the checkout
     PYTHONPATH=${package%/}:$PYTHONPATH
 done
-export PYTHONPATH=$PYTHONPATH:$folder/tool XDG_CACHE_HOME=$folder/cache
+export PYTHONPATH=$PYTHONPATH:$folder/tree:$folder/tool XDG_CACHE_HOME=$folder/cache
 export PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 HYPOTHESIS_PROFILE=mutants
 cd "$folder/tree"
 python scripts/mutants/check.py "$@"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from math import exp, inf, nextafter, pi
 from random import Random
 
@@ -201,3 +201,13 @@ def test_a_cell_gives_what_all_rules_give(logarithmic):
             cell_at(e, r, rules)  # infinity is in none
         ]
         assert infer(e, r, rules_of(cell, rules)) == infer(e, r, rules)
+
+
+def test_a_cell_holds_from_peak_to_peak_and_an_outer_one_without_end():
+    """A cell that holds for less gives the same numbers, and is looked up too often."""
+    rules = PRINTED
+    held = [[-inf, *peaks[1:-1], inf] for peaks in (rules.error_peaks, rules.rate_peaks)]
+    for i, (error, error_to) in enumerate(pairwise(rules.error_peaks)):
+        for j, (rate, rate_to) in enumerate(pairwise(rules.rate_peaks)):
+            cell = cell_at((error + error_to) / 2, (rate + rate_to) / 2, rules)
+            assert cell[:4] == (held[0][i], held[0][i + 1], held[1][j], held[1][j + 1])
