@@ -1,0 +1,32 @@
+"""A law that setup.py lists has its executable: no other file names it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from trunk_control import executables
+from trunk_control.laws import REGISTERED, package_of
+
+PACKAGE = Path(__file__).parents[1]
+
+
+@pytest.mark.parametrize("name", [*REGISTERED, "a_law_to_come"])
+def test_it_starts_the_node_of_that_name(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[tuple[str, ...]] = []
+    monkeypatch.setattr(executables, "of_law", lambda *name: lambda: started.append(name))
+    executables.__getattr__(name)()
+    assert started == [(name,)]
+
+
+def test_private_names_are_no_laws() -> None:
+    assert not hasattr(executables, "_law")
+
+
+def test_no_file_but_setup_py_lists_them() -> None:
+    ours = [name for name in REGISTERED if package_of(name) == "trunk_control"]
+    listed = re.search(r"^laws = \[(.*)\]$", (PACKAGE / "setup.py").read_text(), re.MULTILINE)
+    assert listed is not None
+    assert [name.strip('" ') for name in listed[1].split(",")] == ours
