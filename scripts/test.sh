@@ -26,7 +26,7 @@ export TRUNK_SKIPPED
 run=(python -m pytest --dist worksteal)
 left=''
 
-# One core is enough for mypy: the other does what comes before it here.
+# mypy runs beside what comes before it here.
 said=$(mktemp)
 trap 'rm -f "$TRUNK_SKIPPED" "$said"' EXIT
 mypy >"$said" 2>&1 &
@@ -56,10 +56,10 @@ else
     # colcon finds and runs each package's pytest: a few tests of each, as pytest below runs them all.
     few='python_files=test_units.py test_config.py test_terminal.py'
     stage 'colcon test: a few' bash scripts/colcon_test.sh -q "--override-ini=$few"
-    stage mypy types
     bash scripts/browser.sh >/dev/null || true # says why, and its tests are skipped
     # Some wait, for a browser or a process of their own: one test more at once than there are cores.
     stage 'pytest: in one process' "${run[@]}" -n "$(($(nproc) + 1))" -m "not graph$some" --durations=8
+    stage mypy types
     # Processes wait for each other more than they work: two tests at once for each core.
     stage 'pytest: the graph' "${run[@]}" -n "$((2 * $(nproc)))" -m "graph$some" --durations=8 tests
 fi

@@ -1,4 +1,4 @@
-"""300 seeds of the virtual world keep their promises, each plays twice alike, and planted bugs are found."""
+"""Seeds of the virtual world keep their promises, each plays twice alike, and planted bugs are found."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ def seeds(*words: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(script, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("first", range(0, 300, 75))
 def test_whatever_happens_the_promises_hold(first: int) -> None:
     done = seeds(75, "--seed", first)
