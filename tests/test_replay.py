@@ -18,6 +18,7 @@ from trunk_experiments.replay.replay import (
     judged,
     replay_controllers,
     replay_disturbance,
+    worth_compiling,
 )
 from trunk_experiments.replay.replay_plant import PlantReplay
 from trunk_experiments.runs.offline_recording import record_offline
@@ -118,12 +119,14 @@ def test_stretches_are_passed_over_in_one(whole, way):
         assert longest == {"commands": 21, "disturbances": 34, "plant": 30}
 
 
-def test_each_check_says_where_it_begins(whole):
+def test_each_check_says_where_it_begins_and_ends(whole):
     for found in all_checked(RecordedRun.open(whole)).values():
         at = 0
         for one in found:
             assert one.stamp_ns == at * MS
             at += one.steps
+            last_ns = one.stamp_ns if one.last_ns is None else one.last_ns
+            assert last_ns == (at - 1) * MS
 
 
 @pytest.mark.parametrize("until", [0, 17, 60, 90])
@@ -269,3 +272,21 @@ def test_a_run_without_disturbances_is_passed_over_too(tmp_path, way):
     assert [d for one in checked for d in one.found] == []
     assert len(checked) == (21 if way == "step by step" else 2)  # the last state is looked at
     assert replay_plant.acting_at(RecordedRun.open(path).table("disturbance"), 0) == Disturbance()
+
+
+@pytest.mark.parametrize(
+    ("stamps", "worth"),
+    [
+        (range(100), True),
+        (range(99), False),
+        ([*range(99), 98], False),  # compiled code takes each stamp once,
+        ([*range(98), 99, 98], False),  # and in their order
+        ([5, *range(99)], False),
+    ],
+    ids=["long enough", "too short", "a stamp twice", "the last two swapped", "the first is late"],
+)
+def test_when_a_replay_is_compiled(stamps, worth, monkeypatch):
+    monkeypatch.setattr(replay, "WORTH_COMPILING", 100)
+    assert worth_compiling(np.array(stamps)) is worth
+    assert worth_compiling(np.arange(50), cost=2)
+    assert not worth_compiling(np.arange(49), cost=2)

@@ -24,6 +24,7 @@ from trunk_experiments.views.report_data import report_data
 from trunk_experiments.views.run_view import RunView
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.topics import EFFORT_COMMAND
 
 from .edited import ANEW, NONE, copied
 
@@ -140,6 +141,10 @@ def test_a_command_given_out_of_turn_is_found(tmp_path):
     assert verdict.exit_code == DIVERGES
     (nobodys,) = [part for part in verdict.parts if "without one active" in part.name]
     assert nobodys.wrong_steps == nobodys.steps > 100
+    (first,) = nobodys.first
+    assert (first.recorded, first.computed) == (0.0, 1.0)
+    given = sum(part.steps for part in verdict.parts if part.name.startswith("commands"))
+    assert given == len(RecordedRun.open(path).table(EFFORT_COMMAND))
 
 
 @pytest.mark.parametrize(
