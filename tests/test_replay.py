@@ -213,6 +213,29 @@ def test_a_command_to_a_state_that_is_not_there_cannot_be_computed(whole, tmp_pa
     assert (first.stamp_ns, first.topic, first.field) == (25 * MS, "joint_states", "missing")
 
 
+def test_terms_at_another_time_are_missing_and_unexpected(tmp_path):
+    """The controller updates every 2 ms: of what it gave at 10 ms, the stamp says 11 ms."""
+    path = tmp_path / "slow.mcap"
+    rates = {"simulator.update_rate": 1000.0, "pid.update_rate": 500.0}
+    settings = [f"{name}={rate}" for name, rate in rates.items()]
+    record_offline(make_plan("fig6", "pid", settings=settings, everywhere={"duration": 0.02}), path)
+    table = RecordedRun.open(path).table("pid/state")
+    assert table.stamp_ns[5] == 10 * MS
+    values = {q: table.values(q)[5].tolist() for q in ("position", "velocity", "effort")}
+    sample = JointSample(11 * MS, tuple(table.names), **values)
+
+    def later(messages):
+        message = [m for m in messages if m[0] == "/pid/state"][5]
+        message[2] = layout_of(sample).pack(sample)
+
+    run = RecordedRun(copied(path, tmp_path / "p.mcap", later, digests=NONE))
+    found = [d for one in replay_controllers(run, driven_controllers(run)) for d in one.found]
+    assert [(d.stamp_ns, d.topic, d.field) for d in found] == [
+        (10 * MS, "pid/state", "missing"),
+        (11 * MS, "pid/state", "unexpected"),
+    ]
+
+
 def test_a_missing_measurement_does_not_stop_the_plant(whole, tmp_path):
     copy = copied(whole, tmp_path / "p.mcap", without("joint_states", 25), digests=NONE)
     checked = list(PlantReplay(RecordedRun(copy)))
