@@ -50,23 +50,37 @@ class LivePage:
         """Wait until an expression is true in the page."""
         self.page.wait_for_function(f"() => {condition}", polling=50)
 
-    def point(self, place: str) -> tuple[float, float]:
-        """Return where something of the scene is on the screen: ``tip``, ``hip``, or the ``ring``."""
+    def point(self, place: str) -> tuple[float, float] | None:
+        """Return where something of the scene is on the screen: ``tip``, ``hip``, or the ``ring``.
+
+        None while it is out of sight, or something else is before it.
+        """
         found = "scene.ring()" if place == "ring" else f"scene.places().{place}"
-        x, y = self.get(found)
-        box = self.page.locator("#scene").bounding_box()
-        return box["x"] + x, box["y"] + y
+        # In one go, for it moves.
+        x, y, seen = self.page.evaluate(
+            f"""() => {{
+                const box = scene.canvas.getBoundingClientRect(), at = {found};
+                const [x, y] = [box.left + at[0], box.top + at[1]];
+                return [x, y, document.elementFromPoint(x, y) === scene.canvas];
+            }}"""
+        )
+        return (x, y) if seen else None
 
     def pull(self, place: str, right: float, up: float, while_: Callable[[], None]) -> None:
         """Hold something of the scene and draw it away by so many pixels until ``while_`` returns."""
         mouse = self.page.mouse
         self.page.locator("#scene").scroll_into_view_if_needed()
-        # It moves while the mouse comes: a hand tries again.
+        # It moves while the mouse comes: a hand tries again. What it got hold of instead is let go without
+        # a tap, which would knock the trunk over, and without a click.
+        x = y = 0.0
         while self.get("grip.held") != _HELD[place]:
+            self.get("scene.canvas.dispatchEvent(new PointerEvent('pointercancel'))")
+            mouse.move(0, 0)
             mouse.up()
-            x, y = self.point(place)
-            mouse.move(x, y)
-            mouse.down()
+            if at := self.point(place):
+                x, y = at
+                mouse.move(x, y)
+                mouse.down()
         mouse.move(x + right, y - up)
         while_()
         mouse.up()
