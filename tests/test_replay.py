@@ -52,10 +52,12 @@ CHANGES = {
 }
 
 
-@pytest.fixture(autouse=True, params=["step by step", "by stretches"])
+@pytest.fixture(autouse=True, params=["step by step", "by stretches", "by windows"])
 def way(request, monkeypatch):
-    """Replay in both ways; the stretches uncompiled, for a run as short as this."""
-    if request.param == "by stretches":
+    """Replay in each way; the stretches uncompiled, for a run as short as this."""
+    if request.param == "by windows":
+        monkeypatch.setattr(stretches, "LONGEST", 7)
+    if request.param != "step by step":
         monkeypatch.setattr(replay, "WORTH_COMPILING", 0)
         for name in ("plant", "disturbances"):
             function = getattr(stretches, f"{name}_stretch")
@@ -115,6 +117,8 @@ def test_stretches_are_passed_over_in_one(whole, way):
     longest = {name: max(one.steps for one in found) for name, found in checked.items()}
     if way == "step by step":
         assert set(longest.values()) == {1}
+    elif way == "by windows":
+        assert longest == {"commands": 7, "disturbances": 7, "plant": 7}
     else:  # up to the changes, which are told after 12, 15, 20, 30, 33, 40 and 45 ms
         assert longest == {"commands": 21, "disturbances": 34, "plant": 30}
 
@@ -293,7 +297,8 @@ def test_a_run_without_disturbances_is_passed_over_too(tmp_path, way):
     record_offline(plan, path)
     checked = list(PlantReplay(RecordedRun.open(path)))
     assert [d for one in checked for d in one.found] == []
-    assert len(checked) == (21 if way == "step by step" else 2)  # the last state is looked at
+    # The last state is looked at.
+    assert len(checked) == {"step by step": 21, "by stretches": 2, "by windows": 4}[way]
     assert replay_plant.acting_at(RecordedRun.open(path).table("disturbance"), 0) == Disturbance()
 
 
