@@ -1,4 +1,4 @@
-"""A law that setup.py lists has its executable: no other file names it."""
+"""A law that setup.py lists has its executable, which starts the node of its name."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_private_names_are_no_laws() -> None:
     assert not hasattr(executables, "_law")
 
 
-def test_no_file_but_setup_py_lists_them() -> None:
+def test_setup_py_lists_those_that_are_registered() -> None:
     ours = [name for name in REGISTERED if package_of(name) == "trunk_control"]
     listed = re.search(r"^laws = \[(.*)\]$", (PACKAGE / "setup.py").read_text(), re.MULTILINE)
     assert listed is not None
