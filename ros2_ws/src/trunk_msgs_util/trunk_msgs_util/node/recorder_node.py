@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -18,7 +19,6 @@ from ..parameters.config import RecorderConfig
 from ..printable import printable
 from ..process_id import process_id
 from ..recording.schemas import parse_event, parse_parameter_event
-from ..recording.writer import PROVENANCE, RecordingWriter
 from ..samples import JointSample
 from ..units import LAST_STAMP_NS, NANOSECONDS
 from . import qos, waiting
@@ -28,6 +28,7 @@ from .heard import HeardTopic
 from .output_file import open_output
 from .pictures import Pictures
 from .run import main_for
+from .run_file import RunFile
 from .tally import Tally
 
 _MESSAGES: dict[str, type[Any]] = {
@@ -59,7 +60,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def __init__(self) -> None:
         super().__init__("recorder", RecorderConfig)
-        self._writer: RecordingWriter | None = None
+        self._file: RunFile | None = None
         self._read_truth = WireReader()
         self._forget()
 
@@ -83,18 +84,17 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         """Open the file. Raises ParameterError where it cannot be written, or is there already."""
         config = self.config
         self._forget()
-        self._writer = open_output(config)
-        self._path = self._writer.path
-        self._begin_file(self._writer)
+        self._file = RunFile(open_output(config), self.resolve_topic_name, self._disk_failed)
+        self._begin(self._file)
         self._progress = self.create_publisher(JointState, topics.RECORDER_PROGRESS, qos.latest())
-        self._flush_timer = self.every(config.flush_interval, self._flush)
-        self._check_timer = self.every(_CHECK_S, self._check)
+        self._flush_timer = self.every(config.flush_interval, self._file.flush)
+        self._check_timer = self.every(_CHECK_S, self._file.check)
         if config.lockstep:
             self.linger_s = _LINGER_S
             self._progress_timer = self.every(0.02, self._tell_progress)
-        self.get_logger().info(f"recording to {printable(str(self._path))}")
+        self.get_logger().info(f"recording to {printable(str(self._file.path))}")
 
-    def _begin_file(self, writer: RecordingWriter) -> None:
+    def _begin(self, file: RunFile) -> None:
         config = self.config
         told = provenance.gather(
             scenario=config.scenario,
@@ -103,19 +103,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             rmw=get_rmw_implementation_identifier(),
             process=process_id(),
         )
-        try:
-            writer.add_metadata(PROVENANCE, told)
-        except OSError as error:
-            self._disk_failed(error)
-        self._channels = {
-            topic: writer.channel(self.resolve_topic_name(topic), type_name)
-            for topic, type_name in topics.evidence_types(config.controllers).items()
-        }
-        self._picture_channels = {
-            topic: writer.channel(self.resolve_topic_name(topic), type_name)
-            for topic, type_name in (topics.PICTURES.items() if self._pictures is not None else ())
-        }
-        self._flush()
+        pictures = topics.PICTURES if self._pictures is not None else {}
+        file.begin(told, topics.evidence_types(config.controllers) | pictures)
 
     def activate(self) -> None:
         """Subscribe, the first time; earlier messages come too, from the publishers' history."""
@@ -145,7 +134,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
                 and (topics.is_controller_state(relative) or relative == topics.OPERATOR_PUSH)
                 and topics.JOINT_STATE_TYPE in types
                 and relative not in self._heard
-                and self._writer is not None
+                and self._file is not None
             ):
                 self._subscribe(relative, topics.JOINT_STATE_TYPE)
 
@@ -178,8 +167,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             self._subscribe(own, topics.JOINT_STATE_TYPE)
 
     def _callback(self, topic: str) -> Callable[[bytes], None]:
-        writer, channels = self._writer, self._channels
-        assert writer is not None  # for the type: `set_up` made it
+        file = self._file
+        assert file is not None  # for the type: `set_up` made it
         on_message: Callable[[bytes], None] | None = {
             topics.RUN_EVENTS: self._on_event,
             topics.RUN_PARAMETERS: self._on_change,
@@ -200,13 +189,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             if not (self.active or topic in _ALWAYS):
                 self.counters["messages not recorded while inactive"] += 1
                 return
-            try:
-                if topic not in channels:  # one that was found in the graph
-                    name = self.resolve_topic_name(topic)
-                    channels[topic] = writer.channel(name, topics.JOINT_STATE_TYPE)
-                writer.write(channels[topic], log_time, log_time, data)
-            except OSError as error:
-                self._disk_failed(error)
+            if not file.write(topic, log_time, data):
                 return
             self._tally.counts[topic] += 1
             self._written_ns[topic] = stamp_ns
@@ -223,18 +206,14 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             self._tell_progress()
         if not self._tally.driven:
             self._tally.driven = any(self._read_truth(data).effort[1:])  # the first is the hip's
-        if self._pictures is not None:
-            self._draw(self._pictures, data)
+        if self._pictures is not None and self._file is not None:
+            self._draw(self._pictures, self._file, data)
 
-    def _draw(self, pictures: Pictures, truth: bytes) -> None:
+    def _draw(self, pictures: Pictures, file: RunFile, truth: bytes) -> None:
         """Record the picture of a true state, where it is one that is drawn."""
         log_ns = max(self.run_stamp_ns, 0) if self.config.lockstep else time.time_ns()
-        try:
-            for topic, data in pictures.of(self.run_stamp_ns, truth, log_ns):
-                assert self._writer is not None  # for the type: a message has just been written
-                self._writer.write(self._picture_channels[topic], log_ns, log_ns, data)
-        except OSError as error:
-            self._disk_failed(error)
+        for topic, data in pictures.of(self.run_stamp_ns, truth, log_ns):
+            file.write(topic, log_ns, data)
 
     def _tell_progress(self) -> None:
         """Tell the simulator up to which stamp every topic of the loop is in the file."""
@@ -278,30 +257,15 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         published = self._heard[topics.JOINT_STATES].publisher_count > 0
         return waiting.states(topic, published, last_ns if self._looked_at else None)
 
-    def _flush(self) -> None:
-        try:
-            if self._writer is not None:
-                self._writer.flush()
-        except OSError as error:
-            self._disk_failed(error)
-
-    def _check(self) -> None:
-        """Notice soon that the file is no longer where it was, or what it was."""
-        try:
-            if self._writer is not None:
-                self._writer.check()
-        except OSError as error:
-            self._disk_failed(error)
-
-    def _disk_failed(self, error: OSError) -> None:
+    def _disk_failed(self, reason: str) -> None:
         if self.exit_code is None:
-            self.fail(f"{self._path}: cannot write: {error.strerror}; the recording ends here")
+            self.fail(reason)
 
     def diagnostics(self) -> dict[str, object]:
         """Return what is written, and where."""
-        if self._writer is None:
+        if self._file is None:
             return {"messages": 0}
-        return {"file": self._path, "messages": self._tally.counts.total()}
+        return {"file": self._file.path, "messages": self._tally.counts.total()}
 
     def account(self) -> None:
         """Expect what the other nodes of this process have just reported."""
@@ -328,21 +292,17 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         return self._tally.verdict(list(self._heard), unheard)
 
     def _finish(self) -> None:
-        if self._writer is None:
+        if self._file is None:
             return
         complete, reason = self.verdict()
-        try:
-            self._writer.finish(complete=complete, reason=reason)
-        except OSError as error:
-            self._disk_failed(error)
-        else:
-            count = sum(topic.messages for topic in self._writer.summary().topics)
-            self._say_end(count, complete, reason)
-        self._writer = None
+        count = self._file.finish(complete, reason)
+        if count is not None:
+            self._say_end(self._file.path, count, complete, reason)
+        self._file = None
 
-    def _say_end(self, count: int, complete: bool, reason: str) -> None:
+    def _say_end(self, path: Path, count: int, complete: bool, reason: str) -> None:
         """Say what is in the file, and what is missing."""
-        told = printable(f"recorded: {self._path}, {count} messages")
+        told = printable(f"recorded: {path}, {count} messages")
         if complete:
             self.get_logger().info(f"{told}, complete ({printable(reason)})")
         else:

@@ -1,0 +1,77 @@
+"""The file that the recorder writes: its topics, and a disk that may fail at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from ..recording.writer import PROVENANCE, RecordingWriter
+from ..topics import JOINT_STATE_TYPE
+
+
+class RunFile:
+    """Messages by their topics' relative names; the first failure of the disk is told, and no call raises."""
+
+    def __init__(
+        self,
+        writer: RecordingWriter,
+        full_name: Callable[[str], str],
+        failed: Callable[[str], None],
+    ) -> None:
+        """``full_name`` of a topic; ``failed`` gets why the recording ends here."""
+        self._writer = writer
+        self._full_name = full_name
+        self._failed = failed
+        self._channels: dict[str, int] = {}
+
+    @property
+    def path(self) -> Path:
+        return self._writer.path
+
+    def begin(self, provenance: dict[str, str], types: Mapping[str, str]) -> None:
+        """Write where the run comes from, and which topics there are, with their types."""
+        try:
+            self._writer.add_metadata(PROVENANCE, provenance)
+        except OSError as error:
+            self._fail(error)
+        for topic, type_name in types.items():
+            self._channels[topic] = self._writer.channel(self._full_name(topic), type_name)
+        self.flush()
+
+    def write(self, topic: str, log_ns: int, data: bytes) -> bool:
+        """Write a message; return False if the disk failed. A topic not met before holds joint states."""
+        try:
+            if topic not in self._channels:
+                name = self._full_name(topic)
+                self._channels[topic] = self._writer.channel(name, JOINT_STATE_TYPE)
+            self._writer.write(self._channels[topic], log_ns, log_ns, data)
+        except OSError as error:
+            self._fail(error)
+            return False
+        return True
+
+    def flush(self) -> None:
+        """Hand what was written over to the system."""
+        try:
+            self._writer.flush()
+        except OSError as error:
+            self._fail(error)
+
+    def check(self) -> None:
+        """Notice soon that the file is no longer where it was, or what it was."""
+        try:
+            self._writer.check()
+        except OSError as error:
+            self._fail(error)
+
+    def finish(self, complete: bool, reason: str) -> int | None:
+        """Write how the run ended; return how many messages there are, None if the disk failed."""
+        try:
+            self._writer.finish(complete=complete, reason=reason)
+        except OSError as error:
+            self._fail(error)
+            return None
+        return sum(topic.messages for topic in self._writer.summary().topics)
+
+    def _fail(self, error: OSError) -> None:
+        self._failed(f"{self.path}: cannot write: {error.strerror}; the recording ends here")
