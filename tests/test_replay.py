@@ -12,7 +12,7 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay import replay, replay_plant, stretches
+from trunk_experiments.replay import replay, replay_plant
 from trunk_experiments.replay.driven import driven_controllers
 from trunk_experiments.replay.replay import (
     judged,
@@ -28,6 +28,7 @@ from trunk_msgs_util.topics import STATE_NAMES
 from trunk_sim.disturbances import Disturbance
 
 from .edited import NONE, copied
+from .replay_ways import WAYS, replay_this_way
 
 MS = 1_000_000
 STATES = 61
@@ -52,21 +53,9 @@ CHANGES = {
 }
 
 
-@pytest.fixture(autouse=True, params=["step by step", "by stretches", "by windows"])
+@pytest.fixture(autouse=True, params=WAYS)
 def way(request, monkeypatch):
-    """Replay in each way; the stretches uncompiled, for a run as short as this."""
-    if request.param == "by windows":
-        monkeypatch.setattr(stretches, "LONGEST", 7)
-    if request.param != "step by step":
-        monkeypatch.setattr(replay, "WORTH_COMPILING", 0)
-        for name in ("plant", "disturbances"):
-            function = getattr(stretches, f"{name}_stretch")
-            monkeypatch.setattr(stretches, f"compiled_{name}", lambda function=function: function)
-        monkeypatch.setattr(
-            stretches,
-            "compiled_commands",
-            lambda law: stretches.commands_stretch_of(stretches.law_named(law)),
-        )
+    replay_this_way(request.param, monkeypatch)
     return request.param
 
 

@@ -56,8 +56,8 @@ def plant_stretch(
     """Return the first row in [first, last] that is not skipped, and trunk and fall there.
 
     ``remembered`` is the oldest row that the sensors' delay may reach back to, ``changed`` the first one in
-    which they were as they are now. ``applied``: the record's
-    torques are what the actuator made of the commands.
+    which they were as they are now. ``applied``, in real time: the record's torques are what the actuator
+    made of the commands, and a step is skipped only if it leads to the next state, which the record then has.
     """
     for row in range(first, last):
         state = trunk.state
@@ -106,6 +106,13 @@ def plant_stretch(
         after = moved(trunk, torque, acting, plant)
         if after.diverged:
             return row, trunk, falls
+        if applied and not (
+            alike(truth[row + 1, 0], after.state.x)
+            and alike(truth[row + 1, 1], after.state.theta)
+            and alike(truth[row + 1, 2], after.state.x_dot)
+            and alike(truth[row + 1, 3], after.state.theta_dot)
+        ):
+            return row, trunk, falls  # another disturbance may have acted
         falls = after.fallen and not trunk.fallen
         trunk = after
     return last, trunk, falls
