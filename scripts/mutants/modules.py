@@ -25,6 +25,8 @@ def _in(folder: str, *names: str) -> tuple[str, ...]:
     return tuple(f"{folder}test/test_{name}.py" for name in names)
 
 
+_REPLAYS = ("tests/test_replay_plant.py", "tests/test_replay.py")
+
 MODULES = {
     "mechanics": Module(
         UTIL + "trunk_msgs_util/mechanics.py",
@@ -68,8 +70,8 @@ MODULES = {
         EXPERIMENTS + "trunk_experiments/replay/replay.py",
         ("tests/test_replay.py", "tests/test_turns.py"),
     ),
-    "replay_plant": Module(
-        EXPERIMENTS + "trunk_experiments/replay/replay_plant.py",
-        ("tests/test_replay.py",),
-    ),
+    **{
+        name: Module(EXPERIMENTS + f"trunk_experiments/replay/{name}.py", _REPLAYS)
+        for name in ("replay_plant", "plant_states", "plant_torques", "plant_windows")
+    },
 }
