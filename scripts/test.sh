@@ -16,52 +16,61 @@ stage() { # NAME COMMAND...
     "${@:2}" || failed+=("$1")
 }
 
+# A stage of one process runs beside those that follow it; `settle` waits for it and prints what it said.
+names=() pids=()
+beside() { # NAME COMMAND...
+    "${@:2}" >"$kept/${#names[@]}" 2>&1 &
+    names+=("$1") pids+=($!)
+}
+said() { # NUMBER
+    local code=0
+    wait "${pids[$1]}" || code=$?
+    cat "$kept/$1"
+    return "$code"
+}
+settle() {
+    local i
+    for i in "${!names[@]}"; do stage "${names[i]}" said "$i"; done
+    names=() pids=()
+}
+
 syntax() {
     local script
     for script in scripts/*.sh scripts/standin/ros2 .ci/run; do bash -n "$script" || return; done
 }
 
-TRUNK_SKIPPED=$(mktemp)
-export TRUNK_SKIPPED
+kept=$(mktemp -d)
+export TRUNK_SKIPPED=$kept/skipped
+: >"$TRUNK_SKIPPED"
+trap 'rm -rf "$kept"' EXIT
 run=(python -m pytest --dist worksteal)
 left=''
 
-# mypy runs beside what comes before it here.
-said=$(mktemp)
-trap 'rm -f "$TRUNK_SKIPPED" "$said"' EXIT
-mypy >"$said" 2>&1 &
-mypy=$!
-types() {
-    local found=0
-    wait "$mypy" || found=$?
-    cat "$said"
-    return "$found"
-}
+beside mypy mypy
 stage 'shell syntax' syntax
 stage 'ruff check' ruff check
 stage 'ruff format' ruff format --check
 stage arrows lint-imports
 stage licences python scripts/licences.py
 if [[ ${1:-} == --quick ]]; then
-    stage mypy types
+    settle
     stage 'pytest: quick' "${run[@]}" -n auto -q -m 'not (graph or browser or slow)' "${@:2}"
     left='; not run: processes, browser, slow ones (scripts/test.sh)'
 elif (($#)) && [[ $1 != --all ]]; then
-    stage mypy types
+    settle
     stage pytest python -m pytest "$@"
 else
-    some=' and not long'
+    some=(-m 'not long')
     left='; not run: long ones (scripts/test.sh --all)'
-    [[ ${1:-} != --all ]] || some='' left=''
+    [[ ${1:-} != --all ]] || some=() left=''
+    # It says why there is none, and its tests are skipped.
+    beside 'a browser, for tests' eval 'bash scripts/browser.sh || true'
     # colcon finds and runs each package's pytest: a few tests of each, as pytest below runs them all.
     few='python_files=test_units.py test_config.py test_terminal.py'
     stage 'colcon test: a few' bash scripts/colcon_test.sh -q "--override-ini=$few"
-    bash scripts/browser.sh >/dev/null || true # says why, and its tests are skipped
-    # Some wait, for a browser or a process of their own: one test more at once than there are cores.
-    stage 'pytest: in one process' "${run[@]}" -n "$(($(nproc) + 1))" -m "not graph$some" --durations=8
-    stage mypy types
-    # Processes wait for each other more than they work: two tests at once for each core.
-    stage 'pytest: the graph' "${run[@]}" -n "$((2 * $(nproc)))" -m "graph$some" --durations=8 tests
+    settle
+    # Processes wait for each other, and for a browser: five tests at once on two cores.
+    stage pytest "${run[@]}" -n "$((2 * $(nproc) + 1))" "${some[@]}" --durations=12
 fi
 
 skipped=$(sort -u "$TRUNK_SKIPPED" | paste -sd';' | sed 's/;/; /g')

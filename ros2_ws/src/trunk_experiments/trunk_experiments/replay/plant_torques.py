@@ -29,11 +29,11 @@ class RecordedTorques:
         self._wire = wire
 
     def over(self, row: int) -> float | None:
-        """Return the torque over the step from a row's state; None if the record does not tell it."""
+        """Return the torque over the step from a row's state to the next row's; None if nothing tells it."""
         if self._exact:
             told_ns = self._wire.told_ns(int(self._states.stamps[row]))
             return self.command(told_ns) if told_ns >= 0 else 0.0
-        return self._states.effort(row + 1) if row + 1 < len(self._states) else None
+        return self._states.effort(row + 1)
 
     def command(self, stamp_ns: int) -> float | None:
         """Return the command for a state, or what acts where nobody is to answer it."""

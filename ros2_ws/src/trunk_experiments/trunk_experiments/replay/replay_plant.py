@@ -195,7 +195,7 @@ class PlantReplay:
         yield from compare(self._measured, stamp_ns, "effort", (0.0, effort))
 
     def _step(self, stamp_ns: int) -> bool:
-        """Step to the next state; return False if the plant diverges and there is none."""
+        """Step to the next recorded state; return False if the plant diverges."""
         command = self._torques.over(self._row)
         if command is None:
             return True
@@ -219,5 +219,4 @@ class PlantReplay:
 
     def _fits(self, after: Trunk) -> bool:
         """Return True if a next state is the recorded one."""
-        row = self._row + 1
-        return row < len(self._stamps) and all(map(same, after.state, self._states.state(row)))
+        return all(map(same, after.state, self._states.state(self._row + 1)))
