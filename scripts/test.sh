@@ -60,17 +60,19 @@ elif (($#)) && [[ $1 != --all ]]; then
     settle
     stage pytest python -m pytest "$@"
 else
-    some=(-m 'not long')
+    some=' and not long'
     left='; not run: long ones (scripts/test.sh --all)'
-    [[ ${1:-} != --all ]] || some=() left=''
+    [[ ${1:-} != --all ]] || some='' left=''
     # It says why there is none, and its tests are skipped.
     beside 'a browser, for tests' eval 'bash scripts/browser.sh || true'
     # colcon finds and runs each package's pytest: a few tests of each, as pytest below runs them all.
     few='python_files=test_units.py test_config.py test_terminal.py'
     stage 'colcon test: a few' bash scripts/colcon_test.sh -q "--override-ini=$few"
     settle
-    # Processes wait for each other, and for a browser: five tests at once on two cores.
-    stage pytest "${run[@]}" -n "$((2 * $(nproc) + 1))" "${some[@]}" --durations=12
+    # Some wait, for a browser or a process of their own: one test more at once than there are cores.
+    stage 'pytest: in one process' "${run[@]}" -n "$(($(nproc) + 1))" -m "not graph$some" --durations=8
+    # Processes wait for each other more than they work: two tests at once for each core.
+    stage 'pytest: the graph' "${run[@]}" -n "$((2 * $(nproc)))" -m "graph$some" --durations=8 tests
 fi
 
 skipped=$(sort -u "$TRUNK_SKIPPED" | paste -sd';' | sed 's/;/; /g')

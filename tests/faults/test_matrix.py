@@ -129,7 +129,7 @@ def logs(folder: Path) -> str:
     CELLS
     if os.environ.get("TRUNK_FAULTS") == "all"
     else [
-        pytest.param(cell, marks=[pytest.mark.long] * (i % 3 != 2))
+        pytest.param(cell, marks=[pytest.mark.long] * (i % 4 != 2))
         for i, cell in enumerate(matrix.selection())
     ],
     ids=str,

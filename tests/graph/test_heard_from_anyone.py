@@ -42,7 +42,9 @@ def recorded(recorder: Child, folder: Path) -> Recording:
     [
         [DEFAULT],
         pytest.param([qos_profile_sensor_data], marks=pytest.mark.long),
-        [DEFAULT, qos.evidence(), qos_profile_sensor_data],
+        pytest.param(
+            [DEFAULT, qos.evidence(), qos_profile_sensor_data], marks=pytest.mark.long
+        ),
     ],
     ids=["default", "best effort", "all three"],
 )

@@ -246,6 +246,7 @@ def test_a_swap_in_lockstep_has_the_offline_bits(
     assert ended("pid", last_ns - 5_000_000).contradictions
 
 
+@pytest.mark.long
 def test_a_swap_in_real_time(children: Children, tmp_path: Path) -> None:
     run = run_swapped(children)
     assert run.wait() == 0, run.stderr

@@ -19,7 +19,11 @@ pytestmark = pytest.mark.graph
 
 @pytest.mark.parametrize(
     "mode",
-    [(), pytest.param(("--lockstep",), marks=pytest.mark.long), ("--lockstep", "--composed")],
+    [
+        pytest.param((), marks=pytest.mark.long),
+        pytest.param(("--lockstep",), marks=pytest.mark.long),
+        ("--lockstep", "--composed"),
+    ],
     ids=" ".join,
 )
 def test_a_run_with_its_picture_is_verified(

@@ -37,6 +37,7 @@ def longest_run(true: NDArray[np.bool_]) -> tuple[int, int]:
     return int(first[longest]), int(end[longest])
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("cut", "mend", "recorded_on"),
     [(Host.unplug, Host.plug_in, 1), (Host.interface_down, Host.interface_up, 0)],

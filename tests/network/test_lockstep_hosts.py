@@ -81,6 +81,7 @@ def test_without_multicast_by_a_discovery_server(
     assert_same_bits(plan, run.recording(), tmp_path)
 
 
+@pytest.mark.long
 def test_short_cut_changes_no_bit(
     hosts: tuple[Host, Host], listener: Listener, tmp_path: Path
 ) -> None:
