@@ -26,7 +26,11 @@ def base(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("digests", "share"),
-    [(ANEW, 0.02), pytest.param(KEPT, 0.002, marks=pytest.mark.long), pytest.param(NONE, 0.002, marks=pytest.mark.long)],
+    [
+        (ANEW, 0.02),
+        pytest.param(KEPT, 0.002, marks=pytest.mark.long),
+        pytest.param(NONE, 0.002, marks=pytest.mark.long),
+    ],
 )
 def test_every_edit_is_refused_or_listed(base, tmp_path, digests, share):
     found = list(outcomes(OFFLINE, base, tmp_path, (digests,), sample(share)))

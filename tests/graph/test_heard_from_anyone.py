@@ -42,9 +42,7 @@ def recorded(recorder: Child, folder: Path) -> Recording:
     [
         [DEFAULT],
         pytest.param([qos_profile_sensor_data], marks=pytest.mark.long),
-        pytest.param(
-            [DEFAULT, qos.evidence(), qos_profile_sensor_data], marks=pytest.mark.long
-        ),
+        pytest.param([DEFAULT, qos.evidence(), qos_profile_sensor_data], marks=pytest.mark.long),
     ],
     ids=["default", "best effort", "all three"],
 )
