@@ -329,12 +329,41 @@ def found_by(replay):
     return [d for one in replay for d in one.found]
 
 
-def test_stretches_end_where_a_change_or_a_window_does(pushed, linked, way):
-    """The last state is looked at, as what no step follows."""
+@pytest.mark.parametrize("provenance", [{}, REAL_TIME], ids=["exact", "real time"])
+def test_what_is_as_recorded_is_passed_over(pushed, alone, way, provenance):
+    """But for the last state, which no step follows."""
     longest = {"step by step": 1, "by windows": 7, "by stretches": STATES - 1}[way]
-    checked = list(PlantReplay(RecordedRun.open(pushed)))
-    assert max(one.steps for one in checked) == longest
-    assert checked[-1].steps == 1
-    for before, after in pairwise(checked):
-        end = before.stamp_ns if before.last_ns is None else before.last_ns
-        assert after.stamp_ns == end + MS
+    path = copied(pushed, pushed.with_suffix(".whole"), digests=NONE, provenance=provenance).path
+    runs = [path] if provenance else [path, alone]
+    for run in map(RecordedRun.open, runs):
+        checked = list(PlantReplay(run))
+        whole, rest = divmod(STATES - 1, longest)
+        assert [one.steps for one in checked] == [*[longest] * whole, *[rest] * bool(rest), 1]
+        for before, after in pairwise(checked):
+            end = before.stamp_ns if before.last_ns is None else before.last_ns
+            assert after.stamp_ns == end + MS
+
+
+def test_a_reading_is_of_the_sensors_as_they_were_then(linked):
+    """A link brings it after the sensors have changed: a forger takes them as they are now."""
+    replay = PlantReplay(RecordedRun.open(linked))
+    assert found_by(replay) == []
+    row = next(k for k in range(26, STATES) if replay._wire.seen_ns(k * MS) == 25 * MS)
+    states, before = replay._states, replay._states.reading(25, Disturbance())
+    states.forget_before(0, states._epochs[-1].sensor)
+    forged = states.reading(25, Disturbance()).theta_dot - before.theta_dot
+    assert forged == pytest.approx(0.1)
+    table = RecordedRun.open(linked).table(MEASURED)
+    values = {q: table.values(q)[row].tolist() for q in ("position", "velocity", "effort")}
+    values["velocity"][1] = states.reading(
+        25, disturbance_at(RecordedRun.open(linked), 25 * MS)
+    ).theta_dot
+    sample = JointSample(table.stamps[row], tuple(table.names), **values)
+
+    def edit(messages):
+        of(messages, MEASURED)[row][2] = layout_of(sample).pack(sample)
+
+    run = RecordedRun(copied(linked, linked.with_suffix(".forged"), edit, NONE))
+    assert [(d.stamp_ns, d.topic, d.field) for d in found(run)] == [
+        (row * MS, MEASURED, "velocity[trunk]")
+    ]
