@@ -12,6 +12,7 @@ import pytest
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay import replay
 from trunk_experiments.replay.replay_plant import PlantReplay
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.events import Event
@@ -228,11 +229,11 @@ def test_without_the_state_that_a_link_brings_nothing_is_said_of_the_reading(lin
             messages.remove(one)
 
     run = RecordedRun(copied(linked, linked.with_suffix(".gone"), edit, NONE))
-    replay = PlantReplay(run)
-    checked = list(replay)
+    replayed = PlantReplay(run)
+    checked = list(replayed)
     assert sum(one.steps for one in checked) == STATES - 2
     seen_there = [
-        k * MS for k in range(32, STATES) if replay._wire.seen_ns(k * MS) in (30 * MS, 31 * MS)
+        k * MS for k in range(32, STATES) if replayed._wire.seen_ns(k * MS) in (30 * MS, 31 * MS)
     ]
     assert seen_there
     of_readings = {d.stamp_ns for one in checked for d in one.found if d.topic == MEASURED}
@@ -301,15 +302,15 @@ def disturbance_at(run, stamp_ns):
 def test_a_simulation_goes_on_as_the_run_did(linked, pushed, alone, at):
     for path in (linked, pushed, alone):
         run = RecordedRun.open(path)
-        replay = PlantReplay(run, at * MS)
-        assert found_by(replay) == []
-        simulation = replay.resumed()
+        replayed = PlantReplay(run, at * MS)
+        assert found_by(replayed) == []
+        simulation = replayed.resumed()
         truth, measured = run.table(TRUTH), run.table(MEASURED)
-        assert [change.stamp_ns for change in replay.to_come] == [
+        assert [change.stamp_ns for change in replayed.to_come] == [
             one.stamp_ns for one in run.changes("simulator") if one.stamp_ns >= at * MS
         ]
         for k in range(at, min(at + 8, STATES)):
-            if any(change.stamp_ns == (k - 1) * MS and k > at for change in replay.to_come):
+            if any(change.stamp_ns == (k - 1) * MS and k > at for change in replayed.to_come):
                 break  # what happens then is for whoever goes on
             acting = disturbance_at(run, k * MS)
             said, seen = simulation.truth(), simulation.measure(acting)
@@ -320,13 +321,13 @@ def test_a_simulation_goes_on_as_the_run_did(linked, pushed, alone, at):
             assert simulation.falls_now == any(
                 e.message == Event.FELL and e.stamp_ns == k * MS for e in run.events
             )
-            command = replay._torques.command(k * MS)
+            command = replayed._torques.command(k * MS)
             assert command is not None
             simulation.step(command, with_operator(acting, run.operated.at(k * MS)))
 
 
-def found_by(replay):
-    return [d for one in replay for d in one.found]
+def found_by(replayed):
+    return [d for one in replayed for d in one.found]
 
 
 @pytest.mark.parametrize("provenance", [{}, REAL_TIME], ids=["exact", "real time"])
@@ -344,12 +345,24 @@ def test_what_is_as_recorded_is_passed_over(pushed, alone, way, provenance):
             assert after.stamp_ns == end + MS
 
 
+@pytest.mark.parametrize(
+    ("substeps", "cost"), [(1, 1), (3, 1), (6, 3)], ids=["one", "three", "six"]
+)
+def test_when_stretches_are_worth_compiling(pushed, substeps, cost, monkeypatch):
+    """A state with two Runge-Kutta steps costs what an update of a law costs."""
+    run = RecordedRun.open(pushed)
+    replayed, plant = PlantReplay(run), run.config("simulator").plant._replace(substeps=substeps)
+    for least, worth in ((cost * STATES, True), (cost * STATES + 1, False)):
+        monkeypatch.setattr(replay, "WORTH_COMPILING", least)
+        assert replayed._windows.are_worthwhile(plant) is worth
+
+
 def test_a_reading_is_of_the_sensors_as_they_were_then(linked):
     """A link brings it after the sensors have changed: a forger takes them as they are now."""
-    replay = PlantReplay(RecordedRun.open(linked))
-    assert found_by(replay) == []
-    row = next(k for k in range(26, STATES) if replay._wire.seen_ns(k * MS) == 25 * MS)
-    states, before = replay._states, replay._states.reading(25, Disturbance())
+    replayed = PlantReplay(RecordedRun.open(linked))
+    assert found_by(replayed) == []
+    row = next(k for k in range(26, STATES) if replayed._wire.seen_ns(k * MS) == 25 * MS)
+    states, before = replayed._states, replayed._states.reading(25, Disturbance())
     states.forget_before(0, states._epochs[-1].sensor)
     forged = states.reading(25, Disturbance()).theta_dot - before.theta_dot
     assert forged == pytest.approx(0.1)

@@ -39,7 +39,7 @@ class PlantWindows:
         self._seed: int = run.config("simulator").seed
         self._states, self._torques, self._wire = states, torques, wire
         self._fell = list(fell)
-        self._number = -1, False
+        self._number: tuple[int, bool] | None = None  # of the window that is held
         self._held: tuple[int, stretches.PlantRecord]
 
     def are_worthwhile(self, plant: Plant) -> bool:
