@@ -1,4 +1,4 @@
-"""What the module of a controller of one's own imports: stable names, whatever moves behind them."""
+"""What a user's own controller module imports: stable names, wherever the code behind them moves."""
 
 from __future__ import annotations
 

@@ -35,8 +35,8 @@ def computed_torque_update(
     """Return the next state and the terms of ``u = H (kp e + ki I + kd D) + c``.
 
     ``gains`` give accelerations: 1/s^2, 1/s^3, 1/s; with an exact model the error then obeys
-    ``e'' + kd e' + kp e + ki I = 0``. The terms carry the gains times H. ``rate`` [rad/s] is used by
-    the model in every derivative mode. Holds as `pid_update` does.
+    ``e'' + kd e' + kp e + ki I = 0``. The terms carry the gains times H. The model uses ``rate``
+    [rad/s] in every derivative mode. Holds the last command as `pid_update` does.
     """
     error = reference - measurement
     if not usable(error, rate + hip.position + hip.velocity, dt):

@@ -1,4 +1,4 @@
-"""A controller, state by state: what the nodes, the offline run and a replay all drive."""
+"""A controller, updated state by state; the nodes, the offline run and a replay all use it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def hip_seen(index: int | None, position: Sequence[float], velocity: Sequence[fl
 
 
 def setting_of(config: ControllerConfig, law: Law | None = None) -> Setting:
-    """Return what surrounds a law, by default the registered one, in a controller with this configuration."""
+    """Return the `Setting` of a law, by default the registered one, for this configuration."""
     law, limits = law or law_of(config), config.law
     return Setting(
         limits,

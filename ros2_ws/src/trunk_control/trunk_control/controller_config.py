@@ -189,7 +189,7 @@ class ControllerConfig(ManagedConfig):
 
     @property
     def uses_rate(self) -> bool:
-        """True if the law uses the measured rate: a state without it is not answered then."""
+        """True if the law uses the measured rate; a state without it is then not answered."""
         return self.derivative_mode == "rate" or self.hip is not None
 
     @property

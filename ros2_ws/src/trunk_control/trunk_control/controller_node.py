@@ -119,7 +119,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             self.trigger_deactivate()
 
     def _commensurate(self, step_ns: int) -> bool:
-        """Refuse, at the second state, a plant whose rate is no multiple of this controller's."""
+        """Refuse, at the second state, a plant whose rate is not a multiple of this controller's."""
         if self._commensurate_known or self.run_stamp_ns < 0 or step_ns <= 0:
             return True
         self._commensurate_known = True
@@ -157,7 +157,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         return response
 
     def waits_for(self) -> str:
-        """Return what is known of the states where none has come for a second."""
+        """Return what is known about the states if none has arrived for a second."""
         before_ns, self._looked_at_ns = self._looked_at_ns, self.run_stamp_ns
         if self.run_stamp_ns > before_ns:
             return ""
@@ -166,11 +166,11 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         return waiting.states(topic, self.count_publishers(topic) > 0, last_ns)
 
     def tear_down(self) -> None:
-        """Say how many commands were given."""
+        """Log how many commands were sent."""
         self._say_commands()
 
     def close(self) -> None:
-        """Say how many commands were given, then end."""
+        """Log how many commands were sent, then end."""
         if self.configured:
             self._say_commands()
         super().close()
@@ -193,5 +193,5 @@ class ControllerNode(TrunkNode[ControllerConfig]):
 
 def main(name: str) -> None:
     """Run the node of the law of this name."""
-    # The law is loaded where an error of it becomes one line.
+    # Loaded inside `run_nodes`, which reports an error of the law in one line.
     sys.exit(run_nodes({name: lambda: ControllerNode(law_named(name))}, name))

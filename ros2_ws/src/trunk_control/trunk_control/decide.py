@@ -1,10 +1,10 @@
 """One step of a controller as a pure function: *decide* how to answer a state.
 
 A controller has no clock: it goes by the stamps of the states, updates at most at its ``update_rate``
-and holds its command in between. One that becomes active while the plant moves takes over without a
-bump: its integral is set so that its first command is the torque that acts.
+and holds its command in between. If it becomes active while the plant moves, it takes over bumplessly:
+its integral is set so that its first command equals the torque already acting.
 
-Turns, due instants, time steps, the reference, takeover and holding are all in here. The nodes, the
+Turns, due instants, time steps, the reference, takeover and holding are all handled here. The nodes, the
 offline run, the replay and the compiled loop compose this function and add no arithmetic.
 
 Pure: functions of integers, floats and named tuples, which CPython runs and numba compiles unchanged.
@@ -44,7 +44,7 @@ class Seen(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """What surrounds a law in one controller."""
+    """The settings around a law in one controller."""
 
     law: PidLaw
     initial: LawMemory  # the law's memory after a reset: a command of 0 within the limits
@@ -67,7 +67,7 @@ class Memory(NamedTuple):
     seen: Seen
     takes_over: bool  # activated while the plant moved, no update yet
     taken_from: Seen  # the state before
-    moving: bool  # since the takeover, the command has not met the law's
+    moving: bool  # since the takeover, the command has not yet reached the law's
     moved_to: float  # N m, where the command is
 
 
@@ -77,7 +77,7 @@ class Answer(NamedTuple):
     active: bool  # False: not this controller's turn; ignore the rest
     effort: float  # N m
     fresh: bool  # True: the law was updated; the terms are those of this update
-    held: bool  # True: an update was due, but nothing finite came in or out
+    held: bool  # True: an update was due, but its input or output was not usable
     reference: float  # rad
     terms: LawTerms
 

@@ -1,7 +1,7 @@
 """The executables that `ros2 run` starts: quick to load, and they end cleanly on a signal at any time.
 
 There is one for each law of this package, `pid`, `fuzzy_pid` and so on, and `fuzzy_gains`. A package with
-laws of its own makes theirs with `of_law`.
+its own laws creates their executables with `of_law`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ def of_law(name: str) -> Callable[[], None]:
 
 
 def __getattr__(name: str) -> Callable[[], None]:
-    """Return the executable of the law of that name: setup.py lists the laws, and nothing else has to."""
+    """Return the executable of the law of that name, so that only setup.py has to list the laws."""
     if name.startswith("_"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return of_law(name)

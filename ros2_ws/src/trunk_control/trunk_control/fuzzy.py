@@ -44,7 +44,7 @@ def locate(value: float, peaks: Sequence[float]) -> tuple[int, float]:
     if value >= peaks[last]:
         return last - 1, 1.0
     low = 0
-    while value >= peaks[low + 1]:  # there are too few to search by halves
+    while value >= peaks[low + 1]:  # too few for bisection to pay off
         low += 1
     left = peaks[low]
     return low, (value - left) / (peaks[low + 1] - left)
@@ -116,7 +116,7 @@ def infer(error: float, error_rate: float, rules: FuzzyRules) -> tuple[float, fl
 
 
 class FuzzyCell(NamedTuple):
-    """The four rules about an operating point, and for which inputs it is these that fire.
+    """The four rules around an operating point, and the range of inputs for which they fire.
 
     ``error_from`` <= e < ``error_to``, likewise the rate. A cell at the edge reaches to infinity, but its
     peaks (``*_left``, ``*_right``) do not.
@@ -145,7 +145,7 @@ class FuzzyCell(NamedTuple):
 
 
 def cell_at(error: float, error_rate: float, rules: FuzzyRules) -> FuzzyCell:
-    """Return the cell of the rule base that the inputs are in."""
+    """Return the cell of the rule base that contains the inputs."""
     i, _ = locate(error, rules.error_peaks)
     j, _ = locate(error_rate, rules.rate_peaks)
     columns = len(rules.rate_peaks)
@@ -176,7 +176,7 @@ def cell_at(error: float, error_rate: float, rules: FuzzyRules) -> FuzzyCell:
 
 
 def rules_of(cell: FuzzyCell, rules: FuzzyRules) -> FuzzyRules:
-    """Return a rule base of the cell's four rules: within the cell `infer` gives the same bits."""
+    """Return a rule base of only the cell's four rules: within the cell `infer` gives the same bits."""
     c = cell
     return FuzzyRules(
         (c.error_left, c.error_right),

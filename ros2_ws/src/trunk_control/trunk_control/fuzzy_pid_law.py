@@ -157,7 +157,7 @@ def gains(state: PidState, sample: Sample, constants: tuple[FuzzyRules, GainBox]
 
 
 def inputs(state: PidState, sample: Sample, law: PidLaw) -> tuple[float, float]:
-    """Return the error and its derivative, which the rules are looked up by."""
+    """Return the error and its derivative, the inputs of the rules."""
     s = sample
     error = s.reference - s.measurement
     return error, error_derivative(state, error, s.measurement, s.rate, s.dt, law)
@@ -171,7 +171,7 @@ def cell(error: float, error_rate: float, constants: tuple[FuzzyRules, GainBox])
 def near(
     rules_near: FuzzyCell, constants: tuple[FuzzyRules, GainBox]
 ) -> tuple[FuzzyRules, GainBox]:
-    """Return the constants with these four rules alone."""
+    """Return the constants with only these four rules."""
     return rules_of(rules_near, constants[0]), constants[1]
 
 

@@ -1,6 +1,6 @@
-"""The ``fuzzy_gains`` node: Fuzzy-PID's gains alone, for somebody else's PID.
+"""The ``fuzzy_gains`` node: only Fuzzy-PID's gains, for another project's PID.
 
-It takes no part in a run: it commands nothing, nothing waits for it, and it leaves no trace in the record.
+It takes no part in a run: it sends no commands, nothing waits for it, and nothing of it is recorded.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class GainsNode(Node):
 
     def __init__(self) -> None:
         """Declare and check the parameters. Raises ParameterError."""
-        super().__init__(NAME, start_parameter_services=False)  # made with the parameters
+        super().__init__(NAME, start_parameter_services=False)  # created with the parameters
         self._parameters_set = NodeParameters(self, FuzzyPidConfig, self._retune)
         config = self._parameters_set.config
         self._controller = Controller(config)
@@ -64,7 +64,7 @@ class GainsNode(Node):
             )
 
     def turn(self, executor: LoopExecutor) -> None:
-        """Take what has come; say what could not be used."""
+        """Handle what has arrived; log what could not be used."""
         executor.spin_once(timeout_sec=0.1)
         now = time.monotonic()
         if self._counters.total() > self._warned and now > self._warn_after_s:

@@ -1,4 +1,4 @@
-"""What a controller hears: the states of its joint and its reference, each message checked."""
+"""A controller's inputs: the states of its joint and its reference, each message checked."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ OWN_REFERENCE = topics.own_reference("~")
 class Inputs:
     """Turns states into readings, with the latest reference from ``reference`` or ``~/reference``.
 
-    What cannot be used is counted and has no effect.
+    Unusable messages are counted and ignored.
     """
 
     def __init__(self, config: ControllerConfig, counters: Counter[str]) -> None:
@@ -67,7 +67,7 @@ class Inputs:
         if places.last < len(message.velocity):
             velocity = message.velocity[places.joint]
             if not (needed or isfinite(velocity)):
-                velocity = 0.0  # as a broadcaster fills what its hardware does not measure
+                velocity = 0.0  # a broadcaster's NaN for what its hardware does not measure
         elif needed:
             self._counters["states without the velocity that the law needs"] += 1
             return None

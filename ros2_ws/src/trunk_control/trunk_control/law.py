@@ -37,7 +37,7 @@ OUTCOME = ("unsaturated", "effort", "held")
 
 @dataclass(frozen=True)
 class Lookup:
-    """For a law with tables: what it needs of them at a sample, while its inputs stay in one cell.
+    """For a law with tables: the part it needs while its inputs stay in one cell.
 
     Vector code cannot look up tables quickly, but a lane seldom leaves its cell. ``update`` gives the
     same bits with ``near(cell, constants)`` as with all constants.
@@ -78,7 +78,7 @@ class Law:
 
     The memory is a named tuple with a field ``effort``, the last command in N m. The terms are a named
     tuple of floats that ends with ``unsaturated`` and ``effort`` [N m], and ``held``: True if the sample was
-    not usable, so that memory and command stay. Raises TypeError for others.
+    not usable, so that memory and command stay. Raises TypeError for anything else.
     """
 
     name: str  # also of the node, its executable and its section of parameters
@@ -90,7 +90,7 @@ class Law:
     units: Mapping[str, str] = field(default_factory=dict)  # of the terms; empty for a ratio
     take_over: TakeOver = from_scratch  # a moving plant, without a jump of the command
     retune: Retune = unchanged  # to other constants, without a jump
-    describe: Callable[[Any], str] | None = None  # what the label lacks about a configuration
+    describe: Callable[[Any], str] | None = None  # what to add to the label about a configuration
     lookup: Lookup | None = None
 
     def __post_init__(self) -> None:

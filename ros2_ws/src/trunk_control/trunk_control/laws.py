@@ -1,4 +1,4 @@
-"""The registry of control laws: entry points of the group ``trunk.controllers``, ours among them.
+"""The registry of control laws: entry points of the group ``trunk.controllers``, including ours.
 
 A package declares ``NAME = MODULE:LAW``. Executables, parameters, topics, labels, plans, sweeps and the
 compiled loop follow from the law.
@@ -50,7 +50,7 @@ def law_named(name: str) -> Law:
 
     Raises KeyError for a name that is not registered, LawError for a law that cannot be used.
     """
-    from .law import Law  # a node's executable has to know names alone
+    from .law import Law  # a node's executable needs only the names
 
     entries = _registered()[name]
     by = " and ".join(f"package {_package(entry)} ({entry.value})" for entry in entries)
@@ -61,7 +61,7 @@ def law_named(name: str) -> Law:
         raise LawError(f"{what}: a node's name is needed: small letters, digits, underscores")
     try:
         law = entries[0].load()
-    except (Exception, SystemExit) as error:  # whatever somebody else's module raises
+    except (Exception, SystemExit) as error:  # another project's module may raise anything
         reason = " ".join(str(error).split())
         raise LawError(f"{what} cannot be loaded: {type(error).__name__}: {reason}") from error
     if not isinstance(law, Law):

@@ -108,11 +108,11 @@ def combine(
 ) -> tuple[PidState, Terms]:
     """Return the next state and the terms of ``u = kp e + ki I + kd D + f``, limited to [u_min, u_max].
 
-    ``feedforward`` f [N m] is a model's share, added to the feedback; 0 in a PID. ``I_k = I_{k-1} + h e_k``
+    ``feedforward`` f [N m] is a model's part, added to the feedback; 0 in a PID. ``I_k = I_{k-1} + h e_k``
     is used at once. Anti-windup acts afterwards, on the I of the next sample: conditional integration
     drops the increment where u is limited and ``u e > 0``; back-calculation adds
     ``h (u_limited - u) / (T_t ki)``. Ki stands outside the sum, so that gains may change freely.
-    Where products overflow and the command or the state would not be finite, the last command is held.
+    If an overflow would make the command or the state non-finite, the last command is held.
     """
     kp, ki, kd = gains
     integral = state.integral + dt * error
@@ -188,7 +188,7 @@ def held(state: PidState, gains: Gains, alpha: float, law: PidLaw) -> tuple[PidS
 
 
 def usable(error: float, rate: float, dt: float) -> bool:
-    """Return True if the sample may change the state: finite error and rate, and time has gone on."""
+    """Return True if the sample may change the state: finite error and rate, and time has advanced."""
     total = error + rate
     return dt > 0.0 and total - total == 0.0
 

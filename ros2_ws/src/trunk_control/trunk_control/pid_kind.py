@@ -1,4 +1,4 @@
-"""What laws of the PID's kind share: its memory and terms, and changes without a jump by the integral."""
+"""What PID-like laws share: memory, terms, and bumpless takeover and retuning through the integral."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def law_of_pid_kind(
 
 
 def constant_gains(memory: PidState, sample: Sample, constants: Constants) -> Gains:
-    """Return the gains of a law whose first constant they are: they do not depend on the memory."""
+    """Return the gains of a law that has them as its first constant, whatever its memory."""
     gains: Gains = constants[0]
     return gains
 
@@ -62,8 +62,8 @@ def constant_gains(memory: PidState, sample: Sample, constants: Constants) -> Ga
 def take_over_by_integral(update: Update) -> TakeOver:
     """Return the function that makes a law's command continue from the torque that acts.
 
-    ``I = (u - u|I=0) / ki``. The derivative starts from the last state seen, so that a jump of the
-    reference is not in it. What the integral cannot absorb (ki = 0, its limits), the command makes up
+    ``I = (u - u|I=0) / ki``. The derivative starts from the last state seen, so that it contains no
+    jump of the reference. What the integral cannot absorb (ki = 0, its limits), the command makes up
     in bounded steps.
     """
 

@@ -53,7 +53,7 @@ def update(
 
 
 def describe(config: PidConfig) -> str:
-    """Return which gains these are."""
+    """Return where these gains come from, or their values."""
     if config.gains == AS_PRINTED:
         return "gains as printed"
     if config.gains == ZIEGLER_NICHOLS:

@@ -1,4 +1,4 @@
-"""The keys that name a reference's CSV file, which only plans read."""
+"""The keys that name a reference's CSV file; only plans read these keys."""
 
 from __future__ import annotations
 

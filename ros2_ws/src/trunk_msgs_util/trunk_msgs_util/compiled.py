@@ -6,7 +6,7 @@ and every function of this project that it calls, found through its global names
 built by a factory, its closure; then it compiles it. A law is passed to such a factory as an argument,
 and may come from any package.
 
-Compiled code gives the bits of CPython: no fast-math, no fused multiply-add, sines of our own (`elementary`).
+Compiled code gives CPython's bits: no fast-math, no fused multiply-add, sines of our own (`elementary`).
 Only a division by zero differs: inf or NaN where CPython raises; the pure functions never divide by
 anything that can be zero.
 """
@@ -32,9 +32,9 @@ from numba.extending import register_jitable
 
 from .reached import reached
 
-# Without numba's reference counting (_nrt): for the arrays in the named tuples that pass from function to
-# function it took half of a run's time. So compiled code uses the arrays that it is given, which
-# the caller keeps alive, and creates none: numba refuses a function that does.
+# Without numba's reference counting (_nrt): for arrays in named tuples passed between functions it took
+# half of a run's time. So compiled code only uses arrays that it is given, which the caller keeps alive;
+# numba refuses a function that creates one.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "_nrt": False}
 _registered: set[FunctionType] = set()
 
@@ -47,7 +47,7 @@ def compiled(function: Function) -> Function:
     """Return a function's compiled twin; it is compiled on the first call, or loaded from disk.
 
     The machine code is kept in `cache_folder`, under a fingerprint of all its sources:
-    numba's own cache checks the age of one source file only. What was not used for 90 days is
+    numba's own cache checks the age of one source file only. Code not used for 90 days is
     deleted when other sources are compiled. If no folder is writable, nothing is kept.
     """
     for callee in reached(function):
@@ -75,12 +75,12 @@ def compiled(function: Function) -> Function:
 def ready(function: Function, *example: object) -> Function:
     """Return the compiled twin after a first call with these arguments.
 
-    Where what is kept on disk is damaged, or the disk is full, it is compiled anew and not kept.
+    If the code on disk is damaged, or the disk is full, it is recompiled and not kept.
     """
     twin = compiled(function)
     try:
         twin(*example)
-    except Exception:  # whatever numba makes of such files; compiling itself fails again below
+    except Exception:  # numba may raise anything on such files; compiling errors recur below
         twin = numba.njit(function, **_OPTIONS)
         twin(*example)
     return twin
@@ -89,7 +89,7 @@ def ready(function: Function, *example: object) -> Function:
 def compiled_or_plain(function: Function, told: Callable[[str], None]) -> Function:
     """Return the compiled twin; where numba refuses a function, its calls run in CPython, with the same bits.
 
-    ``told`` gets numba's reason in one line, once.
+    ``told`` is called once, with numba's reason in one line.
     """
     twin, plain = compiled(function), False
 
@@ -134,7 +134,7 @@ def cache_folder() -> Path:
 
 
 def _delete_unused(folder: Path) -> None:
-    """Delete the code of sources that no run used for so long; who has it loaded keeps it."""
+    """Delete code that no run has used for `_KEPT_DAYS`; a process that has loaded it keeps it."""
     for old in folder.iterdir():
         with suppress(OSError):
             if (

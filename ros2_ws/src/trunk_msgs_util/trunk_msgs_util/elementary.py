@@ -6,7 +6,7 @@ alone, so that CPython, compiled code, C without contraction (``-ffp-contract=of
 same bits. Python never contracts; numba does not unless told to.
 
 Methods and coefficients are those of fdlibm (Sun Microsystems, 1993: k_sin.c, k_cos.c, e_exp.c, e_log.c).
-The greatest errors were measured against mpmath; ``test_elementary.py`` repeats it.
+The largest errors were measured against mpmath; ``test_elementary.py`` repeats this.
 
 Pure: functions of floats, which CPython runs and numba compiles unchanged.
 """
@@ -15,7 +15,7 @@ from __future__ import annotations
 
 _NAN = float("nan")
 
-# x + this - this is the whole number next to x, as long as abs(x) < 2**51: a double has no room for more.
+# x + this - this is the integer nearest to x if abs(x) < 2**51: the sum has no bits left for a fraction.
 _ROUND = 6755399441055744.0  # 1.5 * 2**52
 _2_PI = 6.28318530717958623200e00
 _QUARTER_PI = 7.85398163397448278999e-01
@@ -120,7 +120,7 @@ def cos(x: float) -> float:
 
 
 def sine_wave(turns: float, phase: float) -> float:
-    """Return ``sin(2 pi turns + phase)``, phase in rad; whole turns are left out, however many there are."""
+    """Return ``sin(2 pi turns + phase)``, phase in rad; whole turns are dropped, however many."""
     return sin(_2_PI * (turns - (turns + _ROUND - _ROUND)) + phase)
 
 

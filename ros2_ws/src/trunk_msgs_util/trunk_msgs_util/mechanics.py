@@ -63,8 +63,8 @@ def harmonics_at(
         y'' = sum of -(n k)^2 a_n cos(n k x) - (n k)^2 b_n sin(n k x)
 
     added up from n = 1. Sine and cosine of n k x follow from those of (n-1) k x by the addition theorem,
-    within some n units of 2^-53: so there is one sine and one bound on the angle, and the rounding of k x
-    moves all harmonics alike.
+    within about n units of 2^-53. So one sine and one bound on the angle are enough, and the rounding of
+    k x shifts all harmonics alike.
     """
     if harmonics is None:
         return 0.0, 0.0, 0.0

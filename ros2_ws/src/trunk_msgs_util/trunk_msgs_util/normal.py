@@ -72,7 +72,7 @@ _FAR_BELOW = (
 )
 
 
-_SERIES_TO = 3.0  # beyond, in the tails, a continued fraction; both have settled by then
+_SERIES_TO = 3.0  # beyond, in the tails, a continued fraction; both have converged by then
 _FRACTION_TERMS = 60
 
 

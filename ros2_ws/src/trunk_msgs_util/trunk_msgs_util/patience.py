@@ -1,7 +1,7 @@
-"""`Patience`: how long processes have been waited for, without the time in which a busy machine held them up.
+"""`Patience`: how long processes have been waited for, not counting time when a busy machine held them up.
 
-A limit in wall time says that a process hangs when it may only be waiting for a processor that others use.
-Linux tells the difference: for each thread, `/proc/PID/task/TID/schedstat` has the time on a processor and
+A limit in wall time may report a hang when a process is only waiting for a processor that others use.
+Linux shows the difference: for each thread, `/proc/PID/task/TID/schedstat` has the time on a processor and
 the time spent waiting for one, both in ns. A process that hangs or is stopped waits for none.
 """
 
@@ -17,14 +17,14 @@ from .units import nanoseconds, seconds
 
 # A longer gap between two looks means that the observer itself was held up.
 _GAP_NS = 200_000_000
-# Below this part of the limit nothing is read: whoever answers soon costs nothing.
+# Below this fraction of the limit nothing is read: a quick answer costs nothing.
 READ_FROM = 1 / 3
-# Ready to run (or running), and waiting for a disk or for memory to come back from it.
+# R: running or ready to run; D: waiting for a disk, or for memory to be paged in.
 _HELD_UP_STATES = frozenset("RD")
 
 
 class Thread(NamedTuple):
-    """What Linux tells of one thread."""
+    """What Linux reports about one thread."""
 
     run_ns: int  # time on a processor
     delay_ns: int  # time ready to run, but without one
@@ -35,14 +35,14 @@ Threads = Mapping[int, Thread]
 
 
 def threads_of(pid: int) -> Threads:
-    """Return a process's threads by their id; none where it has ended or Linux does not tell."""
+    """Return a process's threads by their id; none if it has ended or Linux does not report them."""
     found: dict[int, Thread] = {}
     try:
         for task in Path(f"/proc/{pid}/task").iterdir():
             run, delay, _ = (task / "schedstat").read_text("ascii").split()
             state = (task / "stat").read_text("ascii", "replace").rpartition(") ")[2][:1]
             tid = int(task.name)
-            # Who looks is running: that tells nothing of the time before.
+            # The observing thread is running now: that says nothing about the time before.
             state = "" if tid == threading.get_native_id() else state
             found[tid] = Thread(int(run), int(delay), state)
     except (OSError, ValueError):  # a thread has just ended, or there is no schedstat: as wall time
@@ -53,8 +53,8 @@ def threads_of(pid: int) -> Threads:
 def held_up_ns(before: Threads, now: Threads, wall_ns: int) -> int:
     """Return how much of ``wall_ns`` between two looks a process could not run although it was ready to.
 
-    Its threads wait side by side: the one that was held up longest counts. The delay is only booked when
-    the wait is over, so that a thread that is ready and has not run counts by its state.
+    Its threads wait in parallel: the one that was held up longest counts. Linux adds the delay only when
+    the wait is over, so a thread that is ready and has not run is judged by its state.
     """
     longest = 0
     for tid, thread in now.items():
@@ -68,7 +68,7 @@ def held_up_ns(before: Threads, now: Threads, wall_ns: int) -> int:
 
 
 class HeldUp:
-    """Tells, from look to look, how much of the time the processes waited for were held up."""
+    """Tells how long the processes waited for were held up between two looks."""
 
     def __init__(self, look: Callable[[int], Threads] = threads_of) -> None:
         self._look = look
@@ -105,7 +105,7 @@ class Patience:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew: there was a sign of life."""
+        """Start again from zero: there was a sign of life."""
         self._waited_ns = 0
         self._looked_ns = nanoseconds(self._clock())
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from typing import Any, TextIO
 
-# Control characters, but tab and newline; separators and marks that reverse the order of what follows; halves
-# of characters, as in names that are not text.
+# Control characters except tab and newline; separators and bidirectional marks; lone surrogates, as in names
+# that are not text.
 _UNPRINTABLE = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 )
@@ -18,7 +18,7 @@ def printable(text: str) -> str:
 
 
 class PrintableStream:
-    """A stream that prints nothing else; what an ASCII terminal lacks becomes a question mark."""
+    """A stream that prints only `printable` text; what an ASCII terminal lacks becomes a question mark."""
 
     def __init__(self, stream: TextIO) -> None:
         self.stream = stream

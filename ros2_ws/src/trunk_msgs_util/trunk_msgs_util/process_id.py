@@ -1,4 +1,4 @@
-"""By what a process is known on any host and for ever: its boot's id, its number and when it started."""
+"""A process's identity, unique on any host and at any time: its boot's id, its number and its start time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _BOOT = Path("/proc/sys/kernel/random/boot_id")
 def process_id(pid: int | None = None) -> str:
     """Return ``BOOT.PID.START``, of this process by default; empty where there is none.
 
-    START counts the kernel's ticks since the boot; it stays the same when a process becomes another program.
+    START counts the kernel's ticks since the boot; an exec does not change it.
     """
     pid = os.getpid() if pid is None else pid
     with suppress(OSError, IndexError):
@@ -29,7 +29,7 @@ def same_machine(identity: str) -> bool:
 
 
 def local_pid(identity: str) -> int | None:
-    """Return the number of a process that runs on this machine, and can be seen from here; else None."""
+    """Return the number of a process that runs on this machine and is visible from here; else None."""
     _, _, rest = identity.partition(".")
     number = rest.partition(".")[0]
     if number.isdecimal() and len(number) < 12 and process_id(int(number)) == identity:

@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 # How numbers are computed: sums, products, quotients and roots of IEEE 754 doubles, and the functions of
-# `elementary` and `noise`. A change of any bit is a new name.
+# `elementary` and `noise`. Any change of a bit needs a new name.
 ARITHMETIC = "portable-1"
 
 UNKNOWN = "unknown"
@@ -46,7 +46,7 @@ def packages_of_laws() -> dict[str, str]:
     """Return version and sources of each package, other than ours, that registers a controller.
 
     ``{"package NAME": "VERSION, sources DIGEST"}``: 12 hex digits of the SHA-256 of the Python files of the
-    top-level modules that hold its laws. Nothing of them is imported.
+    top-level modules that hold its laws. None of them is imported.
     """
     from importlib.metadata import entry_points
 

@@ -30,17 +30,17 @@ CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 
 PICTURES = {MARKERS: MARKER_ARRAY_TYPE, TF: TF_TYPE, ROBOT_DESCRIPTION: STRING_TYPE}
 
-# The name by which ros2_control's users look for what CONTROLLER/state has.
+# The name under which ros2_control's users expect what CONTROLLER/state has.
 CONTROLLER_STATE = "~/controller_state"
 
-# Late subscribers get what was said on these topics; on the others, what is said from then on.
+# Late subscribers get the past messages of these topics; on the others, only new ones.
 LATCHED = (RUN_PARAMETERS, RUN_EVENTS, ROBOT_DESCRIPTION)
 LATCHED_DEPTH = 1000
 LIVE_DEPTH = 5000
-# So many messages rclpy's publishers keep unless told otherwise; what was not received by then is lost.
+# rclpy's publishers keep this many messages by default; older ones not yet received are lost.
 STRANGERS_DEPTH = 10
 
-# What discovery calls a node of which it knows an endpoint alone.
+# Discovery's name for a node of which it knows only an endpoint.
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 
 # What each topic carries, for docs/topics.md: name, type, publisher, content.
@@ -167,7 +167,7 @@ STATE_NAMES = (
 
 
 def evidence(topic: str) -> str:
-    """Return where the recorder hears what our nodes publish on a topic, the past too.
+    """Return where the recorder hears what our nodes publish on a topic, past messages included.
 
     ROS 2's tools hide names with a part that begins with an underscore.
     """
@@ -181,7 +181,7 @@ def controller_state(controller: str) -> str:
 
 
 def own_reference(controller: str) -> str:
-    """Return the topic of the references for one controller node alone, ``~/reference``."""
+    """Return the topic of the references for one controller node only, ``~/reference``."""
     return f"{controller}/{REFERENCE}"
 
 

@@ -44,7 +44,7 @@ def whole_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
 
 
 def discard_parts() -> None:
-    """Delete what is not complete yet, in a process that ends at once."""
+    """Delete files that are not complete yet, in a process that is about to exit."""
     for part in list(_PARTS):
         _discard(part)
 

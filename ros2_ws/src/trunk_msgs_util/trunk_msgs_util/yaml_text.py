@@ -11,7 +11,7 @@ from .errors import TrunkError
 
 MAX_DEPTH = 50  # of nested lists and mappings
 MAX_LETTERS = 1 << 18  # of a text: some seconds of PyYAML's time
-_SHOWN = 40  # letters of what is quoted in an error
+_SHOWN = 40  # characters quoted in an error
 _MAX_INTEGER = 2**63 - 1
 _LONGEST_INTEGER = (
     100  # letters, with underscores and in binary: longer ones are not even converted

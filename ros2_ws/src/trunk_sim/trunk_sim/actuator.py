@@ -1,4 +1,4 @@
-"""What a real drive makes of a command: dead band, resolution, bias, limits, lag; and the joint's friction.
+"""How a real drive changes a command: dead band, resolution, bias, limits, lag; and the joint's friction.
 
 Pure: scalar functions of floats and a named tuple, which CPython runs and numba compiles unchanged.
 """
@@ -10,16 +10,16 @@ from typing import NamedTuple
 
 from trunk_msgs_util.elementary import exp
 
-# Below this speed Coulomb's friction is proportional to it, so that it does not switch at rest.
+# Below this speed Coulomb friction is proportional to the speed, so that it does not chatter at rest.
 STICKING = 0.01  # rad/s
-_FINEST = 2.0**52  # from here on all doubles are whole numbers
+_FINEST = 2.0**52  # from here on all doubles are integers
 
 
 class Actuator(NamedTuple):
-    """A drive's constants for one period of the plant; as they stand here they change nothing."""
+    """A drive's constants for one period of the plant; the defaults change nothing."""
 
-    approach: float = 1.0  # share of the way to its target that the torque goes in a period
-    step: float = inf  # N m, the most that it changes in a period
+    approach: float = 1.0  # fraction of the way to its target that the torque covers in a period
+    step: float = inf  # N m, the largest change in a period
     dead_band: float = 0.0  # N m
     resolution: float = 0.0  # N m; 0: continuous
     bias: float = 0.0  # N m
@@ -28,7 +28,7 @@ class Actuator(NamedTuple):
 
 
 def approach_of(time_constant: float, period: float) -> float:
-    """Return ``1 - exp(-h / T)``, h and T in s: a first-order lag's step towards a target that is constant.
+    """Return ``1 - exp(-h / T)``, h and T in s: a first-order lag's step towards a constant target.
 
     1 without a lag. The exact solution of ``T dtau/dt = target - tau`` after a period.
     """
@@ -51,12 +51,12 @@ def quantised(value: float, resolution: float) -> float:
 def driven(before: float, effort: float, limit: float, a: Actuator | None) -> float:
     """Return the drive's torque over a period, N m, after ``before`` and with a command, both N m.
 
-    Without constants it is the command within its limit; else, in this order, each where it is not neutral::
+    Without constants it is the command within its limit; otherwise, in this order, skipping neutral steps::
 
         u_1 = 0 if |u| <= d else u - sign(u) d             dead band
         u_2 = q floor(u_1 / q + 1/2)                       resolution
         u_3 = u_2 + b                                      bias
-        u_4 = clamp(u_3, +- limit)                         what it can at most
+        u_4 = clamp(u_3, +- limit)                         saturation
         u_5 = tau + clamp(u_4 - tau, +- r h)               rate limit
         tau+ = tau + (1 - exp(-h / T)) (u_5 - tau)         first-order lag
 
@@ -85,7 +85,7 @@ def driven(before: float, effort: float, limit: float, a: Actuator | None) -> fl
 def with_friction(torque: float, rate: float, a: Actuator | None) -> float:
     """Return a torque plus that of friction in the joint, N m, at the trunk's rate in rad/s.
 
-    ``tau - b w - c clamp(w / w_0, +- 1)`` with viscous b, Coulomb's c and w_0 = 0.01 rad/s (`STICKING`). The
+    ``tau - b w - c clamp(w / w_0, +- 1)`` with viscous b, Coulomb c and w_0 = 0.01 rad/s (`STICKING`). The
     plant holds it over a period; that is stable while ``b h < 2 m l^2``.
     """
     if a is None:

@@ -1,4 +1,4 @@
-"""What came in for a state, checked: a command's torque, a disturbance. Pure."""
+"""Checks the answers to a state: a command's torque, a disturbance. Pure."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ _TABLE_FILE = TableFile(
 def _magnitude(
     signal: str, name: str, default: Value, description: str, minimum: float, **more: Any
 ) -> Any:
-    """Return the declaration of how much a signal does, in the unit of its channel."""
+    """Return the declaration of a signal's magnitude, in the unit of its channel."""
     return parameter(
         f"{signal}.{name}",
         default,

@@ -10,7 +10,7 @@ from .answers import RefusedError
 from .disturbances import Disturbance
 
 _QUIET = Disturbance()
-# How far ahead a disturbance may arrive; one stamped beyond would shut out all others.
+# How far ahead a disturbance may arrive; one stamped later than this would block all that follow.
 _AHEAD_NS = 1_000_000_000
 _DEPTH = 5000
 
@@ -22,7 +22,7 @@ class DisturbanceFeed:
         self._ahead_ns = max(period_ns, _AHEAD_NS)
         self._told: deque[tuple[int, Disturbance]] = deque(maxlen=_DEPTH)
         self._told_until_ns = -1
-        self._since_ns = -1  # nothing disturbs before the first one
+        self._since_ns = -1  # no disturbance before the first one
         self.acting = _QUIET
 
     def __bool__(self) -> bool:
@@ -30,7 +30,7 @@ class DisturbanceFeed:
         return bool(self._told)
 
     def take(self, stamp_ns: int, disturbance: Disturbance, now_ns: int) -> None:
-        """Queue what acts from a stamp on. Raises RefusedError for one that goes back or is too far ahead."""
+        """Queue what acts from a stamp on. Raises RefusedError for one out of order or too far ahead."""
         if stamp_ns <= self._told_until_ns:
             raise RefusedError("disturbances out of order")
         if stamp_ns - now_ns > self._ahead_ns:
@@ -41,7 +41,7 @@ class DisturbanceFeed:
     def advance(self, now_ns: int, timeout_ns: int | None) -> bool:
         """Set ``acting`` to what acts at a stamp; return True if the latest disturbance is too old.
 
-        Its sender is gone then, and a pulse must not last for ever. Without a timeout nothing is too old.
+        Its sender is then taken as gone; a pulse must not last forever. Without a timeout nothing is too old.
         """
         while self._told and self._told[0][0] <= now_ns:
             self._since_ns, self.acting = self._told.popleft()

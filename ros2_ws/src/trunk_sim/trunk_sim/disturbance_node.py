@@ -58,7 +58,7 @@ class DisturbanceNode(TrunkNode[DisturbanceConfig]):
         if stamp_ns < 0 or next_ns > LAST_STAMP_NS:
             self.counters["states malformed"] += 1
             return
-        if next_ns < self._sent_ns:  # the simulator was started again: time began anew
+        if next_ns < self._sent_ns:  # the simulator has restarted, and time with it
             self.counters["states out of order"] += 1
             self._sent_ns = -1
         if self._sent_ns < stamp_ns:

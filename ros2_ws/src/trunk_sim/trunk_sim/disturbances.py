@@ -137,7 +137,7 @@ def noise_components(
 
 
 def random_starts(count: int, begin: float, end: float, seed: int) -> tuple[float, ...]:
-    """Return so many times [s], ascending, drawn uniformly from [begin, end]: ``begin + (end - begin) u``.
+    """Return ``count`` times [s], ascending, drawn uniformly from [begin, end]: ``begin + (end - begin) u``.
 
     From raw integers of PCG64 with the seed, whose stream NumPy guarantees.
     """

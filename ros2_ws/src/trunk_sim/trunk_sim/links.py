@@ -1,7 +1,7 @@
-"""A link of a network: which messages it delays, loses, doubles and puts out of order.
+"""A network link: which messages it delays, loses, duplicates and reorders.
 
 One message is sent in each step of the plant. `pass_on` says, step by step, which of them the receiver uses;
-that depends on the link's constants, the seed and the step alone, not on what the messages say.
+that depends on the link's constants, the seed and the step alone, not on the messages' content.
 
 Pure: functions of numbers, named tuples and arrays, which CPython runs and numba compiles unchanged.
 """
@@ -22,7 +22,7 @@ LOST, LATE, DOUBLED = 1, 2, 4
 
 
 class Link(NamedTuple):
-    """A link's constants; as they stand here, each message arrives at once."""
+    """A link's constants; with the defaults, each message arrives at once."""
 
     delay: float = 0.0  # s, of every message
     jitter: float = 0.0  # s, random and added: its largest value, or its mean if exponential
@@ -36,7 +36,7 @@ class Link(NamedTuple):
 
 
 def perfect(link: Link) -> bool:
-    """Return True if every message arrives at once: whatever else the constants are, they change nothing."""
+    """Return True if every message arrives at once: the other constants then change nothing."""
     lossless = link.loss == 0.0 and (link.burst_begin == 0.0 or link.burst_loss == 0.0)
     return lossless and link.delay == 0.0 and link.jitter == 0.0
 
@@ -52,7 +52,7 @@ def delay_of(bits: int, link: Link) -> float:
 
 
 def steps_late(bits: int, link: Link, period_ns: int) -> int:
-    """Return after how many steps a message is there: at the first one that is not before its arrival.
+    """Return by how many steps a message is late: it is there at the first step not before its arrival.
 
     The delay is rounded to whole ns first.
     """
@@ -82,12 +82,12 @@ def pass_on(
 ) -> None:
     """Pass on the messages of N steps from ``first`` on.
 
-    Bursts are Gilbert's and Elliott's chain of two states: in each step it enters or leaves the one in which
-    messages are lost with ``burst_loss``, then the message of the step is sent. A copy of it, if there is
-    one, is lost, or delayed, on its own.
+    Bursts follow the two-state Gilbert-Elliott chain: each step may enter or leave the state in which
+    messages are lost with ``burst_loss``; then the step's message is sent. A copy of it, if there is one,
+    is lost or delayed independently.
 
-    Of the messages that arrive by a step the receiver takes the newest, if it is newer than the one in use
-    (``latest``) or even if it is not. ``bits`` [N, `DRAWS`] are random. ``used`` [N] gets the number of the
+    Of the messages that arrive at a step the receiver takes the newest; with ``latest``, only if it is
+    newer than the one in use. ``bits`` [N, `DRAWS`] are random. ``used`` [N] gets the number of the
     message in use in each step, -1 before any. ``told`` [N, 3] gets what became of the step's message
     (bits), how many messages were overtaken in the step, and 1 where one was taken.
 
@@ -114,7 +114,7 @@ def pass_on(
                 fate &= ~LOST if late > 0 else ~(LOST | LATE)
                 slot = (k + late) % len(due)
                 if due[slot, 0] >= 0 and due[slot, 0] != k:
-                    due[slot, 1] += 1  # k is the newest that there is
+                    due[slot, 1] += 1  # k is the newest so far
                 due[slot, 0] = k
         if fate & LOST:
             fate &= ~LATE

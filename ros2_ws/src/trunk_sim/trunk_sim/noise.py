@@ -32,7 +32,7 @@ def standard_normal(bits: int) -> float:
 
 
 def random_bits(seed: int, first: int, steps: int) -> NDArray[np.int64]:
-    """Return the bits of so many steps from ``first`` on [steps, 2]: the highest 53 of each raw integer."""
+    """Return the bits of ``steps`` steps from ``first`` on [steps, 2]: the highest 53 of each raw integer."""
     generator = np.random.PCG64(seed)
     generator.advance(2 * first)
     raw = generator.random_raw(2 * steps).reshape(steps, 2)
@@ -40,7 +40,7 @@ def random_bits(seed: int, first: int, steps: int) -> NDArray[np.int64]:
 
 
 def noise_samples(seed: int, steps: int, first: int = 0) -> NDArray[np.float64]:
-    """Return the samples of so many steps from ``first`` on [steps, 2], for position and velocity."""
+    """Return the samples of ``steps`` steps from ``first`` on [steps, 2], for position and velocity."""
     bits = random_bits(seed, first, steps)
     samples = np.empty(bits.shape)
     quick = fill if bits.size < _WORTH_COMPILING else _compiled_fill()
@@ -58,7 +58,7 @@ def fill(bits: NDArray[np.int64], samples: NDArray[np.float64]) -> None:
 def _compiled_fill() -> Callable[..., None]:
     try:
         from trunk_msgs_util.compiled import ready
-    except ImportError:  # numba is not needed, but quick
+    except ImportError:  # numba is optional
         return fill
     return ready(fill, random_bits(0, 0, 1).reshape(-1), np.empty(2))
 

@@ -1,6 +1,6 @@
-"""What a person does to the trunk while it runs: one operator at a time, limited, never longer than told.
+"""An operator's pushes on the running trunk: one operator at a time, limited in size and duration.
 
-Whatever is asked for on `topics.OPERATOR_REQUEST` is checked here. What is taken is published on
+Requests on `topics.OPERATOR_REQUEST` are checked here. Accepted ones are published on
 `topics.OPERATOR_PUSH`, from which a run is recomputed. Pure.
 """
 
@@ -18,7 +18,7 @@ _LONGEST_NAME = 64
 
 
 class Applied(NamedTuple):
-    """What the operator's hand does over a step."""
+    """What the operator applies over a step."""
 
     hip_force: float = 0.0  # N
     trunk_torque: float = 0.0  # N m
@@ -28,18 +28,18 @@ NOTHING = Applied()
 
 
 class OperatorLimits(NamedTuple):
-    """How much an operator may do, and for how long without a further word."""
+    """How hard an operator may push, and for how long without a new request."""
 
     hip_force: float  # N
     trunk_torque: float  # N m
     timeout_ns: int
 
     def apply(self, asked: Applied, since_ns: int, now_ns: int) -> Applied:
-        """Return what acts at a stamp of a request that was taken at another: it is too old after a while."""
+        """Return what a request taken at ``since_ns`` applies at ``now_ns``: nothing after the timeout."""
         return asked if now_ns - since_ns <= self.timeout_ns else NOTHING
 
     def clip(self, asked: Applied) -> Applied:
-        """Return what may act of what was asked for: each value within +- its limit."""
+        """Return the request with each value clamped to +- its limit."""
         return Applied(
             max(-self.hip_force, min(asked.hip_force, self.hip_force)),
             max(-self.trunk_torque, min(asked.trunk_torque, self.trunk_torque)),
@@ -66,7 +66,7 @@ def asked_of(sample: JointSample, joints: tuple[str, ...]) -> Applied:
 
 
 class Operator:
-    """Takes requests; whoever asks first is the operator until nothing has come for the timeout."""
+    """Takes requests; the first to ask is the operator until silent for longer than the timeout."""
 
     def __init__(self, limits: OperatorLimits) -> None:
         self._limits = limits
@@ -76,10 +76,10 @@ class Operator:
         self._new = False
 
     def take(self, name: str, stamp_ns: int, asked: Applied, now_ns: int) -> None:
-        """Take a request that was made on sight of the state with this stamp.
+        """Take a request made on seeing the state with this stamp.
 
-        Raises RefusedError for one of another operator, of the future, or older than the timeout or the
-        last one.
+        Raises RefusedError for one without a name, from another operator, from the future, or older than
+        the timeout or the last one.
         """
         if not name or len(name) > _LONGEST_NAME:
             raise RefusedError("requests of an operator without a name")
@@ -94,10 +94,10 @@ class Operator:
         self._asked, self._new = self._limits.clip(asked), True
 
     def told(self) -> Applied | None:
-        """Return the last request that was taken, if it came after the last call."""
+        """Return the last accepted request if it is new since the last call."""
         new, self._new = self._new, False
         return self._asked if new else None
 
     def applied(self, now_ns: int) -> Applied:
-        """Return what acts on the step from this stamp on; nothing where the operator has fallen silent."""
+        """Return what acts on the step from this stamp on; nothing if the operator has gone silent."""
         return self._limits.apply(self._asked, self._since_ns, now_ns)

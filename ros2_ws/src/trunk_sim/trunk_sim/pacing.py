@@ -17,7 +17,7 @@ from .config import SimulatorConfig
 from .step import in_force
 
 _LOCKSTEP_TICK_S = 0.05
-# More steps behind the wall clock than this are not made up: time is re-anchored.
+# If it is further behind the wall clock than this, it does not catch up: time is re-anchored.
 MAX_CATCH_UP = 50
 _SETTLED_GAPS = 50
 
@@ -53,7 +53,7 @@ class Loop(Protocol):
         """Return who answers on a topic, as readable text."""
 
     def held_up_ns(self, topics: Sequence[str], wall_ns: int) -> int:
-        """Return for how much of the last ``wall_ns`` who answers on these topics could not run."""
+        """Return for how much of the last ``wall_ns`` the nodes that answer on these topics could not run."""
 
 
 class Pacing(ABC):
@@ -242,7 +242,7 @@ class LockstepPacing(Pacing):
         return [
             topic
             for topic, stamp in self._answered.items()
-            # The last state waits for everything: nothing may be under way when the run ends.
+            # The last state waits for everything: nothing may be in flight when the run ends.
             if stamp < now - (min(self._windows[topic], 0) if end else self._windows[topic])
         ]
 
@@ -260,7 +260,7 @@ class LockstepPacing(Pacing):
         loop.advance(self._effort)
 
     def tick(self, now_ns: int) -> None:
-        """Step if only the pace was holding; give up on a participant that is silent for too long."""
+        """Step if only the pace was holding it back; give up on a participant that is silent for too long."""
         if self.paused:
             return
         silent = self.silent()
@@ -274,7 +274,7 @@ class LockstepPacing(Pacing):
             )
 
     def _gives_up(self, silent: Sequence[str], now_ns: int) -> bool:
-        """Return True where these could have answered in time: no busy machine held them up."""
+        """Return True if these could have answered in time: no busy machine held them up."""
         if self._waited_since_ns != self._waiting_since_ns:
             self._waited_since_ns = self._ticked_ns = self._waiting_since_ns or 0
             self._waited_ns = 0

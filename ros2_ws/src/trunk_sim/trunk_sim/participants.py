@@ -1,6 +1,6 @@
 """Who takes part in a run: who is ready, who is missing, and that one controller acts at a time.
 
-Pure: two functions ask the graph, and the time is an argument.
+Pure: two functions passed in query the graph, and the time is an argument.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Participants:
         self._matched = matched
         self._controllers = controllers
         self._ready: dict[str, set[str]] = {}  # topic -> nodes that answer on it
-        self._processes: dict[str, str] = {}  # node -> its process, as it says itself
+        self._processes: dict[str, str] = {}  # node -> its process, as it reports it
         self._inactive: set[str] = set()
         self._unready: set[str] = set()  # were ready once but have reopened their topics since
         self._matched_since: dict[str, float] = {}
@@ -83,8 +83,8 @@ class Participants:
     def unmet(self, topic: str, matched: int, publishing: Set[str], listening: Set[str]) -> bool:
         """Return True if a node that is ready on a topic is not yet known to subscribe to what it answers.
 
-        Its event may arrive before its publisher has a name, or before it is matched at all. Where one was
-        ``matched`` before and none is now, nobody is left to wait for.
+        Its event may arrive before its publisher has a name, or before it is matched at all. If one was
+        ``matched`` before and none is now, there is nothing left to wait for.
         """
         if matched:
             self._met.add(topic)
@@ -114,7 +114,7 @@ class Participants:
         return [] if _unnamed(names) or len(acting) <= 1 else acting
 
     def strangers(self) -> list[str]:
-        """Return the publishers of commands that say nothing of themselves."""
+        """Return the publishers of commands that report nothing about themselves."""
         return [name for name in self._controllers() if name not in self._processes]
 
     def acting(self) -> list[str]:
@@ -122,7 +122,7 @@ class Participants:
         return self._acting(self._controllers())
 
     def _acting(self, names: Sequence[str]) -> list[str]:
-        """As `acting`, for names read once: discovery goes on, and another reading may differ."""
+        """Like `acting`, for names read once: discovery goes on, and a second read may differ."""
         turns = self._config.controllers
         seen: set[str] = set()
         acting: list[str] = []
@@ -137,7 +137,7 @@ class Participants:
         return acting
 
     def processes(self, topic: str) -> list[str]:
-        """Return the processes of the nodes that answer on a topic, of those that have told theirs."""
+        """Return the processes of the nodes that answer on a topic, as far as they reported them."""
         ready = self._ready.get(topic, set())
         return sorted({self._processes[node] for node in ready if node in self._processes})
 

@@ -15,7 +15,7 @@ from trunk_msgs_util.node.base import TrunkNode
 from .config import SimulatorConfig
 from .participants import Participants
 
-# What a participant publishes, and is to be known to subscribe to; a recorder subscribes to the events last.
+# What a participant publishes, and must be known to subscribe to; a recorder subscribes to the events last.
 _ANSWERED = {
     topics.EFFORT_COMMAND: (topics.EFFORT_COMMAND, topics.JOINT_STATES),
     topics.DISTURBANCE: (topics.DISTURBANCE, topics.GROUND_TRUTH),
@@ -44,7 +44,7 @@ class GraphParticipants(Participants):
     def _not_met(self) -> list[str]:
         """Return the topics with a ready node that is not matched both ways: it would miss state 0.
 
-        Of a recorder that is not known by then, a short run might not wait to hand its evidence over.
+        A short run might not wait to hand its evidence over to a recorder that is not known by then.
         """
         return [
             topic

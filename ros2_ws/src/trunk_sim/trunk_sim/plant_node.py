@@ -152,7 +152,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._say_fall()
 
     def _pushed(self) -> Applied:
-        """Return what the operator does over the step from the current state; tell what was taken for it."""
+        """Return what the operator applies over the step from the current state; publish a new request."""
         if self._operator is None:
             return NOTHING
         taken = self._operator.told()
@@ -190,9 +190,9 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         return self._participants.describe(topic)
 
     def held_up_ns(self, topics: Sequence[str], wall_ns: int) -> int:
-        """Return for how much of the last ``wall_ns`` this node or who answers on the topics could not run.
+        """Return how much of the last ``wall_ns`` this node or those answering on the topics could not run.
 
-        Of a process on another machine nothing is known: it is taken as having run.
+        A process on another machine cannot be observed: it is taken as having run.
         """
         told = {process for topic in topics for process in self._participants.processes(topic)}
         pids = {os.getpid(), *filter(None, map(local_pid, told))} if topics else set()
@@ -213,7 +213,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._measured.publish(sample_to_wire(simulation.measure(self._disturbances.acting)))
 
     def _publish_clock(self) -> None:
-        """Tell the time before any message of it: no node sees a state of the future."""
+        """Publish the time before any message stamped with it: no node sees a state from the future."""
         if self._clock_topic is not None:
             self._clock_topic.publish(Clock(clock=stamp_to_ros(self._simulation.stamp_ns)))
 
@@ -237,11 +237,11 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self.event(message, reason=reason, states=self._simulation.step_index + 1)
 
     def stopping(self) -> None:
-        """Close the record: an endless run is finished when it is stopped, another is not."""
+        """Close the record: an endless run counts as finished when stopped, any other does not."""
         if not self._running:
             return
         self._running = False
-        self._pacing.paused = True  # composed, a recorder may still take in what is under way
+        self._pacing.paused = True  # a recorder in this process may still take in what is in flight
         if self._steps is None:
             self._say_finished(Event.FINISHED, "stopped on request")
         else:
@@ -249,7 +249,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
                 Event.STOPPED, f"stopped at t = {seconds(self.stamp_ns):g} s, too early"
             )
 
-    # What comes in.
+    # Incoming messages.
 
     def _on_command(self, data: bytes) -> None:
         command = self._read_command(data)
@@ -277,14 +277,14 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         name, sample = message.header.frame_id, sample_from_ros(message)
         try:
             asked = asked_of(sample, self.config.joints)
-            # Without a stamp it is for the latest state, as `ros2 topic pub` has none to give.
+            # Without a stamp, as from `ros2 topic pub`, it is for the latest state.
             self._operator.take(name, sample.stamp_ns or self.stamp_ns, asked, self.stamp_ns)
         except RefusedError as refused:
             self.count(str(refused))
 
     def _on_progress(self, data: bytes) -> None:
         stamp_ns = self._read_progress(data).stamp_ns
-        if stamp_ns <= self.stamp_ns:  # else it is what was recorded of a run before this one
+        if stamp_ns <= self.stamp_ns:  # else it is about an earlier run
             self._answered("recorder", stamp_ns)
 
     def _answered(self, topic: str, stamp_ns: int) -> None:

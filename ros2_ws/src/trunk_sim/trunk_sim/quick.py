@@ -28,15 +28,15 @@ def worth_compiling(config: SimulatorConfig, first: int = 0) -> bool:
 
 
 def act_for(config: SimulatorConfig, loaded: bool = False) -> Act:
-    """Return `act` for a run with this configuration, ready to use: compiled if that is quicker, and can be.
+    """Return `act` for a run with this configuration, ready to use: compiled if that is quicker and possible.
 
-    Both return the same bits. ``loaded``: the compiler is, for something else.
+    Both return the same bits. ``loaded``: the compiler is already loaded for something else.
     """
     if _steps(config) < (WORTH_COMPILING if loaded else WORTH_A_STEP):
         return act
     try:
         from trunk_msgs_util.compiled import ready
-    except ImportError:  # numba is not needed, but quick
+    except ImportError:  # numba is optional
         return act
     start = at_rest(config.initial_state, config.plant)
     return ready(act, start, 0.0, Disturbance(), _with_array(config.plant))
@@ -47,14 +47,14 @@ def _steps(config: SimulatorConfig) -> float:
 
 
 def plant_for(function: Act, plant: Plant) -> Plant:
-    """Return the plant as this function takes it: `act` as it is, the compiled twin with an array."""
+    """Return the plant as this function takes it: unchanged for `act`, with arrays if compiled."""
     return plant if function is act else _with_array(plant)
 
 
 def _with_array(plant: Plant) -> Plant:
     """Return a plant whose harmonics are an array, empty if there are none, and that has an actuator.
 
-    It has one type, so that nothing is compiled anew where a running simulator's path or actuator changes.
+    Its type never changes, so nothing is recompiled when a running simulator's path or actuator changes.
     """
     body = plant.body._replace(harmonics=plant.body.harmonics or ())
     return with_arrays(plant._replace(body=body, actuator=plant.actuator or Actuator()))

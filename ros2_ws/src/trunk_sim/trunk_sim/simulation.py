@@ -113,9 +113,9 @@ class Simulation:
         return self._sample(x, theta, x_dot, theta_dot, self.trunk.effort)
 
     def measure(self, disturbance: Disturbance) -> JointSample:
-        """Return what the controller gets to know of the sensors, with its link's delays and losses.
+        """Return the reading that reaches the controller, with its link's delays and losses.
 
-        They see the state with delay, bias, noise and the disturbance's offsets.
+        The sensors see the state with delay, bias, noise and the disturbance's offsets.
         """
         delayed = self._delay.push(self.trunk.state)
         noise = self._noise.pair(self.step_index) if self._noisy else (0.0, 0.0)
@@ -137,7 +137,7 @@ class Simulation:
         )
 
     def step(self, effort: float, disturbance: Disturbance) -> None:
-        """Advance one period with the commanded effort [N m] held over it, or what its link makes of it.
+        """Advance one period, holding the commanded effort [N m], or the one that its link delivers, over it.
 
         Raises DivergedError where the new state is not finite; the state then stays as it was.
         """
@@ -162,14 +162,14 @@ class Simulation:
     def reset(self) -> None:
         """Return the plant to its initial state. Time goes on: stamps never go backwards.
 
-        What is on its way in the links arrives all the same.
+        Messages in flight on the links still arrive.
         """
         self._begin()
         self._delay.clear()
 
 
 class _Wire:
-    """Readings and commands under way, step by step."""
+    """Readings and commands in flight, step by step."""
 
     def __init__(self, network: Network) -> None:
         self.traffic = Traffic(network, stepwise=True)
@@ -178,13 +178,13 @@ class _Wire:
         self._held: Seen
 
     def read(self, k: int, seen: Seen) -> Seen:
-        """Send a step's reading, and return the one that is in use there."""
+        """Send the reading of step k, and return the one in use at that step."""
         if not self.traffic.dropped(k):
             self._held = seen
         return self._readings.send(k, self._held, self.traffic.seen(k))
 
     def command(self, k: int, effort: float) -> float:
-        """Send the command of a step, N m, and return the one that is in use there, 0 for none."""
+        """Send the command of step k, N m, and return the one in use at that step, 0 for none."""
         used = self.traffic.told(k)
         acts = self._commands.send(k, effort, used if used >= 0 else k)
         return acts if used >= 0 else 0.0

@@ -42,7 +42,7 @@ class SimulatorNode(PlantNode):
         self._start_timer.cancel()
 
     def activate(self) -> None:
-        """Wait for the participants and begin; or go on where the run was held."""
+        """Wait for the participants and begin; or resume where the run was held."""
         if self._running:
             self._hold(self._pause_asked)
         else:
@@ -55,14 +55,14 @@ class SimulatorNode(PlantNode):
             self._hold(True)
 
     def tear_down(self) -> None:
-        """Forget the run; the record says how far it came."""
+        """Forget the run; the record says how far it got."""
         self.stopping()
 
     # Start: hold state 0 until every participant is matched in both directions.
 
     def _try_start(self) -> None:
         if self.ending:
-            return  # nobody would tell how that run ended
+            return  # nothing would report how that run ended
         missing = self._participants.missing(time.monotonic())
         if not missing and not self._truth_published:
             self._publish_clock()

@@ -48,7 +48,7 @@ class Plant(NamedTuple):
     max_effort: float  # N m
     fall_angle: float  # rad
     actuator: Actuator | None = (
-        None  # None: it gives what it is told, and the joint has no friction
+        None  # None: it delivers the command within its limit, without joint friction
     )
 
 
@@ -83,7 +83,7 @@ class Measurement(NamedTuple):
 
 
 def in_force(effort: float, age_ns: int, timeout_ns: int) -> float:
-    """Return the torque of the latest command, N m, at so many ns after its state: 0 once it is too old."""
+    """Return the torque of the latest command, N m, ``age_ns`` after its state: 0 once it is too old."""
     return 0.0 if age_ns > timeout_ns else effort
 
 
@@ -136,7 +136,7 @@ def as_read(theta: float, theta_dot: float, scale: Scale | None) -> tuple[float,
 
 
 def act(trunk: Trunk, effort: float, disturbance: Disturbance, plant: Plant) -> Trunk:
-    """Return the trunk one period later, with what the actuator makes of the commanded effort [N m].
+    """Return the trunk one period later, the commanded effort [N m] passed through the actuator.
 
     If the new state is not finite, the old one stays and is marked ``diverged``.
     """
@@ -144,7 +144,7 @@ def act(trunk: Trunk, effort: float, disturbance: Disturbance, plant: Plant) -> 
 
 
 def torque_on(state: PlantState, torque: float, disturbance: Disturbance, plant: Plant) -> float:
-    """Return all that turns the trunk over a period, N m: actuator's torque, disturbance, friction."""
+    """Return the total torque on the trunk over a period, N m: actuator, disturbance, friction."""
     return with_friction(torque + disturbance.trunk_torque, state.theta_dot, plant.actuator)
 
 

@@ -1,8 +1,8 @@
 """Which messages are in use at each step of a run: two links and the sensors' drop-outs, drawn from a seed.
 
 A message is sent in each step each way: the reading that the sensors give, and the command that would act
-on that step without a link. So nobody in the loop has to know of the links, and whoever knows the seed
-knows which readings a controller saw and which commands acted.
+on that step without a link. So nothing in the loop has to know about the links, and the seed tells
+which readings a controller saw and which commands acted.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _STATE, _COMMAND, _DROPOUT = range(3)
 _BLOCK = 512  # steps that are drawn at a time, at first
 _MOST = 1 << 16
 _WORTH_COMPILING = 1 << 13  # steps
-_AT_ONCE = 32  # steps that a node draws between two of its own
+_AT_ONCE = 32  # steps that a node draws at a time
 
 Value = TypeVar("Value")
 
@@ -46,7 +46,7 @@ class Counts(NamedTuple):
     lost: int
     late: int  # arrived, but not in the step in which they were sent
     doubled: int
-    overtaken: int  # a newer one was there before them, or came with them
+    overtaken: int  # a newer one arrived before or with them
 
     def describe(self) -> str:
         """Return the counts as an event carries them."""
@@ -54,10 +54,10 @@ class Counts(NamedTuple):
 
 
 class Traffic:
-    """The messages in use in each step; drawn as far as they are asked for."""
+    """The messages in use in each step; drawn on demand."""
 
     def __init__(self, network: Network, stepwise: bool = False) -> None:
-        """``stepwise``: it is asked for one step after the other alone, and forgets those that are past."""
+        """``stepwise``: it is only asked for one step after the other, and forgets past steps."""
         self.network = network
         self._state, self._command = (
             _Passed(link, network, stream, stepwise)
@@ -66,34 +66,34 @@ class Traffic:
         self._failures = _Failures(network, stepwise)
 
     def dropped(self, k: int) -> bool:
-        """Return True if the reading of a step fails: the one before it holds. The first never does."""
+        """Return True if the reading of step k fails, and the one before it holds. The first never fails."""
         return bool(self._failures.at(k))
 
     def seen(self, k: int) -> int:
-        """Return the step whose reading is in use in a step; until the first has arrived, it is that one."""
+        """Return the step whose reading is in use in step k; 0 until one has arrived."""
         return max(int(self._state.at(k)[_USED]), 0)
 
     def told(self, k: int) -> int:
-        """Return the step whose command is in use in a step; -1 for none: no torque."""
+        """Return the step whose command is in use in step k; -1 for none: no torque."""
         row = self._command.at(k)
         return -1 if self.network.zero and not row[_TAKEN] else int(row[_USED])
 
     def all_seen(self, steps: int) -> Integers:
-        """Return the step whose reading is seen in each of so many steps [N], drop-outs among them."""
+        """Return the step whose reading is seen in each of ``steps`` steps [N], drop-outs included."""
         numbers = np.arange(steps)
         held = np.maximum.accumulate(np.where(self._failures.rows(steps), 0, numbers))
         seen: Integers = held[np.maximum(self._state.rows(steps)[:, _USED], 0)]
         return seen
 
     def all_told(self, steps: int) -> Integers:
-        """Return the step whose command is in use in each of so many steps [N]."""
+        """Return the step whose command is in use in each of ``steps`` steps [N]."""
         rows = self._command.rows(steps)
         if self.network.zero:
             return np.where(rows[:, _TAKEN], rows[:, _USED], -1)
         return rows[:, _USED].copy()
 
     def counts(self, steps: int) -> dict[str, str]:
-        """Return what became of the messages of so many steps, in words, by the parameters' groups."""
+        """Return what became of the messages of the first ``steps`` steps, in words, by parameter group."""
         return {
             "link.state": self._state.counts(steps).describe(),
             "link.command": self._command.counts(steps).describe(),
@@ -110,7 +110,7 @@ class InFlight(Generic[Value]):
         self._used = -1
 
     def send(self, k: int, value: Value, used: int) -> Value:
-        """Send the value of step k, and return that of the step in use; KeyError if that was not sent."""
+        """Send the value of step k, and return that of step ``used``. Raises KeyError if it was not sent."""
         self._sent[k] = value
         if used != self._used:
             if self._used < k - self._longest:
@@ -123,17 +123,17 @@ class InFlight(Generic[Value]):
 
 
 class _Drawn(ABC):
-    """A row of numbers for each step, block after block; of those that are forgotten, the sums remain."""
+    """A row of numbers for each step, drawn in blocks; of forgotten rows, the sums remain."""
 
     def __init__(self, stepwise: bool, told: int) -> None:
         self._stepwise = stepwise
-        self._first = 0  # step of the first row that is there
+        self._first = 0  # step of the first row that is kept
         self._rows: Integers = self._more(0, 0)
         self._past: Integers = np.zeros(told, np.int64)
 
     @abstractmethod
     def _more(self, first: int, steps: int) -> Integers:
-        """Return the rows of so many steps more, from ``first`` on."""
+        """Return the rows of ``steps`` more steps, from ``first`` on."""
 
     @abstractmethod
     def _told(self, rows: Integers) -> Integers:
@@ -146,12 +146,12 @@ class _Drawn(ABC):
         return row
 
     def rows(self, steps: int) -> Integers:
-        """Return the rows of all of so many steps."""
+        """Return the rows of the first ``steps`` steps."""
         self._reach(steps)
         return self._rows[:steps]
 
     def sums(self, steps: int) -> Integers:
-        """Return the sums over so many steps."""
+        """Return the sums over the first ``steps`` steps."""
         self._reach(steps)
         return self._past + self._told(self._rows[: steps - self._first])
 
@@ -184,7 +184,7 @@ class _Failures(_Drawn):
         return np.array([np.count_nonzero(rows)])
 
 
-# Columns of a link's rows: the message in use, and those that `pass_on` tells.
+# Columns of a link's rows: the message in use, and what `pass_on` puts in ``told``.
 _USED, _FATE, _OVERTAKEN, _TAKEN = range(4)
 
 
@@ -213,12 +213,12 @@ class _Passed(_Drawn):
         return np.array([*found, sum(rows[:, _OVERTAKEN].tolist())])
 
     def counts(self, steps: int) -> Counts:
-        """Return what became of the messages of so many steps."""
+        """Return what became of the messages of the first ``steps`` steps."""
         return Counts(steps, *self.sums(steps).tolist())
 
 
 def _draw(seed: int, stream: int, first: int, steps: int, each: int) -> Integers:
-    """Return random integers of 53 bits of so many steps from ``first`` on [steps, each]."""
+    """Return random 53-bit integers of ``steps`` steps from ``first`` on [steps, each]."""
     generator = np.random.PCG64([seed, stream])
     generator.advance(each * first)
     raw = generator.random_raw(each * steps).reshape(steps, each)
@@ -229,7 +229,7 @@ def _draw(seed: int, stream: int, first: int, steps: int, each: int) -> Integers
 def _compiled() -> Callable[..., None]:
     try:
         from trunk_msgs_util.compiled import ready
-    except ImportError:  # numba is not needed, but quick
+    except ImportError:  # numba is optional
         return pass_on
     none = np.zeros((0, DRAWS), np.int64)
     due = np.array([[-1, 0]])

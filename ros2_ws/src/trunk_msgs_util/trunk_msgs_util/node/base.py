@@ -30,7 +30,7 @@ Config = TypeVar("Config", bound=ManagedConfig)
 
 
 class TrunkNode(ManagedNode, Generic[Config]):
-    """A managed node with a checked configuration that reports on the recording what happens to it.
+    """A managed node with a checked configuration that reports to the recording what happens to it.
 
     Parameters, run events and diagnostics exist from the beginning; a subclass implements `set_up`,
     `activate`, `deactivate` and `tear_down`, which ROS 2's transitions call.
@@ -85,7 +85,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
         changed = {name: value for name, value in after.items() if value != before[name]}
         self.retune(new)
         if changed:
-            # Two topics have no order between them: this marks the place among the node's events.
+            # There is no order between two topics: this marks the change's place among the node's events.
             self.event(Event.RETUNED)
             self._parameters_topic.publish(self._parameters_set.event(self.run_stamp_ns, changed))
 
@@ -134,13 +134,13 @@ class TrunkNode(ManagedNode, Generic[Config]):
         )
 
     def fail(self, reason: str, **values: object) -> None:
-        """End this node's process with an error, reported on the recording and on the console."""
+        """End this node's process with an error, reported in the recording and on the console."""
         self.get_logger().error(printable(reason))
         self.event(Event.FAILED, DiagnosticStatus.ERROR, reason=reason, **values)
         self.exit_code = EXIT_FAILED
 
     def look_for_namesake(self, node: str, message: str, values: Mapping[str, str]) -> None:
-        """Fail if an event tells that another process has this node's name: a recording would mix the two."""
+        """Fail if an event shows that another process has this node's name: a recording would mix the two."""
         process = values.get("process", "")
         if (
             message == Event.CONFIGURED
@@ -157,7 +157,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
     def _is_alive(self, process: str) -> bool:
         """Return True for a namesake's process, and False if an old recording is being played.
 
-        A process on another machine cannot be looked up: there the graph has to know of two nodes.
+        A process on another machine cannot be looked up: there the graph must show two nodes.
         """
         if same_machine(process):
             return local_pid(process) is not None
@@ -167,13 +167,13 @@ class TrunkNode(ManagedNode, Generic[Config]):
     def draining(self) -> bool:
         """Return True while the node still has messages to take before it closes.
 
-        What has come by then is taken, it may be the run's last state; but not by a node that has failed.
+        What has arrived by then is taken, as it may be the run's last state; a failed node takes nothing.
         """
         self._last_turns -= 1
         return self._last_turns >= 0 and not self.exit_code
 
     def waits_for(self) -> str:
-        """Return for whom this node waits, and how to start them; asked once a second. Empty: for nobody."""
+        """Return what this node waits for, and how to start it; called once a second. Empty: for nothing."""
         return ""
 
     def _every_second(self) -> None:

@@ -28,7 +28,7 @@ def stamp_from_ros(stamp: Time) -> int:
 
 
 def sample_to_wire(sample: JointSample) -> bytes:
-    """Return the sample as the serialized JointState message that a publisher takes as it is.
+    """Return the sample as a serialized JointState message, ready to publish.
 
     A quarter of the cost of a message object, and the same bytes.
     """
@@ -42,9 +42,9 @@ class WireReader:
         self._layout = JointStateLayout(())
 
     def __call__(self, data: bytes) -> JointSample:
-        """Return the sample; one without names and with stamp -1 ns where the bytes make no message.
+        """Return the sample; one without names and with stamp -1 ns if the bytes are not a valid message.
 
-        Nor is it one whose nanoseconds carry its stamp past the greatest: no answer could bear it.
+        A message whose nanoseconds push its stamp past the largest is not valid: no answer could carry it.
         Another byte order is left to rclpy.
         """
         sample = self._read(data)

@@ -1,7 +1,7 @@
 """SIGINT and SIGTERM to a program that is still loading: a clean exit, no traceback from an import.
 
 One of our executables takes some tenths of a second to load before it can handle signals itself. Whatever
-starts it blocks them until then (`block`), and the first thing it does is to say how they end it (`end_by`).
+starts it blocks them until then (`block`); the executable itself first sets how they end it (`end_by`).
 So no signal is lost, and none reaches Python's own handler in the middle of an import.
 """
 
@@ -56,7 +56,7 @@ def end_by(end: Callable[[int], None]) -> None:
 def node(module: str, *arguments: str) -> Callable[[], None]:
     """Return the executable of a node: a signal before ``module.main`` handles them ends it with code 0.
 
-    That is also the code of a running node that is told to end: it did what it was told.
+    A running node that is told to end has the same code: it did as it was told.
     """
 
     def main() -> None:

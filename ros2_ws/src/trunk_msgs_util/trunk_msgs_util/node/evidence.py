@@ -17,8 +17,8 @@ from . import meeting, qos, settings
 # A node that ends waits at most this long for the recorder and every other reliable reader to receive
 # what it published; this and the next limit are multiplied by TRUNK_PATIENCE.
 _HAND_OVER_S = 3.0
-# A node finds a recorder within this time of its start, and of the first message that there is to record: the
-# plant may have waited for the recorder. After that one that knows of none ends at once.
+# A node discovers a recorder within this time after its start, and after its first message to be recorded
+# (the plant may have waited for the recorder). After that, a node that knows of no recorder ends at once.
 _FOUND_S = 2.0
 _LOOK_S = 0.01
 
@@ -26,15 +26,15 @@ _LOOK_S = 0.01
 class Evidence:
     """Publishes serialized messages twice, and counts them: live for the loop, and kept for the recorder.
 
-    Who looks at the live topic sees the present. Which topic has the past: `topics.evidence`.
+    The live topic has only the present; `topics.evidence` names the topic that also has the past.
     """
 
     def __init__(self, node: Node, topic: str) -> None:
         self.topic = node.resolve_topic_name(topic)
-        # DDS announces them in this order: a recorder finds the live one last, and not a stranger in it.
+        # DDS announces them in this order: a recorder finds the live one last, and knows that it is ours.
         self._kept = node.create_publisher(JointState, topics.evidence(self.topic), qos.evidence())
         self._live = node.create_publisher(JointState, topic, qos.live())
-        # Past rclpy's own check of the message's type: a third of what publishing costs.
+        # Bypasses rclpy's check of the message's type, a third of the cost of publishing.
         self._publish_live = self._live.handle.publish_raw
         self._publish_kept = self._kept.handle.publish_raw
         self.count = 0
@@ -50,7 +50,7 @@ class Evidence:
 
     @property
     def is_kept_for_somebody(self) -> bool:
-        """True if a recorder is known to take it."""
+        """True if a recorder is known to subscribe to it."""
         return self._kept.get_subscription_count() > 0
 
 
@@ -66,9 +66,9 @@ def hand_over(node: Node, born_s: float, anything: bool, evidence: Sequence[Evid
     """Wait, for a bounded time, until every reliable reader has received what the node published.
 
     If there is ``anything`` to record, first wait until every known recorder is matched with this node.
-    If none is known, it may not have been discovered yet, for some time after the node's start, ``born_s``
-    (monotonic clock), and after its first evidence.
-    That somebody takes the node's ``evidence`` may be known first.
+    If none is known, one may still be discovered for some time after the node's start, ``born_s``
+    (monotonic clock), and after its first evidence: wait for it until then.
+    A subscriber to the node's ``evidence`` may be discovered first, and counts as a recorder.
     """
     patience = settings.patience()
     known_s = max([born_s, *(one.began_s for one in evidence)]) + _FOUND_S * patience

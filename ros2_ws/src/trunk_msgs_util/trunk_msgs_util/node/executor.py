@@ -19,13 +19,13 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-# While messages keep coming, timers, and services and everything else, get their turn this often.
+# While messages keep coming, this is how often timers get their turn, and services and everything else.
 _TIMERS_EVERY_NS = 2_000_000
 _OTHERS_EVERY_NS = 20_000_000
 # Messages taken from one subscription before the next one's turn.
 _BURST = 64
-# Where a subscription had no message so many times in a row, it is asked at one turn of that many,
-# as long as others keep coming: an event, a reference. A wait sees to all.
+# A subscription without a message this many times in a row (events, references) is polled only once in as
+# many turns while other messages keep coming. A wait covers all subscriptions.
 _RARE = 16
 
 
@@ -47,7 +47,7 @@ class LoopExecutor(SingleThreadedExecutor):
         self._others_due_ns = 0
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Handle what is ready, or wait for it for at most ``timeout_sec`` s (None: for ever)."""
+        """Handle what is ready, or wait for it for at most ``timeout_sec`` s (None: forever)."""
         if self._wait_set is None:
             self._collect()
         self._turn += 1
@@ -148,7 +148,7 @@ class LoopExecutor(SingleThreadedExecutor):
                 wait_set.add_service(service.handle)
 
     def _wait(self, limit_ns: int, for_all: bool) -> bool:
-        """Wait, for services only where ``for_all``; below 0 there is no limit.
+        """Wait, including services only if ``for_all``; a ``limit_ns`` below 0 is no limit.
 
         Return True if something other than a message or a timer is ready.
         """
@@ -165,7 +165,7 @@ class LoopExecutor(SingleThreadedExecutor):
 
 
 def wants_info(callback: Callable[..., Any]) -> bool:
-    """Return True for a callback that takes the message's information too, as rclpy tells them apart."""
+    """Return True for a callback that also takes the message's information, by rclpy's own rule."""
     try:
         inspect.signature(callback).bind(object())
     except TypeError:

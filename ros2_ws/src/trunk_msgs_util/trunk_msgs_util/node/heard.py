@@ -1,13 +1,13 @@
-"""`HeardTopic`: a topic heard from every publisher, whatever quality of service it offers, each message once.
+"""`HeardTopic`: a topic heard from every publisher, whatever its quality of service, each message once.
 
-DDS matches a subscription with those publishers alone that offer at least what it requests. Our nodes keep
-what they publish for a recorder that comes late, on a topic of its own (`topics.evidence`). Others publish on
-the live topic alone: rclpy's and `ros2 topic pub`'s default is volatile, a sensor's often best effort. No
-single subscription serves all of them: one that asks for the past is deaf to the volatile, one that does not
-misses the past. So there is one more for each kind that some other publisher offers, as rosbag2 adapts to
-what is offered, and a message that several subscriptions receive is taken once: it has the same time and
-number in each. Our nodes' live copies, which such a subscription hears too, have the number and the bytes
-of the one that is kept.
+DDS matches a subscription only with publishers that offer at least what it requests. Our nodes keep what
+they publish for a recorder that joins late, on a separate topic (`topics.evidence`). Others publish only on
+the live topic: rclpy and `ros2 topic pub` are volatile by default, and a sensor is often best effort. No
+single subscription serves all of them: one that requests past messages does not match volatile publishers,
+one that does not misses the past. So there is one more for each kind that some other publisher offers, just
+as rosbag2 adapts to what is offered. A message that several subscriptions receive has the same time and
+number in each, and is taken once. Such a subscription also hears our nodes' live copies; they have the
+number and the bytes of the kept ones.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from .. import topics
 from . import meeting, qos
 
-Info: TypeAlias = Mapping[str, Any]  # what the middleware tells of a message
+Info: TypeAlias = Mapping[str, Any]  # what the middleware reports about a message
 Key: TypeAlias = tuple[
     int, bytes
 ]  # number and bytes: the same for the copy that is kept and the live one
@@ -35,15 +35,15 @@ Sample: TypeAlias = tuple[
 ]  # when it was published, number and bytes: one message alone
 Kind: TypeAlias = tuple[ReliabilityPolicy, DurabilityPolicy]
 
-# Twice what a publisher of evidence keeps: one that is matched late delivers all that at once.
+# Twice what a publisher of evidence keeps: one that is matched late delivers all of it at once.
 _REMEMBERED = 2 * qos.EVIDENCE_DEPTH
-# So many looks a publisher may have no known node before it counts as somebody else's.
+# A publisher whose node is still unknown after this many looks counts as somebody else's.
 _UNNAMED_LOOKS = 20
 
 
 @dataclass(eq=False)
 class Source:
-    """A publisher, told from the others by the numbers of its messages, which count from 1."""
+    """A publisher, distinguished from others by its messages' numbers, which count from 1."""
 
     last: int
     missed: int = 0  # sent before it was heard, while the run went on
@@ -57,13 +57,13 @@ class Source:
 
 
 class Sources:
-    """The publishers of one topic; the middleware tells the messages' numbers, but not whose they are."""
+    """The publishers of one topic; the middleware gives the messages' numbers, but not their publishers."""
 
     def __init__(self) -> None:
         self.all: list[Source] = []
 
     def of(self, number: int, publishers: int, under_way: bool) -> Source:
-        """Return the source of a message, where so many publishers are known."""
+        """Return the source of a message, given the number of known publishers."""
         following = [source for source in self.all if source.last < number]
         source = max(following, key=lambda source: source.last, default=None)
         if source is None or (source.last + 1 < number and len(self.all) < publishers):
@@ -84,7 +84,7 @@ class Passing:
     ours: bool = False  # the live copy of one that is kept
 
     def belongs_to_ours(self) -> None:
-        """Note that its publisher is a node of ours: what was missed of it is in what is kept."""
+        """Note that its publisher is a node of ours: what was missed is among the kept messages."""
         self.ours = True
         for source in (self.source, *self.also):
             source.elsewhere = True
@@ -102,7 +102,7 @@ class HeardTopic:
         take: Callable[[bytes], None],
         under_way: Callable[[], bool],
     ) -> None:
-        """Subscribe; ``take`` gets each message, ``under_way`` tells if a run goes on."""
+        """Subscribe; ``take`` gets each message, ``under_way`` tells if a run is under way."""
         self._node = node
         self._topic = topic
         self._type_name = type_name
@@ -112,7 +112,7 @@ class HeardTopic:
         self.other_types: dict[str, str] = {}
         self.of_ours = 0  # messages of our own nodes
         self._passed: OrderedDict[Sample, Passing] = OrderedDict()
-        # Of our nodes' messages, each is published twice: what was taken and is to be heard once more.
+        # Our nodes publish each message twice: here are those taken once, whose other copy is still to come.
         self._kept_alone: OrderedDict[Key, int] = OrderedDict()
         self._live_alone: OrderedDict[Key, list[Passing]] = OrderedDict()
         self._passing: dict[Kind, tuple[Subscription, Sources]] = {}
@@ -135,7 +135,7 @@ class HeardTopic:
 
     @property
     def publisher_count(self) -> int:
-        """How many publishers are matched, at most those of one subscription."""
+        """The number of matched publishers of the subscription that has most."""
         subscriptions = (self._kept, *(subscription for subscription, _ in self._passing.values()))
         return max(subscription.get_publisher_count() for subscription in subscriptions)
 
@@ -194,14 +194,14 @@ class HeardTopic:
     ) -> None:
         """Take a message of any publisher that offers as much as this subscription requests.
 
-        A publisher that several subscriptions hear gives each message one time of its own.
+        A message has the same source time in every subscription that hears it.
         """
         number = info["publication_sequence_number"]
         source = sources.of(number, subscription.get_publisher_count(), self._under_way())
         sample = info["source_timestamp"], number, data
         known = self._passed.get(sample)
         if known is not None:
-            # The one that asks for more hears more of it.
+            # The subscription that requests more hears more of it.
             less = source if _asks(kind) < _asks(known.kind) else known.source
             less.elsewhere = True
             known.also.append(source)
@@ -210,7 +210,7 @@ class HeardTopic:
             return
         passing = self._passed[sample] = Passing(kind, source, [])
         _forget_first(self._passed)
-        if kind[1] == DurabilityPolicy.VOLATILE:  # our nodes' live copies are heard by no other
+        if kind[1] == DurabilityPolicy.VOLATILE:  # only these hear our nodes' live copies
             key = number, data
             kept = self._kept_alone.pop(key, 0)
             if kept:
@@ -243,7 +243,7 @@ class HeardTopic:
 
 
 def _asks(kind: Kind) -> tuple[bool, bool]:
-    """Return how much a subscription of this kind requests, to be compared."""
+    """Return how much a subscription of this kind requests, for comparison."""
     return kind[0] == ReliabilityPolicy.RELIABLE, kind[1] != DurabilityPolicy.VOLATILE
 
 
@@ -253,7 +253,7 @@ def _forget_first(remembered: OrderedDict[Any, Any]) -> None:
 
 
 def _kind(endpoint: TopicEndpointInfo) -> Kind:
-    """Return what a publisher offers; what is kept without being reliable is taken as not kept."""
+    """Return what a publisher offers; durability without reliability counts as volatile."""
     offered = endpoint.qos_profile
     if offered.reliability == ReliabilityPolicy.RELIABLE:
         return offered.reliability, offered.durability

@@ -44,7 +44,7 @@ class ManagedNode(LifecycleNode):
         self._permanent = {id(entity) for entity in self._entities()}
 
     def event(self, message: Event, level: bytes = b"\0", **values: object) -> None:
-        """Put an event on the run's record."""
+        """Put an event in the run's record."""
 
     @property
     def ending(self) -> bool:

@@ -1,4 +1,4 @@
-"""Middleware settings that a run needs, and whether there is room for it; a user's own settings are kept."""
+"""Middleware settings for a run, and a check that there is room for it; a user's own settings are kept."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ PROFILES = Path(__file__).with_name("fastdds.xml")
 PROFILES_FILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _SHARED_MEMORY = Path("/dev/shm")
-# The library of ROS 2's tracing has two pages there. Without room for them it dies of SIGBUS as it is
-# loaded, and the process with it.
+# ROS 2's tracing library needs two pages there. Without room for them, loading it kills the process with
+# SIGBUS.
 _TRACING = ("lttng-ust-wait-*", 2)
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
@@ -29,7 +29,7 @@ def prepare(shared_memory: Path = _SHARED_MEMORY) -> None:
     next one repairs what was sent to a half-discovered reader, and a node that ends waits for one), and
     messages go by UDP within a host too: shared memory can make a node deaf (fastdds.xml).
 
-    Raises MiddlewareError where ROS 2 would die as it is loaded, and SettingError where a setting of the
+    Raises MiddlewareError if loading ROS 2 would kill the process, and SettingError if a setting of the
     environment cannot be used.
     """
     settings.check()

@@ -11,12 +11,12 @@ from ..picture.film import Film, value
 from ..recording.schemas import ParameterChange
 from .conversions import WireReader
 
-_TERMS = "terms"  # those of the controller that spoke last
+_TERMS = "terms"  # those of the controller heard last
 _OF_A_PLANT = "plant.length"  # a parameter that no other node has
 
 
 class Pictures:
-    """Keeps the newest message of what a picture shows, as bytes; what is drawn alone is parsed."""
+    """Keeps the newest message of what a picture shows, as bytes; only what is drawn is parsed."""
 
     def __init__(self) -> None:
         self._film = Film()

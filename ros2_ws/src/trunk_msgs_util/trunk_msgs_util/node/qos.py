@@ -11,7 +11,7 @@ EVIDENCE_DEPTH = topics.LIVE_DEPTH
 
 
 def live() -> QoSProfile:
-    """Return the profile of publishers in the loop: reliable, and who comes late gets no past messages.
+    """Return the profile of publishers in the loop: reliable, without past messages for late joiners.
 
     Deep, so that a bad link makes messages late before it loses any.
     """
@@ -53,7 +53,7 @@ def run_information() -> QoSProfile:
 
 
 def latest() -> QoSProfile:
-    """Return the profile of progress: the newest value, also for who is matched after it was published."""
+    """Return the profile of progress: the newest value, also for late joiners."""
     return QoSProfile(
         depth=1,
         reliability=ReliabilityPolicy.RELIABLE,

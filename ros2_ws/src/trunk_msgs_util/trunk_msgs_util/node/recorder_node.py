@@ -38,13 +38,13 @@ _MESSAGES: dict[str, type[Any]] = {
 }
 # Every recorded type begins with a stamp, right after the four bytes of encapsulation.
 _STAMP = struct.Struct("<iI")
-# What happened to the nodes, the recorder's own turns among it, is written while it is inactive too.
+# What happens to the nodes, the recorder included, is written even while it is inactive.
 _ALWAYS = (topics.RUN_PARAMETERS, topics.RUN_EVENTS)
-# Told to end, it goes on until nothing has come for this long and, as a busy machine may take that long
-# between two turns, for so many turns.
+# When told to end, it goes on until nothing has arrived for this long and for this many turns: a busy machine
+# may take that long between two turns.
 _QUIET_S = 0.3
 _QUIET_TURNS = 10
-# ... but, where the run goes on without it, no longer than this.
+# ... but no longer than this if the run goes on without it.
 _LEAVE_S = 0.7
 _TELL_EVERY = 50  # states
 _TELL_STRANGERS = topics.STRANGERS_DEPTH // 2
@@ -81,7 +81,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._pictures = Pictures() if self.config.markers else None
 
     def set_up(self) -> None:
-        """Open the file. Raises ParameterError where it cannot be written, or is there already."""
+        """Open the file. Raises ParameterError if it cannot be written or already exists."""
         config = self.config
         self._forget()
         self._file = RunFile(open_output(config), self.resolve_topic_name, self._disk_failed)
@@ -115,10 +115,10 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             self._ready_timer = self.every(0.02, self._announce)
 
     def _follow(self) -> None:
-        """Hear who is new: every publisher, and each node in this namespace that has a ``~/state``.
+        """Subscribe to what is new: every publisher, and each node in this namespace that has a ``~/state``.
 
-        From then on, the references for such a node alone are heard too; and an operator's pushes, where
-        the simulator takes any.
+        From then on, such a node's own references are heard too, and an operator's pushes if the simulator
+        takes any.
         """
         for heard in list(self._heard.values()):
             heard.look()
@@ -142,7 +142,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         return self.run_stamp_ns >= 0
 
     def _announce(self) -> None:
-        """Say ready once somebody publishes on each topic of the loop that the plant waits for."""
+        """Report ready once every topic of the loop that the plant waits for has a publisher."""
         wanted = self.config.lockstep_topics if self.config.lockstep else ()
         if all(self._heard[topic].publisher_count for topic in wanted):
             self._ready_timer.cancel()
@@ -210,7 +210,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             self._draw(self._pictures, self._file, data)
 
     def _draw(self, pictures: Pictures, file: RunFile, truth: bytes) -> None:
-        """Record the picture of a true state, where it is one that is drawn."""
+        """Record the picture of a true state, if it is one that is drawn."""
         log_ns = max(self.run_stamp_ns, 0) if self.config.lockstep else time.time_ns()
         for topic, data in pictures.of(self.run_stamp_ns, truth, log_ns):
             file.write(topic, log_ns, data)
@@ -218,7 +218,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def _tell_progress(self) -> None:
         """Tell the simulator up to which stamp every topic of the loop is in the file."""
         written_ns = min(self._written_ns[topic] for topic in self.config.lockstep_topics)
-        if written_ns != self._told_ns:  # it runs back where the simulator begins anew
+        if written_ns != self._told_ns:  # it goes back if the simulator restarts
             self._told_ns = written_ns
             self._progress.publish(sample_to_wire(JointSample(written_ns, ("recorder",))))
 
@@ -242,7 +242,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self.look_for_namesake(event.node, event.message, event.values)
 
     def waits_for(self) -> str:
-        """Return what a recorder that hears nothing waits for, and who ends one whose run is over."""
+        """Return what a recorder that hears nothing waits for, and how to end one whose run is over."""
         if not self.active:
             return ""
         if self._tally.end is not None:
@@ -273,7 +273,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._last_message, self._leaving_s = time.monotonic(), None
 
     def draining(self) -> bool:
-        """Return True while messages are still coming in that were under way when it was told to end."""
+        """Return True while messages that were in flight when it was told to end still arrive."""
         now = time.monotonic()
         if (
             self._leaving_s is None
@@ -309,7 +309,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             self.get_logger().warning(f"{told}, INCOMPLETE: {printable(reason)}")
 
     def close(self) -> None:
-        """Take in what is under way, finish the file, then end."""
+        """Take in what is in flight, finish the file, then end."""
         self._finish()
         super().close()
 

@@ -1,4 +1,4 @@
-"""ROS parameters from declarations: declared, checked, changed as a whole, never half."""
+"""ROS parameters from declarations: declared, checked, and changed all together or not at all."""
 
 from __future__ import annotations
 
@@ -106,8 +106,8 @@ class NodeParameters(Generic[Config]):
     ) -> None:
         """Declare everything. Raises ParameterError for a bad value; warns of unknown names.
 
-        ``barred`` returns why nothing may be changed at the time; empty where it may.
-        A CSV file that only plans read is refused, not passed over.
+        ``barred`` returns why nothing may be changed now; empty if changes are allowed.
+        A CSV file that only plans read is refused, not ignored.
         """
         self._node = node
         self._class = config_class
@@ -177,11 +177,11 @@ class NodeParameters(Generic[Config]):
             return change
 
     def unchanged(self, change: Parameter) -> bool:
-        """Return True if the parameter, one of rclpy's too, has this value already."""
+        """Return True if the parameter, even one of rclpy's, already has this value."""
         if not self._node.has_parameter(change.name):
             return False
         now = self._node.get_parameter(change.name)
-        # Their texts: 0.0 and -0.0 are equal, but not the same.
+        # Compared as text: 0.0 and -0.0 are equal, but not the same.
         return now.type_ == change.type_ and _text(now) == _text(change)
 
     def _candidate(self, changes: Sequence[Parameter]) -> Any:
@@ -255,8 +255,8 @@ class _Services(ParameterService):
 
     rclpy checks types, ranges and fixed values against the descriptors before it calls any callback, and
     not all of its messages name the parameter; a type that ROS 2 does not know would end the node.
-    A parameter set to the value that it has is not set: `ros2 param load` of a node's dump sets all, fixed
-    ones too, and must change nothing.
+    Setting a parameter to its present value does nothing: `ros2 param load` of a node's dump sets all of
+    them, even fixed ones, and must change nothing.
     """
 
     def __init__(self, node: Node, parameters: NodeParameters[Any]) -> None:

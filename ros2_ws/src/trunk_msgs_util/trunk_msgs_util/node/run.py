@@ -1,4 +1,4 @@
-"""A process that runs nodes: begun with one line for a user's mistake, ended in order."""
+"""A process that runs nodes: one line for a user's mistake at the start, and an orderly end."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def _end(nodes: list[TrunkNode[Any]], executor: LoopExecutor) -> None:
 
 
 def _drain(nodes: list[TrunkNode[Any]], executor: LoopExecutor, deadline: float) -> None:
-    """Let nodes take what is under way to them, until none expects more."""
+    """Let nodes take the messages in flight to them, until none expects more."""
     while any(node.draining() for node in nodes) and time.monotonic() < deadline:
         try:
             executor.spin_once(timeout_sec=0.02)

@@ -10,7 +10,7 @@ from ..topics import JOINT_STATE_TYPE
 
 
 class RunFile:
-    """Messages by their topics' relative names; the first failure of the disk is told, and no call raises."""
+    """Takes messages by relative topic name; the first disk failure is reported, and no call raises."""
 
     def __init__(
         self,
@@ -18,7 +18,7 @@ class RunFile:
         full_name: Callable[[str], str],
         failed: Callable[[str], None],
     ) -> None:
-        """``full_name`` of a topic; ``failed`` gets why the recording ends here."""
+        """``full_name`` returns a topic's full name; ``failed`` is told why the recording ends here."""
         self._writer = writer
         self._full_name = full_name
         self._failed = failed
@@ -58,7 +58,7 @@ class RunFile:
             self._fail(error)
 
     def check(self) -> None:
-        """Notice soon that the file is no longer where it was, or what it was."""
+        """Detect early that the file was deleted, renamed, replaced or truncated."""
         try:
             self._writer.check()
         except OSError as error:

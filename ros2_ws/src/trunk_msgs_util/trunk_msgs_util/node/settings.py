@@ -1,4 +1,4 @@
-"""The environment's settings that ROS 2 reads: checked before it does, one line for what it cannot use."""
+"""The environment's settings that ROS 2 reads: checked first, with one line for what it cannot use."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..errors import TrunkError
 
-_LAST_DOMAIN = 232  # beyond, the ports of DDS end
+_LAST_DOMAIN = 232  # beyond it, DDS has no ports left
 _RANGES = ("SUBNET", "LOCALHOST", "SYSTEM_DEFAULT")
 
 
@@ -27,7 +27,7 @@ def check(environment: Mapping[str, str] = os.environ) -> None:
 
 
 def patience(environment: Mapping[str, str] = os.environ) -> float:
-    """Return by how much longer a node that ends waits for its recorder: TRUNK_PATIENCE, 1 by default.
+    """Return the factor on an ending node's wait for its recorder: TRUNK_PATIENCE, 1 by default.
 
     Raises SettingError.
     """

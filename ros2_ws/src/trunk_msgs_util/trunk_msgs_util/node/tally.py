@@ -1,4 +1,4 @@
-"""`Tally`: what has been recorded of a run, against what its nodes say there is."""
+"""`Tally`: compares what was recorded of a run with what its nodes report."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class Tally:
         self.runs = 1
         self.driven = False  # did a torque ever act on the plant?
         self.end: RunEvent | None = None
-        self._kinds: dict[str, str] = {}  # of nodes, by what they say
+        self._kinds: dict[str, str] = {}  # of nodes, as they report them
         self._claimed: Counter[str] = Counter()  # by the nodes that have ended
-        self._anew = False  # was a node cleaned up, which counts anew from then on?
-        self._silent: dict[str, bool] = {}  # nodes of which there is something: is it no event?
+        self._anew = False  # was a node cleaned up? its count then restarts
+        self._silent: dict[str, bool] = {}  # known nodes: has none of their events arrived?
 
     def hear(self, event: RunEvent) -> None:
         """Take an event. Raises ValueError for one that no node of ours sends."""
@@ -44,14 +44,14 @@ class Tally:
             self.end = event
 
     def meet(self, node: str) -> None:
-        """Take note of a node that has told its parameters."""
+        """Take note of a node that has published its parameters."""
         self._silent.setdefault(node, True)
 
     def uncounted(self, heard: Mapping[str, int]) -> list[str]:
         """Return where our nodes published more than they said when they ended, a line each.
 
         ``heard``: how many messages of our nodes there are, by topic. One that was killed, or outlives the
-        recorder, has said no count; where no node of the topic has, that is plain to see in the file.
+        recorder, has reported no count; if no node of the topic has, the file shows that.
         """
         if self._anew:
             return []
@@ -85,11 +85,11 @@ class Tally:
                     "another node publishes there too"
                 )
         for topic in heard:
-            # One node's alone: the disturbance, a law's terms. Commands may also be those of a stranger.
+            # From one node only: the disturbance, a law's terms. Commands may also come from a stranger.
             count = self._claimed[self._name_of(topic)]
             pushes = topic == topics.OPERATOR_PUSH
             alone = pushes or topic == topics.DISTURBANCE or topics.is_controller_state(topic)
-            # A simulator that nobody has pushed counts nothing.
+            # A simulator that was never pushed reports no count.
             if alone and not self._anew and (count or pushes) and count < self.counts[topic]:
                 return False, (
                     f"{topic}: {self.counts[topic]} messages, {count} are its node's: "

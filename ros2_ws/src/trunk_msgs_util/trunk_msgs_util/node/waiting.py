@@ -1,4 +1,4 @@
-"""For whom a node waits: said when that changes, and then every few seconds. Pure."""
+"""What a node waits for: reported when that changes, and then every few seconds. Pure."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ _AGAIN_S = 5.0
 
 
 class Waiting:
-    """Says a line at once where it is another one than before, and again while it stays the same."""
+    """Says a line at once if it is a new one, and repeats it while it stays the same."""
 
     def __init__(self) -> None:
         self._said = ""
         self._said_at = 0.0
 
     def line(self, text: str, now: float) -> str:
-        """Return the line to say now, empty for none; ``text``: for whom, empty for nobody. ``now`` in s."""
+        """Return the line to say now, empty for none; ``text``: what for, empty for nothing. ``now`` in s."""
         if not text or (text == self._said and now - self._said_at < _AGAIN_S):
             self._said = text and self._said
             return ""
@@ -24,9 +24,9 @@ class Waiting:
 
 
 def states(topic: str, published: bool, last_ns: int | None) -> str:
-    """Return what a node waits for that hears no states; empty for one whose states stand still.
+    """Return what a node that hears no states waits for; empty if their publisher is only holding them.
 
-    ``last_ns``: the stamp of the last one, None if there was none yet; ``published``: somebody still does.
+    ``last_ns``: the stamp of the last one, None if there was none yet; ``published``: there is a publisher.
     """
     if last_ns is not None:
         last = f"the last one was at t = {seconds(last_ns):g} s"

@@ -79,9 +79,9 @@ def body_of(config: BodyParameters, as_printed: bool = False) -> Body:
 
 
 def body_parameter(name: str, field: str, believed: bool = False) -> Any:
-    """Return the declaration, under a parameter's ``name``, of a `Body`'s field, or of what makes one.
+    """Return the declaration, as parameter ``name``, of a `Body`'s field or of what determines one.
 
-    That is ``hip_mode``, and the path's ``cosines`` and ``sines``.
+    The latter are ``hip_mode``, and the path's ``cosines`` and ``sines``.
     ``believed``: it belongs to a controller's model of the body, which may be wrong.
     """
     description, limits = _WORDS[field]

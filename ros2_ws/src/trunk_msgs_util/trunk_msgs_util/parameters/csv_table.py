@@ -16,7 +16,7 @@ from .in_si import read_quantity
 from .quantity_text import UnitError
 
 MAX_BYTES = 4 * 1024**2
-_SHOWN = 40  # letters of what is quoted in an error
+_SHOWN = 40  # characters quoted in an error
 _HEADING = re.compile(r"([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?", re.DOTALL)
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
@@ -46,7 +46,7 @@ def read_csv(path: Path, columns: Sequence[Column]) -> CsvTable:
 
     The header may give another unit of the same kind in brackets: ``t [ms],reference [deg]``. A column
     without brackets is in SI units. Numbers are finite, within their declaration's bounds, and at most
-    as many as it takes; equal times in two rows are allowed. Blank lines are passed over.
+    as many as it allows; equal times in two rows are allowed. Blank lines are skipped.
     Raises ParameterFileError: file, line, value, what is allowed.
     """
     reader = csv.reader(StringIO(_text(path), newline=""), strict=True)

@@ -152,7 +152,7 @@ def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
 
 
 def _plain(declaration: Declaration, value: object) -> str:
-    """Return, for a number with a unit, why it is not taken: ROS 2 knows no units."""
+    """Return, for a number with a unit, why it is refused: ROS 2 has no units."""
     if not declaration.kind.startswith("double") or not isinstance(value, str):
         return ""
     if not looks_like_quantity(value):
@@ -161,7 +161,7 @@ def _plain(declaration: Declaration, value: object) -> str:
 
 
 def check(declaration: Declaration, value: object) -> Value:
-    """Return the value as the declared type; an integer passes for a double, a list for an array.
+    """Return the value as the declared type; an integer is accepted as a double, a list as an array.
 
     Raises ParameterError for another type, a value out of bounds, NaN, or a wrong length.
     """

@@ -135,8 +135,8 @@ def resolve(node: str, layers: Iterable[Layer], declared: Iterable[str]) -> dict
 def check_names(layers: Iterable[Layer], nodes: Mapping[str, Iterable[str]]) -> None:
     """Refuse misspelt parameters: each must be declared by a node that its section can apply to.
 
-    ``nodes``: the declared parameter names by node base name. Sections of other projects' nodes pass, and
-    what every ROS node has (``use_sim_time``), so that a node's dump can be used as it is.
+    ``nodes``: the declared parameter names by node base name. Sections of other projects' nodes are
+    accepted, and so is what every ROS node has (``use_sim_time``): a node's dump can be used as it is.
     Raises ParameterFileError naming the file, the section and the parameter.
     """
     declared = {node: set(names) for node, names in nodes.items()}

@@ -1,4 +1,4 @@
-"""Values as a user writes them, with units, as plain values in the unit of their declaration. Pure.
+"""Converts values as a user writes them, with units, to plain values in their declared unit. Pure.
 
 A plain number is in the declared SI unit already; a text parameter is never read as a quantity.
 """
@@ -16,10 +16,10 @@ def in_si(
     values: Mapping[str, object],
     present: Mapping[str, object] | None = None,
 ) -> dict[str, object]:
-    """Return a node's values with each number that has a unit in the declaration's SI unit.
+    """Return a node's values, each number that has a unit converted to the declared SI unit.
 
-    ``present``: what a running node has for parameters that choose a unit, in place of the defaults.
-    Raises ParameterError for a unit that there is not, or of another dimension. Everything else is
+    ``present``: a running node's values of parameters that choose a unit, in place of the defaults.
+    Raises ParameterError for a unit that does not exist, or of another dimension. Everything else is
     returned as it is, for `declarations.build` to check.
     """
     written = written_with_units(declared, values)
@@ -38,7 +38,7 @@ def in_si(
 def written_with_units(
     declared: Mapping[str, Declaration], values: Mapping[str, object]
 ) -> set[str]:
-    """Return the names of the numeric parameters in whose values a unit is written."""
+    """Return the names of the numeric parameters whose values are written with a unit."""
     return {
         name
         for name, value in values.items()

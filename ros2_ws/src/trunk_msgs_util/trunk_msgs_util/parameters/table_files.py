@@ -33,11 +33,11 @@ def numbers_for(
     config: type[Any],
     present: Mapping[str, object] | None = None,
 ) -> Numbers:
-    """Return what the CSV files that the layers name for a node (fully qualified name) say.
+    """Return the numbers of the CSV files that the layers name for a node (fully qualified name).
 
-    ``present``: what a running node has for parameters that choose a unit, in place of the defaults.
-    Raises ParameterFileError for a file that cannot be used, keys without the value "file" of their
-    switch or the other way round, and for numbers besides a file. What a later layer sets wins.
+    ``present``: a running node's values of parameters that choose a unit, in place of the defaults.
+    Raises ParameterFileError for a file that cannot be used, keys whose switch is not "file" or the
+    reverse, and numbers given besides a file. What a later layer sets wins.
     """
     numbers = Numbers({}, set())
     said: dict[str, _Said] | None = None
@@ -62,7 +62,7 @@ def _said(node: str, layers: Sequence[Layer]) -> dict[str, _Said]:
 
 
 def _counts(table: TableFile, said: Mapping[str, _Said], node: str) -> bool:
-    """Return True if a file is named and meant."""
+    """Return True if a file is named and is to be used."""
     key = said.get(table.key.name)
     named = key is not None and key.value != ""
     switch = said.get(table.switch)
@@ -78,7 +78,7 @@ def _counts(table: TableFile, said: Mapping[str, _Said], node: str) -> bool:
         one = said.get(name)
         if one is None or one.value == "":
             continue
-        if switch is None or switch.place <= one.place:  # else a later layer has taken it back
+        if switch is None or switch.place <= one.place:  # else a later layer overrides it
             raise _refused(one, node, name, f"it counts only with {table.switch}: {FILE}")
     return False
 

@@ -1,6 +1,6 @@
 """How a parameter file names a CSV in place of two arrays: keys that plans read, and nodes do not have.
 
-What nodes are given, and what is recorded, has the numbers, never a path.
+Nodes and recordings get the numbers, never a path.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ ONLY_PLANNED = "only trunk reads files: give the node the parameter file that tr
 class TableFile:
     """The keys with which a parameter file names a CSV, and the parameters that get its numbers.
 
-    With a ``switch``, the CSV counts where that parameter is "file"; ``becomes`` says, for each value of
+    With a ``switch``, the CSV is used if that parameter is "file"; ``becomes`` says, for each value of
     ``interpolation``, what the switch becomes.
     """
 

@@ -125,7 +125,7 @@ def named_in(unit: str) -> str:
 def parse_unit(text: str) -> Unit:
     """Return the unit that a text stands for: symbols, ``*`` or a space, ``/``, ``^n``, parentheses.
 
-    Raises UnitError for an unknown symbol, and for a product after ``/``, which is read in two ways.
+    Raises UnitError for an unknown symbol, and for a product after ``/``, which is ambiguous.
     """
     if len(text) > _LONGEST:
         raise UnitError(f"its unit has {len(text)} letters: at most {_LONGEST} are read")

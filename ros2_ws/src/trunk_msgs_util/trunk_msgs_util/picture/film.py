@@ -31,7 +31,7 @@ class Film:
         self._geometry = Geometry.of(self._plant)
 
     def is_due(self, stamp_ns: int) -> bool:
-        """Return True if the state with this stamp is to be drawn; stamps that run back begin anew."""
+        """Return True if the state with this stamp is to be drawn; it starts over if stamps go back."""
         if stamp_ns < self._last_ns:
             self._due_ns = 0
         self._last_ns = stamp_ns
@@ -48,10 +48,10 @@ class Film:
         reference: float | None,
         log_ns: int,
     ) -> Iterator[tuple[str, bytes]]:
-        """Yield the messages of a true state's picture; the URDF first, where it is another one than before.
+        """Yield the messages of a true state's picture; the URDF first, if it has changed.
 
         ``reference`` in rad, None if it is not known. ``log_ns``: when they are logged. They are stamped with
-        it, because a viewer looks a transform up at the time that it plays.
+        it, because a viewer looks up a transform at its playback time.
         """
         self.drawn(truth.stamp_ns)
         text = urdf(self._geometry)

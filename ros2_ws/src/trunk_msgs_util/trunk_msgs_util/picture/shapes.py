@@ -102,14 +102,14 @@ class Scene:
 
 
 def is_drawn(geometry: Geometry, scene: Scene) -> bool:
-    """Return True if a scene has a place: not too far, and where the sines of path and angle are known."""
+    """Return True if a scene can be drawn: not too far away, and the sines of path and angle are defined."""
     along = abs(geometry.wavenumber) * (abs(scene.x) + _PATH_REACH + _PATH_STEP)
     return abs(scene.x) <= FAR and along <= LARGEST_ANGLE and abs(scene.theta) <= LARGEST_ANGLE
 
 
 def shapes(geometry: Geometry, scene: Scene) -> list[Shape]:
-    """Return the picture, always the same shapes in the same order; empty where it `is_drawn` not."""
-    if not is_drawn(geometry, scene):  # the outlines of nothing
+    """Return the picture, always the same shapes in the same order; without points unless `is_drawn`."""
+    if not is_drawn(geometry, scene):  # the same shapes, without points
         return [replace(shape, points=()) for shape in shapes(geometry, Scene(0.0, 0.0))]
     hip = geometry.hip(scene.x)
     mass = geometry.mass(scene.x, scene.theta)

@@ -1,1 +1,1 @@
-"""Writes, reads and repairs any MCAP recording of ROS 2. Knows no plant, no controller, no verdict."""
+"""Writes, reads and repairs any MCAP recording of ROS 2. Knows nothing of plants, controllers or verdicts."""

@@ -149,7 +149,7 @@ def _skip(file: BinaryIO, length: int, crc: int) -> int:
 def _run(file: BinaryIO, first: bytes, left: int) -> bytes:
     """Return a message record and the whole message records after it, about `_RUN` bytes.
 
-    What is read ahead in vain is about as much as what is returned, or `_AHEAD`.
+    About as much as what is returned, or `_AHEAD`, may be read ahead and discarded.
     """
     run, ahead = [first], _AHEAD
     while ahead <= _RUN and left:

@@ -24,7 +24,7 @@ def numbered(record: Record) -> int | None:
 
 
 def of_others(record: Record) -> tuple[str, dict[str, str]]:
-    """Return a metadata record that is not ours; its digest alone where it is large or makes no sense."""
+    """Return a metadata record that is not ours; only its digest if it is large or malformed."""
     if len(record.body) <= _SHORT:
         with suppress(Exception):  # whatever mcap may raise: nothing in it is needed
             metadata = Metadata.read(record.stream)

@@ -1,4 +1,4 @@
-"""Digests of a recording's whole content: what an accident or an edit cannot leave as it was.
+"""Digests of a recording's whole content: any accidental damage or edit changes them.
 
 The recorder writes them last; a reader computes them again. They are BLAKE2b, 32 bytes, over bytes that
 do not depend on compression or on the limits of chunks:
@@ -7,7 +7,7 @@ do not depend on compression or on the limits of chunks:
 - ``heads``: length, channel, sequence, log time and publish time of every message in the order of the
   file, so the order across topics too;
 - ``channels``: topic, encoding, metadata and schema of every channel;
-- ``metadata``: every metadata record in the order of the file, but the digests themselves;
+- ``metadata``: every metadata record in the order of the file, except the digests themselves;
 - ``header``: profile and library of the file; ``attachments``: how many there are.
 
 They are not a secret: whoever rewrites a recording can write new digests. A signature over them
@@ -113,5 +113,5 @@ def uncoverable(topics: Iterable[str], attachments: int) -> list[str]:
 
 
 def uncovered(recorded: Mapping[str, str], topics: Iterable[str]) -> list[str]:
-    """Return the parts, and of ``topics`` those, that have no recorded digest."""
+    """Return the parts, and those of ``topics``, that have no recorded digest."""
     return [PARTS.get(key, key) for key in (*sorted(topics), *PARTS) if key not in recorded]

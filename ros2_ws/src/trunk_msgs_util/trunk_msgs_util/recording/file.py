@@ -138,7 +138,7 @@ class RecordingFile:
     ) -> bool:
         """Return True for a schema or channel that was not described before.
 
-        Raises ValueError if it was, but otherwise: other readers may take the later one.
+        Raises ValueError if it was described differently: other readers may take the later description.
         """
         number = numbered(record)
         if number not in known:

@@ -1,4 +1,4 @@
-"""What is read of a file at most. No robot's recording comes near; a hostile file meets them early.
+"""Limits on what is read of a file: far above any robot's recording; a hostile file meets them early.
 
 The sizes that a file claims are never trusted: with these limits, the time and the memory that a file
 costs are bounded by the bytes it has. docs/recording.md lists them; every error names the one it met.

@@ -69,7 +69,7 @@ class Recording(RecordedFiles):
             (names.RUN_EVENTS, lambda: self._events),
         ):
             if self.topic(relative) in self.topics:
-                with suppress(RecordingError):  # for whoever asks for it
+                with suppress(RecordingError):  # raised again when it is asked for
                     read()
         self.warnings += [
             topic.faults.describe(name, topic.count)
@@ -86,7 +86,7 @@ class Recording(RecordedFiles):
     def topic(self, relative: str) -> str:
         """Return the absolute name of a topic or node; an absolute one is returned as it is.
 
-        A node goes by what it is: ``pid/state`` is that topic of the PID even if the node is named otherwise.
+        A node goes by its kind: ``pid/state`` is that topic of the PID even if the node has another name.
         """
         if relative.startswith("/"):
             return relative
@@ -106,9 +106,9 @@ class Recording(RecordedFiles):
 
     @cached_property
     def renamed(self) -> dict[str, str]:
-        """The names of nodes that have another one than the kind of node they say they are, by that kind.
+        """The names of nodes by the kind of node that they report, where the two differ.
 
-        Of several nodes of a kind none can stand for it, nor can another one where a node has its name.
+        A kind is left out if several nodes are of it, or if some node has its name.
         """
         prefix = f"{self.namespace}/"
         kinds: dict[str, set[str]] = {}

@@ -1,9 +1,9 @@
 """What rosbag2 keeps beside the messages, so that its tools take a recording for one of their own.
 
-Each channel's metadata has what its publishers offered and its type's hash, from which `ros2 bag play` makes
-publishers that late subscriptions can ask for the past, where the recorded ones did. A metadata record, and
-``metadata.yaml`` in a folder, sum up the bag. Version 9 of both, as Jazzy writes them
-(rosbag2_storage/yaml.hpp and qos.cpp, rosbag2_storage_mcap/mcap_storage.cpp).
+Each channel's metadata has the quality of service that its publishers offered and its type's hash. From
+these, `ros2 bag play` creates publishers that offer late subscriptions the past where the recorded ones
+did. A metadata record, and ``metadata.yaml`` in a folder, sum up the bag. Version 9 of both, as Jazzy writes
+them (rosbag2_storage/yaml.hpp and qos.cpp, rosbag2_storage_mcap/mcap_storage.cpp).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A run's own record, read from well-formed little-endian CDR without a library.
 
-rosbags compiles its code for these types anew in each process, which takes longer than to read a recording
-of ten seconds. Whatever is not plainly as ROS 2 writes it is None here and left to rosbags.
+rosbags compiles its code for these types anew in each process, which takes longer than reading a
+ten-second recording. Anything not exactly as ROS 2 writes it gives None here and is left to rosbags.
 """
 
 from __future__ import annotations

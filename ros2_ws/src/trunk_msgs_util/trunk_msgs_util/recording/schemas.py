@@ -1,6 +1,6 @@
 """ROS messages without ROS: definitions, and the few messages that an offline run builds.
 
-From rosbags' store of Jazzy's types, loaded on first use, and `run_cdr`, which most reading needs alone.
+Uses rosbags' store of Jazzy's types, loaded on first use, and `run_cdr`, which is enough for most reading.
 """
 
 from __future__ import annotations

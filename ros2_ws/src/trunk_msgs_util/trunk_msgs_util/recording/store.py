@@ -30,8 +30,8 @@ _OURS = "trunk_msgs_util"  # prefix of the library's name in files that must hav
 class RecordedFiles:
     """The file, or a bag's files, of a recording: topics, metadata, and blocks of messages as bytes.
 
-    ``warnings`` lists what is missing or damaged, and from which byte on; ``unfinished`` is the one of them
-    that says why no end record calls the run whole. Nothing after the first damaged byte counts.
+    ``warnings`` lists what is missing or damaged, and from which byte on; ``unfinished`` is the one that
+    says why no end record marks the run as complete. Nothing after the first damaged byte counts.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -100,7 +100,7 @@ class RecordedFiles:
 
     @property
     def further_warnings(self) -> list[str]:
-        """The warnings for whoever has already said that the run is not whole, and why."""
+        """The warnings other than ``unfinished``, for callers that have already reported that one."""
         return [warning for warning in self.warnings if warning != self.unfinished]
 
     @property

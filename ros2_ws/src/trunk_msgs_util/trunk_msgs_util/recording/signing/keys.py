@@ -106,7 +106,7 @@ def public_key(data: bytes, name: str) -> Ed25519PublicKey:
 
 
 def _public(load: Callable[[bytes], object], data: bytes, name: str, kind: str) -> Ed25519PublicKey:
-    """Return what ``load`` makes of the data; ``kind``: what it is where that is not supported."""
+    """Return the key that ``load`` reads from the data; ``kind`` names it in the error if not supported."""
     try:
         found = load(data)
     except ValueError:

@@ -124,7 +124,7 @@ def read(path: Path) -> Signature:
     """Return the signature in a file. Raises SignatureError, without the file's name."""
     try:
         if path.exists() and not path.is_file():
-            raise SignatureError("it is not a file")  # a pipe would be waited for
+            raise SignatureError("it is not a file")  # reading a pipe would block
         with path.open("rb") as file:
             data = file.read(LIMIT + 1)
     except FileNotFoundError:

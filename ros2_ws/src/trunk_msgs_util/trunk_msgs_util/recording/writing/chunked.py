@@ -170,7 +170,7 @@ class ChunkedWriter:
         self._end_ns = max(int(times.max()), self._end_ns)
 
     def _finish_chunk(self) -> None:
-        if self._start_ns is None:  # no message: what else there is waits for the next chunk
+        if self._start_ns is None:  # no message: other records wait for the next chunk
             return
         heads, start_ns, end_ns = b"".join(self._heads), self._start_ns, self._end_ns
         messages = {channel: b"".join(some) for channel, some in self._messages.items()}

@@ -15,7 +15,7 @@ def open_own(path: Path, *, overwrite: bool) -> BinaryIO:
     """Create a file, or empty the one that is there, and lock it until it is closed.
 
     Raises FileExistsError where it exists, unless ``overwrite``, and BlockingIOError where another process is
-    writing it: then it is left as it is. The lock goes with its process; a file that is left behind has none.
+    writing it: then it is left as it is. The lock ends with its process; a leftover file has none.
     """
     flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | (0 if overwrite else os.O_EXCL)
     try:
