@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Ask for known vulnerabilities of every version in requirements/*.txt: scripts/audit.sh [pip-audit's options]
+# Look up known vulnerabilities of every version in requirements/*.txt: scripts/audit.sh [pip-audit's options]
 # Exit code 0: all were looked up, none has any; 1: some have; 2: not everything could be looked up.
-# Needs the network, so it is no part of scripts/test.sh.
+# Needs the network, so it is not part of scripts/test.sh.
 set -euo pipefail
 cd -P "$(dirname "${BASH_SOURCE[0]}")/.."
 tools=$(bash scripts/release_tools.sh) || exit 2

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The tests of what we compare ourselves with in benchmarks (MuJoCo, pyfuzzylite, scikit-fuzzy): installs the
+# The tests of the benchmarks against other libraries (MuJoCo, pyfuzzylite, scikit-fuzzy): installs the
 # libraries beside .venv's, not into it, and runs the tests: scripts/bench_libraries.sh [pytest arguments]
 set -euo pipefail
 cd -P "$(dirname "${BASH_SOURCE[0]}")/.."

@@ -2,7 +2,7 @@
 # Make .venv and build ros2_ws, or bring both up to date. Takes no time when nothing has changed; may be
 # interrupted, run again, and run twice at once.
 #
-# Without ROS 2, Jazzy comes from pinned wheels. Where ROS 2 Jazzy is sourced, that one is used and .venv
+# Without ROS 2, Jazzy comes from pinned wheels. If a ROS 2 Jazzy is sourced, it is used and .venv
 # only adds to it. Every file that is installed has its hash in requirements/. $PYTHON chooses the
 # interpreter, CPython 3.10 to 3.13. --no-dev leaves out what only the tests need, for an image.
 set -euo pipefail

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How long a process that comes late needs until it and a running one have found each other over DDS.
+"""Measure how long a late process and a running one need to find each other over DDS.
 
     source scripts/env.sh && python scripts/check_discovery.py [--tries 100] [PROFILES.xml ...]
 
@@ -46,7 +46,7 @@ NOTHING = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 class Found(NamedTuple):
-    """When one process had found the other: instants of the steady clock, s."""
+    """When one process found the other: times of the monotonic clock, s."""
 
     matched: float
     named: float
@@ -129,7 +129,7 @@ def run_late(pipe: Connection) -> None:
 
 @contextmanager
 def process(target: Callable[[Connection], None]) -> Iterator[Connection]:
-    """Run one of the two in a process of its own; what is sent to it and comes back goes by a pipe."""
+    """Run one of the two in a separate process; requests and answers go through a pipe."""
     ours, theirs = FORK.Pipe()
     child = FORK.Process(target=target, args=(theirs,), daemon=True)
     child.start()
@@ -188,7 +188,7 @@ def main(tries: int, domain: int, profiles: tuple[str, ...]) -> None:
 
 
 def enter(file: Path, domain: int) -> None:
-    """Let what is started from now on take this file of profiles and this ROS domain."""
+    """Make processes that are started from now on use this file of profiles and this ROS domain."""
     os.environ.update(FASTRTPS_DEFAULT_PROFILES_FILE=str(file), ROS_DOMAIN_ID=str(domain))
 
 

@@ -76,7 +76,7 @@ async def paths(page: str, token: str) -> str:
 
 
 async def malformed(page: str, token: str) -> str:
-    """Send what is no request, until sent away or a thousand times."""
+    """Send malformed requests: a thousand, or until disconnected."""
     socket = await _connected(page, token)
     for number in range(1000):
         await socket.write_message(["{", "[]", '{"kind": "push"}', "\0", "null"][number % 5])
@@ -99,7 +99,7 @@ async def megabytes(page: str, token: str) -> str:
 
 
 async def flood(page: str, token: str) -> str:
-    """Send 10,000 messages a second for 3 s, by a new page each time one is sent away."""
+    """Send 10,000 messages a second for 3 s, by a new page each time one is disconnected."""
     away, sent, until = 0, 0, time.monotonic() + 3.0
     text = '{"kind": "push", "number": 1, "force": 0, "torque": 9e9, "stamp": 0}'
     socket = await _connected(page, token, lambda message: None)
@@ -118,7 +118,7 @@ async def flood(page: str, token: str) -> str:
 
 
 async def stops_reading(page: str, token: str) -> str:
-    """Read, stop for a minute, and read on; come back if sent away, as our page does."""
+    """Read, stop for a minute, and read on; reconnect if disconnected, as our page does."""
     socket = await _connected(page, token)
     for _ in range(20):
         await socket.read_message()
@@ -171,7 +171,7 @@ class Loop:
 
 
 def attack(name: str, address: str, look: Callable[[], object]) -> str:
-    """Let a process of its own attack, and look meanwhile; return what came of it."""
+    """Attack from a separate process, and look meanwhile; return what it printed."""
     command = [sys.executable, __file__, "--attack", name, address]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         while process.poll() is None:

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The same bits in other environments, a line for each: scripts/check_portable.sh [STEPS]     default 100000
 # Other processors, C libraries, versions of CPython, languages and compilers; docs/lockstep.md has the table. What
-# cannot be had here is skipped with its reason. Other interpreters: PYTHONS="/path/to/python3.12 ..."
+# is not available here is skipped, with the reason. Other interpreters: PYTHONS="/path/to/python3.12 ..."
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/bootstrap.sh >/dev/null

@@ -96,7 +96,7 @@ class Watch:
                 self.diagnosis = {v.key: v.value for v in status.values}
 
     def write_memory(self, path: Path) -> None:
-        """Save all samples to a file, to show when something grew."""
+        """Save all samples to a file, to show when memory grew."""
         lines = [f"{node},{t:.3f},{size}" for node, seen in self.memory.items() for t, size in seen]
         path.write_text("\n".join(["node,time_s,rss_bytes", *lines, ""]))
 

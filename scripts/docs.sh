@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Build the site of docs/ into FOLDER (site): scripts/docs.sh [FOLDER]
-# A warning fails, and so does a link into nowhere. The pages open as files too; the search box needs a server.
-# The tools (requirements/docs.txt) are in .venv/.docs, apart from what runs.
+# A warning or a broken link fails. The pages open as files too; the search box needs a server.
+# The tools (requirements/docs.txt) are in .venv/.docs, apart from what a run needs.
 # Exit code 0: built; 1: a page is wrong; 2: the tools could not be installed.
 set -euo pipefail
 cd -P "$(dirname "${BASH_SOURCE[0]}")/.."

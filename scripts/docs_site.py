@@ -1,6 +1,6 @@
 """MkDocs' hook, for scripts/docs.sh: pages from outside docs/, and links to files of the repository.
 
-What `mkdocs build --strict` cannot know is checked here: what a link or a path in backticks names is there.
+What `mkdocs build --strict` cannot know is checked here: the target of a link or a path in backticks exists.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def in_site(path: str) -> str:
 
 
 def rewritten(page: str, text: str) -> str:
-    """Return a page's text with links as the site needs them; what is nowhere stays, for MkDocs to refuse."""
+    """Return a page's text with links as the site needs them; broken ones stay, for MkDocs to refuse."""
 
     def link(match: re.Match[str]) -> str:
         target = in_repository(page, match[1])

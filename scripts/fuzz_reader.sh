@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Coverage-guided fuzzing of the reader with atheris, beside .venv's libraries: scripts/fuzz_reader.sh [MINUTES [FOLDER]]
-# begins with tests/corpus.tar.xz and a short run; FOLDER (runs/fuzz) keeps what it finds. Without a finding,
-# python -m tests.hostile.corpus FOLDER/corpus makes the corpus that CI replays anew.
+# begins with tests/corpus.tar.xz and a short run; FOLDER (runs/fuzz) keeps what it finds. If it finds nothing,
+# python -m tests.hostile.corpus FOLDER/corpus rebuilds the corpus that CI replays.
 set -euo pipefail
 cd -P "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/bootstrap.sh >/dev/null

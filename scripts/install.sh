@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Install one requirement file exactly as it is locked: scripts/install.sh PYTHON FILE LOG [pip's options]
-# Nothing without a hash in FILE, no dependency beside it, no code of a package run to build it, but for those below.
-# One line says what is wrong; pip's words are in LOG: a line 'Collecting …' for each package.
+# Installs nothing without a hash in FILE, no other dependencies, and runs no package's build code, except those below.
+# One line says what is wrong; pip's output is in LOG: a line 'Collecting …' for each package.
 set -euo pipefail
 python=$1 file=$2 log=$3
 shift 3

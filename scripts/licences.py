@@ -132,7 +132,7 @@ def faults(
 
 
 def installed(names: Collection[str]) -> list[dict[str, str]]:
-    """Return what pip-licenses finds of packages in this environment."""
+    """Return what pip-licenses finds out about the packages in this environment."""
     command = [sys.executable, "-m", "piplicenses", "--format=json", "--from=all", "--with-system"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     found: list[dict[str, Any]] = json.loads(done.stdout)

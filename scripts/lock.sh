@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Renew requirements/*.txt from requirements/*.in: pins, and the hashes of all files that PyPI has of them. Needs uv
-# (pip install uv) and the network. Pins stay as they are unless uv is told otherwise: scripts/lock.sh --upgrade-package numpy
+# (pip install uv) and the network. Pins stay as they are unless an option changes them: scripts/lock.sh --upgrade-package numpy
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../requirements"
 sets=(setuptools runtime ros build cluster crate gym foxglove notebook dev mutants release fuzz docs)

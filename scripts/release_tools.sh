@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Print the folder of the environment with requirements/release.txt (pip-audit, cyclonedx-py); make it where it is
-# missing or old. It is apart from .venv: nothing in it takes part in a run or in a test.
+# Print the folder of the environment with requirements/release.txt (pip-audit, cyclonedx-py); make it if it is
+# missing or old. It is separate from .venv: no run or test uses it.
 set -euo pipefail
 cd -P "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/bootstrap.sh >/dev/null

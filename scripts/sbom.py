@@ -52,7 +52,7 @@ def licence_entries(package: Package) -> list[Json]:
 
 
 def bundled(name: str) -> list[Json]:
-    """Return the shared libraries of others that an installed wheel brings along in its folder *.libs."""
+    """Return the third-party shared libraries that an installed wheel bundles in its folder *.libs."""
     files = [f for f in metadata.files(name) or [] if f.parts[0].endswith(".libs") and f.hash]
     return [
         {

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Write the bill of materials of what runs, as CycloneDX 1.6: scripts/sbom.sh FILE, e.g. trunk-0.1.0.cdx.json
-# It goes beside a release. No time and no random number is in it, unless SOURCE_DATE_EPOCH gives the time.
+# It goes beside a release. It holds no random number, and no time unless SOURCE_DATE_EPOCH gives it.
 set -euo pipefail
 die() { printf 'sbom: %s\n' "$*" >&2; exit 1; }
 (($# == 1)) && [[ $1 == *.json ]] || die 'one argument is needed, the file to write, *.json'

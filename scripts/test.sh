@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # All checks, the same for a person and for CI: scripts/test.sh [--quick | --all | pytest arguments]
-# --all: also what is long, and tested more briefly by others.
-# --quick, between edits: neither processes, nor browser, nor what takes a second or more.
+# --all: also the long tests, which others cover more briefly.
+# --quick, between edits: no processes, no browser, nothing that takes a second or more.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/bootstrap.sh >/dev/null || { echo 'test: FAILED: bootstrap' >&2; exit 1; }

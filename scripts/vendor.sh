@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Fetch again what is kept here of other projects: uPlot, the live page's charts, and Plotly's cartesian bundle, the
-# report's. Needs curl and the network. To renew one: another version, and the sha512 that the npm registry gives for
-# it (npm view uplot@VERSION dist.integrity).
+# Fetch again the files of other projects that are kept here: uPlot for the live page's charts, Plotly's cartesian bundle
+# for the report. Needs curl and the network. To update one, change its version and the sha512 that the npm registry
+# gives for it (npm view uplot@VERSION dist.integrity).
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../ros2_ws/src/trunk_experiments/trunk_experiments"
 

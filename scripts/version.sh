@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Print the project's version, or set it: scripts/version.sh [VERSION]. It stands in trunk_msgs_util's package.xml; the
-# other package.xml and CITATION.cff, which cannot refer to it, are written from here, and a test compares them.
+# Print the project's version, or set it: scripts/version.sh [VERSION]. It is kept in trunk_msgs_util's package.xml;
+# this script also writes it to the other package.xml files and CITATION.cff, and a test compares them.
 set -euo pipefail
 cd -P "$(dirname "${BASH_SOURCE[0]}")/.."
 die() { printf 'version: %s\n' "$*" >&2; exit 1; }

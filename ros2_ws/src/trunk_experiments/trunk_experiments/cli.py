@@ -50,7 +50,7 @@ _VERBS = {
     "bench": ("bench", "Measure speed, as ratios in one run."),
 }
 
-# How the modules of ROS 2 begin, and end.
+# Prefixes and suffixes of ROS 2's module names.
 _ROS = ("rcl", "rosidl", "ament_", "launch"), ("_msgs", "_interfaces", "_srvs")
 
 
@@ -62,7 +62,7 @@ class _Lazy(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _VERBS:
-            if ctx.resilient_parsing:  # a shell completes
+            if ctx.resilient_parsing:  # shell completion
                 return None
             raise PlanError(
                 f"no verb {cmd_name!r}: trunk --help lists them all{did_you_mean(cmd_name, _VERBS)}"
@@ -85,7 +85,7 @@ def _tell_unusable() -> None:
 
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version  # as slow as all else that the overview needs
+        from importlib.metadata import version  # as slow as all other imports of --help together
 
         click.echo(f"trunk {version('trunk_experiments')}")
         context.exit()
@@ -116,7 +116,7 @@ def main() -> None:
         with documents_alone():
             _run()
     finally:
-        with suppress(ValueError):  # stderr was closed for a reader that is gone
+        with suppress(ValueError):  # stderr was closed: its reader is gone
             _tell_unusable()
         sys.stdout, sys.stderr = out, err
 
@@ -131,7 +131,7 @@ def _run() -> None:
 
 
 def _code() -> int:
-    """Run the verb; return the exit code. What went wrong is said on stderr."""
+    """Run the verb; return the exit code. Errors are printed to stderr."""
     try:
         # What a verb passes to ctx.exit comes back as a value.
         code = trunk(prog_name="trunk", standalone_mode=False)
@@ -158,7 +158,7 @@ def _code() -> int:
 
 
 def _without_ros(error: Exception) -> str:
-    """Return what to do if a module of ROS 2 is missing, as where the wheels alone are installed."""
+    """Return what to do if a module of ROS 2 is missing, as when only the wheels are installed."""
     missing = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
     if not missing.startswith(_ROS[0]) and not missing.endswith(_ROS[1]):
         return ""
@@ -169,7 +169,7 @@ def _without_ros(error: Exception) -> str:
 
 
 def _fault_of_a_law(error: Exception) -> str:
-    """Return whose law raised it, if the verb knows controllers at all and it was one of another package."""
+    """Return what is wrong if a law of another package raised it; empty if none did, or none is loaded."""
     if f"{__package__}.plans.nodes" not in sys.modules:
         return ""
     from .plans.law_faults import fault_of_a_law
@@ -180,7 +180,7 @@ def _fault_of_a_law(error: Exception) -> str:
 def _failed(why: str, code: int) -> int:
     """Tell a program that asked for JSON why there is no result; return the exit code."""
     if json_asked():
-        with suppress(OSError):  # it has gone, or its disk is full: the line is on stderr
+        with suppress(OSError):  # stdout is closed, or the disk is full: the line is on stderr
             write_json(ERROR, {"error": why, "exit_code": code})
     return code
 

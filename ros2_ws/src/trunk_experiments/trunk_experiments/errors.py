@@ -26,13 +26,13 @@ class DrawError(TrunkError):
 
 
 class NotSignedError(TrunkError):
-    """A recording that is not to be signed: its name, why, and what would allow it."""
+    """A recording that must not be signed: its name, why, and what would allow it."""
 
     exit_code: ClassVar[int] = EXIT_FAILED
 
 
 class CrateError(TrunkError):
-    """A recording that does not belong into a crate: its name, why, how to find out more."""
+    """A recording that does not belong in a crate: its name, why, how to find out more."""
 
     exit_code: ClassVar[int] = EXIT_FAILED
 

@@ -12,12 +12,12 @@ from threading import Thread
 from trunk_msgs_util.node import early_signals
 from trunk_msgs_util.whole_file import discard_parts
 
-_SAID: list[bool] = []  # not empty: the one line is written
-_PATIENCE = 0.5  # s that a verb has to leave nothing half done
-# These start or talk to other processes, which are ended in order, and take the time for it.
+_SAID: list[bool] = []  # not empty: the line has been written
+_PATIENCE = 0.5  # s that a verb has to clean up
+# These start or talk to other processes, and take the time to end them in order.
 _WITH_OTHERS = {"run", "bench", "sweep", "map", "paper", "params", "tune", "live", "watch"}
 
-# Nothing is left to be done when these are, and to unload rclpy takes as long as to talk to a node.
+# Nothing is left to do after these, and unloading rclpy would take as long as talking to a node.
 _LEAVE_AT_ONCE = {"params"}
 
 bare_pair = early_signals.node("trunk_experiments.bench.bare_pair_node")
@@ -40,7 +40,7 @@ def _unwind(number: int) -> None:
 
 
 def _compiles() -> bool:
-    """Return True inside the compiler: numba and LLVM crash if an exception comes out of nowhere."""
+    """Return True inside the compiler: numba and LLVM crash on an asynchronous exception."""
     frame = sys._getframe()
     while frame.f_back is not None:
         frame = frame.f_back
@@ -57,7 +57,7 @@ def _end(number: int) -> None:
 
 
 def _end_soon() -> None:
-    """End the process `_PATIENCE` after a signal even if what it is in does not return to Python.
+    """End the process `_PATIENCE` after a signal even if the current call does not return to Python.
 
     Python's handlers wait for the call in progress, such as the drawing of a long curve.
     """
@@ -76,11 +76,11 @@ def _end_soon() -> None:
 
 
 def _leave(stop: SystemExit) -> None:
-    """End the process with the code of a verb that is done; its output is written first."""
+    """End the process with the exit code of a finished verb; its output is written first."""
     if set(sys.argv[1:2]) & _LEAVE_AT_ONCE and isinstance(stop.code, int):
         with suppress(
             OSError, ValueError
-        ):  # a reader that is gone; a stream that was closed for it
+        ):  # the reader is gone, or the stream was closed because of that
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(stop.code)

@@ -39,7 +39,7 @@ def events_table() -> str:
 
 
 def parameters_tables() -> str:
-    """Return every node's parameters, a Markdown table each; what our controllers share stands once."""
+    """Return every node's parameters, a Markdown table each; what our controllers share is listed once."""
     rows = {node: markdown_rows(node) for node in NODES}
     ours = [name for name in CONTROLLERS if NODES[name].package == "trunk_control"]
     first, *others = (set(rows[name].values()) for name in ours)

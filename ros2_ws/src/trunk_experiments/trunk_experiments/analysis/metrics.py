@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 SETTLED_FOR = 1.0  # s that must remain after settling
 STEADY_STATE = 2.0  # s at the end
 _TOLERANCE = 1e-9  # s, for times that are sums of rounded periods
-_WORTH_COMPILING = 200_000  # rows: loading the compiler takes as long as adding so many up
+_WORTH_COMPILING = 200_000  # rows: loading the compiler takes as long as summing this many
 
 
 _NOT_DEFINED = "not defined"
@@ -31,7 +31,7 @@ class MetricText(NamedTuple):
     label: str
     unit: str
     judged: bool = True
-    missing: str = _NOT_DEFINED  # what to say where a run has none
+    missing: str = _NOT_DEFINED  # shown for a run that has none
 
 
 QUANTITIES: Mapping[str, MetricText] = {
@@ -78,9 +78,9 @@ class Metrics:
 
 
 def missing(key: str, level: bool = True) -> str:
-    """Return what to say of a run that does not have this metric; ``level``: `has_level`.
+    """Return the text shown for a run without this metric; ``level``: `has_level`.
 
-    A run without a level of its reference cannot settle to it: that is not defined, rather than never so.
+    Without a level of the reference, settling is "not defined", which is not the same as "never".
     """
     return QUANTITIES[key].missing if level and key in QUANTITIES else _NOT_DEFINED
 
@@ -105,8 +105,8 @@ def metrics(table: RunTable, compiled: bool = False) -> Metrics:
     Overshoot and settling refer to the reference's last level and count from its last change (t_0 if
     it is constant). A reference that still changes in the last second (a sine, or a level set too
     late) has no such level: both are None. ``compiled``: add up in compiled code, however short the run;
-    the numbers are the same. Raises ValueError for a table without rows, with data that
-    are not finite, or with such as make a metric infinite.
+    the numbers are the same. Raises ValueError for a table without rows, or if its data are not finite or
+    make a metric infinite.
     """
     _check(table)
     begin, end = float(table.t[0]), float(table.t[-1])
@@ -130,7 +130,7 @@ def _checked(found: Metrics) -> Metrics:
 
 
 def steady_from(end: float) -> float:
-    """Return when the steady state of a run begins that ends at ``end`` [s]."""
+    """Return when the steady state begins in a run that ends at ``end`` [s]."""
     return end - STEADY_STATE - _TOLERANCE
 
 
@@ -205,7 +205,7 @@ def _sums(
 def _compiled_sums() -> Callable[..., Sums] | None:
     try:
         from trunk_msgs_util.compiled import ready
-    except ImportError:  # numba is not needed, but quick
+    except ImportError:  # numba is optional, but faster
         return None
     row = np.zeros(1)
     return ready(_sums, row, row, row, row, 0.0)

@@ -218,7 +218,7 @@ def _last_torque(
 ) -> float:
     """Return the torque over the step from the last of the states, N m, after ``before``.
 
-    It is what link and actuator make of the commands; ``before`` where the record does not tell it, and the
+    It is the command as changed by link and actuator; ``before`` where the record does not show it, and the
     command itself where the simulator's parameters are not on record, or cannot be used.
     """
     stamp_ns = int(states[-1])
@@ -236,7 +236,7 @@ def _last_torque(
         for name, value in values.items()
         if name.startswith("actuator.") or name in _OF_LINK
     )
-    if plain:  # the plant is not loaded for a drive that does what it is told
+    if plain:  # an ideal drive: the plant need not be loaded
         effort = command(stamp_ns)
         made = min(max(effort, -limit), limit) if isinstance(limit, float) else effort
         return before if np.isnan(effort) else made

@@ -1,4 +1,4 @@
-"""What a run's metrics are made of, added up row by row.
+"""The sums from which a run's metrics are computed, added up row by row.
 
 Pure: functions of floats and named tuples, which CPython runs and numba compiles unchanged. All rows
 are added in their order, so that a recording, a run in compiled code and one among many in lanes give
@@ -15,7 +15,7 @@ SETTLING_BAND = radians(SETTLING_BAND_DEG)  # rad
 
 
 class Sums(NamedTuple):
-    """Sums and extremes of the rows so far, with what the next row needs of the last."""
+    """Sums and extremes of the rows so far, with what the next row needs from the last."""
 
     t: float  # s
     error: float  # reference - theta, rad
@@ -76,7 +76,7 @@ def with_row(
 ) -> Sums:
     """Return the sums with one more row; from t = ``steady_from`` on it counts for the steady state.
 
-    Integrals are those of trapezoids; the effort takes a torque as held until the next row.
+    Integrals use the trapezoidal rule; for the effort, a torque is held until the next row.
     """
     step = t - s.t
     error = reference - theta

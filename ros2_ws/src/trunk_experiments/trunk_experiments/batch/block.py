@@ -35,7 +35,7 @@ LONGEST = 200_000  # states: the series of longer runs would take too much memor
 
 
 class RunSummary(NamedTuple):
-    """What came out of a run: its metrics, or when it diverged [s], or why it was refused."""
+    """A run's outcome: its metrics, or when it diverged [s], or why it was refused."""
 
     metrics: Metrics | None
     diverged_at: float | None = None
@@ -43,7 +43,7 @@ class RunSummary(NamedTuple):
 
 
 class Regular(NamedTuple):
-    """A run that a lane can do."""
+    """A run that can be computed in a lane."""
 
     common: Common
     numbers: list[float]  # of the parameters' rows
@@ -55,7 +55,7 @@ class Regular(NamedTuple):
 
 
 def summaries(plans: Iterable[RunPlan], batch: Batch) -> list[RunSummary]:
-    """Return what came out of each plan's run."""
+    """Return the outcome of each plan's run."""
     found: list[RunSummary] = []
     blocks: dict[Any, list[tuple[int, RunPlan, Regular]]] = {}
     alone: list[tuple[int, RunPlan]] = []
@@ -90,7 +90,7 @@ def summaries(plans: Iterable[RunPlan], batch: Batch) -> list[RunSummary]:
 
 
 def summary_of(plan: RunPlan, batch: Batch) -> RunSummary:
-    """Return what came out of one plan's run."""
+    """Return the outcome of one plan's run."""
     outcome = batch.run(plan)
     try:
         return RunSummary(outcome.metrics(), outcome.diverged_at)
@@ -107,7 +107,7 @@ def regular_run(plan: RunPlan) -> Regular | None:
     if simulator.network is not None:
         return None
     config = plan.controller
-    if type(law_of(config).memory) is not PidState:  # the lanes have rows for this one alone
+    if type(law_of(config).memory) is not PidState:  # the lanes only have rows for this type
         return None
     setting, hip = setting_of(config), hip_index(config, simulator.joints)
     every = max(1, -(-setting.due_after_ns // simulator.period_ns))
@@ -140,7 +140,7 @@ def regular_run(plan: RunPlan) -> Regular | None:
 
 
 def key_of(regular: Regular) -> Any:
-    """Return what runs in a block must agree on."""
+    """Return a key that is the same for all runs in a block."""
     c = regular.common
     records = (in_common(one) for one in (c.plant, c.sensor, c.law, c.constants))
     return (*records, c[4:], regular.signals is None, regular.seed is None)
@@ -149,7 +149,7 @@ def key_of(regular: Regular) -> Any:
 def run_block(
     name: str, runs: list[Regular], trace: Floats | None = None
 ) -> list[RunSummary | None]:
-    """Return what came out of runs that agree on `key_of`; None for each that left the regular course.
+    """Return the outcomes of runs with the same `key_of`; None for each that left the regular course.
 
     ``trace`` [states, TRACED, LANES] is filled, if given.
     """
@@ -178,7 +178,7 @@ _NONE = np.empty((0, 1, 1))
 
 
 def series_of(runs: list[Regular]) -> LaneSeries:
-    """Return what comes in step by step in these runs: one lane for all if they agree, else one each."""
+    """Return the inputs of these runs, step by step: one lane for all if they are equal, else one each."""
     common = runs[0].common
     states, period_ns = common.states, common.period_ns
     profiles = [one.profile for one in runs]

@@ -50,7 +50,7 @@ def gains_told(terms: Any) -> Gains4:
 
 
 def no_gains(terms: Any) -> Gains4:
-    """Return those of a law that tells none."""
+    """Return the gains of a law that reports none: NaN."""
     return nan, nan, nan, nan
 
 

@@ -3,9 +3,9 @@
 LLVM turns the innermost loops into vector instructions, in which every lane does the very operations of
 the scalar functions: the bits are those of `closed_loop`, however wide the vectors are.
 
-A lane takes the regular course of a run: one controller, always active, whose law always has an answer. A
+A lane handles only a run's regular course: one controller, always active, whose law always has an answer. A
 lane that meets anything else (its plant diverges, its trunk falls and that ends the run, its law holds)
-is marked as left, and `closed_loop` does its run.
+is marked as left, and `closed_loop` computes its run.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Common(NamedTuple):
 
 
 class LaneSeries(NamedTuple):
-    """What comes in step by step: [states, rows, lanes], one lane if all have the same; empty: nothing."""
+    """The inputs of each step: [states, rows, lanes], one lane if all have the same; empty: none."""
 
     reference: Floats  # 1 row
     acting: Floats  # 4 rows
@@ -90,8 +90,8 @@ class LaneSeries(NamedTuple):
 def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
     """Return the loop of a law over a block of lanes.
 
-    ``loop(common, cells, series, history, trace)`` does the runs whose parameters and initial states
-    ``cells`` has, and leaves their sums there. ``history`` [delay_steps + 1, 4 LANES] is for the
+    ``loop(common, cells, series, history, trace)`` computes the runs whose parameters and initial states
+    are in ``cells``, and leaves their sums there. ``history`` [delay_steps + 1, 4 LANES] is for the
     sensors' delay; ``trace`` [states, TRACED, LANES] is filled unless it is empty. ``example`` gives the
     structure.
     """

@@ -1,7 +1,7 @@
 """Random plans over every declared parameter, for comparing compiled code with CPython.
 
-A value is drawn from its declaration; what lets a run last a while (masses, limits, times that fall
-into it) is drawn near its usual value. A new parameter needs no change here.
+A value is drawn from its declaration; one that decides how long a run lasts (a mass, a limit, a time
+during the run) is drawn near its usual value. A new parameter needs no change here.
 """
 
 from __future__ import annotations

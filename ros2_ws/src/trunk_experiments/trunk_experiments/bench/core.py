@@ -1,6 +1,6 @@
 """The core against public libraries, side by side in one run: fuzzy inference and the PID update.
 
-Times depend on the machine, so ratios are compared, of times taken alternately in one process.
+Times depend on the machine, so we compare ratios of times that are taken alternately in one process.
 The libraries are optional and imported only here (pyfuzzylite is GPL-3.0); each must first give our
 results.
 """

@@ -1,7 +1,7 @@
-"""Our vector environment against Gymnasium's own CartPole, both of as many trunks or carts, on one core.
+"""Our vector environment against Gymnasium's CartPole: as many trunks as carts, on one core.
 
-Steps per second of processor time, taken alternately. CartPole's step is one of Euler's method, ours is one
-of Runge and Kutta's or ten, with the sensors, the reward and, where the actions are gains, a PID's update.
+Steps per second of processor time, taken alternately. CartPole's step is one Euler step, ours is one
+Runge-Kutta step or ten, with the sensors, the reward and, where the actions are gains, a PID update.
 """
 
 from __future__ import annotations

@@ -65,7 +65,7 @@ def bench_plan(controller: str = "fuzzy_pid") -> RunPlan:
 
 
 def varied(plan: RunPlan, count: int) -> list[RunPlan]:
-    """Return so many runs of trunks that differ."""
+    """Return this many runs, each of a different trunk."""
     simulator = plan.simulator
     masses = np.linspace(0.4, 0.6, count).tolist()
     return [replace(plan, simulator=replace(simulator, trunk_mass=mass)) for mass in masses]

@@ -63,7 +63,7 @@ def bench_live(
 
 @contextmanager
 def _pages(log: Path, count: int) -> Iterator[None]:
-    """Serve the graph to so many pages, which read all there is."""
+    """Serve the graph to this many pages, which read everything."""
     gateway = GatewayProcess(log, LOOPBACK, 0, {"namespace": ""})
     try:
         with readers(gateway, log, count):
@@ -74,7 +74,7 @@ def _pages(log: Path, count: int) -> Iterator[None]:
 
 @contextmanager
 def readers(gateway: GatewayProcess, log: Path, count: int) -> Iterator[None]:
-    """Let so many pages read all there is. Raises BenchRunError where they are not served to the end."""
+    """Let this many pages read everything. Raises BenchRunError if they are not served to the end."""
     process = subprocess.Popen(
         [
             *(sys.executable, "-m", "trunk_experiments.bench.page_readers"),

@@ -30,7 +30,7 @@ async def _until_input_ends(address: str, count: int) -> None:
         if not here.done():
             sys.exit("a page is not served")
     print("ready", flush=True)
-    give_way()  # a person's browser is elsewhere, or knows how to wait
+    give_way()  # a user's browser is on another machine, or yields the processor
     told = asyncio.StreamReader()
     await asyncio.get_running_loop().connect_read_pipe(
         lambda: asyncio.StreamReaderProtocol(told), sys.stdin

@@ -6,8 +6,8 @@ in the same way by the same observer, from DDS's source timestamps:
 
 - period: between two consecutive states;
 - missed steps: periods of the set rate that passed without a state;
-- latency: from writing a state to writing the answer with its stamp, so the way to the
-  other process, its waking up, and what it does before it answers;
+- latency: from writing a state to writing the answer with its stamp: the transfer to the
+  other process, its wake-up, and its work before it answers;
 - processor time of each process, as the operating system counts it, per second.
 """
 

@@ -2,7 +2,7 @@
 
 A step is missed if it was not driven by the answer to its own state. The record shows this
 without any clock: the next true state carries the torque over a step, the command with
-the step's stamp carries the answer. The simulator counts the same as it happens.
+the step's stamp carries the answer. The simulator counts the same steps while it runs.
 """
 
 from __future__ import annotations
@@ -121,8 +121,8 @@ def problems_of_memory(found: Sequence[Growth], allowed: float = MAX_GROWTH) -> 
 def problems_of_steps(found: Steps, counted: Mapping[str, int], period_s: float) -> list[str]:
     """Return a line for each kind of missed step that the record shows more often than counted.
 
-    A command that was recorded, but displaced from the simulator's full queue, is late in the record and
-    unanswered for the simulator: what it counted too many of these makes up for late ones.
+    A command that was recorded, but displaced from the simulator's full queue, counts as late in the record
+    and as unanswered in the simulator: its surplus of unanswered steps is set against late ones.
     """
     problems = []
     unanswered, late = counted.get(UNANSWERED, 0), counted.get(LATE, 0)

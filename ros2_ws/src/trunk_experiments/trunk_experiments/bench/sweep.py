@@ -1,7 +1,7 @@
 """Compiled closed-loop runs against MuJoCo and scikit-fuzzy in Python loops; how lanes, runs and cores scale.
 
-Times depend on the machine, so ratios are compared, of times taken alternately: processor time for one
-process, wall time for two. The libraries are optional and imported only here. MuJoCo must first give our
+Times depend on the machine, so we compare ratios of times that are taken alternately: processor time for
+one process, wall time for two. The libraries are optional and imported only here. MuJoCo must first give our
 motion on a flat path; scikit-fuzzy defuzzifies differently, so only the ranges of its gains are checked.
 """
 

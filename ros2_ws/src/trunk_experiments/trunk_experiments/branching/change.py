@@ -39,8 +39,8 @@ class Branched(NamedTuple):
 def branched(run: RecordedRun, resumed: Resumed, branch: Branch, until: float | None) -> Branched:
     """Return a resumed run with a branch's changes, to ``until`` s or as planned.
 
-    What a controller or the disturbance is told acts on the state at the branch; what the simulator is
-    told acts from that state on. Raises PlanError and ParameterError for changes that cannot be.
+    A change to a controller or the disturbance acts on the state at the branch; a change to the simulator
+    acts from that state on. Raises PlanError and ParameterError for impossible changes.
     """
     plan, at = resumed.plan, seconds(resumed.stamp_ns)
     if until is not None:
@@ -126,7 +126,7 @@ def _config(plan: RunPlan, node: str, layers: Sequence[Layer], stamp_ns: int) ->
 
 
 def _changed(plan: RunPlan, node: str, layers: Sequence[Layer], stamp_ns: int) -> dict[str, Value]:
-    """Return the parameters of a node that the settings change. Raises PlanError for what is fixed."""
+    """Return the parameters of a node that the settings change. Raises PlanError for fixed ones."""
     after = values_of(_config(plan, node, layers, stamp_ns))
     before = values_of(_in_force(plan, node, stamp_ns))
     changed = {name: value for name, value in after.items() if value != before[name]}
@@ -144,7 +144,7 @@ def _changed(plan: RunPlan, node: str, layers: Sequence[Layer], stamp_ns: int) -
 def _with_controller(
     plan: RunPlan, resumed: Resumed, branch: Branch
 ) -> tuple[RunPlan, ControllerConfig | None]:
-    """Return the plan with a controller that acts from the branch to the end, and it, if it is new."""
+    """Return the plan with a controller that acts from the branch on, and its configuration if it is new."""
     name, at_ns = branch.controller, resumed.stamp_ns
     end_ns = nanoseconds(plan.simulator.duration)
     for node, config in plan.controllers.items():
@@ -193,7 +193,7 @@ def _new_controller(plan: RunPlan, name: str, acting: Sequence[str]) -> Controll
 
 
 def _seen(run: RecordedRun, config: ControllerConfig, stamp_ns: int) -> tuple[int, float] | None:
-    """Return the last measured state before a stamp: its own, ns, and the angle, rad; None at the start."""
+    """Return stamp, ns, and angle, rad, of the last measured state before a stamp; None at the start."""
     states = run.table(topics.JOINT_STATES)
     before_ns = stamp_ns - run.config("simulator").period_ns
     if before_ns not in states:

@@ -22,7 +22,7 @@ from ..plans.nodes import NODES
 from ..recorded.message_stamps import message_stamps
 from ..recorded.run import RecordedRun
 
-Replaced = Mapping[str, Mapping[str, Any]]  # parameters that begin otherwise, by node
+Replaced = Mapping[str, Mapping[str, Any]]  # parameters with other initial values, by node
 
 
 class Past:
@@ -55,7 +55,7 @@ class Past:
             writer.write_rows(list(self._rows(source, messages, numbers)))
 
     def _began_later(self, name: str) -> bool:
-        """Return True for a topic that has its channel from a first message on, which comes later."""
+        """Return True for a topic whose channel begins with its first message, if that comes later."""
         relative = self._run.recording.relative(name)
         own = relative == topics.OPERATOR_PUSH or topics.is_own_reference(relative)
         return own and not (self._run.table(relative).stamp_ns < self._stamp_ns).any()

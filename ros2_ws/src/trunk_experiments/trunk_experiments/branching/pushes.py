@@ -1,4 +1,4 @@
-"""Pushes of a branch: rectangular pulses, added to what disturbs the run anyway."""
+"""Pushes of a branch: rectangular pulses, added to the run's own disturbances."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ def parse_push(text: str, at: float) -> Push:
 def pushed(config: DisturbanceConfig, pushes: Sequence[Push]) -> Mapping[str, Value]:
     """Return the parameters of a disturbance that make its pushes act, and change nothing else.
 
-    They go into its table if that is free, or holds its values on the same channel; or else, if they are
-    alike, they are its pulses, if it has none. Raises PlanError if neither can be.
+    They go into its table if that is free, or is held between rows on the same channel; otherwise, if they
+    are alike and it has no pulses, they become its pulses. Raises PlanError if neither is possible.
     """
     channels = {one.channel for one in pushes}
     free = not any(config.table_values)

@@ -106,11 +106,11 @@ class _BranchRecorder(OfflineRecorder):
         }
 
     def _before_branch(self, topic: str) -> int:
-        """Return how many messages of a topic are of the past."""
+        """Return how many messages of a topic are from before the branch."""
         return int((self._run.table(topic).stamp_ns < self._resumed.stamp_ns).sum())
 
     def introduce(self) -> None:
-        """Tell of nodes that the parent does not have: their parameters; in a graph, that they are there."""
+        """Write the parameters of nodes that the parent does not have; in a graph, also that they came up."""
         for node, config in self._new.items():
             self.put_parameters(node, config)
             if self._graph:

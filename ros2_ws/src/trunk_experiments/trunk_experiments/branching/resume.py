@@ -79,7 +79,7 @@ def resumed(run: RecordedRun, first: int) -> Resumed:
         if checked.controller:
             commands[checked.controller] += checked.steps
     told = set(run.parameters) & set(usable())
-    # Those that have given no command yet are there all the same.
+    # Those that have not given a command yet also exist.
     driven |= {node: DrivenController(run, node) for node in told - set(driven)}
     driven = {node: driven[node] for node in run.parameters if node in driven}
     for one in driven.values():
@@ -103,7 +103,7 @@ def _refused(run: RecordedRun, stamp_ns: int, reason: str) -> RecordingError:
 
 
 def _unsound(run: RecordedRun, stamp_ns: int) -> str:
-    """Return why what was recorded before a stamp is not all there was, or not what was recorded."""
+    """Return why the record before a stamp is incomplete, or not as it was recorded."""
     if altered := run.recording.alterations():
         return f"altered: {altered[0]}"
     recorded_ns = recorded_until_ns(run)
@@ -148,7 +148,7 @@ def _recomputed(
 
 
 def _bring(driven: DrivenController, stamp_ns: int, run: RecordedRun) -> None:
-    """Let a controller meet what has changed by a stamp; an inactive one has seen the state before it."""
+    """Apply the changes up to a stamp to a controller; show the previous state to an inactive one."""
     driven.timeline.advance(stamp_ns, driven.controller)
     before = stamp_ns - run.config("simulator").period_ns
     state = driven.state(before)
@@ -157,7 +157,7 @@ def _bring(driven: DrivenController, stamp_ns: int, run: RecordedRun) -> None:
 
 
 def _last_command(run: RecordedRun, stamp_ns: int) -> tuple[float, int]:
-    """Return the last command before a stamp, N m, and its own stamp; 0 at 0 if there is none."""
+    """Return the last command before a stamp, N m, and the command's stamp; both 0 if there is none."""
     commands = run.table(topics.EFFORT_COMMAND)
     stamps = commands.stamp_ns[commands.stamp_ns < stamp_ns]
     if not len(stamps):

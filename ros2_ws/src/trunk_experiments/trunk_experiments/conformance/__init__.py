@@ -1,4 +1,4 @@
-"""The conformance kit: whether a law keeps what every law promises.
+"""The conformance kit: whether a law meets the contract of all laws.
 
 Each check is a function of a law that yields findings. `conformance` applies them by a registered name;
 the same checks are test functions for a package's own tests.
@@ -59,5 +59,5 @@ def findings_of(name: str, check: LawCheck) -> list[LawFinding]:
 
 
 def conformance(name: str, checks: Sequence[LawCheck] = CHECKS) -> list[LawFinding]:
-    """Return what a registered law does not keep; empty if it conforms. Notes are left out."""
+    """Return where a registered law breaks the contract; empty if it conforms. Notes are left out."""
     return [one for check in checks for one in findings_of(name, check) if not one.note]

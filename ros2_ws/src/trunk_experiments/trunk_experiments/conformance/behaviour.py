@@ -108,7 +108,7 @@ def holds(law: Law) -> Iterator[LawFinding]:
         try:
             terms = driven.update(sample)
         except Exception:
-            return  # `finite_always` tells
+            return  # `finite_always` reports it
         wanted = limited(before.effort, driven.limits)
         if not (terms.held and repr(driven.memory) == repr(before) and terms.effort == wanted):
             if not driven.config.uses_rate and finite(sample[:2]) and sample.dt > 0.0:

@@ -15,7 +15,7 @@ from .samples import DT, steady, swinging
 
 
 def reset(law: Law) -> Iterator[LawFinding]:
-    """Yield where a controller after a reset does otherwise than a new one."""
+    """Yield where a controller behaves differently after a reset than a new one."""
     controllers = [Controller(law.config(), law) for _ in range(2)]
     for k, sample in enumerate(swinging(0.5, amplitude=0.9)):
         controllers[0].update(5_000_000 * k, sample.measurement, sample.rate)
@@ -63,7 +63,7 @@ def takes_over(law: Law) -> Iterator[LawFinding]:
 
 
 def retunes(law: Law) -> Iterator[LawFinding]:
-    """Yield where new parameters move the command more than the memory as it was would."""
+    """Yield where new parameters move the command more than they would with the memory left alone."""
     driven = Driven(law, 1e9)
     driven.run(steady(200))
     before = driven.memory.effort

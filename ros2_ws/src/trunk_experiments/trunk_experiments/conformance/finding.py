@@ -12,13 +12,13 @@ from trunk_control.pid import PidLaw
 
 
 class LawFinding(NamedTuple):
-    """Something that a law does not keep, or a note about it."""
+    """A breach of the contract by a law, or a note about it."""
 
     check: str
     function: str  # MODULE.FUNCTION
     what: str  # with the input that shows it
     advice: str  # what to do
-    note: bool = False  # True: to know, not to mend
+    note: bool = False  # True: for information, nothing to fix
 
     def line(self) -> str:
         """Return it as one line."""

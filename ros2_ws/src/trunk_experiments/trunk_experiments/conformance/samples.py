@@ -32,7 +32,7 @@ def steady(count: int, dt: float = DT) -> list[Sample]:
 
 
 def unusable() -> list[Sample]:
-    """Return samples of which at least one input is not finite, or whose time does not go on."""
+    """Return samples with at least one input that is not finite, or whose time does not advance."""
     found = [
         Sample(r, y, w, dt, STILL)
         for r, y, w, dt in product((0.0, nan, inf), (0.1, nan, -inf), (0.0, nan, inf), (DT, 0.0))

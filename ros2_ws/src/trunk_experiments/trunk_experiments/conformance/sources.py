@@ -1,4 +1,4 @@
-"""Checks of a law's source: no state outside the memory, no clock, no chance, no files, no libm."""
+"""Checks of a law's source: no state outside the memory, no clock, no randomness, no files, no libm."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def pure_source(law: Law) -> Iterator[LawFinding]:
 
 
 def portable_source(law: Law) -> Iterator[LawFinding]:
-    """Yield calls of what the machine's mathematical library rounds in its own way."""
+    """Yield calls of functions whose rounding depends on the machine's mathematical library."""
     for function in functions_of(law):
         for problem in _problems(function):
             if problem.check == "portable":

@@ -53,7 +53,7 @@ class FiniteRange(click.FloatRange):
 
 
 class Name(click.Choice[str]):
-    """One of some names; for another one it says which was meant, or else the ``hint``."""
+    """One of some names; for any other, the error suggests the closest, or else gives the ``hint``."""
 
     hint = ""
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def names_or_files(known: Callable[[], Iterable[str]]) -> Complete:
-    """Return a completion of names, and of files for what begins like none of them."""
+    """Return a completion of names, or of files if no name begins with what was typed."""
 
     def complete(
         _context: click.Context, _parameter: click.Parameter, begun: str

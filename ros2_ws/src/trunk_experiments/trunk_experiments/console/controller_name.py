@@ -11,7 +11,7 @@ from .common import Name
 
 
 class ControllerName(Name):
-    """The name of a controller that can be used here; of another one it says why it cannot."""
+    """The name of a controller that can be used here; for any other, the error says why it cannot."""
 
     hint = "; a package of your own is built and sourced first"
 

@@ -44,7 +44,7 @@ def json_option(*documents: str) -> Callable[[Any], Any]:
 
 
 def json_asked() -> bool:
-    """Return True if the command line asks for JSON, even if it cannot be understood as a whole."""
+    """Return True if the command line asks for JSON, even if the rest of it is wrong."""
     words = sys.argv[1:]
     return OPTION in words[: words.index("--")] if "--" in words else OPTION in words
 
@@ -59,7 +59,7 @@ def write_json(name: str, values: Mapping[str, object]) -> None:
 def documents_alone() -> Iterator[None]:
     """If JSON is asked for, let nothing but documents reach stdout: all else goes to stderr.
 
-    Also what libraries print past Python, as Fast DDS does, and what processes print that are started.
+    Also what libraries print without Python's streams, as Fast DDS does, and what child processes print.
     """
     if not json_asked():
         yield
@@ -75,12 +75,12 @@ def documents_alone() -> Iterator[None]:
         _stream.reset(token)
         if own is not None:
             os.dup2(own.fileno(), _STDOUT)
-            with suppress(OSError):  # its reader has gone, or its disk is full
+            with suppress(OSError):  # its reader is gone, or its disk is full
                 own.close()
 
 
 def _moved(out: TextIO, err: TextIO) -> TextIO | None:
-    """Return what stdout was, and let the process's go where stderr goes; None if it is not the process's."""
+    """Send the process's stdout to stderr and return the original; None if ``out`` is not that stdout."""
     try:
         if (out.fileno(), err.fileno()) != (_STDOUT, 2):
             return None

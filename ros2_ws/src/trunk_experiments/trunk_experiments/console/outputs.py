@@ -49,7 +49,7 @@ def check_output(
 
     ``suffixes``: what its name may end in; empty: anything. ``force``: a file that exists is replaced.
     ``inputs``: what the verb reads; names that are no files are ignored. /dev/stdout and the like are
-    written to, but where the suffix ``chooses_format``. Raises PlanError.
+    written to, except where the suffix ``chooses_format``. Raises PlanError.
     """
     told = f"{option} {path}"
     if path.is_relative_to("/dev") and not chooses_format:
@@ -97,7 +97,7 @@ def check_folder(path: Path, force: bool = False, option: str = "--output") -> P
 
 
 def default_name(run: Path, suffix: str) -> Path:
-    """Return where a verb writes if it is not told: here, named after a run's folder or its file.
+    """Return a verb's default output: in the current folder, named after a run's folder or file.
 
     ``fig8/run.mcap`` and ``fig8`` give ``fig8.png``; ``mine.mcap`` gives ``mine.png``.
     """

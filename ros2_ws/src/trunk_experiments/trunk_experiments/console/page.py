@@ -92,7 +92,7 @@ def show_address(
     if foxglove is not None:
         click.echo(f"Foxglove, Lichtblick: open connection {foxglove}")
     if browser and (sys.platform == "darwin" or _has_screen()):
-        webbrowser.open(address)  # where there is no screen, it would take the terminal
+        webbrowser.open(address)  # without a screen, a text browser would take over the terminal
 
 
 def serve(
@@ -100,7 +100,7 @@ def serve(
     interrupt: Interrupt,
     over: Callable[[str], bool] = lambda word: False,
 ) -> None:
-    """Keep the gateway up until it is interrupted, or until what it says ends it."""
+    """Keep the gateway up until it is interrupted, or until a word from it is ``over``."""
     while not interrupt.name:
         if any(over(word) for word in gateway.turn()):
             return
@@ -109,7 +109,7 @@ def serve(
 
 @contextmanager
 def serving_foxglove(port: int | None, namespace: str, logs: Path) -> Iterator[str | None]:
-    """Serve a graph to Foxglove by a process of its own, and yield the address; None: do not.
+    """Serve a graph to Foxglove from a separate process, and yield the address; port None: do not.
 
     Raises NotInstalledError, and GatewayError where the port is taken.
     """

@@ -1,4 +1,4 @@
-"""How far some work is, on stderr: a bar on a terminal, else plain lines, a few for long work."""
+"""Progress of some work, on stderr: a bar on a terminal, else plain lines, a few for long work."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Tell(Protocol):
 def progress_bar(what: str, lines_from: float = 0.0) -> Iterator[Tell]:
     """Yield a function to call with the amount done and the total.
 
-    Where stderr is no terminal, work of at least ``lines_from`` (in the unit of the amounts) is told by a
+    Where stderr is no terminal, work of at least ``lines_from`` (in the unit of the amounts) prints a
     line for each tenth.
     """
     what = printable(what)

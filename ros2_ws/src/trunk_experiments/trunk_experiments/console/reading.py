@@ -26,7 +26,7 @@ _LONG = 100e6  # bytes, which take seconds to read
 
 
 def reading(path: Path, verb: str = "reading") -> AbstractContextManager[Tell]:
-    """Tell how much of a recording has been read; a short one without a terminal makes no lines."""
+    """Show how much of a recording has been read; without a terminal, a short one prints no lines."""
     return progress_bar(f"{verb} {real_path(path).name}", _LONG)
 
 
@@ -39,7 +39,7 @@ def open_run(path: Path) -> RecordedRun:
 def run_values(run: RecordedRun, doubts: Doubts | None = None, judged: str | None = None) -> Values:
     """Return what a document says of a run: its file and its doubts.
 
-    Without ``doubts`` they are looked for here, without a twin in lock-step: null if they cannot be told.
+    Without ``doubts`` they are looked for here, without a twin in lock-step: null if they are not known.
     """
     from ..replay.doubts import doubts_of
 
@@ -61,7 +61,7 @@ def written_values(path: Path) -> Values:
 
 
 def show_written_doubts(path: Path) -> None:
-    """Print what makes a recording doubtful that was just written, as far as its events tell it."""
+    """Print what makes a newly written recording doubtful, as far as its events show it."""
     from ..replay.doubts import doubts_of
 
     if path.is_file():
@@ -79,7 +79,7 @@ def open_views(paths: Iterable[Path]) -> list[RunView]:
 
 
 def show_damage(run: RecordedRun, name: str = "") -> None:
-    """Print to stderr that a run is not whole, first, and what is damaged; ``name``: what to say it of."""
+    """Print to stderr that a run is not whole, then what is damaged; ``name`` begins each line."""
     from ..replay.doubts import incomplete
 
     show_warnings(f"{name}{line}" for line in (*incomplete(run), *run.recording.further_warnings))

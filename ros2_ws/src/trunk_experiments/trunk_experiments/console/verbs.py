@@ -11,12 +11,12 @@ _WHOLE = 10_000  # characters of a first sentence; click would cut it at the lin
 
 
 class Verbs(click.Group):
-    """A group that names its commands where none of them is meant."""
+    """A group that lists its commands if an unknown one is given."""
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command that is meant. Raises PlanError where there is none of that name."""
+        """Return the command of a given name. Raises PlanError if there is none."""
         name = args[0]
         if self.get_command(ctx, name) is None and not ctx.resilient_parsing:
             commands = self.list_commands(ctx)

@@ -11,18 +11,18 @@ MOST_CLIENTS = 16
 
 
 class Tokens(NamedTuple):
-    """What the page's address ends with: one lets do everything, the other lets look."""
+    """The end of the page's address: one token allows everything, the other only watching."""
 
     control: str
     watch: str
 
     @classmethod
     def new(cls) -> Tokens:
-        """Return two that nobody guesses: 256 bits each."""
+        """Return two that cannot be guessed: 256 bits each."""
         return cls(secrets.token_urlsafe(32), secrets.token_urlsafe(32))
 
     def may(self, offered: Sequence[str]) -> str:
-        """Return ``control``, ``watch`` or nothing, by the tokens that are offered."""
+        """Return ``control``, ``watch`` or an empty text, by the tokens that are offered."""
         for name, token in zip(self._fields, self, strict=True):
             if any(compare_digest(one.encode(), token.encode()) for one in offered):
                 return name
@@ -30,7 +30,7 @@ class Tokens(NamedTuple):
 
 
 class Hosts(NamedTuple):
-    """By which names the gateway may be called: pages of other sites cannot make a browser use others."""
+    """The host names that requests may use: a page of another site cannot make a browser send them."""
 
     names: frozenset[str]
     port: int
@@ -40,17 +40,17 @@ class Hosts(NamedTuple):
         return host in self._called()
 
     def same(self, origin: str | None) -> bool:
-        """Return True for the ``Origin`` of our page, and for who has none: browsers always do."""
+        """Return True for the ``Origin`` of our page, and for clients without one: browsers send it."""
         return origin is None or origin in {f"http://{name}" for name in self._called()}
 
     def _called(self) -> set[str]:
-        # Of IPv6 addresses, URLs have brackets.
+        # URLs have brackets around IPv6 addresses.
         called = {f"[{name}]" if ":" in name else name for name in self.names}
         return {f"{name}:{self.port}" for name in called}
 
 
 class Rate:
-    """How often something may happen: so often a second, and as much again at once."""
+    """A limit on how often something may happen in a second; one second's worth may come at once."""
 
     def __init__(self, a_second: float, clock: Callable[[], float]) -> None:
         self._a_second, self._clock = a_second, clock

@@ -1,4 +1,4 @@
-"""What every page should know, piece by piece; who is slow skips older versions. Pure."""
+"""What every page should know, piece by piece; slow readers skip older versions. Pure."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from .protocol import words
 
 
 class Board:
-    """Pieces of words by kind and name. A reader keeps the version of the last piece that it has read."""
+    """Pieces of text by kind and name. A reader keeps the version of the last piece that it has read."""
 
     def __init__(self) -> None:
         self._version = 0
         self._pieces: dict[tuple[str, str], tuple[int, str]] = {}
 
     def put(self, kind: str, name: str = "", **values: object) -> None:
-        """Put a piece in the place of its last version; nothing changes where it says the same."""
+        """Replace a piece's last version; nothing changes if both are equal."""
         text = words(kind, **({"name": name} if name else {}), **values)
         if self._pieces.get((kind, name), (0, ""))[1] != text:
             self._version += 1
@@ -23,7 +23,7 @@ class Board:
             self._pieces[kind, name] = self._version, text
 
     def after(self, version: int) -> tuple[int, str] | None:
-        """Return the oldest piece that is newer than a version, with its own; None if there is none."""
+        """Return the oldest piece newer than a version, and its own version; None if there is none."""
         if version >= self._version:
             return None
         return next(piece for piece in self._pieces.values() if piece[0] > version)

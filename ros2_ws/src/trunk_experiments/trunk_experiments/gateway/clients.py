@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from .feed import Feed
 
 _MESSAGES_A_SECOND = 300.0
-_TOO_MANY = 1_000  # messages beyond the rate, after which a page is sent away
-_ANSWERS = 64  # that wait for a slow page; what is older is left out
+_TOO_MANY = 1_000  # messages beyond the rate, after which a page is disconnected
+_ANSWERS = 64  # that wait for a slow page; older ones are dropped
 
 
 class Client:
-    """One page. It is sent the next thing when it has taken the last one, so that nothing queues for it."""
+    """One page. It gets the next message when it has taken the last one, so that nothing queues for it."""
 
     def __init__(self, name: str, socket: WebSocketHandler, controls: bool) -> None:
         self.name = name
@@ -40,15 +40,15 @@ class Client:
         self.unfinished = 0  # of its requests
 
     def answer(self, number: int, ok: bool, text: str) -> None:
-        """Answer one of its messages, when it is its turn."""
+        """Queue the answer to one of its messages, for its next turn."""
         self._answers.append(words("answer", number=number, ok=ok, text=text))
 
     def greet(self, **values: object) -> None:
-        """Say the first words."""
+        """Queue the first message."""
         self._answers.append(words("hello", client=self.name, control=self.controls, **values))
 
     def too_many(self) -> None:
-        """Send a page away that keeps on sending more than a page of ours does."""
+        """Disconnect a page that keeps sending more than a page of ours does."""
         self._ignored += 1
         if self._ignored > _TOO_MANY:
             self.send_away("too many messages")
@@ -58,7 +58,7 @@ class Client:
         self._socket.close(1008, why)
 
     def turn(self, feed: Feed) -> None:
-        """Send what is new, unless it has not taken the last of it yet."""
+        """Send what is new, unless the page has not taken the last message yet."""
         if self._sent is not None and not self._sent.done():
             return
         while self._answers:
@@ -75,5 +75,5 @@ class Client:
     def _send(self, data: str | bytes) -> None:
         with suppress(WebSocketClosedError):
             self._sent = self._socket.write_message(data, binary=isinstance(data, bytes))
-            # Looked at or not, it may fail as the page leaves.
+            # It may fail as the page leaves; its exception has to be looked at.
             self._sent.add_done_callback(lambda sent: sent.cancelled() or sent.exception())

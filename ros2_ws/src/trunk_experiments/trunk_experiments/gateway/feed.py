@@ -17,7 +17,7 @@ PUSHES = "pushes"  # of what was taken from an operator
 
 
 class RefusedRequestError(TrunkError):
-    """A page's request cannot be met: why, in the words of who refused it."""
+    """A page's request that is refused, and why."""
 
 
 class Stream(NamedTuple):
@@ -28,25 +28,25 @@ class Stream(NamedTuple):
 
 
 class Feed(Protocol):
-    """A source of streams and words."""
+    """A source of streams and texts."""
 
     board: Board
     streams: list[Stream]
 
     async def begin(self) -> None:
-        """Do, while turns are taken, what is to be done once."""
+        """Do what is needed only once, while turns are taken."""
 
     def turn(self) -> None:
         """Take what has come since the last turn; never waits."""
 
     async def ask(self, client: str, asked: Asked) -> str:
-        """Do what a client asks for; return what to answer. Raises RefusedRequestError."""
+        """Do what a client asks for; return the answer. Raises RefusedRequestError."""
 
     def close(self) -> None:
         """Release what was opened."""
 
 
 def put_stream(board: Board, streams: list[Stream], name: str, rows: Rows) -> None:
-    """Open a stream, and say so."""
+    """Open a stream, and announce it."""
     board.put("stream", name, stream=len(streams), columns=list(rows.names))
     streams.append(Stream(name, rows))

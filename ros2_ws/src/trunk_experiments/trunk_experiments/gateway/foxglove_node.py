@@ -62,7 +62,7 @@ _SERVICES: dict[str, tuple[Any, str, str]] = {  # name -> class, type, text of t
 
 
 class _Passed(NamedTuple):
-    """A topic that is passed on; ``latched``: its past messages, for who subscribes later."""
+    """A topic that is passed on; ``latched``: its past messages, for late subscribers."""
 
     subscription: Subscription
     channel: foxglove.Channel
@@ -92,7 +92,7 @@ class Bridge(ServerListener):
             self._pass_on(topic, kind)
 
     async def serve(self) -> None:
-        """Take turns for ever."""
+        """Take turns forever."""
         while True:
             self._feed.turn()
             for name in self._feed.graph.controllers:
@@ -137,7 +137,7 @@ class Bridge(ServerListener):
         self._passed[topic] = _Passed(subscription, channel, [] if latched else None)
 
     def _tell(self) -> None:
-        """Offer the services of nodes that have come, and tell of parameters that have changed."""
+        """Offer the services of new nodes, and publish parameters that have changed."""
         for name in ("simulator", *self._feed.graph.controllers):
             if name in self._feed.graph.nodes and name not in self._served:
                 self._served.add(name)
@@ -180,13 +180,13 @@ class Bridge(ServerListener):
         )
 
     def _wait(self, doing: Coroutine[Any, Any, Any]) -> Any:
-        """Return what comes of something in the loop; called by the server's threads."""
+        """Run a coroutine in the loop and return its result; called by the server's threads."""
         return asyncio.run_coroutine_threadsafe(doing, self._loop).result()
 
-    # What the server asks, in threads of its own.
+    # What the server calls, in its own threads.
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
-        """Give who subscribes to a latched topic its past."""
+        """Send the past messages of a latched topic to a new subscriber."""
 
         def repeat() -> None:
             for passed in self._passed.values():
@@ -206,13 +206,13 @@ class Bridge(ServerListener):
     def on_set_parameters(
         self, client: Client, parameters: list[Parameter], request_id: str | None = None
     ) -> list[Parameter]:
-        """Set parameters, those of a node together or not at all; return what they are then."""
+        """Set parameters, all of a node's or none; return their values afterwards."""
         asked: dict[str, dict[str, Any]] = {}
         for parameter in parameters:
             node, _, name = parameter.name.removeprefix(f"{self._namespace}/").partition(".")
             asked.setdefault(node, {})[name] = parameter.get_value()
         for node, values in asked.items():
-            with suppress(RefusedRequestError):  # the answer shows that they are as they were
+            with suppress(RefusedRequestError):  # the answer shows that they are unchanged
                 self._wait(self._feed.requests.set(node, values))
         return self.on_get_parameters(client, [p.name for p in parameters], request_id)
 

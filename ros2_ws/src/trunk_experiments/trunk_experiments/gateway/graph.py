@@ -36,7 +36,7 @@ _STATES = {
 
 @dataclass
 class NodeSeen:
-    """A node as its messages tell of it; ``name``: without the run's namespace."""
+    """A node as its messages describe it; ``name``: without the run's namespace."""
 
     name: str
     state: str = "unconfigured"
@@ -47,12 +47,12 @@ class NodeSeen:
     _config: Any = None
 
     def say(self, values: Mapping[str, Any]) -> None:
-        """Take what it says of its parameters."""
+        """Take the parameters that it reports."""
         self.values.update(values)
         self._config = self._built()
 
     def be(self, kind: str, process: str) -> None:
-        """Take what sort of node it is, for its name may be another, and in which process."""
+        """Take its kind, which may differ from its name, and its process."""
         self.kind, self.process = kind, process
         self._config = self._built()
 
@@ -88,12 +88,12 @@ class Graph:
         self._events: deque[dict[str, object]] = deque(maxlen=_EVENTS)
 
     def node(self, name: str) -> NodeSeen:
-        """Return a node; one that was not known yet is from now on."""
+        """Return a node; one that is not known yet is added."""
         return self.nodes.setdefault(name, NodeSeen(name))
 
     @property
     def simulator(self) -> SimulatorConfig:
-        """The simulator's configuration; the default one as long as nothing is known of it."""
+        """The simulator's configuration; the default one until it is known."""
         config = self.nodes["simulator"].config if "simulator" in self.nodes else None
         return config if isinstance(config, SimulatorConfig) else SimulatorConfig()
 
@@ -103,7 +103,7 @@ class Graph:
         return [n.name for n in self.nodes.values() if isinstance(n.config, ControllerConfig)]
 
     def parameters(self, name: str, values: Mapping[str, Any]) -> None:
-        """Take what a node says of its parameters: all at start, later what has changed."""
+        """Take the parameters that a node reports: all at start, later those that have changed."""
         node = self.node(name)
         node.say(values)
         self._put_node(node)
@@ -129,7 +129,7 @@ class Graph:
             message,
             Event.RETUNED,
         ):
-            self._events.pop()  # a slider that is dragged is one
+            self._events.pop()  # dragging a slider counts as one event
         self._events.append(
             {
                 "number": self._number,
@@ -143,7 +143,7 @@ class Graph:
         self.put_run()
 
     def diagnosed(self, name: str, level: int, message: str, values: Mapping[str, str]) -> None:
-        """Take what a node says of its health, once a second."""
+        """Take what a node reports of its health, once a second."""
         node = self.node(name)
         node.health = dict(values)
         if values.get("lifecycle", node.state) != node.state:

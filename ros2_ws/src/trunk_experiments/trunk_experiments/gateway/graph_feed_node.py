@@ -1,7 +1,7 @@
-"""A running graph for the page: what it publishes, taken at the page's pace, and what the page asks of it.
+"""A running graph for the page: what it publishes, read at the page's pace, and the page's requests.
 
-The graph never waits for it: its subscriptions to the loop are best effort, and nothing of the loop is
-answered by it.
+The graph never waits for it: its subscriptions to the loop are best effort, and it does not answer any of
+the loop's messages.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class GraphFeed:
     """The nodes of a namespace, empty or ``/name``, in a ROS context of its own."""
 
     def __init__(self, namespace: str, standby: Sequence[str] = ()) -> None:
-        """``standby``: controllers that are to follow the run until it is their turn."""
+        """``standby``: controllers that follow the run until it is their turn."""
         self.board = Board()
         self.streams: list[Stream] = []
         self._namespace, self._standby = namespace, standby
@@ -56,7 +56,7 @@ class GraphFeed:
         middleware.prepare()
         self._context = rclpy.Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        # Nobody spins this node: its messages are taken in turns, many at once.
+        # This node is never spun: its messages are taken in turns, many at once.
         self._node = Node(
             f"live_view_{os.getpid()}",
             namespace=namespace or "/",
@@ -92,7 +92,7 @@ class GraphFeed:
         self.requests.turn(self._latest_ns)
 
     async def ask(self, client: str, asked: Asked) -> str:
-        """Do what a client asks for; return what to answer. Raises RefusedRequestError."""
+        """Do what a client asks for; return the answer. Raises RefusedRequestError."""
         if asked.kind == "stop":
             raise RefusedRequestError(
                 "this graph was not started from here: stop it where it was started"
@@ -144,10 +144,10 @@ class GraphFeed:
             if name == PLANT:
                 self._latest_ns = sample.stamp_ns
 
-    # What the nodes tell.
+    # What the nodes report.
 
     def _relative(self, name: str) -> str:
-        """Return a node's name without the namespace; empty for a node of another one."""
+        """Return a node's name without the namespace; empty for a node in another namespace."""
         inside, _, own = name.rpartition("/")
         return own if inside == self._namespace else ""
 
@@ -174,7 +174,7 @@ class GraphFeed:
 
 
 def taken(subscription: Subscription, raw: bool) -> list[Any]:
-    """Return the messages that have come, of a flood only so many."""
+    """Return the messages that have arrived, up to a limit."""
     found: list[Any] = []
     while len(found) < _AT_ONCE:
         with subscription.handle:

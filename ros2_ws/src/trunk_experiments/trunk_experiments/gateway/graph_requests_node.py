@@ -86,7 +86,7 @@ class GraphRequests:
         self._node.destroy_node()
 
     async def ask(self, client: str, asked: Asked) -> str:
-        """Do what a client asks for; return what to answer. Raises RefusedRequestError."""
+        """Do what a client asks for; return the answer. Raises RefusedRequestError."""
         values = asked.values
         if asked.kind == "push":
             self._push(client, values["force"], values["torque"], values["stamp"])
@@ -121,7 +121,7 @@ class GraphRequests:
             for name in self._graph.controllers
             if self._graph.nodes[name].values.get("reference.profile") != "topic"
         ]
-        if others:  # until a message is there, the value counts
+        if others:  # until a message arrives, the value applies
             self._referring = True
             try:
                 for name in others:
@@ -136,7 +136,7 @@ class GraphRequests:
     # Services.
 
     async def set(self, name: str, values: dict[str, Any]) -> str:
-        """Set a node's parameters together or none. Raises RefusedRequestError with the node's words."""
+        """Set all of these parameters or none. Raises RefusedRequestError with the node's reason."""
         node = self._graph.nodes.get(name)
         if node is None:
             raise RefusedRequestError(f"no node {name!r} is known here")
@@ -173,7 +173,7 @@ class GraphRequests:
             )
         if nodes[to].state == "unconfigured":
             await self.change(to, Transition.TRANSITION_CONFIGURE, "inactive")
-        # In lock-step the run waits for an answer to each state: nobody may be asked in between.
+        # In lock-step the run waits for an answer to each state: none may be due without a controller.
         hold = self._graph.simulator.lockstep and self._graph.started and not self._graph.paused
         if hold:
             await self._pause(True)
@@ -182,7 +182,7 @@ class GraphRequests:
                 await self.change(name, Transition.TRANSITION_DEACTIVATE, "inactive")
             await self.change(to, Transition.TRANSITION_ACTIVATE, "active")
         except RefusedRequestError:
-            if nodes[to].state != "active":  # better the one from before than nobody
+            if nodes[to].state != "active":  # better the previous one than none
                 for name in acting:
                     await self.change(name, Transition.TRANSITION_ACTIVATE, "active")
             raise
@@ -192,7 +192,7 @@ class GraphRequests:
         return f"{to} acts"
 
     async def change(self, name: str, transition: int, state: str) -> None:
-        """Change a node's state; done when the node has said so itself."""
+        """Change a node's state; done when the node itself has reported it."""
         await self.call(
             ChangeState,
             name,
@@ -215,7 +215,7 @@ class GraphRequests:
     async def call(
         self, kind: Any, name: str, request: Any, happened: Callable[[], bool] | None = None
     ) -> Any:
-        """Return a service's response; None where what was asked for has happened without one."""
+        """Return a service's response; None once ``happened`` returns True."""
         self.meet(name)
         client = self._clients.get((kind, name))
         if client is None:

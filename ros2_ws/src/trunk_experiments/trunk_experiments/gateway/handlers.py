@@ -1,4 +1,4 @@
-"""Requests to the gateway: a file of the page, or the WebSocket of a page; to anybody else, nothing."""
+"""Requests to the gateway: for a file of the page, or for a page's WebSocket; all others are refused."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .protocol import NAME
 if TYPE_CHECKING:
     from .server import Gateway
 
-_FOR_CONTROL = 4  # places that pages which only watch do not take
+_FOR_CONTROL = 4  # places reserved for pages that may control
 _HEADERS = {
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
@@ -29,7 +29,7 @@ _HEADERS = {
 
 
 class _Checked(RequestHandler):
-    """A request is answered only if it is made to us."""
+    """Answers a request only if it is addressed to our host and port."""
 
     gateway: Gateway
 
@@ -79,7 +79,7 @@ class PageSocket(_Checked, WebSocketHandler):
         return self.gateway.hosts.same(origin)
 
     async def get(self, *args: Any, **kwargs: Any) -> None:
-        """Let a page in that knows a token."""
+        """Admit a page that knows a token."""
         gateway = self.gateway
         if not gateway.hosts.same(self.request.headers.get("Origin")):
             gateway.refuse("pages of another origin")
@@ -107,7 +107,7 @@ class PageSocket(_Checked, WebSocketHandler):
         self.gateway.joined(self.client)
 
     def on_message(self, message: str | bytes) -> None:
-        """Take what the page says."""
+        """Take a message from the page."""
         if self.client is not None:
             self.gateway.take(self.client, message)
 

@@ -21,8 +21,8 @@ from .server import Gateway
 
 def main() -> None:
     """Serve until standard input ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started it says when it is over
-    logging.getLogger("tornado").setLevel(logging.CRITICAL)  # nobody fills the log from outside
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process decides when it ends
+    logging.getLogger("tornado").setLevel(logging.CRITICAL)  # the log cannot be filled from outside
     asyncio.run(_serve())
 
 
@@ -45,11 +45,11 @@ async def _serve() -> None:
     listening.setblocking(False)
     server.add_socket(listening)
     _say("serving")
-    give_way()  # not before: to start takes a second of a processor
+    give_way()  # not before: starting takes a second of processor time
     listens = loop.create_task(_listen(told, gateway))
     works = [loop.create_task(gateway.serve()), loop.create_task(feed.begin())]
     try:
-        # It ends with its input, or where a task of it fails.
+        # It ends with its input, or when one of its tasks fails.
         left = {listens, *works}
         while listens in left:
             done, left = await asyncio.wait(left, return_when=asyncio.FIRST_COMPLETED)

@@ -1,4 +1,4 @@
-"""The gateway's process, as the verb that shows a page sees it: started, restarted, told, heard, ended."""
+"""The gateway's process, from the verb's side: start, restart, send, receive, end."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from .access import Tokens
 LOOPBACK = "127.0.0.1"
 _ENDS_S = 5.0
 _RESTARTS = 5  # in a row
-_LASTS_S = 10.0  # so long it has to have worked to be started again as if for the first time
+_LASTS_S = 10.0  # after running for longer than this, restarts are counted from zero
 
 
 class GatewayProcess:
     """A process of its own, which can neither slow nor stop a run; it ends when this one does.
 
-    The socket is this process's, and so are the tokens: a gateway that is restarted has the same address.
+    This process keeps the socket and the tokens, so a restarted gateway has the same address.
     """
 
     def __init__(self, log: Path, host: str, port: int, shown: Mapping[str, object]) -> None:
@@ -50,12 +50,12 @@ class GatewayProcess:
         self._process = self._start()
 
     def address(self, token: str) -> str:
-        """Return the page's address; what comes after ``#`` no browser sends or logs."""
+        """Return the page's address; browsers neither send nor log what follows ``#``."""
         name = f"[{self._host}]" if ":" in self._host else self._host
         return f"http://{name}:{self.port}/#{token}"
 
     def turn(self) -> list[str]:
-        """Return what the gateway has said; start it again if it has ended. Raises GatewayError."""
+        """Return the gateway's messages; start it again if it has ended. Raises GatewayError."""
         heard = self._hear()
         if self._process.poll() is not None:
             if time.monotonic() - self._since_s > _LASTS_S:
@@ -69,7 +69,7 @@ class GatewayProcess:
         return heard
 
     def tell(self, **values: object) -> None:
-        """Tell the gateway, and every later one."""
+        """Send these values to the gateway, and to each one that is started later."""
         self._told.append(json.dumps(values))
         self._send(self._told[-1])
 

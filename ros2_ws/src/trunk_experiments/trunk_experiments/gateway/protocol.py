@@ -1,4 +1,4 @@
-"""What page and gateway say to each other: JSON for words, binary for rows. Pure.
+"""Messages between page and gateway: JSON for words, binary for rows. Pure.
 
 A frame of rows is a sequence of little-endian doubles: the number of the stream, the columns of a row, the
 number of the first row, then the rows.
@@ -25,11 +25,11 @@ MOST_ROWS = 4_000  # in one frame
 
 
 class BadMessageError(TrunkError, ValueError):
-    """A message that no page of ours sends: what is wrong with it."""
+    """A message that our page never sends: what is wrong with it."""
 
 
 class Asked(NamedTuple):
-    """What a page asks for. ``number``: its own of this message, with which it is answered."""
+    """A page's request. ``number``: the page's number for it, which the answer repeats."""
 
     kind: str
     number: int
@@ -47,7 +47,7 @@ _CARRIES: Mapping[str, Mapping[str, type]] = {
     "stop": {},
 }
 KINDS = tuple(_CARRIES)
-# These come at the rate of the screen and are not answered.
+# These come at the screen's refresh rate and are not answered.
 UNANSWERED = ("push", "reference")
 
 

@@ -25,7 +25,7 @@ class Rows:
 
     @classmethod
     def of(cls, names: Sequence[str], values: Floats) -> Rows:
-        """Return rows that are all there from the beginning and never forgotten."""
+        """Return rows that are all present from the beginning and never dropped."""
         rows = cls(names, 0)
         rows._values = np.ascontiguousarray(values, np.float64)
         rows.count = rows._end = rows._kept = len(values)
@@ -37,7 +37,7 @@ class Rows:
         return self.count - min(self._end, self._kept)
 
     def add(self, row: Sequence[float]) -> None:
-        """Add a row, one number for each name; the oldest is forgotten."""
+        """Add a row, one number for each name; the oldest is dropped."""
         if self._end == len(self._values):
             self._values[: self._kept] = self._values[self._end - self._kept :]
             self._end = self._kept
@@ -52,7 +52,7 @@ class Rows:
         return dict(zip(self.names, self._values[self._end - 1].tolist(), strict=True))
 
     def since(self, number: int, most: int) -> tuple[int, Floats]:
-        """Return at most so many rows from this number on, or from the oldest, and the first one's number."""
+        """Return the first row's number and up to ``most`` rows, from this number or the oldest on."""
         first = max(number, self.oldest)
         begin = self._end - (self.count - first)
         return first, self._values[begin : min(begin + most, self._end)]

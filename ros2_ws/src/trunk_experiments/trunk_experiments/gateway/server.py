@@ -35,20 +35,20 @@ class Gateway:
     tokens: Tokens
     hosts: Hosts
     files: dict[str, PageFile]
-    say: Callable[[str], None]  # to who has started the gateway
+    say: Callable[[str], None]  # to the process that started the gateway
     stoppable: bool = False  # the run was started from here
     clients: set[Client] = field(default_factory=set)
     refused: Counter[str] = field(default_factory=Counter)
     operator: str = ""  # the client that pushes
     reports: int = 0  # how often the report was asked for
-    reports_out: int = 0  # and how often it has gone out as a whole
+    reports_out: int = 0  # and how often it was sent completely
     _report: str = ""
     _named: int = 0
     _operator_s: float = 0.0
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
 
     def server(self) -> HTTPServer:
-        """Return the server, which listens nowhere yet."""
+        """Return the server, which does not listen yet."""
         routes = [
             (r"/live", PageSocket, {"gateway": self}),
             (r"(/.*)", PagePart, {"gateway": self}),
@@ -58,7 +58,7 @@ class Gateway:
             websocket_max_message_size=_READ,
             websocket_ping_interval=_PING_S,
             websocket_ping_timeout=_PING_S,
-            log_function=lambda handler: None,  # addresses of requests are nobody's business
+            log_function=lambda handler: None,  # requested addresses are private
             default_handler_class=PagePart,
             default_handler_args={"gateway": self},
         )
@@ -71,13 +71,13 @@ class Gateway:
         )
 
     async def serve(self) -> None:
-        """Take turns, feed and pages, for ever."""
+        """Serve feed and pages in turns, forever."""
         while True:
             begun = time.monotonic()
             self.feed.turn()
             self._tell()
             if self.reports_out and self.reports_out == self.reports and not self.clients:
-                self.say("shown")  # every page has it; who hears that may end this process
+                self.say("shown")  # every page has it; the parent process may now end this one
                 self.reports_out = 0
             for client in list(self.clients):
                 client.turn(self.feed)
@@ -107,7 +107,7 @@ class Gateway:
         self.clients.add(client)
 
     def left(self, client: Client) -> None:
-        """Forget a client; what it held is free."""
+        """Forget a client; if it was the operator, another one may push."""
         self.clients.discard(client)
         if self.operator == client.name:
             self.operator = ""
@@ -142,7 +142,7 @@ class Gateway:
             self.refuse("requests of pages that may only watch")
             client.answer(found.number, False, "this address is for watching only")
             return
-        # Those that come with each picture are done at once: they come in heaps after a pause.
+        # Those that come with each picture are done at once: after a pause they arrive in bursts.
         lasting = found.kind not in UNANSWERED
         if lasting and client.unfinished >= _UNFINISHED:
             self.refuse("requests of a page that waits for many others")
@@ -172,7 +172,7 @@ class Gateway:
             client.unfinished -= found.kind not in UNANSWERED
 
     def _hold(self, client: Client, found: Asked) -> None:
-        """Let one client push at a time, until it lets go or falls silent."""
+        """Let one client push at a time, until it lets go or sends nothing for a second."""
         now = time.monotonic()
         if self.operator not in ("", client.name) and now - self._operator_s < 1.0:
             raise RefusedRequestError("somebody else is pushing")

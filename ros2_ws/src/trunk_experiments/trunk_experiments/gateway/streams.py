@@ -48,7 +48,7 @@ def row_of(name: str, sample: JointSample) -> tuple[float, ...] | None:
 def with_rules(
     row: tuple[float, ...], said: Sequence[str], config: FuzzyPidConfig
 ) -> tuple[float, ...]:
-    """Return a controller's row with the rules that fired for it; as it is without error and rate."""
+    """Return a controller's row with the rules that fired for it; unchanged if it has no error and rate."""
     if "error" not in said or "error_rate" not in said:
         return row
     error, rate = row[1 + said.index("error")], row[1 + said.index("error_rate")]

@@ -100,7 +100,7 @@ def with_numbers(
 
 def choosers_of(node: str, said: Mapping[str, object]) -> list[str]:
     """Return the parameters of a node that choose the units of those that a file sets with units."""
-    if not _have_text(said):  # as usual: then nothing is looked up
+    if not _have_text(said):  # the usual case: nothing to look up
         return []
     declared = _declared(node)
     written = written_with_units(declared, said)
@@ -113,8 +113,9 @@ def said_in_si(
 ) -> dict[str, object]:
     """Return a file's values with numbers that have units in SI units.
 
-    That is for nodes with one of the project's names; what others get, they judge. ``present``: the node's
-    values, also of what `choosers_of` names. Raises ParameterFileError for a unit that does not fit.
+    This applies to nodes with one of the project's names; other nodes check their values themselves.
+    ``present``: the node's values, including those that `choosers_of` names. Raises ParameterFileError for a
+    unit that does not fit.
     """
     if not _have_text(said):
         return dict(said)
@@ -125,7 +126,7 @@ def said_in_si(
 
 
 def _have_text(said: Mapping[str, object]) -> bool:
-    """Return True if a value is, or holds, a text: that may be a number with a unit."""
+    """Return True if a value is or contains text, which may be a number with a unit."""
     return any(
         isinstance(one, str)
         for value in said.values()

@@ -26,8 +26,8 @@ from trunk_msgs_util.parameters.declarations import unknown_name
 from ..errors import LiveParametersError
 from ..similar import did_you_mean
 
-# Each client that DDS has to match takes time, so there are no others. DDS tells a node of clients in the
-# order of their making: once it has answered the last one, the others are known to it, too.
+# Each client that DDS has to match takes time, so there are no others. A node discovers clients in
+# the order of their creation: once it has answered the last one, it also knows the others.
 _SERVICES = {
     SetParametersAtomically: "set_parameters_atomically",
     ListParameters: "list_parameters",
@@ -37,7 +37,7 @@ _SERVICES = {
 # A response sent before the server has matched the client is lost: after so long the request is repeated.
 _ASK_AGAIN_S = {SetParametersAtomically: 1.0}
 _READ_AGAIN_S = 0.1
-_LOOK_S = 0.002  # nothing tells of a service that was found
+_LOOK_S = 0.002  # there is no event for a discovered service
 
 
 class LiveParameters:

@@ -36,12 +36,12 @@ class Check:
 
     @property
     def label(self) -> str:
-        """What is compared, of whom."""
+        """Figure, contender, and what is compared."""
         return f"{self.figure} {self.contender}, {self.what}"
 
     @property
     def title(self) -> str:
-        """Who it is, and what, in words."""
+        """The contender and what is compared, in words."""
         return f"{CONTENDERS[self.contender].title}: {self.what.removesuffix(_ABOVE)}"
 
     @property
@@ -51,7 +51,7 @@ class Check:
 
     @property
     def found(self) -> str:
-        """The value with its unit; ``never`` for a time that does not come."""
+        """The value with its unit; ``never`` for an infinite time."""
         return _with_unit(self.value, self.unit)
 
     @property

@@ -1,6 +1,6 @@
 """The reproduction as an RO-Crate: a folder from which a reviewer can check it and run it again.
 
-Recordings are verified before anything is said about them; `crate_metadata` says it, `checklist` in prose.
+Recordings are verified before they are described, by `crate_metadata`, and by `checklist` in prose.
 """
 
 from __future__ import annotations

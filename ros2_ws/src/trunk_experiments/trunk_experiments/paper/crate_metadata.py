@@ -1,7 +1,7 @@
 """What an RO-Crate of the reproduction says about itself, as JSON-LD.
 
 Process Run Crate 0.5 over RO-Crate 1.1: one action, ``trunk paper``, with the code's version, the files that
-it read and the files that came of it, each with its SHA-256.
+it read and the files that it wrote, each with its SHA-256.
 """
 
 from __future__ import annotations

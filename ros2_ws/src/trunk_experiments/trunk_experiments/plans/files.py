@@ -60,7 +60,7 @@ def scenario_layers(scenario: str) -> list[Layer]:
 def parse_setting(text: str, told: str = "--set") -> Layer:
     """Return the layer that ``NODE.PARAM=VALUE`` stands for; VALUE is YAML. Raises PlanError.
 
-    ``told``: what it was given by, for messages.
+    ``told``: where it came from, for messages.
     """
     target, equals, value_text = text.partition("=")
     source, told = f"{told} {text}", f"{told} {quoted(text)}"

@@ -1,4 +1,4 @@
-"""What a user writes on a command line, read: a value, a namespace, one parameter's setting."""
+"""Parse what a user writes on a command line: a value, a namespace, one parameter's setting."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whose fault an exception is: a law of another package, told in one line with its place."""
+"""Whether a law of another package raised an exception: which one and where, in one line."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _OURS = "trunk_control"
 
 
 def fault_of_a_law(error: BaseException) -> str:
-    """Return what is wrong with which law, and where, if one of another package raised it; else empty."""
+    """Return which law failed, how and where, if one of another package raised it; else empty."""
     for frame in reversed(extract_tb(error.__traceback__)):
         file = Path(frame.filename).resolve()
         for name, place in _places():

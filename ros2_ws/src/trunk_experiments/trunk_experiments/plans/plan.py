@@ -92,7 +92,7 @@ class RunPlan:
         }
 
     def unrecorded(self) -> RunPlan:
-        """Return the plan of the same run without its recorder, which nobody then waits for."""
+        """Return the plan of the same run without its recorder, and without waiting for it."""
         wait_for = tuple(name for name in self.simulator.wait_for if name != "recorder")
         return with_values(self, simulator=with_values(self.simulator, wait_for=wait_for))
 
@@ -152,7 +152,7 @@ def make_plan(
     name = Path(scenario).stem
     found = {node: config_from(node, layers, namespace) for node in taking}
     simulator = found["simulator"].config
-    # It tells one step of the plant ahead: at another rate, what it told last is for no step.
+    # It publishes one plant step ahead: at another rate, its last message would not be for any step.
     disturbance = with_values(found["disturbance"].config, update_rate=simulator.update_rate)
     end = simulator.duration or inf
     warnings += [

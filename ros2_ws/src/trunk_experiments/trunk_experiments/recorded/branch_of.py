@@ -1,4 +1,4 @@
-"""Whose branch a recording is, by its provenance."""
+"""The parent of a recording that is a branch, by its provenance."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class BranchOf(NamedTuple):
     changes: str
 
     def describe(self) -> str:
-        """Return whose branch it is in a line."""
+        """Return the parent and the changes in a line."""
         return (
             f"from t = {self.at:g} s on simulated with {self.changes}: "
             f"branch of {self.parent}, SHA-256 {self.sha256[:12]}…"
@@ -33,7 +33,7 @@ class BranchOf(NamedTuple):
 
 
 def branch_of(provenance: Mapping[str, str]) -> BranchOf | None:
-    """Return whose branch a run is; None if it is nobody's, or does not say from when on."""
+    """Return the parent of a run that is a branch; None if it is not one, or its time is not recorded."""
     try:
         at = float(provenance[AT])
         found = BranchOf(provenance[PARENT], provenance[OF], at, provenance[CHANGES])

@@ -37,7 +37,7 @@ class JointTable:
         filled: Filling | None = None,
         known_ns: Integers | None = None,
     ) -> None:
-        """Stamps that are ``known_ns`` share their memory."""
+        """Stamps that equal ``known_ns`` share its memory."""
         self.topic = relative
         self._recording = recording
         self._where = f"{recording.path}: {recording.topic(relative)}"
@@ -140,7 +140,7 @@ class JointTable:
     def positions(self, first: int, stop: int) -> Floats:
         """Return the positions [stop - first, names] of some rows.
 
-        Where the values were not kept they are read in passing, quickest in ascending order.
+        Values that were not kept are read again, block by block: fastest in ascending order.
         """
         if "arrays" in self.__dict__:
             return self.values("position")[first:stop]

@@ -1,6 +1,6 @@
-"""`RecordedRun`: a recording, loaded once for all that judge, measure, show or repeat the run.
+"""`RecordedRun`: a recording, loaded once for everything that judges, measures, shows or repeats the run.
 
-What a run is planned with is imported where a recording is taken for a plan: metrics need none of it.
+The modules for planning are imported only where a recording is used as a plan: metrics do not need them.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class RecordedRun:
 
     @cached_property
     def branch(self) -> BranchOf | None:
-        """Whose branch the run is; None if it is nobody's."""
+        """The parent of a run that is a branch; None for other runs."""
         return branch_of(self.recording.provenance)
 
     @property
@@ -85,7 +85,7 @@ class RecordedRun:
         return self.recording.provenance.get("arithmetic", "")
 
     def cannot_be_recomputed(self) -> str:
-        """Return why the bits cannot be: other functions than ours have computed them; empty if they can."""
+        """Return why the bits cannot be recomputed: functions other than ours made them; empty if not."""
         if self.arithmetic == ARITHMETIC:
             return ""
         if self.arithmetic:
@@ -105,7 +105,7 @@ class RecordedRun:
 
     @cached_property
     def joined(self) -> Sequence[str]:
-        """Controllers of the graph that may not have been planned: they gave parameters and came up."""
+        """Controllers of the graph, planned or not: they published parameters and were configured."""
         up = {self.recording.relative(e.node) for e in self.events if e.message == Event.CONFIGURED}
         return tuple(name for name in usable() if name in up and name in self.parameters)
 
@@ -119,13 +119,13 @@ class RecordedRun:
 
     @cached_property
     def another_robot(self) -> bool:
-        """True if a controller of ours moves a robot: no simulator of ours has left a trace."""
+        """True if a controller of ours moves another robot: there is no trace of our simulator."""
         ours = self.count(topics.GROUND_TRUTH) or "simulator" in self.parameters
         return not ours and bool(self.judgeable) and self.count(topics.JOINT_STATES) > 0
 
     @cached_property
     def another_controller(self) -> bool:
-        """True if somebody without a law gave an offline run's commands: they are the plant's inputs.
+        """True if something other than a law gave an offline run's commands: they are the plant's inputs.
 
         A law has parameters on record, whether or not its package is installed here.
         """
@@ -141,7 +141,7 @@ class RecordedRun:
 
     @cached_property
     def begin_ns(self) -> int:
-        """The stamp in ns at which t = 0: another robot's may be of the wall clock, so that its first counts.
+        """The stamp in ns at which t = 0: another robot may use the wall clock, so its first stamp is taken.
 
         Raises RecordingError for states that cannot be read, ParameterError for parameters.
         """
@@ -166,7 +166,7 @@ class RecordedRun:
         return self._tables[relative]
 
     def fill_tables(self, blocks: Iterable[Mapping[str, Messages]]) -> None:
-        """Take tables from all blocks in passing; of regular topics only, the others are read when needed.
+        """Fill tables while all blocks pass; for regular topics only, the others are read when needed.
 
         Values of controllers' terms are not kept: those of an hour at 1 kHz take 370 MB.
         """
@@ -196,7 +196,7 @@ class RecordedRun:
 
     @property
     def _needed(self) -> Sequence[Column]:
-        """What our controllers need in another robot's states: messages without it they skip."""
+        """What our controllers need in another robot's states: they skip messages without it."""
         needed: set[Column] = set()
         for name in self.judgeable if self.another_robot else ():
             with suppress(ParameterError):
@@ -278,8 +278,8 @@ class RecordedRun:
 
         Those of another process that took the node's name later are left out: they are not this node's.
 
-        Raises RecordingError if the record does not tell the order: it holds other events
-        of changed parameters than changes.
+        Raises RecordingError if the order is not known: the events of changed parameters do not match
+        the changes.
         """
         from ..plans.timeline import Change
 
@@ -298,7 +298,7 @@ class RecordedRun:
             )
         values = iter(changed)
         found: list[Change] = []
-        since_ns = -1  # a node that was cleaned up stamps anew from -1 on, until it sees a state
+        since_ns = -1  # a node that was cleaned up stamps -1 again until it sees a state
         process = ""
         for event in events:
             if event.message == Event.CONFIGURED:

@@ -30,8 +30,8 @@ class Turn(NamedTuple):
 def acting(stamps: Integers, turns: Iterable[tuple[int, bool]], begins: bool) -> Bools:
     """Return for each stamp, ns, whether a controller acts there, by its turns in their order.
 
-    A turn is a stamp, ns, and whether it makes active; it takes effect after its stamp. ``begins``: the
-    controller acts from the start, although no turn says so.
+    A turn is a stamp, ns, and True if it makes the controller active; it takes effect after its stamp.
+    ``begins``: the controller acts from the start, although no turn says so.
     """
     found = np.zeros(len(stamps), bool)
     since: int | None = -1 if begins else None
@@ -45,9 +45,9 @@ def acting(stamps: Integers, turns: Iterable[tuple[int, bool]], begins: bool) ->
 
 
 def exact_from_ns(run: RecordedRun) -> float:
-    """Return the stamp, ns, from which on every state is answered at once; infinite if none is to be.
+    """Return the stamp, ns, from which on every state is answered at once; infinite if there is none.
 
-    That is all of a run whose time was exact, and what was simulated of a branch of a real-time run.
+    That is the whole of a run whose time was exact, and the simulated part of a branch of a real-time run.
     """
     if run.exact:
         return -1.0
@@ -57,9 +57,9 @@ def exact_from_ns(run: RecordedRun) -> float:
 def idle_ns(run: RecordedRun) -> Integers:
     """Return the stamps, ns, of the states of an offline run that no controller was to answer.
 
-    That is between two controllers that somebody switched by hand. In a graph nobody can tell: in
-    lock-step the plant waits for an answer, and in real time an answer may be late. Of a branch of a
-    real-time run it is told where it was simulated. Raises RecordingError and ParameterError as
+    That is between two controllers that were switched by hand. In a graph this is not known: in
+    lock-step the plant waits for an answer, and in real time an answer may be late. For a branch of a
+    real-time run it is known only in the simulated part. Raises RecordingError and ParameterError as
     `RecordedRun.changes` and `config` do.
     """
     stamps = run.table(topics.GROUND_TRUTH).stamp_ns

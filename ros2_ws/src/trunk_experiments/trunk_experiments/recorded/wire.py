@@ -8,11 +8,11 @@ from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.traffic import Traffic
 
-_FAR = 100_000  # steps beyond ten times as many as there are states are not drawn: no run has them
+_FAR = 100_000  # steps beyond ten times the number of states: no run has more
 
 
 class RecordedWire:
-    """The messages in use by the seed alone; where there are no links, those of the step itself."""
+    """The messages in use, from the seed alone; without links, those of the step itself."""
 
     def __init__(self, config: SimulatorConfig, stamps: Integers) -> None:
         """``stamps``: those of the recorded states, ns."""
@@ -28,7 +28,7 @@ class RecordedWire:
 
     @property
     def oldest(self) -> int:
-        """By how many steps a reading is older than the state it is seen in, at most."""
+        """The greatest age of a reading in the state in which it is seen, in steps."""
         return int((np.arange(len(self._seen)) - self._seen).max(initial=0))
 
     def seen_ns(self, stamp_ns: int) -> int:

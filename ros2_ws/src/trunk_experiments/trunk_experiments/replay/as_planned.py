@@ -1,4 +1,4 @@
-"""Whether a run's end, rates, sets of parameters and origin follow from what its nodes were told."""
+"""Whether a run's end, rates, sets of parameters and origin agree with its nodes' parameters."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from ..recorded.run import RecordedRun
 
-# What recordings of earlier versions lack, all of a group: declared later. What is judged takes the defaults.
+# Groups of parameters that recordings of earlier versions lack; such runs are judged with the defaults.
 _LATER: dict[str, tuple[tuple[str, ...], ...]] = {
     "recorder": (("markers",),),
     "simulator": (
@@ -52,7 +52,7 @@ _LATER: dict[str, tuple[tuple[str, ...], ...]] = {
 
 
 def not_as_planned(run: RecordedRun) -> list[str]:
-    """Return what does not follow, a line each. Raises ParameterError for parameters."""
+    """Return what does not agree, a line each. Raises ParameterError for wrong parameters."""
     return [*_end(run), *_rates(run), *_parameters(run), *_picture(run), *_origin(run)]
 
 
@@ -102,7 +102,7 @@ def _rates(run: RecordedRun) -> Iterator[str]:
 
 
 def _picture(run: RecordedRun) -> Iterator[str]:
-    """Yield where there is a picture that the recorder was not asked for, or the other way round."""
+    """Yield a picture that the recorder was not asked for, or a missing one that it was asked for."""
     asked = run.parameters.get("recorder", {}).get("markers", False)
     if run.mode != "offline" and asked != bool(pictures(run)):
         what = (
@@ -143,7 +143,7 @@ def _parameters(run: RecordedRun) -> Iterator[str]:
 
 
 def _origin(run: RecordedRun) -> Iterator[str]:
-    """Yield where the run's origin is not what the recorder was told, or what ran."""
+    """Yield where the run's origin does not match the recorder's parameters, or what ran."""
     origin = run.recording.provenance
     if run.mode == "offline":
         known = (name for name in run.parameters if name in CONTROLLERS)

@@ -1,4 +1,4 @@
-"""Whether the nodes did what they told: who acted when, pauses, standing still, counts of messages."""
+"""Whether the nodes did what their events say: turns, pauses, inactive times, counts of messages."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _acting(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
 
 
 def _turns(events: list[RunEvent]) -> Iterator[tuple[int, bool]]:
-    """Yield the turns that a node's events tell, as `acting` takes them."""
+    """Yield the turns in a node's events, as `acting` takes them."""
     for event in events:
         if event.message in (Event.ACTIVATED, Event.DEACTIVATED):
             yield event.stamp_ns, event.message == Event.ACTIVATED
@@ -90,7 +90,7 @@ def _schedule(run: RecordedRun, node: str, turns: list[RunEvent]) -> Iterator[st
 
 
 def _passed_on(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
-    """Yield where the counts of the links' messages are not those of their seed, or missing at the end."""
+    """Yield counts of the links' messages that do not follow from their seed, or are missing at the end."""
     network = run.config("simulator").network
     counted = [event for event in told if event.message == Event.PASSED_ON]
     ends = sum(event.message in ENDS for event in told)
@@ -112,7 +112,7 @@ def _passed_on(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
 
 
 def _pauses(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
-    """Yield a pause in a pause, an end of none, and one in which simulated time goes on."""
+    """Yield pauses within a pause, ends without one, and pauses in which simulated time advances."""
     since: int | None = None
     for event in told:
         if event.message not in (Event.PAUSED, Event.RESUMED):
@@ -129,7 +129,7 @@ def _pauses(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
 
 
 def _still(run: RecordedRun, node: str, told: list[RunEvent], relative: str) -> Iterator[str]:
-    """Yield where a node went on although it was inactive."""
+    """Yield where a node published although it was inactive."""
     since: int | None = None
     for event in told:
         if event.message == Event.DEACTIVATED:
@@ -147,7 +147,7 @@ def _still(run: RecordedRun, node: str, told: list[RunEvent], relative: str) -> 
 
 
 def _counted(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
-    """Yield counts of published messages that are not a node's last word, not whole, or too early."""
+    """Yield counts of published messages that are not a node's last event, incomplete, or too early."""
     counts = [event for event in told if event.message == Event.PUBLISHED]
     if not counts or node not in PUBLISHES:
         return

@@ -79,7 +79,7 @@ def _around(run: RecordedRun, file: RecordingFile) -> Iterator[str]:
         yield f"{file.attachments} attachments; ours have none"
     controllers = _controllers(run)
     types = topics.evidence_types(controllers)
-    # References for one controller alone, and an operator, have a channel from the first of them on.
+    # A single controller's references, and an operator's pushes, have a channel from the first message on.
     own = (*map(topics.own_reference, controllers), topics.OPERATOR_PUSH)
     types |= {name: topics.JOINT_STATE_TYPE for name in own if run.count(name)}
     types |= {name: topics.PICTURES[name] for name in pictures(run)}
@@ -204,7 +204,7 @@ class Survey:
 
 
 def _summed_up(run: RecordedRun, counts: Counter[str], times_ns: set[int]) -> Iterator[str]:
-    """Yield where the record for rosbag2's tools does not sum up these messages."""
+    """Yield where the record for rosbag2's tools does not summarise these messages."""
     for file in run.recording.opened[:1]:
         told = tuple(
             rosbag2.TopicCount(channel.topic, file.type_of(number), counts[channel.topic])
@@ -268,7 +268,7 @@ def _other(messages: Messages, layout: JointStateLayout) -> int | None:
 
 
 def _told(run: RecordedRun) -> Iterator[str]:
-    """Yield events and sets of parameters that hold more than ours do, or in other words."""
+    """Yield events and sets of parameters that hold more than ours do, or are written differently."""
     names = {run.recording.topic(name): name for name in NODES}
     for data in _all(run, topics.RUN_EVENTS):
         told = _readable(parse_event, data)
@@ -310,5 +310,5 @@ def _readable(parse: Callable[[bytes], Parsed], data: bytes) -> Parsed | None:
 
 
 def _plain(type_name: str, data: bytes) -> bytes:
-    """Return the message without what fills gaps between its fields."""
+    """Return the message without the padding between its fields."""
     return serialize(type_name, deserialize(type_name, data))

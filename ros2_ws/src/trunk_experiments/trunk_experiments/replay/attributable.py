@@ -30,8 +30,8 @@ _LAST_WORDS = (Event.PUBLISHED, Event.FAILED)
 def shared_from_ns(run: RecordedRun) -> int | None:
     """Return the first stamp at which the run may not have been alone; None if it always was.
 
-    One simulator's stamps increase, and each state has one answer, by a controller that stays. Where that
-    ends, a second simulator or controller publishes, or one was started anew: from there on no message can
+    One simulator's stamps increase, and each state has one answer, by the same controller. Where that
+    ends, a second simulator or controller publishes, or one was restarted: from there on no message can
     be attributed.
     """
     found: list[int] = []
@@ -59,7 +59,7 @@ def shared_from_ns(run: RecordedRun) -> int | None:
 
 
 def _before_fall(stamps: Integers, place: int) -> int:
-    """Return the last stamp before time falls back after a place, without a single one far ahead of all.
+    """Return the last stamp before time falls back after a place, ignoring a single stamp far ahead.
 
     What comes after the fall must not be mistaken for what came before it.
     """
@@ -69,7 +69,7 @@ def _before_fall(stamps: Integers, place: int) -> int:
 
 
 def _of_another_hand(run: RecordedRun) -> list[int]:
-    """Return the first push's stamp where there are others than the simulator says to have taken."""
+    """Return the first push's stamp if more pushes are recorded than the simulator says it took."""
     topic = run.recording.topic(topics.OPERATOR_PUSH)
     words = [event.values for event in run.events if event.message == Event.PUBLISHED]
     taken = sum(int(said[topic]) for said in words if said.get(topic, "").isdecimal())
@@ -79,16 +79,16 @@ def _of_another_hand(run: RecordedRun) -> list[int]:
 
 
 def _of_a_stranger(stamps: Integers, known: Integers) -> Iterator[int]:
-    """Yield the last stamp before the first message that belongs to no state; the first one, if none is."""
+    """Yield the last stamp before the first message that belongs to no state; else the first state's."""
     rows = np.flatnonzero(~np.isin(stamps, known))
     if len(rows):
         yield int(stamps[: rows[0]].max(initial=known.min(initial=0)))
 
 
 def _replaced(run: RecordedRun) -> Iterator[int]:
-    """Yield when a controller had ended, by its last word, whose place another one took after that.
+    """Yield when a controller ended, by its last event, if another one took its place after that.
 
-    Nor can one, or a disturbance node, be told from another of the same name that was started later.
+    A controller or disturbance node also cannot be told from a later one of the same name.
     """
     active: set[str] = set()
     ended: dict[str, int] = {}
@@ -130,7 +130,7 @@ def _rivals(run: RecordedRun) -> Iterator[int]:
 
 
 def _started_anew(run: RecordedRun) -> Iterator[int]:
-    """Yield 0 if another process has the name of one that had no last word: they cannot be told apart."""
+    """Yield 0 if a second process has the name of one without a last event: they cannot be told apart."""
     if run.mode == "offline":
         return
     processes: dict[str, str] = {}
@@ -143,7 +143,7 @@ def _started_anew(run: RecordedRun) -> Iterator[int]:
             process = event.values.get("process", "")
             if processes.setdefault(event.node, process) != process:
                 yield 0
-    # One that was killed early may have told its parameters alone.
+    # A process that was killed early may have published only its parameters.
     sets = Counter(change.node for change in run.recording.parameter_messages() if change.new)
     told = Counter(event.node for event in run.events if event.message == Event.CONFIGURED)
     cut = bool(told) and (run.recording.end or {}).get("complete") != "true"
@@ -155,7 +155,7 @@ def _started_anew(run: RecordedRun) -> Iterator[int]:
 def _unheard(run: RecordedRun) -> Iterator[int]:
     """Yield 0 if the plant was driven before the first command, and its controller joined the run under way.
 
-    Another one had begun the run, and was killed before the recorder had heard anything of it.
+    Another controller began the run, and was killed before the recorder received anything from it.
     """
     commands = run.table(topics.EFFORT_COMMAND).stamp_ns
     if run.mode == "offline" or not len(commands):

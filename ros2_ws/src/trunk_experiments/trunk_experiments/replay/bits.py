@@ -18,7 +18,7 @@ def same(a: float, b: float) -> bool:
 
 
 def ulps(a: float, b: float) -> int | None:
-    """Return how many doubles lie from ``a`` to ``b``; None where one is NaN.
+    """Return the distance from ``a`` to ``b`` in doubles; None where one is NaN.
 
     0.0 and -0.0 are 0 apart, though their bits differ.
     """

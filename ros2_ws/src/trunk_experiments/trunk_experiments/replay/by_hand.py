@@ -1,4 +1,4 @@
-"""Could an operator's pushes on record be what a simulator took? Each against its limits and the states."""
+"""Check an operator's recorded pushes against the simulator's limits and the recorded states."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def not_by_hand(run: RecordedRun) -> Iterator[str]:
-    """Yield pushes that no simulator with this run's parameters takes; what they did is recomputed."""
+    """Yield pushes that no simulator with this run's parameters takes; the replay checks their effect."""
     if not run.count(topics.OPERATOR_PUSH):
         return
     what = f"{topics.OPERATOR_PUSH}: "

@@ -1,7 +1,7 @@
-"""What a whole recording says of itself in two places, held against each other.
+"""Compare what a complete recording says of itself in two places.
 
-A digest tells that a file is as it was written. These checks also catch a file that was rewritten together
-with its digests, as far as its parts no longer fit. Each returns one line for each contradiction.
+A digest shows that a file is as it was written. These checks also catch a file that was rewritten together
+with its digests, if its parts no longer agree. Each returns one line for each contradiction.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _MODES = {"real_time": False, "lockstep": True}  # is lockstep.enabled set?
 
 
 def contradictions(run: RecordedRun) -> list[str]:
-    """Return what does not fit in a run that is recorded as complete.
+    """Return the contradictions in a run that is recorded as complete.
 
     Raises RecordingError for messages that cannot be read, ParameterError for parameters.
     """
@@ -107,7 +107,7 @@ def _ends(run: RecordedRun) -> Iterator[str]:
     marked = (run.recording.end or {}).get("reason", "")
     if reason != marked:
         yield f"run/events: the run ended as {reason!r}, the recorder noted {marked!r}"
-    # The end of its process and of its lifecycle are all that a finished simulator has left to tell.
+    # A finished simulator reports only its counts and the end of its lifecycle.
     after = {Event.PUBLISHED, Event.DEACTIVATED, Event.CLEANED_UP, Event.PAUSED}
     late = [e.message for e in told[ends[0] + 1 :] if e.message not in {*after, *ENDS}]
     if late:
@@ -115,7 +115,7 @@ def _ends(run: RecordedRun) -> Iterator[str]:
 
 
 def _counts(run: RecordedRun) -> Iterator[str]:
-    """Yield where other numbers of messages are recorded than the nodes say to have published."""
+    """Yield where the number of recorded messages is not the number that the nodes say they published."""
     finished = _of(run, "simulator", Event.FINISHED)
     if finished:
         said = finished[-1].values.get("states", "")
@@ -144,7 +144,7 @@ def _counts(run: RecordedRun) -> Iterator[str]:
 
 
 def _falls(run: RecordedRun) -> Iterator[str]:
-    """Yield falls that are marked with another angle than that of their state."""
+    """Yield falls whose angle is not that of their state."""
     truth = run.table(topics.GROUND_TRUTH)
     for event in _of(run, "simulator", Event.FELL):
         if event.stamp_ns not in truth:
@@ -182,7 +182,7 @@ def _mode(run: RecordedRun) -> Iterator[str]:
 
 
 def _times(run: RecordedRun) -> Iterator[str]:
-    """Yield where log times are not the stamps although time is simulated, or are in real time."""
+    """Yield where log times differ from the stamps in simulated time, or equal them in real time."""
     for relative in (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.EFFORT_COMMAND):
         table = run.table(relative)
         if not len(table):
@@ -219,7 +219,7 @@ def _terms(run: RecordedRun) -> Iterator[str]:
 
 
 def _disturbances(run: RecordedRun) -> Iterator[str]:
-    """Yield disturbances for no state and no next one, and where the last one is missing."""
+    """Yield disturbances that belong neither to a state nor to the next one, and a missing last one."""
     stamps = run.table(topics.DISTURBANCE).stamp_ns
     truth = run.table(topics.GROUND_TRUTH).stamp_ns
     period = run.config("disturbance").period_ns
@@ -257,7 +257,7 @@ def _missing_words(run: RecordedRun, nodes: Sequence[str]) -> list[str]:
 
 
 def uncounted(run: RecordedRun) -> list[str]:
-    """Return whose messages nobody counted, where the run's states alone do not tell how many there are."""
+    """Return the nodes without a count of messages, where the run's states do not imply the number."""
     disturbed = ["disturbance"] if run.count(topics.DISTURBANCE) else []
     if run.exact:
         wanted = disturbed if _ends_early(run) else []
@@ -285,7 +285,7 @@ def _of(run: RecordedRun, node: str, message: Event) -> list[RunEvent]:
 
 
 def failures(events: Sequence[RunEvent], simulator: str) -> list[str]:
-    """Return what other nodes than the simulator have said to have failed."""
+    """Return the failures that nodes other than the simulator reported."""
     return [
         f"{event.node} failed: {event.values.get('reason', 'no reason given')}"
         for event in events

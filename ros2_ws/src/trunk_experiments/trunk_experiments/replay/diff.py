@@ -57,7 +57,7 @@ class FirstDifference(NamedTuple):
     def describe(self, same_plan: bool = True, hip: str = "hip") -> str:
         """Return the difference as one line: where, both values, how far apart.
 
-        ULPs tell something of runs that should be equal, those of the ``same_plan``; units, of others.
+        It gives ULPs for runs that should be equal, those of the ``same_plan``, and units for others.
         ``hip``: the name of the hip's joint.
         """
         head = f"t = {seconds(self.stamp_ns):g} s: {self.topic}: {self.field}"
@@ -95,7 +95,7 @@ class RunDiff:
         return self.first is None
 
     def describe(self) -> str:
-        """Return whether, or else where, the runs differ: one line."""
+        """Return in one line whether and where the runs differ."""
         if self.first is None:
             return "identical, bit for bit"
         return self.first.describe(self.same_plan, self.hip)
@@ -132,7 +132,7 @@ def diff(a: RecordedRun, b: RecordedRun, terms: bool = True) -> RunDiff:
 
 
 def _same_plan(a: RecordedRun, b: RecordedRun) -> bool:
-    """Return True if two runs should be equal; what only says how long or how quickly they ran may differ."""
+    """Return True if two runs should be equal; parameters of their length and pace alone may differ."""
     if not (a.exact and b.exact) or set(a.controllers) != set(b.controllers):
         return False
     here, there = (
@@ -155,7 +155,7 @@ def _unit(topic: str, field: str, hip: str) -> str:
     """Return the unit of a value, with the space before it: ``position[trunk]`` of a state is in rad."""
     quantity, _, name = field.removesuffix("]").partition("[")
     if topics.is_controller_state(topic):
-        unit = _UNITS_OF_TERMS.get(name, "")  # nothing is known of a law's own terms
+        unit = _UNITS_OF_TERMS.get(name, "")  # the unit of a law's own term is not known
     else:
         unit = _UNITS[quantity][name == hip]
     return f" {unit}" if unit else ""

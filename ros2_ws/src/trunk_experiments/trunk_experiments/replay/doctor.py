@@ -26,9 +26,9 @@ __all__ = ["ERROR", "INFO", "WARNING", "Finding", "examine", "findings"]
 
 _EXAMPLES = 3  # places listed for one kind of finding on one topic
 _GAP = 1.5  # periods between two messages: more is a gap
-_LONGEST_PERIOD = 1e9  # s: what is longer is no period
-_PASS = 64 << 20  # bytes of messages that are taken apart in one pass
-# What a run is recomputed from, and the quantities without which it is not.
+_LONGEST_PERIOD = 1e9  # s: a longer one is not a period
+_PASS = 64 << 20  # bytes of messages that are decoded in one pass
+# What a run is recomputed from, and the quantities that this needs.
 _NEEDED = {
     names.GROUND_TRUTH: ("position", "velocity", "effort"),
     names.JOINT_STATES: ("position", "velocity", "effort"),
@@ -247,7 +247,7 @@ def _order(stamp_ns: Integers, topic: str, severity: str) -> Iterator[Finding]:
 
 
 def _late(first_ns: int, topic: str, period_ns: int) -> Iterator[Finding]:
-    """Yield that a topic does not begin with the run, whose first state is at t = 0."""
+    """Yield a finding if a topic does not begin with the run, whose first state is at t = 0."""
     missing = first_ns // period_ns
     if missing > 0:
         text = (

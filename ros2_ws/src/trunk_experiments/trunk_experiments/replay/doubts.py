@@ -1,6 +1,6 @@
-"""What stands before every result of a run: it is incomplete, the trunk fell, real time was not kept.
+"""Warnings before every result of a run: it is incomplete, the trunk fell, real time was not kept.
 
-In real time a command may come too late for its step, and the run is then another one than the plan's.
+In real time a command may come too late for its step, and the run then differs from its plan.
 How many steps were late follows from the record; how far that moved the angle, from the same plan in
 lock-step.
 """
@@ -38,7 +38,7 @@ class Late(NamedTuple):
 
 @dataclass(frozen=True)
 class Doubts:
-    """Why a run's numbers are not to be taken for what its plan gives."""
+    """Why a run's numbers may not be what its plan gives."""
 
     incomplete: str = ""  # why; empty for a complete recording
     ends_at_s: float | None = None  # the last true state of an incomplete one; None: none is there
@@ -80,7 +80,7 @@ class Doubts:
         return found
 
     def as_values(self, judged: str | None = None) -> dict[str, object]:
-        """Return plain values, for JSON; ``judged``: the verdict, where somebody has recomputed the run."""
+        """Return plain values, for JSON; ``judged``: the verdict, if the run has been recomputed."""
         return {
             "complete": not self.incomplete,
             "reason": self.incomplete or None,
@@ -111,7 +111,7 @@ def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts
             angle = None
     try:
         late = late_steps(run) if whole else None
-    except TrunkError:  # messages or parameters that cannot be read: other words are said of those
+    except TrunkError:  # messages or parameters that cannot be read are reported elsewhere
         late = None
     moved = moved_deg(run) if twin and late is not None else None
     return Doubts(
@@ -125,7 +125,7 @@ def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts
 
 
 def incomplete(run: RecordedRun) -> list[str]:
-    """Return the line that says that a run is not whole, why, and where it ends; none for a whole one."""
+    """Return a line on why a run is not whole and where it ends; none for a whole one."""
     return Doubts(*_incomplete(run)).lines
 
 
@@ -145,13 +145,13 @@ def _incomplete(run: RecordedRun) -> tuple[str, float | None, float | None]:
     planned_s = run.parameters.get("simulator", {}).get("duration")
     if not isinstance(planned_s, float) or planned_s <= 0.0:
         return reason, last_s, None
-    if last_s is not None and last_s > planned_s:  # a stranger's: where ours ended is not known
+    if last_s is not None and last_s > planned_s:  # another simulator's: our end is not known
         last_s = None
     return reason, last_s, planned_s
 
 
 def _unfinished(recording: Recording) -> str:
-    """Return why a file without a reason of its own is not whole: its recorder's, or another program's."""
+    """Return why a file that gives no reason is not whole; another program may have recorded it."""
     stranger = recording.unfinished.startswith("recorded by")
     return recording.unfinished if stranger else "the recorder did not finish this file"
 
@@ -184,7 +184,7 @@ def late_steps(run: RecordedRun) -> Late | None:
     known = row >= 0
     age = np.where(known, sent - told[row], np.iinfo(np.int64).max)
     wanted = np.where(known, effort[row], np.nan)
-    age[sent < 0], wanted[sent < 0] = 0, 0.0  # a link has brought none
+    age[sent < 0], wanted[sent < 0] = 0, 0.0  # the link delivered no command
     limits = {float(run.config("simulator").max_effort)}
     changed = [one.changed.get("max_effort") for one in run.parameter_changes("simulator")]
     limits |= {limit for limit in changed if isinstance(limit, float)}
@@ -200,7 +200,7 @@ def late_steps(run: RecordedRun) -> Late | None:
 def _driven(
     run: RecordedRun, at: Integers, before: Floats, wanted: Floats, applied: Floats
 ) -> NDArray[np.bool_]:
-    """Return where the torque is what a drive that lags, or the like, makes of the wanted one."""
+    """Return where the torque is what a drive that is not ideal makes of the wanted one."""
     found = np.zeros(len(at), np.bool_)
     timeline = run.timeline("simulator")
     changed = [name for one in run.parameter_changes("simulator") for name in one.changed]

@@ -165,5 +165,5 @@ class CommandWindows:
 
 
 def _finite(value: float) -> float:
-    """Return what a node takes for a value that nobody measured."""
+    """Return what a node uses in place of a value that was not measured."""
     return value if isfinite(value) else 0.0

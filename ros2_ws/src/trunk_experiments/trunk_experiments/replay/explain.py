@@ -115,7 +115,7 @@ class Explanation:
 
     @property
     def rounded_otherwise(self) -> bool:
-        """True if the two differ by no more than another arithmetic explains, in which it was recorded."""
+        """True if the run was recorded in another arithmetic, and that can explain the difference."""
         near = isclose(self.terms.effort, self.recorded, rel_tol=1e-9, abs_tol=1e-9)
         return near and not self.agrees and self.arithmetic != ARITHMETIC
 

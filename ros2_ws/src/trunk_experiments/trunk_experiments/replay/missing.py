@@ -23,8 +23,8 @@ def missed_from_ns(run: RecordedRun) -> int | None:
 
     The recorder came late or could not keep up, or a node was killed before it had handed its answers over.
 
-    What follows depends on it: the plant's state, a law's memory. In a file that says to be complete a gap is
-    a contradiction.
+    What follows depends on it: the plant's state, a law's memory. In a file that is marked as complete, a gap
+    is a contradiction.
     """
     if (run.recording.end or {}).get("complete") == "true":
         return None
@@ -58,8 +58,8 @@ def _unanswered(run: RecordedRun) -> Iterator[int]:
 def cut_off_ns(run: RecordedRun) -> int | None:
     """Return the last answer's stamp if a recording may be cut off and lacks its command or terms; else None.
 
-    A chunk may end between the two, a recorder be stopped, or a controller killed, which then has no last
-    word: what is not there is no difference.
+    A chunk may end between the two, the recorder may be stopped, or a controller be killed, which then has no
+    last event: what is missing does not count as a difference.
     """
     commands = run.table(topics.EFFORT_COMMAND).stamp_ns
     if not len(commands):
@@ -73,7 +73,7 @@ def cut_off_ns(run: RecordedRun) -> int | None:
     )
     later = answers[answers > both].tolist()
     if not run.exact:  # each command has its terms, and of either the last ones may be missing
-        # Where there are none, both of the last answer may be.
+        # If none are, both of the last answer may be.
         return min(later, default=both + 1 if killed(run) else None)
     if run.mode == "offline" or not killed(run):  # one is written after the other
         last = int(answers.max())
@@ -121,8 +121,8 @@ def _beyond(run: RecordedRun) -> Iterator[int]:
 def recorded_until_ns(run: RecordedRun) -> int | None:
     """Return until when everything is recorded; None if the recorder never missed a part of the run.
 
-    When it became inactive, messages of any topic were still queued, and were dropped: the first step of
-    which a part is missing ends it, and the last one may have been answered in part.
+    When it became inactive, queued messages of any topic were dropped: the record ends before the first step
+    with a missing part, and the last step may have been answered only in part.
     """
     node = run.recording.topic("recorder")
     turns = [e for e in run.events if e.node == node and e.message == Event.DEACTIVATED]

@@ -20,7 +20,7 @@ QUANTITIES = ("position", "velocity", "effort")
 
 
 def held(run: RecordedRun, commands: JointTable) -> dict[int, float]:
-    """Return the torques over the steps from states that nobody was to answer, N m."""
+    """Return the torques over the steps from states that no controller was to answer, N m."""
     idle = idle_ns(run).tolist()
     told = sorted(commands.rows) if idle else []
     timeline = run.timeline("simulator")

@@ -17,7 +17,7 @@ from ..recorded.joint_table import JointTable
 
 
 class _Epoch(NamedTuple):
-    """From a row on, how the sensors read: what they remember reaches back to a row."""
+    """How the sensors read from a row on, and the oldest row that they remember."""
 
     row: int
     remembered: int

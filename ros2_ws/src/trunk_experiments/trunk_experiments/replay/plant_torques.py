@@ -1,4 +1,4 @@
-"""The torque over each step of a recorded run, as the record tells it.
+"""The torque over each step of a recorded run, as the record shows it.
 
 Where time is exact, it is the command for the step's first state, or the one that a link delivered there. In
 real time it is the one that the next true state records.
@@ -29,19 +29,19 @@ class RecordedTorques:
         self._wire = wire
 
     def over(self, row: int) -> float | None:
-        """Return the torque over the step from a row's state to the next row's; None if nothing tells it."""
+        """Return the torque over the step from a row's state to the next row's; None if it is not known."""
         if self._exact:
             told_ns = self._wire.told_ns(int(self._states.stamps[row]))
             return self.command(told_ns) if told_ns >= 0 else 0.0
         return self._states.effort(row + 1)
 
     def command(self, stamp_ns: int) -> float | None:
-        """Return the command for a state, or what acts where nobody is to answer it."""
+        """Return the command for a state, or the torque held where no controller is to answer it."""
         told = stamp_ns in self._commands
         return self._commands.get(stamp_ns, "effort")[0] if told else self._held.get(stamp_ns)
 
     def over_all(self, first: int, stop: int) -> Floats:
-        """Return the torques over the steps from the rows in [first, stop), NaN where one is not told."""
+        """Return the torques over the steps from the rows in [first, stop), NaN where not known."""
         stamps = self._states.stamps[first:stop]
         if self._exact:
             told = self._wire.all_told_ns(stamps)

@@ -1,8 +1,8 @@
 """What can be recomputed of a real-time run: each step from the torque that the record says acted.
 
 Which command and which disturbance had arrived by a step is decided by the wall clock. The record
-tells it all the same: the true state's effort is the torque over the previous step, and it has to be that of
-some command which could have been in force; the measured state shows the disturbance that acted.
+still shows it: the true state's effort is the torque over the previous step, and it has to be that of
+some command that could have been in force; the measured state shows the disturbance that acted.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ class PossibleDisturbances:
     """The disturbances that may have acted at a stamp, the newest first.
 
     One that has acted is never followed by an older one; none acts before the first, or after one that
-    is older than the timeout. Where several messages say the same, the record does not tell which of them
-    was in force: the oldest is assumed, so that whatever is possible later stays possible.
+    is older than the timeout. Where several messages are equal, the record does not show which of them
+    was in force: the oldest is assumed, so that no later choice is ruled out.
     """
 
     def __init__(self, disturbances: JointTable, exact_ns: float = inf) -> None:
@@ -45,12 +45,12 @@ class PossibleDisturbances:
         new[1:] = said[1:] != said[:-1]
         self._begins = np.flatnonzero(
             new
-        )  # the rows that say something else than those before them
+        )  # the rows whose message differs from that of the row before
         # By row: the first one of those before it that say the same.
         self._first: list[int] = np.maximum.accumulate(
             np.where(new, np.arange(len(said)), 0)
         ).tolist()
-        self._alike: dict[int, list[int]] = {}  # what is said -> the rows from which on it is said
+        self._alike: dict[int, list[int]] = {}  # content -> the rows from which on it is sent
         for row in self._begins.tolist():
             self._alike.setdefault(int(said[row]), []).append(row)
         self._since_ns = -1  # stamp of the oldest that may be in force
@@ -105,9 +105,9 @@ def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Ch
     """Yield, for each step, whether its torque is that of a command that could be in force.
 
     That is the command for this state or an earlier one, never older than one that was in force before;
-    0 before the first, and where the newest is older than ``command_timeout``. From where a branch was
-    simulated on, it is the command for this state; the one before it, where nobody answered. Where a link
-    carries the commands, "this state" is the one whose command is in use.
+    0 before the first, and where the newest is older than ``command_timeout``. In the
+    simulated part of a branch, it is the command for this state, or the one before it if there is none.
+    Where a link carries the commands, "this state" is the one whose command is in use.
     """
     truth, commands = run.table(topics.GROUND_TRUTH), run.table(topics.EFFORT_COMMAND)
     timeline = run.timeline("simulator")

@@ -1,8 +1,8 @@
 """A recorded run's controllers and disturbances recomputed: each command from the recorded states.
 
 The record drives the same pure functions that the nodes compose; a parameter change or a reset takes
-effect where the record says that it did. Compiled code (`stretches`) skips long stretches in which all
-is equal; where something is not, this module checks step by step.
+effect where the record says that it did. Compiled code (`stretches`) skips long stretches in which
+everything agrees; elsewhere, this module checks step by step.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from . import stretches
 from .bits import same
 from .driven import CommandWindows, DrivenController
 
-WORTH_COMPILING = 20_000  # steps: fewer are computed before compiled code would be loaded
+WORTH_COMPILING = 20_000  # steps: for fewer, loading compiled code takes longer than computing them
 # What a difference may be besides a value.
 ACTIVE_CONTROLLERS = "active controllers"
 MISSING = "missing"
@@ -47,7 +47,7 @@ class Checked(NamedTuple):
     stamp_ns: int  # of the first
     found: Sequence[Difference]
     steps: int = 1
-    controller: str = ""  # who was to send the command; empty: not exactly one
+    controller: str = ""  # the one that was to send the command; empty: not exactly one
     last_ns: int | None = None  # stamp of the last step, where there are many
 
 
@@ -62,9 +62,9 @@ def compare(
 
 
 def worth_compiling(stamps: Integers, cost: int = 1) -> bool:
-    """Return True if compiled code is there, is worthwhile, and takes these stamps: they ascend.
+    """Return True if compiled code is available, worthwhile, and takes these stamps: they ascend.
 
-    ``cost``: of a step, in that of a controller's.
+    ``cost``: of a step, relative to a controller's.
     """
     long = len(stamps) * cost >= WORTH_COMPILING and stretches.available()
     return long and bool((stamps[1:] > stamps[:-1]).all())

@@ -1,7 +1,7 @@
-"""Whether what the nodes tell on ``run/events`` and ``run/parameters`` is what such nodes can tell.
+"""Whether the nodes can have published what is on ``run/events`` and ``run/parameters``.
 
 Every node goes through ROS 2's lifecycle, says only what its kind can say, and stamps it with the last state
-that it processed. An event that was added, removed, moved or put in another node's mouth breaks this.
+that it processed. An event that was added, removed, moved or attributed to another node breaks this.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _ANSWERS = {
     **dict.fromkeys(CONTROLLERS, topics.EFFORT_COMMAND),
 }
 _LEVELS = {Event.FELL: LEVEL_WARN, Event.FAILED: LEVEL_ERROR}
-# From which state of its lifecycle each event leads to which; others need a configured node.
+# (Lifecycle state, event): the state that follows; other events need a configured node.
 _UNCONFIGURED, _INACTIVE, _ACTIVE = "unconfigured", "inactive", "active"
 _TURNS: dict[tuple[str, str], str] = {
     (_UNCONFIGURED, Event.CONFIGURED): _INACTIVE,
@@ -50,7 +50,7 @@ _ANYWHERE = {Event.RETUNED, Event.FAILED, Event.PUBLISHED}
 
 
 def untellable(run: RecordedRun) -> list[str]:
-    """Return what no such nodes tell, a line each. Raises ParameterError for parameters."""
+    """Return what such nodes cannot publish, a line each. Raises ParameterError for wrong parameters."""
     by_node: dict[str, list[RunEvent]] = {}
     for event in run.events:
         by_node.setdefault(run.recording.relative(event.node), []).append(event)
@@ -78,7 +78,7 @@ def untellable(run: RecordedRun) -> list[str]:
 
 
 def _content(run: RecordedRun, node: str, event: RunEvent) -> Iterator[str]:
-    """Yield what an event of this kind of node does not say."""
+    """Yield what an event of this kind of node cannot contain."""
     what = f"run/events: {event.message!r} of {node} at t = {seconds(event.stamp_ns):g} s"
     words = {str(word): word for word in Event}
     word = words.get(event.message)
@@ -110,7 +110,7 @@ def _content(run: RecordedRun, node: str, event: RunEvent) -> Iterator[str]:
 
 
 def _stamps(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
-    """Yield stamps that are those of no state, or that go backwards in a graph."""
+    """Yield stamps that belong to no state, or that go backwards in a graph."""
     truth = run.table(topics.GROUND_TRUTH).stamp_ns
     period = run.config("simulator").period_ns
     last = int(truth.max()) + (period if node == "disturbance" else 0) if len(truth) else -1
@@ -134,7 +134,7 @@ def _stamps(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
 
 
 def _lifecycle(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
-    """Yield what a node in a graph cannot have said in its state."""
+    """Yield events that a node in a graph cannot send in its lifecycle state."""
     state, ready, begun = _UNCONFIGURED, False, False
     configured = activated = False
     scheduled = node in CONTROLLERS and bool(run.config(node).active_times)

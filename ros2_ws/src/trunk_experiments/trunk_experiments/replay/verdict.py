@@ -10,7 +10,7 @@ from .bits import ulps
 from .replay import ACTIVE_CONTROLLERS, MISSING, UNEXPECTED, Checked, Difference
 
 VERIFIED, DIVERGES, UNJUDGED = 0, 1, 2
-NOT_SIGNED = "not signed"  # the word if that is all there is to say against it
+NOT_SIGNED = "not signed"  # the verdict's word if nothing else is wrong
 _ORIGIN = "the origin (scenario, commit, host, time): covered by"
 ORIGIN = f"{_ORIGIN} digests alone"
 ORIGIN_SIGNED = f"{_ORIGIN} digests and the signature; the signer vouches for it"
@@ -32,7 +32,7 @@ class SignatureCheck:
 
     @property
     def refuted(self) -> bool:
-        """True if the signature is of other content, or does not say what was asked for."""
+        """True if the signature is of other content, or does not count although a key was given."""
         return bool(self.fault) and (self.other_content or self.trusted is not None)
 
     def describe(self) -> str:
@@ -72,7 +72,7 @@ class Verdict:
     """What `verify` found.
 
     ``altered``: what is not as the recorder wrote it, by its digests, even if no computed bit depends on it.
-    ``contradictions``: what the recording says of itself in two places that do not agree.
+    ``contradictions``: where two parts of the recording do not agree.
     ``obstacles``: why the run cannot be judged as a whole. ``unjudged``: what no check looks at.
     """
 

@@ -91,7 +91,7 @@ def verdict_on(run: RecordedRun) -> Verdict:
 
 
 def _other_packages(run: RecordedRun) -> list[str]:
-    """Return a line for each package of controllers that is not here as it was when the run was recorded.
+    """Return a line for each package of controllers that differs from the one that the run was recorded with.
 
     None where all controllers of the run are ours.
     """
@@ -109,7 +109,7 @@ def _other_packages(run: RecordedRun) -> list[str]:
 def surveyed(run: RecordedRun) -> Survey | None:
     """Read a sound recording once for digests, heads, layouts and tables; None if it is not sound.
 
-    What that does not find is read when it is needed.
+    What this pass does not find is read when it is needed.
     """
     if run.recording.warnings:
         return None
@@ -120,7 +120,7 @@ def surveyed(run: RecordedRun) -> Survey | None:
         KeyError,
         ParameterError,
         RecordingError,
-    ):  # whoever needs it meets it again, and says so
+    ):  # code that needs it meets the error again, and reports it
         return None
     return survey
 

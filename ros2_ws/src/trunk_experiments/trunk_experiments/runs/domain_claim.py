@@ -1,7 +1,7 @@
 """One run in a ROS domain at a time: a second one is refused before it starts a node.
 
-Nodes notice a namesake, too, but only once DDS has found it. By then a second run's controller may have
-commanded the first run's plant.
+Nodes also notice another node of their name, but only once DDS has found it. By then a second run's
+controller may have commanded the first run's plant.
 """
 
 from __future__ import annotations

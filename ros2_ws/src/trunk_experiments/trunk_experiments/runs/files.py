@@ -24,7 +24,7 @@ BESIDE = ("gateway.log", "foxglove.log")
 
 @dataclass(frozen=True)
 class RunFiles:
-    """Where a run leaves what it makes; ``replaces``: in place of what an earlier one has left there."""
+    """Where a run writes its files; ``replaces``: in place of those that an earlier run left there."""
 
     folder: Path
     replaces: bool = False
@@ -40,8 +40,8 @@ class RunFiles:
     ) -> RunFiles:
         """Make the run's folder, by default a new one below ``runs``.
 
-        Raises PlanError where there is a file that the run would write: with ``force`` only where that is
-        none of a run, or is still being written. None: the user cannot ask for it.
+        Raises PlanError if a file that the run would write exists: with ``force``, only if it is not from a
+        run, or is still being written. None: the user has no such option.
         """
         given = folder
         if folder is None:
@@ -85,13 +85,13 @@ class RunFiles:
 
     @property
     def description(self) -> Path:
-        """What ROS 2's tools know the folder by as a bag."""
+        """The file by which ROS 2's tools recognise the folder as a bag."""
         return self.folder / METADATA
 
     def record(self, plan: RunPlan) -> RunPlan:
         """Return the plan that records into this folder, and write it as the parameter file.
 
-        What an earlier run said of its recording is gone then.
+        The recording, description and logs of an earlier run are then deleted.
         """
         plan = with_values(
             plan, recorder=with_values(plan.recorder, output=str(self.recording.absolute()))

@@ -1,4 +1,4 @@
-"""A run from one of its states on: by CPython while parameters change, then by compiled code if it can be.
+"""A run from one of its states on: by CPython while parameters change, then, if possible, by compiled code.
 
 Both give the same bits.
 """
@@ -21,13 +21,13 @@ from .states import States, in_stretches, longest
 
 
 def states_from(plan: RunPlan, begun: Begun) -> Iterator[States]:
-    """Yield the states of a run, in their order, from the one that ``begun`` is before.
+    """Yield the states of a run in their order, beginning with the one after ``begun``.
 
     Raises PlanError for a plan that cannot be run offline, DivergedError after the last finite state.
     """
     first, length = begun.simulation.step_index, longest(plan.simulator.substeps)
     changes = [change.stamp_ns for some in plan.changes.values() for change in some]
-    # CPython does the state on which the last change takes effect, too.
+    # CPython also computes the state on which the last change takes effect.
     settled = max([first, *(stamp_ns // plan.simulator.period_ns + 2 for stamp_ns in changes)])
     if not (worth_compiling(plan.simulator, settled) and _known(plan)):
         yield from in_stretches(steps_from(plan, begun), length, first)
@@ -44,23 +44,23 @@ def states_from(plan: RunPlan, begun: Begun) -> Iterator[States]:
 
 
 def _known(plan: RunPlan) -> bool:
-    """Return False for a run of whose messages some are still to come: compiled code has none of them."""
+    """Return False for a run with messages still to arrive: compiled code does not have them."""
     simulator = plan.simulator
     under_way = simulator.delay_steps or simulator.network is not None
     return not (under_way or plan.references or plan.pushes)
 
 
 def _settled(plan: RunPlan, begun: Begun) -> tuple[RunPlan, dict[str, Controller], Simulation]:
-    """Return the plan of what follows when nothing changes any more, and the nodes.
+    """Return the plan of the rest of a run in which nothing changes any more, and the nodes.
 
-    Raises PlanError for turns that a schedule does not tell.
+    Raises PlanError for turns that are not those of a schedule.
     """
     simulation = begun.simulation
     before_ns = simulation.stamp_ns - simulation.config.period_ns
     controllers = {}
     for name, one in begun.controllers.items():
         times = one.config.active_times_ns
-        if one.active or times:  # nobody wakes the others
+        if one.active or times:  # the others never become active
             controllers[name] = one
         if times and one.active != active_at(times, before_ns if simulation.step_index else -1):
             raise PlanError(f"{name}: turns that are not those of active.times are not compiled")

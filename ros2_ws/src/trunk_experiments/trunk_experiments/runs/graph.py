@@ -32,7 +32,7 @@ START_TIMEOUT_S = 30.0
 EXIT_FAILED = 1  # of a node that has said why
 SILENCE_S = 5.0  # of a simulator that diagnoses itself every second
 COMPOSED = "composed"
-_LAST = (COMPOSED, "recorder")  # to be stopped: it has to hear what the others say as they end
+_LAST = (COMPOSED, "recorder")  # to be stopped: it has to record the others' last messages
 _ENDS_FIRST_S = 1.5  # before all others are told, too: docs/faults.md promises 10 s for everything
 _WAITING = "{} not active: with autostart false, configure and activate it (ros2 lifecycle set …)"
 
@@ -48,8 +48,8 @@ def run_graph(
     """Run the plan's nodes, as processes or ``composed`` in one, until the simulator is done.
 
     ``progress`` is called with simulated seconds. ``order``: the nodes' names in the order of their
-    start (it makes no difference to a lock-step run). ``over`` is asked again and again whether the run is to
-    end; a run without an end is whole then, and so it is after SIGINT. Return the recording, which is this
+    start (it makes no difference to a lock-step run). ``over`` is polled: True ends the run. A run
+    without an end is then whole, as it is after SIGINT. Return the recording, checked to be this
     run's own. Raises RunError naming the node that ended the run and why; by then every process has been
     stopped and the recording finished.
     """
@@ -70,7 +70,7 @@ def run_graph(
                 files.log(process),
                 partial(guardian.watch_me, last=process in _LAST),
             )
-        from .monitor_node import Monitor  # here: it has threads, and starting processes must not
+        from .monitor_node import Monitor  # here: no threads while processes start
 
         with Monitor() as monitor:
             heard = _watch(plan, running, monitor, progress, interrupt, over)
@@ -136,7 +136,7 @@ class _Silence:
     """How long the simulator has given no sign of life: it may be stopped, or hang."""
 
     def __init__(self, pid: int) -> None:
-        self._pids = (os.getpid(), pid)  # here, too, a sign may have to wait for a processor
+        self._pids = (os.getpid(), pid)  # this process, too, may have to wait for a processor
         self._patience, self._told = Patience(SILENCE_S), 0
 
     def lasts(self, monitor: Monitor) -> bool:
@@ -155,7 +155,7 @@ def _awaited(running: dict[str, NodeProcess], monitor: Monitor) -> Iterator[int]
 
 
 def _silent(plan: RunPlan, ready: set[str]) -> str:
-    """Return who is not ready, and why where that is known."""
+    """Return which nodes are not ready, and why if that is known."""
     starts = any(controller.autostart for controller in plan.controllers.values())
     waiting = [
         name
@@ -186,7 +186,7 @@ def _check_alive(running: dict[str, NodeProcess], simulator: NodeProcess, monito
     dead = [p for p in running.values() if p is not simulator and p.exit_code is not None]
     if not dead:
         return
-    _hear_last_words(monitor)  # it may have said why, or the run may just have been over
+    _hear_last_words(monitor)  # it may have said why, or the run may just have ended
     if monitor.finished or simulator.exit_code is not None:
         return
     if dead[0].exit_code == EXIT_FAILED and monitor.failure:
@@ -202,7 +202,7 @@ def _stop_all(running: dict[str, NodeProcess]) -> set[str]:
 
 
 def _check_recorder(process: NodeProcess, killed: set[str]) -> None:
-    """Say so where the run was whole, but not its recording."""
+    """Report a run that was whole but whose recording is not."""
     if process.name in killed:
         raise RunError(
             f"the recording is not whole: {process.name} did not end within {ALL_S:g} s "

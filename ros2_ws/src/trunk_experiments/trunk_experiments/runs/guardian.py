@@ -1,4 +1,4 @@
-"""The guardian: a small process that stops a run's processes where the runner has died without doing so.
+"""The guardian: a small process that stops a run's processes if the runner dies without doing so.
 
 The kernel tells each process when the runner dies (see `processes`), but one that hangs does not hear it.
 The guardian waits for the end of a socket of which the runner holds the other side. Over it come handles to
@@ -29,19 +29,19 @@ class Guardian:
         self._socket, theirs = socket.socketpair()
         with theirs:
             self._process = subprocess.Popen(
-                # By its path: what lies in the working directory is not imported.
+                # By its path: so nothing is imported from the working directory.
                 [sys.executable, __file__, str(theirs.fileno())],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno()],
-                start_new_session=True,  # Ctrl-C is the runner's affair
+                start_new_session=True,  # the runner handles Ctrl-C
                 preexec_fn=early_signals.block,  # noqa: PLW1509
             )
 
     def watch_me(self, last: bool) -> None:
-        """Have the calling process stopped should the runner die, the ``last`` ones after all others.
+        """Have the calling process stopped if the runner dies, the ``last`` ones after all others.
 
-        A child says so of itself before it becomes a node's program: a runner may die at any instant.
+        A child registers itself before it becomes a node's program: a runner may die at any instant.
         """
         with suppress(OSError):  # no pidfd on this kernel, or the guardian was killed
             handle = os.pidfd_open(os.getpid())

@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM where a verb has others to end in order."""
+"""SIGINT and SIGTERM for a verb that has to end other processes in order."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from types import FrameType
 
 
 class Interrupt:
-    """SIGINT and SIGTERM, kept until somebody looks: nothing is left half started."""
+    """SIGINT and SIGTERM, kept until ``name`` is polled: nothing is left half started."""
 
     def __init__(self) -> None:
         self.name: str | None = None

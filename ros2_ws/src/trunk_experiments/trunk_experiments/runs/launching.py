@@ -119,7 +119,7 @@ def launch_nodes(plan: RunPlan, parameters: Path) -> list[LaunchNode]:
 
 
 def launch_viewers(plan: RunPlan, given: Mapping[str, str], share: Path) -> list[LaunchNode]:
-    """Return what shows a run and has no part in it; ``share`` is this package's share folder."""
+    """Return the viewers of a run, which take no part in it; ``share`` is this package's share folder."""
     rviz = flag(given, "rviz")
     place = _in_namespace(plan.namespace)
     viewers = []
@@ -134,7 +134,7 @@ def launch_viewers(plan: RunPlan, given: Mapping[str, str], share: Path) -> list
 
 
 def next_to_stop(running: Sequence[str]) -> list[str]:
-    """Return whom to stop next once one node has ended; nobody: the rest may go.
+    """Return the nodes to stop next once one has ended; empty: the rest may go.
 
     The simulator goes first, so that the others hear its end, and the recorder last, so that it hears all.
     """

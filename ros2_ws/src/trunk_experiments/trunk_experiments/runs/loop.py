@@ -28,17 +28,17 @@ from ..errors import PlanError
 from ..plans.plan import RunPlan, check_turns
 from .offline import check
 
-_QUIET = Disturbance()  # constants: numba's named tuples know no default values
+_QUIET = Disturbance()  # constants: numba's named tuples have no default values
 _STILL = Hip()
 
 
 class Wire(NamedTuple):
-    """The links of one run: which messages are in use in each step, and those that may still be."""
+    """The links of one run: which messages are in use in each step, and those that may still be used."""
 
     seen: Integers  # [states], the step whose reading is in use
     told: Integers  # [states], the step whose command is in use, -1: none
-    readings: Floats  # [most that one is old + 1, 5]: what the sensors say, and the torque, N m
-    commands: Floats  # [most that one is old + 1], N m
+    readings: Floats  # [greatest age + 1, 5]: the sensors' readings, and the torque, N m
+    commands: Floats  # [greatest age + 1], N m
 
 
 class Surroundings(NamedTuple):
@@ -57,7 +57,7 @@ class Surroundings(NamedTuple):
 
 
 class Participant(NamedTuple):
-    """A controller in the loop: what `decide` takes, and whose motion it reads besides the trunk's."""
+    """A controller in the loop: what `decide` takes, and which motion it reads besides the trunk's."""
 
     setting: Setting
     constants: Any
@@ -65,7 +65,7 @@ class Participant(NamedTuple):
 
 
 class Acted(NamedTuple):
-    """What the loop takes of a controller's answer: of the same type for all laws."""
+    """What the loop uses of a controller's answer: of the same type for all laws."""
 
     active: bool
     fresh: bool
@@ -97,8 +97,8 @@ def decide_by(
     """Return a function that decides for a law's controller and then for the ``others``.
 
     It takes ``(memories, participants, stamp_ns, measured, effort, out, row)``, memories and participants as
-    `Chain`, and returns the next memories and what the one whose turn it is answers, whose update it writes
-    down in the row.
+    `Chain`. It returns the next memories and the active controller's answer, and writes that controller's
+    update into the row.
     """
     update, take_over = law.update, law.take_over
     write_down = tell(law)
@@ -156,7 +156,7 @@ def decide_by(
 def read_by_wire(
     k: int, measured: Measurement, effort: float, wire: Wire | None
 ) -> tuple[Measurement, float]:
-    """Return what the controller reads in step k: of the sensors, and the torque over the last step, N m."""
+    """Return what the controller reads in step k: the sensors, and the torque over the last step, N m."""
     if wire is None:
         return measured, effort
     readings = wire.readings
@@ -171,7 +171,7 @@ def read_by_wire(
 
 
 def told_by_wire(k: int, effort: float, wire: Wire | None) -> float:
-    """Return the torque that the plant is told in step k, N m, where the controller sends this one."""
+    """Return the torque that the plant receives in step k, N m, if the controller sends ``effort``."""
     if wire is None:
         return effort
     commands = wire.commands
@@ -184,15 +184,15 @@ def told_by_wire(k: int, effort: float, wire: Wire | None) -> float:
 GOES_ON, ENDED, DIVERGED = range(3)
 
 # Writes down one state: ``keep(out, row, trunk, acting, measured, felt, acted, effort, plant)``. A controller
-# reads the torque ``felt``, the plant is told ``effort``, both N m.
+# reads the torque ``felt``, the plant receives ``effort``, both N m.
 Keep = Callable[[Floats, int, Trunk, Disturbance, Measurement, float, Acted, float, Plant], None]
 
 
 def stretch_of(*laws: Law, keep: Keep, tell: Tell) -> Callable[..., tuple[int, int, Trunk, Chain]]:
     """Return the loop of a run with these laws, in the order of its participants.
 
-    ``stretch(first, stop, surroundings, trunk, memories, participants, noise, history, out)`` does the
-    states in [first, stop), state ``first`` being that of ``trunk``, and writes state k down in row
+    ``stretch(first, stop, surroundings, trunk, memories, participants, noise, history, out)`` computes the
+    states in [first, stop), state ``first`` being that of ``trunk``, and writes state k into row
     ``k - first`` of ``out``. It returns how many states of the run there are now; how it ends: `GOES_ON`,
     `ENDED` (by a fall, or after the last state) or `DIVERGED` (in the step after the last of them); and
     trunk and memories, for the next stretch.

@@ -51,9 +51,9 @@ class Monitor:
         self._executor.spin_once(timeout_sec=timeout_s)
 
     def doubled(self, own: Mapping[str, str]) -> list[str]:
-        """Return which of our nodes has a namesake; ``own`` are the processes of ours, by node.
+        """Return which of our nodes' names are used twice; ``own`` are the processes of ours, by node.
 
-        Nodes say themselves in which process they are: discovery may for a while list a node that is gone.
+        Nodes report their own process: discovery may for a while list a node that is gone.
         """
         return [name for name, process in own.items() if self._processes[name] - {process}]
 

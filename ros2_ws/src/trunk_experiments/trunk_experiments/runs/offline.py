@@ -30,7 +30,7 @@ class Step(NamedTuple):
     truth: JointSample
     measured: JointSample
     acting: Disturbance
-    controller: str  # who answers; empty: nobody
+    controller: str  # the controller that answers; empty: none
     answer: Answer | None
     turned: tuple[
         tuple[str, bool], ...
@@ -48,7 +48,7 @@ class Begun(NamedTuple):
     controllers: Mapping[str, Controller]
     told_ns: int = 0
     effort: float = 0.0
-    by_hand: bool = False  # nobody may be active for a while
+    by_hand: bool = False  # at times no controller may be active
 
 
 def begun(plan: RunPlan, act: Act | None = None) -> Begun:
@@ -124,7 +124,7 @@ def check(plan: RunPlan) -> None:
 def steps(plan: RunPlan, act: Act | None = None) -> Iterator[Step]:
     """Yield the N + 1 steps of a run; ``act`` is that of the `Simulation`.
 
-    Where a run is repeated in which nobody was active for a while, the plant holds the last command until
+    If no controller was active for a while in a run that is repeated, the plant holds the last command until
     it is too old, as in real time. Raises PlanError for a plan that cannot be run offline (`check`),
     DivergedError (after the last finite step) if the loop is unstable.
     """
@@ -135,8 +135,8 @@ def steps(plan: RunPlan, act: Act | None = None) -> Iterator[Step]:
 def steps_from(plan: RunPlan, begin: Begun, stop: int = -1) -> Iterator[Step]:
     """Yield the steps of a run from a state on, whose nodes ``begin`` holds. Raises as `steps` does.
 
-    The plan has the configurations in force at that state, and what changes from it on. The nodes are left
-    before the state with the index ``stop``, if the run comes to it.
+    The plan has the configurations in force at that state, and what changes from it on. The nodes stay
+    before the state with the index ``stop``, if the run reaches it.
     """
     simulator, simulation = plan.simulator, begin.simulation
     of_simulator = plan.timeline("simulator")
@@ -174,7 +174,7 @@ def steps_from(plan: RunPlan, begin: Begun, stop: int = -1) -> Iterator[Step]:
 
 
 def disturbance_source(plan: RunPlan) -> Callable[[int], Disturbance]:
-    """Return a function that gives the acting disturbance at increasing stamps."""
+    """Return a function that returns the acting disturbance; its stamps must increase."""
     if plan.disturbance is None:
         quiet = Disturbance()
         return lambda stamp_ns: quiet

@@ -85,7 +85,7 @@ def _record(
 
 
 class Within(NamedTuple):
-    """Where in a recording the states of a run are written: by default they are all that is in it."""
+    """Where in a recording a run's states are written: by default it holds nothing else."""
 
     first: int = 0  # index of the first state
     ahead_ns: int = 0  # log times less stamps
@@ -212,7 +212,7 @@ class OfflineRecorder:
                 yield self._single(topic, row * PLACES + TURNED, change.stamp_ns, data)
 
     def _told(self, node: str, change: Change) -> Iterator[tuple[str, bytes]]:
-        """Yield the messages that tell of a change, each with its topic."""
+        """Yield the messages that report a change, each with its topic."""
         word = change.event if change.values is None else Event.RETUNED
         yield topics.RUN_EVENTS, event(change.stamp_ns, self._within.name(node), word)
         if change.values is not None:
@@ -235,7 +235,7 @@ class OfflineRecorder:
         return rows._replace(time_ns=rows.time_ns + self._within.ahead_ns)
 
     def put_changes_to_come(self) -> None:
-        """Write the changes that no state has seen."""
+        """Write the changes that come after the last state."""
         while self._changes:
             node, change = self._changes.pop()
             for topic, data in self._told(node, change):

@@ -48,8 +48,8 @@ def find_executable(package: str, executable: str) -> Path:
 def _child_of(parent: int, enlist: Callable[[], None]) -> Callable[[], None]:
     def prepare() -> None:
         # System calls, which take no lock: safe between fork and exec.
-        # A run that is killed outright must not leave its nodes behind, not even this moment.
-        # One that hangs is the guardian's.
+        # A run that is killed must not leave its nodes behind, not even at this moment.
+        # The guardian stops nodes that hang.
         _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
         early_signals.block()  # the executable takes them once it can
         enlist()

@@ -1,4 +1,4 @@
-"""A run's states, stretch by stretch: by compiled code where that is quicker, and can be; else by CPython.
+"""A run's states, stretch by stretch: by compiled code where that is possible and faster, else by CPython.
 
 Both give the same bits.
 """
@@ -52,7 +52,7 @@ def states_in_stretches(plan: RunPlan) -> Iterator[States]:
         try:
             return compiled_states(plan)
         except (ImportError, PlanError):
-            # numba is not needed, but quick; and CPython does all that `check_compilable` names
+            # numba is optional but faster; CPython runs all that `check_compilable` refuses
             pass
     return in_stretches(steps(plan), longest(plan.simulator.substeps))
 
@@ -124,7 +124,7 @@ _compiled: dict[tuple[str, ...], Callable[..., Any]] = {}
 
 
 def _compiled_stretch(plan: RunPlan, run: _Run, start: tuple[Trunk, Chain]) -> Callable[..., Any]:
-    """Return the stretch of a plan's laws, compiled, after a call that does no state."""
+    """Return the stretch of a plan's laws, compiled, after a call that computes no state."""
     from trunk_msgs_util.compiled import NumbaError, ready, reason_of
 
     laws = tuple(plan.controllers)
@@ -166,7 +166,7 @@ def _stretches(
 
 
 class _Noise:
-    """The sensors' samples, many at a time: so many are compiled code's to draw."""
+    """The sensors' samples, many at a time, so that compiled code draws them."""
 
     _STRETCHES = 16
 
@@ -177,7 +177,7 @@ class _Noise:
         self._samples: Floats = np.zeros((1, 2))
 
     def rows(self, first: int, stop: int) -> Floats:
-        """Return the samples of the states in [first, stop), which do not cross a multiple of so many."""
+        """Return the samples of the states in [first, stop), which must lie in one block of samples."""
         if self._seed is None:
             return self._samples
         begin = first - first % self._length
@@ -190,7 +190,7 @@ class _Noise:
 def _turns(
     plan: RunPlan, first: int, stop: int
 ) -> tuple[list[tuple[int, str]], list[tuple[int, str, bool]]]:
-    """Return who acts, and which turns begin or end, in the states in [first, stop), by rows."""
+    """Return which controller acts, and turns that begin or end, in the states in [first, stop), by row."""
     period_ns = plan.simulator.period_ns
     times = {name: config.active_times_ns for name, config in plan.controllers.items()}
     begins = {-(-time // period_ns) for some in times.values() for time in some}

@@ -24,11 +24,11 @@ APPLIED = 8  # N m, over the previous step
 ACTING, OFFSET = slice(9, 11), slice(11, 13)  # disturbance: N and N m; m and rad
 EFFORT = 13  # N m, the command
 FRESH = 14  # 1.0 where the law was updated: the terms are those of this update
-REFERENCE = 15  # rad, of the one who answers
+REFERENCE = 15  # rad, of the controller that answers
 SEEN_APPLIED = 16  # N m, over the step before the one that is measured
-TERMS = 17  # and following: what a law tells of an update, by `Law.record_names`
+TERMS = 17  # and following: a law's record of an update, by `Law.record_names`
 
-# A stretch is about as long for a signal to wait, and short enough to stay in the cache.
+# A signal waits for the end of a stretch at most; a stretch also fits into the cache.
 _LONGEST = 4096  # states
 _SUBSTEPS = 1 << 18  # Runge-Kutta steps
 
@@ -38,25 +38,25 @@ class States(NamedTuple):
 
     first: int  # the first one's index
     table: Floats  # [N, columns]
-    acts: list[tuple[int, str]]  # from which row on who answers; empty: nobody
+    acts: list[tuple[int, str]]  # which controller answers from a row on; empty: none
     turned: list[tuple[int, str, bool]]  # made active or inactive by the schedule, before the row
     falls: list[int]  # the trunk fell in these rows
-    told: Mapping[str, tuple[str, ...]]  # the names of each one's terms
+    told: Mapping[str, tuple[str, ...]]  # the names of each controller's terms
 
     def answers(self) -> Iterator[tuple[str, slice]]:
-        """Yield who answers, and in which rows; nobody is left out."""
+        """Yield which controller answers in which rows; rows without one are left out."""
         ends = [row for row, _ in self.acts[1:]] + [len(self.table)]
         for (begin, name), end in zip(self.acts, ends, strict=True):
             if name:
                 yield name, slice(begin, end)
 
     def acting(self, row: int) -> str:
-        """Return who answers the state of a row; empty: nobody."""
+        """Return the controller that answers the state of a row; empty: none."""
         return [name for since, name in self.acts if since <= row][-1]
 
 
 def longest(substeps: int) -> int:
-    """Return how many states are done at a time."""
+    """Return how many states are computed at a time."""
     return max(1, min(_LONGEST, _SUBSTEPS // substeps))
 
 
@@ -71,7 +71,7 @@ def keep_states(
     effort: float,
     plant: Plant,
 ) -> None:
-    """Write a state into a row of ``out``, but for its terms. Compiles unchanged."""
+    """Write a state into a row of ``out``, except its terms. Compiles unchanged."""
     state = trunk.state
     out[row, 0], out[row, 1], out[row, 2], out[row, 3] = (
         state.x,
@@ -102,7 +102,7 @@ def tell_terms(law: Law) -> Callable[[Floats, int, Answer, Measurement], None]:
 
 
 def in_stretches(steps: Iterable[Step], states: int, first: int = 0) -> Iterator[States]:
-    """Yield steps that CPython does, so many states at a time; ``first`` is the first one's index.
+    """Yield steps that CPython computes, in stretches of states; ``first`` is the first one's index.
 
     Raises what ``steps`` raises; where that is DivergedError, what was done before it is yielded first.
     """

@@ -1,4 +1,4 @@
-"""Processes are told to end, and killed where they do not: in less than the 10 s of docs/faults.md."""
+"""Tell processes to end, and kill those that do not: in less than the 10 s of docs/faults.md."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from trunk_msgs_util.patience import Patience
 
 # A node that ends hands its evidence over within 3 s.
 FIRST_S = 3.7
-# For all: the recorder, too, needs up to 4 s. A death is noticed, and heard out, within 0.6 s.
+# For all: the recorder, too, needs up to 4 s. A death is noticed, and its reason read, within 0.6 s.
 ALL_S = 8.0
 _POLL_S = 0.02
 
@@ -42,8 +42,8 @@ def stop(
 ) -> list[Process]:
     """Tell all of ``first`` to end, and ``last`` when they have; kill those that do not.
 
-    ``last`` is the recorder: it has to hear what the others say as they end. Return those that did not end
-    by themselves; none is left running.
+    ``last`` is the recorder: it has to record the others' last messages. Return those that had to be killed;
+    none is left running.
     """
     total = Patience(ALL_S, clock)
     killed = _end(first, [Patience(FIRST_S, clock), total], sleep)

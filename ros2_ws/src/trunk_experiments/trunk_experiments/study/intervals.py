@@ -60,7 +60,7 @@ def mean_and_median(values: Floats) -> tuple[Estimate, Estimate]:
 
 
 def _resampled(values: Floats, statistic: Any) -> list[Estimate]:
-    """Return what a statistic [K] of some values is; of a single value, or none, without an interval."""
+    """Return a statistic [K] of some values with intervals; without them for a single value or none."""
     count = len(values)
     if count == 0:
         return [NOTHING, NOTHING]

@@ -177,7 +177,7 @@ def draw(
     title: str,
     among: Sequence[MapPanel] = (),
 ) -> Figure:
-    """Return the panels side by side, with a common colour scale: that of all ``among`` which they are."""
+    """Return the panels side by side, with one colour scale for all ``among``, by default for these."""
     told = np.concatenate([panel.values[np.isfinite(panel.values)] for panel in among or found])
     low, high = np.percentile(told, (2, 98)) if len(told) else (0.0, 1.0)
     with rc_context({**STYLE, "axes.grid": False}):

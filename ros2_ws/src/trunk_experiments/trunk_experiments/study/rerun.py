@@ -1,4 +1,4 @@
-"""One run of a sweep again: its plan, and whether what comes out has the bits of its row."""
+"""One run of a sweep again: its plan, and whether its result has the bits of its row."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def record_again(
 ) -> DivergedError | None:
     """Record the run offline; return why it diverged, as it did in the sweep, or None.
 
-    Raises StudyError, and leaves the file as it was, if a metric or the divergence has not the row's bits.
+    Raises StudyError, and leaves the file as it was, if the bits of a metric or the divergence differ.
     """
     with whole_file(path, overwrite=overwrite) as part:
         diverged = None

@@ -1,11 +1,11 @@
 """Which of a study's drawn parameters matters: Sobol indices, by `scipy.stats.sobol_indices`.
 
-A first-order index is the share of a metric's variance that a parameter makes alone, a total one the share
-that it takes part in. The runs are those of a sweep, at points of a scrambled Sobol sequence; whatever else
-is drawn by a seed (noise, links, random pulses) is that of the study's first draw in all of them.
+A first-order index is the share of a metric's variance that a parameter causes alone, a total index the share
+to which it contributes. The runs are those of a sweep, at points of a scrambled Sobol sequence; everything
+else that is drawn by a seed (noise, links, random pulses) is from the study's first draw in all runs.
 
-A run that fell has no metric that could be compared. It counts as the worst of the runs that stood, and
-how many there are is always told: `Sensitivity.filled`. How often the trunk fell is itself a metric, `FELL`.
+A run that fell has no comparable metric. It counts as the worst of the runs that stood; `Sensitivity.filled`
+is the number of such runs. How often the trunk fell is itself a metric, `FELL`.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Sensitivity:
 
     @property
     def doubtful(self) -> bool:
-        """True if so many runs were filled in that the indices tell more of falls than of the metric."""
+        """True if so many runs were filled in that the indices reflect falls more than the metric."""
         return self.filled > 0.05 * self.runs
 
 

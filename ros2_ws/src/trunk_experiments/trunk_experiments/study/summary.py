@@ -62,13 +62,13 @@ class Distribution:
 
 
 def percent(share: float) -> str:
-    """Return a share with two digits: ``3.7 %``."""
+    """Return a share with two significant digits: ``3.7 %``."""
     told = 100.0 * share
     return f"{told:.2g} %" if 0.0 <= told < 99.5 else f"{told:.3g} %"
 
 
 def number_text(value: float) -> str:
-    """Return a number with three digits, and all of those before the point."""
+    """Return a number with three significant digits, or with all digits before the point."""
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.3g}"
 
 

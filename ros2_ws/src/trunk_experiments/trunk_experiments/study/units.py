@@ -13,7 +13,7 @@ from ..plans.nodes import NODES
 from .study import Contender, Study, Target, Variable
 from .targets import node_of
 
-Units = tuple[tuple[str, ...], ...]  # each has to be met, by any one of its units
+Units = tuple[tuple[str, ...], ...]  # a number has to fit each inner tuple, by any one of its units
 
 
 def units_for(targets: Sequence[Target], how: str, contenders: Sequence[Contender]) -> Units:

@@ -49,7 +49,7 @@ class Comparison:
 def best_of(values: Sequence[float | None], sound: Sequence[bool] | None = None) -> tuple[int, ...]:
     """Return the indices of the smallest magnitude: all that tie, none if there is nothing to choose.
 
-    Only the ``sound`` runs take part: no run is best that fell, is incomplete, or did not keep time.
+    Only the ``sound`` runs take part: a run that fell, is incomplete or did not keep time is never the best.
     """
     allowed = [True] * len(values) if sound is None else sound
     magnitudes = [abs(v) for v, good in zip(values, allowed, strict=True) if good and v is not None]
@@ -76,7 +76,7 @@ def metrics_of(view: RunView) -> dict[str, float | None]:
 def metric_rows(
     views: Sequence[RunView], doubts: Sequence[Doubts], tasks: Sequence[str]
 ) -> tuple[Row, ...]:
-    """Return the rows of the table of metrics; no run in doubt is best, and none of different ``tasks``."""
+    """Return the rows of the table of metrics; no doubtful run is best, and none if ``tasks`` differ."""
     sound = [not doubt and not tasks for doubt in doubts]
     found = [metrics_of(view) for view in views]
     levels = [has_level(view.table) for view in views]

@@ -112,7 +112,7 @@ def _chosen(recording: Recording, topics: Collection[str]) -> list[str]:
 
 
 def _span(start: float, end: float) -> str:
-    """Return a window of time in words; nothing of an end that is open."""
+    """Return a window of time in words; an open end is left out."""
     if start == -inf:
         return "" if end == inf else f", up to t = {end:g} s"
     return f", from t = {start:g} s" if end == inf else f", t = {start:g} to {end:g} s"

@@ -1,4 +1,4 @@
-"""What a law tells besides gains: its own terms, by their names and units."""
+"""What a law reports besides gains: its own terms, by their names and units."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class OwnTerm(NamedTuple):
 
 
 def own_terms(views: Sequence[RunView]) -> list[OwnTerm]:
-    """Return the terms of laws that tell no gains, in their order, each once."""
+    """Return the terms of laws that report no gains, in their order, each once."""
     found: dict[str, OwnTerm] = {}
     for view in views:
         for controller in view.controllers:

@@ -1,7 +1,7 @@
-"""A page's columns as little text: exact to the last bit, or in steps that no eye tells from it.
+"""A page's columns as compact text: exact to the last bit, or in steps that are too fine to see.
 
-A column becomes integers: its doubles' bits, or its values in steps. What is left of them after up to three
-differences is small where a curve is smooth; its bytes, all lowest ones first, are deflated and written as
+A column becomes integers: its doubles' bits, or its values in steps. Differences of up to third order are
+small where a curve is smooth; their bytes, all lowest ones first, are deflated and written as
 base64. `report_assets/data.js` undoes this. A smooth curve has half the size that its doubles have as base64,
 and a tenth or less where 24 bits of its range are enough.
 """
@@ -48,7 +48,7 @@ def packed(values: Floats, bits: int | None = None) -> dict[str, Any]:
 def packed_columns(columns: Mapping[str, Floats], bits: int | None = None) -> Columns:
     """Return columns by name; a column of the same bits as an earlier one only names it.
 
-    The times ``t`` are always exact: whoever looks for a stamp finds it.
+    The times ``t`` are always exact, so that a stamp can be found.
     """
     found: Columns = {}
     seen: dict[bytes, str] = {}
@@ -62,7 +62,7 @@ def packed_columns(columns: Mapping[str, Floats], bits: int | None = None) -> Co
 
 
 def _in_steps(data: Floats, bits: int) -> tuple[Integers, dict[str, float]] | None:
-    """Return the values as numbers of steps, and what makes values of them.
+    """Return the values as numbers of steps, and what converts them back.
 
     None: they have no finite range.
     """

@@ -104,7 +104,7 @@ def turns(axes: Axes, views: Sequence[RunView], named: bool = False) -> None:
 
 
 def branches(axes: Axes, views: Sequence[RunView]) -> None:
-    """Mark where branches begin: up to there they are their parent."""
+    """Mark where branches begin: up to there they equal their parent."""
     for start in sorted({view.run.branch.at for view in views if view.run.branch}):
         axes.axvline(start, zorder=1.1, **BRANCH_LINE)
 

@@ -1,4 +1,4 @@
-"""The small panels of an overview: gains, or what a law without gains tells."""
+"""The small panels of an overview: gains, or the terms of a law without gains."""
 
 from __future__ import annotations
 

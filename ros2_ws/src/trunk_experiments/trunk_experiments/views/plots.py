@@ -236,7 +236,7 @@ def _any_of_ours(views: Sequence[RunView]) -> bool:
 
 
 def _say(axes: Axes, text: str) -> None:
-    """Write what is in the place of a plot."""
+    """Write a text in place of a plot."""
     axes.set_axis_off()
     axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes)
 

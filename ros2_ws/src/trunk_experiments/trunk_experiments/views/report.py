@@ -54,7 +54,7 @@ class RunSection:
     topics: tuple[tuple[str, str, int], ...]  # name, type, messages
     rules: tuple[tuple[str, tuple[RuleCell, ...]], ...]  # a row per label of e; none for a PID
     hip: bool  # False: another robot, of whose hip nothing is known
-    rate: bool  # False: nobody measured velocities
+    rate: bool  # False: velocities were not measured
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def quantity_label(key: str) -> tuple[str, str]:
 
 
 def said_of(view: RunView) -> list[str]:
-    """Return what is wrong with a run: what `findings` finds, what is not ours, parameters not to be used."""
+    """Return what is wrong with a run: what `findings` finds, another robot, unusable parameters."""
     found = [finding.describe() for finding in findings(view.run) if finding.severity != INFO]
     found += [_NOT_OURS] if view.run.another_robot else []
     return found + [w for w in view.warnings if w not in view.recording.warnings]

@@ -115,7 +115,7 @@ def _run(view: RunView, label: str, columns: Columns, updates: Columns) -> dict[
 
 
 def _fell(view: RunView) -> float | None:
-    """Return when the trunk fell, in s since the run's begin; None if it did not."""
+    """Return when the trunk fell, in s since the run's start; None if it did not."""
     fell_ns = view.recording.fell_at_ns
     return None if fell_ns is None else (fell_ns - view.run.begin_ns) / NANOSECONDS
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from .run_view import RunView
 
-# Plant, start, measurement, links, drive and length; not how finely time is cut, nor how the run was paced.
+# Plant, start, measurement, links, drive and length; not the time step, nor how the run was paced.
 _OF_SIMULATOR = (
     "plant.",
     "path.",
@@ -38,7 +38,7 @@ _ACTS = {
     "noise.": ("noise.rms",),
     "table.": ("table.times",),
 }
-# What is another task if it changes during the run.
+# Parameters whose change during the run makes another task.
 _LATER = {
     "simulator": _OF_SIMULATOR,
     "controller": _OF_CONTROLLER,
@@ -50,8 +50,8 @@ _LISTED = 4  # of the parameters that differ, in a line
 def different_tasks(views: Sequence[RunView]) -> tuple[str, ...]:
     """Return the names (``role.name``) of what makes the runs' tasks different; none if they are the same.
 
-    By what was recorded: where that is no simulator's parameters, by the scenario's name; where another
-    controller's parameters are not on record, by the references that it was told.
+    This follows from the record: without a simulator's parameters, from the scenario's name; without a
+    controller's parameters, from the references that it received.
     """
     tasks = [_task(view) for view in views]
     if any(view.run.another_controller for view in views):
