@@ -266,6 +266,60 @@ def test_a_run_that_diverges_ends_with_its_last_state(tmp_path):
     assert steps(run) == run.count(TRUTH)
 
 
+def test_changes_before_the_first_state_act_on_it_and_those_at_it_on_the_next(tmp_path, way):
+    changes = [
+        Change(-1, {"sensor.position_bias": 0.3, "plant.length": 1.2}),
+        Change(0, {"sensor.position_bias": 0.7, "plant.length": 1.3}),
+    ]
+    plan = replace(planned(*SENSORS), changes={"simulator": changes})
+    path = recorded(plan, tmp_path / "changed.mcap")
+    seen = RecordedRun.open(path).table(MEASURED).values("position")[:, 1]
+    assert seen[1] - seen[0] == pytest.approx(0.4, abs=0.02)
+    assert follows(path, way)
+
+
+def test_no_disturbance_acts_again_after_another_one(tmp_path):
+    """Two equal pulses acted, and somebody has taken the second one out of the messages."""
+    plan = make_plan(
+        "fig8",
+        "pid",
+        settings=[
+            "disturbance.pulse.channel=trunk_effort",
+            "disturbance.pulse.start_times=[0.01, 0.03]",
+            "disturbance.pulse.duration=0.005",
+        ],
+        everywhere={"duration": 0.06, "update_rate": 1000.0},
+    )
+    path = recorded(plan, tmp_path / "a.mcap")
+    table = RecordedRun.open(path).table("disturbance")
+    pulse = [k for k in range(20, STATES) if any(table.get(k * MS, "effort"))]
+    assert pulse
+
+    def edit(messages):
+        of_stamp = {table.stamps[row]: row for row in range(len(table))}
+        for k in pulse:
+            names, none = tuple(table.names), (0.0, 0.0)
+            sample = JointSample(k * MS, names, none, (), none)
+            of(messages, "disturbance")[of_stamp[k * MS]][2] = layout_of(sample).pack(sample)
+
+    run = RecordedRun(copied(path, tmp_path / "b.mcap", edit, NONE, provenance=REAL_TIME))
+    assert [d.stamp_ns for d in found(run) if d.field == "velocity[trunk]"] == [
+        (k + 1) * MS for k in pulse
+    ]
+
+
+def test_where_a_command_is_missing_in_real_time_an_earlier_one_is_on_its_way(linked, tmp_path):
+    def edit(messages):
+        messages.remove(of(messages, "effort_command")[33])
+
+    copy = copied(linked, tmp_path / "missing.mcap", edit, NONE, provenance=REAL_TIME)
+    replayed = PlantReplay(RecordedRun(copy), 34 * MS)
+    assert found_by(replayed) == []
+    sent = [effort for _, effort in replayed._sent()]
+    efforts = RecordedRun.open(linked).table("effort_command").values("effort")[:, 0].tolist()
+    assert sent == [*efforts[:33], efforts[32]]
+
+
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory):
     """Return a run in which nobody acts from 20 ms to 50 ms, for which a command holds 10 ms."""

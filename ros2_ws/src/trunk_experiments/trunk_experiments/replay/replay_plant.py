@@ -61,7 +61,7 @@ class PlantReplay:
         self._acting: list[tuple[int, Disturbance]] = []
         self._operated = run.operated
         self._row = -1  # before the first state
-        self._regular = False
+        self._regular: bool  # what compiled code takes; set where the states are gone through
         self.retune(config)
         self.reset()
         self._timeline.advance(0, self)  # changes before the first state act on it
@@ -108,8 +108,10 @@ class PlantReplay:
 
     def _sent(self) -> Iterator[tuple[Seen, float]]:
         """Yield the reading and the command of each state before the current one, if there are links."""
+        if not self._wire.linked:
+            return
         told = sorted(self._commands.rows)
-        for row in range(self._row if self._wire.linked else 0):
+        for row in range(self._row):
             stamp_ns = int(self._stamps[row])
             effort = self._torques.command(stamp_ns)
             if effort is None:  # in real time, an earlier one acted
