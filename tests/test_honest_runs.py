@@ -11,12 +11,17 @@ from trunk_control.controller import Controller
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change, Timeline
 from trunk_experiments.plans.turns import Swap
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay import replay, stretches
 from trunk_experiments.replay.real_time import PossibleDisturbances
+from trunk_experiments.replay.replay_plant import PlantReplay
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording
 from trunk_sim.disturbances import Disturbance
+
+from .edited import NONE, copied
 
 H = 5_000_000  # ns
 
@@ -124,3 +129,31 @@ def test_a_pulse_may_act_after_its_end_where_messages_are_late():
     in_time = PossibleDisturbances(told)
     in_time.passed(0, 4 * H)
     assert list(dict(in_time.at(5 * H, timeout_ns=10 * H))) == [4 * H]
+
+
+@pytest.mark.slow
+def test_in_a_long_real_time_run_a_pulse_may_begin_and_end_late(tmp_path, monkeypatch):
+    """Such runs are skipped over by compiled code, which takes each state's own message."""
+    monkeypatch.setattr(replay, "WORTH_COMPILING", 1000)
+    if not stretches.available():
+        pytest.skip("numba: in requirements/runtime.txt")
+    pulse = ("channel=trunk_effort", "start_times=[0.5]", "duration=0.25")
+    settings = [f"disturbance.pulse.{one}" for one in pulse]
+    plan = make_plan("fig6", "pid", settings=settings, everywhere={"duration": 5.0})
+    record_offline(plan, tmp_path / "run.mcap")
+
+    def two_steps_late(messages):
+        told = [m for m in messages if m[0] == "/disturbance"]
+        for message, later in zip(told, told[2:], strict=False):
+            message[2] = message[2][:12] + later[2][12:]  # its own stamp, and what comes later
+
+    late = copied(
+        tmp_path / "run.mcap",
+        tmp_path / "late.mcap",
+        two_steps_late,
+        NONE,
+        provenance={"mode": "real_time"},
+    )
+    checked = list(PlantReplay(RecordedRun(late)))
+    assert [d for one in checked for d in one.found] == []
+    assert max(one.steps for one in checked) > 100
