@@ -254,6 +254,17 @@ def test_an_event_of_a_fall_is_found_missing_only_where_falls_are_told(tmp_path)
     run.parameters["simulator"].pop("fall.angle")
     assert found(run) == []
 
+    def moved(messages):
+        for message in of(messages, "run/events"):
+            if b"fell" in message[2]:
+                stamped(message, 5 * MS)
+
+    run = RecordedRun(copied(path, path.with_suffix(".moved"), moved, NONE))
+    assert [(d.stamp_ns, d.field, d.recorded, d.computed) for d in found(run)] == [
+        (0, "fell", 0.0, 1.0),
+        (5 * MS, "fell", 1.0, 0.0),
+    ]
+
 
 def test_a_run_that_diverges_ends_with_its_last_state(tmp_path):
     plan = planned("pid.gains.d=1e5", duration=0.5)
@@ -306,6 +317,38 @@ def test_no_disturbance_acts_again_after_another_one(tmp_path):
     assert [d.stamp_ns for d in found(run) if d.field == "velocity[trunk]"] == [
         (k + 1) * MS for k in pulse
     ]
+
+
+def test_what_was_measured_acts_on_the_step_too(tmp_path):
+    """In real time: a measurement with the offset of 9 ms does not go with the torque of 10 ms."""
+    settings = [
+        "disturbance.pulse.channel=trunk_effort",
+        "disturbance.pulse.start_times=[0.01]",
+        "disturbance.pulse.duration=0.005",
+        "disturbance.sine.channel=trunk_position",
+        "disturbance.sine.amplitude=0.01",
+        "disturbance.sine.frequency=20.0",
+    ]
+    everywhere = {"duration": 0.06, "update_rate": 1000.0}
+    path = recorded(
+        make_plan("fig8", "pid", settings=settings, everywhere=everywhere), tmp_path / "a"
+    )
+    run = RecordedRun.open(path)
+    seen = PlantReplay(run)._states.reading(10, disturbance_at(run, 9 * MS))
+    table = run.table(MEASURED)
+    sample = JointSample(
+        10 * MS,
+        tuple(table.names),
+        (seen.x, seen.theta),
+        (seen.x_dot, seen.theta_dot),
+        tuple(table.values("effort")[10].tolist()),
+    )
+
+    def edit(messages):
+        of(messages, MEASURED)[10][2] = layout_of(sample).pack(sample)
+
+    forged = RecordedRun(copied(path, tmp_path / "b", edit, NONE, provenance=REAL_TIME))
+    assert {(d.stamp_ns, d.topic) for d in found(forged)} == {(11 * MS, TRUTH)}
 
 
 def test_where_a_command_is_missing_in_real_time_an_earlier_one_is_on_its_way(linked, tmp_path):
