@@ -25,6 +25,8 @@ from trunk_sim.simulation import DivergedError
 from .edited import NONE, copied
 from .replay_ways import WAYS, replay_this_way
 
+pytestmark = pytest.mark.slow
+
 MS = 1_000_000
 TRUTH, MEASURED = "ground_truth/joint_states", "joint_states"
 REAL_TIME = {"mode": "real_time"}
@@ -120,6 +122,20 @@ def stamped(message, stamp_ns):
 def test_links_and_pushes_follow_from_the_record(linked, pushed, way, provenance):
     assert follows(linked, way, provenance=provenance)
     assert follows(pushed, way, provenance=provenance)
+
+
+@pytest.mark.parametrize("provenance", [{}, REAL_TIME], ids=["exact", "real time"])
+def test_the_torque_of_a_weak_and_slow_drive_follows(tmp_path, way, provenance):
+    """Where time is exact, it is made of the command; in real time it is the recorded one."""
+    drive = ("simulator.actuator.time_constant=0.004", "simulator.max_effort=3.0")
+    path = recorded(planned(*drive), tmp_path / "drive.mcap")
+    torques = RecordedRun.open(path).table(TRUTH).values("effort")[:, 1]
+    assert abs(torques).max() <= 3.0 < abs(commanded(path)).max()
+    assert follows(path, way, provenance=provenance)
+
+
+def commanded(path):
+    return RecordedRun.open(path).table("effort_command").values("effort")[:, 0]
 
 
 def shifted_back(by):
@@ -359,7 +375,7 @@ def test_where_a_command_is_missing_in_real_time_an_earlier_one_is_on_its_way(li
     replayed = PlantReplay(RecordedRun(copy), 34 * MS)
     assert found_by(replayed) == []
     sent = [effort for _, effort in replayed._sent()]
-    efforts = RecordedRun.open(linked).table("effort_command").values("effort")[:, 0].tolist()
+    efforts = commanded(linked).tolist()
     assert sent == [*efforts[:33], efforts[32]]
 
 
