@@ -117,6 +117,23 @@ def test_a_recording_is_played_sought_and_looped(watched, swapped):
     page.wait_for_function("() => view.time === known.recorded.last && !view.playing")
 
 
+def test_rules_are_away_while_their_parameters_are_not_known(watched, swapped):
+    """A gateway that is started again knows the nodes before it knows their parameters."""
+    page = watched(swapped)
+    hidden = "() => { rules.show(); return document.getElementById('rules').hidden; }"
+    assert page.evaluate(hidden) is False
+    page.evaluate(
+        """() => {
+          known.run.acting = ["pid"];
+          window.whole = known.nodes.get("fuzzy_pid");
+          known.nodes.set("fuzzy_pid", { ...window.whole, parameters: {} });
+        }"""
+    )
+    assert page.evaluate(hidden) is True
+    page.evaluate("() => known.nodes.set('fuzzy_pid', window.whole)")
+    assert page.evaluate(hidden) is False
+
+
 def test_an_incomplete_recording_says_so_first(watched, swapped, tmp_path):
     data = swapped.read_bytes()
     cut = tmp_path / "cut.mcap"

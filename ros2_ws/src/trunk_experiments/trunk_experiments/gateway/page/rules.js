@@ -15,7 +15,7 @@ const rules = (() => {
   let shown = "";
 
   const has = (name) => Boolean(known.nodes.get(name)?.parameters["rules.kp"]);
-  const owner = () => known.run.acting.find(has) ?? (shown || [...known.nodes.keys()].find(has));
+  const owner = () => [...known.run.acting, shown, ...known.nodes.keys()].find(has);
   const rowsOf = (name) => changed.get(name) ?? known.nodes.get(shown).parameters[name];
 
   const cellsOf = (text) => text.split(/\s+/).filter(Boolean);
