@@ -51,5 +51,5 @@ class RecordedTorques:
                 torques[told == stamp_ns] = effort
             torques[told < 0] = 0.0
             return torques
-        acted = by_row(self._truth, self._states.stamps[first + 1 : stop + 1])[:, -1]
-        return np.append(acted, np.nan)[: len(stamps)]
+        acted = by_row(self._truth, self._states.stamps[first + 1 : stop])[:, -1]
+        return np.append(acted, np.nan)  # no step from the last row is asked for
