@@ -91,8 +91,12 @@ def pushed(tmp_path_factory):
     return recorded(plan, tmp_path_factory.mktemp("replay") / "pushed.mcap")
 
 
-def found(run, until_ns=None):
-    return [d for one in PlantReplay(run, until_ns) for d in one.found]
+def found(run):
+    return found_by(PlantReplay(run))
+
+
+def found_by(replayed):
+    return [d for one in replayed for d in one.found]
 
 
 def steps(run):
@@ -153,7 +157,7 @@ def shifted_back(by):
 
 
 @pytest.mark.parametrize("by", [1, 4])
-def test_in_real_time_a_disturbance_may_act_late(pushed, linked, way, by):
+def test_in_real_time_a_disturbance_may_act_late(pushed, by):
     """Before the first message came, what acts here is not nothing: those states differ."""
     run = RecordedRun(
         copied(pushed, pushed.with_suffix(".late"), shifted_back(by), NONE, provenance=REAL_TIME)
@@ -163,7 +167,7 @@ def test_in_real_time_a_disturbance_may_act_late(pushed, linked, way, by):
     assert len({d.stamp_ns for d in found(exact)}) > 30
 
 
-def test_in_real_time_a_disturbance_may_act_late_in_what_a_link_brings_late(tmp_path, way):
+def test_in_real_time_a_disturbance_may_act_late_in_what_a_link_brings_late(tmp_path):
     """The sensors' offsets are of the step in which they were read, whatever acted there."""
     offset = (
         "disturbance.pulse.channel=trunk_position",
@@ -224,16 +228,14 @@ def test_a_bit_of_a_real_time_torque_is_not_that_of_the_reading(pushed):
     ]
 
 
-@pytest.mark.parametrize("row", [14, 22])
-def test_a_push_that_was_another_is_found(pushed, row):
+@pytest.mark.parametrize(("number", "first"), [(0, 14), (1, 21)])
+def test_a_push_that_was_another_is_found(pushed, number, first):
     def edit(messages):
-        data = bytearray(of(messages, "operator/push")[0 if row < 20 else 1][2])
-        value = struct.unpack_from("<d", data, len(data) - 8)[0]
-        struct.pack_into("<d", data, len(data) - 8, value + 1.0)
-        of(messages, "operator/push")[0 if row < 20 else 1][2] = bytes(data)
+        message = of(messages, "operator/push")[number]
+        (torque,) = struct.unpack("<d", message[2][-8:])
+        message[2] = message[2][:-8] + struct.pack("<d", torque + 1.0)
 
     run = RecordedRun(copied(pushed, pushed.with_suffix(".push"), edit, NONE))
-    first = 14 if row < 20 else 21
     assert min(d.stamp_ns for d in found(run)) == first * MS
 
 
@@ -350,7 +352,7 @@ def test_what_was_measured_acts_on_the_step_too(tmp_path):
         make_plan("fig8", "pid", settings=settings, everywhere=everywhere), tmp_path / "a"
     )
     run = RecordedRun.open(path)
-    seen = PlantReplay(run)._states.reading(10, disturbance_at(run, 9 * MS))
+    seen = PlantReplay(run)._states.reading(10, replay.acting_at(run.table("disturbance"), 9 * MS))
     table = run.table(MEASURED)
     sample = JointSample(
         10 * MS,
@@ -406,11 +408,6 @@ def test_where_nobody_answers_the_last_command_holds_until_it_is_too_old(alone, 
     assert {d.stamp_ns for d in found(edited)} == {25 * MS}
 
 
-def disturbance_at(run, stamp_ns):
-    table = run.table("disturbance")
-    return Disturbance(*table.get(stamp_ns, "effort", 2), *table.get(stamp_ns, "position", 2))
-
-
 @pytest.mark.parametrize("at", [0, 1, 12, 30, 46, 59])
 def test_a_simulation_goes_on_as_the_run_did(linked, pushed, alone, at):
     for path in (linked, pushed, alone):
@@ -425,7 +422,7 @@ def test_a_simulation_goes_on_as_the_run_did(linked, pushed, alone, at):
         for k in range(at, min(at + 8, STATES)):
             if any(change.stamp_ns == (k - 1) * MS and k > at for change in replayed.to_come):
                 break  # what happens then is for whoever goes on
-            acting = disturbance_at(run, k * MS)
+            acting = replay.acting_at(run.table("disturbance"), k * MS)
             said, seen = simulation.truth(), simulation.measure(acting)
             for sample, table in ((said, truth), (seen, measured)):
                 for quantity in ("position", "velocity", "effort"):
@@ -437,10 +434,6 @@ def test_a_simulation_goes_on_as_the_run_did(linked, pushed, alone, at):
             command = replayed._torques.command(k * MS)
             assert command is not None
             simulation.step(command, with_operator(acting, run.operated.at(k * MS)))
-
-
-def found_by(replayed):
-    return [d for one in replayed for d in one.found]
 
 
 @pytest.mark.parametrize("provenance", [{}, REAL_TIME], ids=["exact", "real time"])
@@ -482,7 +475,7 @@ def test_a_reading_is_of_the_sensors_as_they_were_then(linked):
     table = RecordedRun.open(linked).table(MEASURED)
     values = {q: table.values(q)[row].tolist() for q in ("position", "velocity", "effort")}
     values["velocity"][1] = states.reading(
-        25, disturbance_at(RecordedRun.open(linked), 25 * MS)
+        25, replay.acting_at(RecordedRun.open(linked).table("disturbance"), 25 * MS)
     ).theta_dot
     sample = JointSample(table.stamps[row], tuple(table.names), **values)
 
