@@ -25,7 +25,7 @@ def _in(folder: str, *names: str) -> tuple[str, ...]:
     return tuple(f"{folder}test/test_{name}.py" for name in names)
 
 
-_REPLAYS = ("tests/test_replay_plant.py", "tests/test_replay.py")
+_REPLAYS = ("tests/replay",)
 
 MODULES = {
     "mechanics": Module(
@@ -68,7 +68,7 @@ MODULES = {
     ),
     "replay": Module(
         EXPERIMENTS + "trunk_experiments/replay/replay.py",
-        ("tests/test_replay.py", "tests/test_turns.py"),
+        ("tests/replay/test_replay.py", "tests/test_turns.py"),
     ),
     **{
         name: Module(EXPERIMENTS + f"trunk_experiments/replay/{name}.py", _REPLAYS)

@@ -27,11 +27,9 @@ from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.topics import STATE_NAMES
 from trunk_sim.disturbances import Disturbance
 
-from .edited import NONE, copied
-from .replay_ways import WAYS, replay_this_way
+from ..edited import NONE, copied
+from .runs import MS, STATES, planted
 
-MS = 1_000_000
-STATES = 61
 SETTINGS = [
     "simulator.sensor.delay=0.003",
     "simulator.sensor.position_noise=0.001",
@@ -51,12 +49,6 @@ CHANGES = {
     "computed_torque": [Change(12 * MS, {"gains.p": 50.0}), Change(15 * MS, None)],
     "disturbance": [Change(33 * MS, {"sine.amplitude": -3.0})],
 }
-
-
-@pytest.fixture(autouse=True, params=WAYS)
-def way(request, monkeypatch):
-    replay_this_way(request.param, monkeypatch)
-    return request.param
 
 
 @pytest.fixture(scope="module")
@@ -133,20 +125,6 @@ def test_nothing_is_judged_after_the_last_stamp_that_counts(whole, until):
     }
 
 
-def planted(whole, path, topic, index, quantity, column):
-    """Return the run with the last bit of one number of one message changed."""
-    table = RecordedRun.open(whole).table(topic)
-    values = {q: table.values(q)[index].tolist() for q in ("position", "velocity", "effort")}
-    values[quantity][column] = nextafter(values[quantity][column], inf)
-    sample = JointSample(table.stamps[index], tuple(table.names), **values)
-
-    def edit(messages):
-        message = [m for m in messages if m[0] == "/" + topic][index]
-        message[2] = layout_of(sample).pack(sample)
-
-    return RecordedRun(copied(whole, path, edit, digests=NONE))
-
-
 JOINTS = ("hip", "trunk")
 joint = pytest.mark.parametrize("column", [0, 1], ids=JOINTS)
 
@@ -158,7 +136,7 @@ joint = pytest.mark.parametrize("column", [0, 1], ids=JOINTS)
 @joint
 @pytest.mark.parametrize("step", [0, 25, 60])
 def test_one_bit_of_a_state_is_found_in_its_place(whole, tmp_path, topic, quantity, column, step):
-    run = planted(whole, tmp_path / "planted.mcap", topic, step, quantity, column)
+    run = planted(whole, topic, step, quantity, column)
     found = [d for one in PlantReplay(run) for d in one.found if d.topic == topic]
     assert [(d.stamp_ns, d.field) for d in found[:1]] == [
         (step * MS, f"{quantity}[{JOINTS[column]}]")
@@ -168,14 +146,14 @@ def test_one_bit_of_a_state_is_found_in_its_place(whole, tmp_path, topic, quanti
 @pytest.mark.parametrize("quantity", ["position", "effort"])
 @joint
 def test_one_bit_of_a_disturbance_is_found_in_its_place(whole, tmp_path, quantity, column):
-    run = planted(whole, tmp_path / "planted.mcap", "disturbance", 20, quantity, column)
+    run = planted(whole, "disturbance", 20, quantity, column)
     (found,) = [d for one in replay_disturbance(run) for d in one.found]
     assert (found.stamp_ns, found.field) == (20 * MS, f"{quantity}[{JOINTS[column]}]")
 
 
 @pytest.mark.parametrize("step", [0, 25, 60])
 def test_one_bit_of_a_command_is_found_in_its_place(whole, tmp_path, step):
-    run = planted(whole, tmp_path / "planted.mcap", "effort_command", step, "effort", 0)
+    run = planted(whole, "effort_command", step, "effort", 0)
     (found,) = [d for one in replay_controllers(run, driven_controllers(run)) for d in one.found]
     assert (found.stamp_ns, found.topic) == (step * MS, "effort_command")
     assert found.field == "effort[trunk]"
@@ -186,7 +164,7 @@ def test_one_bit_of_a_command_is_found_in_its_place(whole, tmp_path, step):
 @pytest.mark.parametrize("column", range(len(STATE_NAMES)), ids=STATE_NAMES)
 def test_one_bit_of_a_controllers_terms_is_found_in_its_place(whole, tmp_path, column):
     topic = "fuzzy_pid/state"
-    run = planted(whole, tmp_path / "planted.mcap", topic, 5, "position", column)
+    run = planted(whole, topic, 5, "position", column)
     (found,) = [d for one in replay_controllers(run, driven_controllers(run)) for d in one.found]
     assert (found.stamp_ns, found.topic) == (25 * MS, topic)
     assert found.field == f"position[{STATE_NAMES[column]}]"
