@@ -181,7 +181,7 @@ def test_a_command_to_a_state_that_is_not_there_cannot_be_computed(whole, tmp_pa
     copy = copied(whole, tmp_path / "p.mcap", without("joint_states", 25), digests=NONE)
     run = RecordedRun(copy)
     first = next(d for one in replay_controllers(run, driven_controllers(run)) for d in one.found)
-    assert (first.stamp_ns, first.topic, first.field) == (25 * MS, "joint_states", "missing")
+    assert first == (25 * MS, "joint_states", "missing", 0.0, 0.0)
 
 
 def test_terms_at_another_time_are_missing_and_unexpected(tmp_path):
@@ -201,9 +201,9 @@ def test_terms_at_another_time_are_missing_and_unexpected(tmp_path):
 
     run = RecordedRun(copied(path, tmp_path / "p.mcap", later, digests=NONE))
     found = [d for one in replay_controllers(run, driven_controllers(run)) for d in one.found]
-    assert [(d.stamp_ns, d.topic, d.field) for d in found] == [
-        (10 * MS, "pid/state", "missing"),
-        (11 * MS, "pid/state", "unexpected"),
+    assert found == [
+        (10 * MS, "pid/state", "missing", 0.0, 0.0),
+        (11 * MS, "pid/state", "unexpected", 0.0, 0.0),
     ]
 
 
