@@ -45,7 +45,7 @@ def test_every_transition(children: Children, peer: Peer, tmp_path: Path, node: 
         "activate"
     )  # not available in this state: refused, and the node keeps running
     assert (
-        "transition refused: activate; this node is unconfigured: configure or shutdown it"
+        "transition refused: activate; this node is unconfigured, which allows configure or shutdown"
         in child.stderr + child.stdout
     )
     for label, state in (
@@ -197,7 +197,7 @@ def test_one_that_outlives_the_recorder_is_no_fault_of_the_run(
     assert not any(part.wrong_steps for part in verdict.parts)
     (obstacle,) = verdict.obstacles
     assert obstacle.startswith("incomplete: effort_command: ")
-    assert obstacle.endswith(" by their own count: not all have counted")
+    assert obstacle.endswith(": not all of them reported a count")
 
 
 def run_swapped(children: Children, *arguments: object) -> Child:

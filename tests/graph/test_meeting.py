@@ -76,7 +76,10 @@ def test_who_hears_nothing_says_for_what_it_waits_and_how_to_start_it(
     children: Children, domain: int
 ) -> None:
     nodes = [children.node("recorder", "output:=run.mcap"), children.node("pid")]
-    told = "waiting for states on /joint_states: nobody publishes them (such as ros2 run trunk_sim simulator)"
+    told = (
+        "waiting for states on /joint_states: "
+        "nobody publishes them (start it: ros2 run trunk_sim simulator)"
+    )
     for node in nodes:
         until(lambda node=node: node.stderr.count(told) > 1, "it says so again")  # type: ignore[misc]
     simulator = children.node("simulator", "duration:=0.5")

@@ -126,4 +126,4 @@ def test_a_pause_outlives_the_inactive_state(
     peer.until(lambda: stamp_from_ros(truth[-1].header.stamp) < over.stamp_ns, "time begins anew")
     assert [simulator.stop(), pid.stop(), recorder.stop()] == [0, 0, 0]
     recording = Recording.open(tmp_path / "run.mcap")
-    assert recording.warnings == ["incomplete: 2 runs are in it: the simulator was started anew"]
+    assert recording.warnings == ["incomplete: it holds 2 runs: the simulator was restarted"]

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.graph
     ("topic", "says"),
     [
         pytest.param(  # from there on stamps go back
-            topics.GROUND_TRUTH, "2 runs are in it", marks=pytest.mark.long
+            topics.GROUND_TRUTH, "it holds 2 runs", marks=pytest.mark.long
         ),
         (topics.JOINT_STATES, "402 messages of 401 states: another node publishes there too"),
     ],

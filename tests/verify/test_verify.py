@@ -202,7 +202,7 @@ def test_in_real_time_too_every_measured_state_has_to_be_there(whole, tmp_path, 
 def test_a_run_without_an_end_marker_cannot_be_judged(whole, tmp_path):
     verdict = verify(copied(whole, tmp_path / "endless.mcap", end=False, digests=NONE))
     assert verdict.exit_code == UNJUDGED
-    assert verdict.obstacles[0] == "no trunk_end record: the recorder was not ended in order"
+    assert verdict.obstacles[0] == "no trunk_end record: the recorder did not shut down properly"
 
 
 def test_a_run_without_parameters_cannot_be_judged(whole, tmp_path):

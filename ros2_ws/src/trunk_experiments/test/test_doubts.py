@@ -241,7 +241,7 @@ def test_that_a_run_is_incomplete_is_said_first_and_once(short_run, tmp_path, to
     assert code == 0
     assert out.splitlines()[0] == f"INCOMPLETE: {SAID}"
     assert SAID not in err
-    assert "not ended in order" not in err + out
+    assert "did not shut down properly" not in err + out
     doubts = json.loads(told(verb, "--json", path)[1])["doubts"]
     assert (doubts["complete"], doubts["ends_at_s"], doubts["planned_s"]) == (False, 0.625, 1.3)
 
@@ -262,7 +262,7 @@ def test_plots_and_comparisons_say_it_once_too(short_run, tmp_path, told):
     _, out, err = told("compare", path, whole)
     assert out.splitlines()[0] == f"cut: INCOMPLETE: {SAID}"
     assert "INCOMPLETE" not in "".join(out.splitlines()[1:])
-    assert "not ended in order" not in err
+    assert "did not shut down properly" not in err
 
 
 @pytest.mark.parametrize("verb", ["diff", "explain", "export", "verify"])
@@ -272,13 +272,13 @@ def test_verbs_without_metrics_say_it_first_and_once(short_run, tmp_path, told, 
     _, out, err = told(verb, path, *words.get(verb, []))
     if verb == "verify":
         first = out.splitlines()[1]
-        assert first == "  obstacle: no trunk_end record: the recorder was not ended in order"
+        assert first == "  obstacle: no trunk_end record: the recorder did not shut down properly"
         assert "did not finish" not in out
         return
     whose = f"{path}: " if verb == "diff" else ""
     assert err.splitlines()[0] == f"trunk: warning: {whose}INCOMPLETE: {SAID}"
     assert err.count(SAID) == (2 if verb == "diff" else 1)  # both runs are this one
-    assert "not ended in order" not in err
+    assert "did not shut down properly" not in err
 
 
 def test_a_bag_that_lacks_messages_is_not_incomplete_because_it_has_finished(short_run, tmp_path):
@@ -290,5 +290,5 @@ def test_a_bag_that_lacks_messages_is_not_incomplete_because_it_has_finished(sho
     count = next(line for line in text.splitlines() if line.strip().startswith("message_count"))
     (folder / "metadata.yaml").write_text(text.replace(count, "  message_count: 7"))
     assert doubts_of(RecordedRun.open(folder)).lines == [
-        "INCOMPLETE: other messages than metadata.yaml counts; ends at 1.3 of 1.3 s"
+        "INCOMPLETE: the number of messages is not the one in metadata.yaml; ends at 1.3 of 1.3 s"
     ]

@@ -135,7 +135,7 @@ def test_what_comes_later_wins(last, expected):
     assert planned([*earlier, *OF_REFERENCE]).controller.reference_values == DEGREES
 
 
-WITH = "it counts only with reference.profile: file"
+WITH = "it is used only with reference.profile: file"
 WRONG = {
     "pid.reference.file=mine/ref.csv": (
         f"pid: parameter 'reference.file': 'mine/ref.csv' is not allowed: {WITH}"
@@ -145,10 +145,10 @@ WRONG = {
     ),
     "pid.reference.profile=file": (
         "pid: parameter 'reference.profile': 'file' is not allowed: "
-        "reference.file has to name a CSV file with it"
+        "with it, reference.file must name a CSV file"
     ),
     "disturbance.table.file=5": (
-        "disturbance: parameter 'table.file': 5 is not allowed: a text is needed, the path of a CSV file"
+        "disturbance: parameter 'table.file': 5 is not allowed: a string is needed, the path of a CSV file"
     ),
     "disturbance.table.file=none.csv": (
         "disturbance: table.file: none.csv: no such file: give a CSV file's path"
@@ -158,14 +158,14 @@ WRONG = {
 BESIDES = {
     "pid.reference.times=[1.0]": (
         "pid: parameter 'reference.times': [1.0] is not allowed: "
-        "reference.file gives the numbers: leave out one"
+        "reference.file gives the numbers: give only one of the two"
     ),
     "pid.reference.interpolation=cubic": (
         "pid: parameter 'reference.interpolation': 'cubic' is not allowed: string, one of linear, hold"
     ),
     "disturbance.table.values=[1.0]": (
         "disturbance: parameter 'table.values': [1.0] is not allowed: "
-        "table.file gives the numbers: leave out one"
+        "table.file gives the numbers: give only one of the two"
     ),
 }  # fmt: skip
 
@@ -192,7 +192,7 @@ def test_a_mistake_in_a_csv_names_both_files_and_the_line(here):
         planned(params=["mine/mine.yaml"])
     assert str(caught.value) == (
         "mine/mine.yaml: pid: reference.file: mine/ref.csv: line 6: t: '0.1' is not allowed: "
-        "times ascend, and this one is before that of the row above"
+        "times must ascend, and this one is before the time in the row above"
     )
 
 

@@ -26,7 +26,7 @@ COLUMNS = (
 )
 HEADER = "t [s],reference [deg]\n"
 WANTED = "a header t [s],reference [rad] is needed, then a row of numbers for each time"
-FINITE = "a finite number is needed; its unit stands in the header: "
+FINITE = "a finite number is needed; its unit belongs in the header: "
 
 
 @pytest.fixture
@@ -103,11 +103,11 @@ BAD = {
         "an angle in rad is needed, such as 5 rad or 5 deg"
     ),
     HEADER + "0,0\n\n2,0\n1.5,0\n": (
-        "line 5: t: '1.5' is not allowed: times ascend, and this one is before that of the row above"
+        "line 5: t: '1.5' is not allowed: times must ascend, and this one is before the time in the row above"
     ),
     HEADER + "0,0\n1,0\n2,0\n3,0\n4,0\n": "line 6: one row too many: at most 4 are allowed",
     HEADER + f"0,{'9' * 200}\n": (
-        f"line 2: reference: '{'9' * 37}...' is not allowed: it has 204 letters: at most 100 are read; "
+        f"line 2: reference: '{'9' * 37}...' is not allowed: it has 204 characters: at most 100 are read; "
         "an angle in rad is needed, such as 5 rad or 5 deg"
     ),
 }  # fmt: skip
@@ -126,7 +126,7 @@ def test_a_mistake_is_one_line_with_file_line_value_and_what_is_allowed(read, tm
         (HEADER + '0,"1\n2,3\n', "not CSV: "),
         (HEADER.encode() + b"0,\x00\n", ""),
         (b"t,reference\n\xff,0\n", "not a text file: give a CSV file"),
-        (b"t,reference\n" + b" " * MAX_BYTES, "larger than 4 MiB: give less"),
+        (b"t,reference\n" + b" " * MAX_BYTES, "larger than 4 MiB: give a smaller file"),
         ("t,reference\n" + "1" * 200_000 + ",0\n", "not CSV: field larger than field limit"),
     ],
     ids=["open quote", "NUL", "no text", "huge", "long cell"],

@@ -125,8 +125,8 @@ REFUSED = {
     "too large": ("1e308 km", "m", "larger than any double"),
     "too many degrees": ("1e400 deg", "rad", "larger than any double"),
     "an exponent that takes all memory": ("1e999999999 s", "s", "beyond what a double can hold"),
-    "too long a text": (f"{'1' * 101} s", "s", "103 letters: at most 100"),
-    "too long a unit": ("1 " + "s" * 61, "s", "61 letters: at most 60"),
+    "too long a text": (f"{'1' * 101} s", "s", "103 characters: at most 100"),
+    "too long a unit": ("1 " + "s" * 61, "s", "61 characters: at most 60"),
 }
 
 

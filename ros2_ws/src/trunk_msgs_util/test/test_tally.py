@@ -35,7 +35,7 @@ def test_a_whole_run(whole):
     [
         (lambda t: setattr(t, "end", None), "the recorder was stopped before the run was finished"),
         (lambda t: t.hear(told("/plant", "failed", reason="diverged")), "diverged"),
-        (lambda t: setattr(t, "runs", 2), "2 runs are in it"),
+        (lambda t: setattr(t, "runs", 2), "it holds 2 runs"),
         (lambda t: t.counts.subtract([topics.JOINT_STATES]), "joint_states: 2 of 3 messages"),
         (lambda t: t.counts.update([topics.GROUND_TRUTH]), "4 messages of 3 states: another node"),
         (lambda t: t.counts.subtract([topics.EFFORT_COMMAND]), "effort_command: 2 of 3 messages"),
@@ -104,5 +104,5 @@ def test_more_messages_of_our_nodes_than_they_have_counted(whole):
     (line,) = whole.uncounted({topics.EFFORT_COMMAND: 5})
     assert (
         line
-        == "effort_command: 5 messages of our nodes, 3 by their own count: not all have counted"
+        == "effort_command: 5 messages from our nodes, which report 3: not all of them reported a count"
     )

@@ -19,7 +19,7 @@ class Event(str, Enum):
     CONFIGURED = (
         "configured",
         "every node",
-        "Its topics, services and files are open; `process` identifies its process, `kind` the sort of node",
+        "Its topics, services and files are open; `process` identifies its process, `kind` the kind of node",
         "process",
         "kind",
     )
@@ -49,7 +49,7 @@ class Event(str, Enum):
         "Parameters have changed: the next message of the node on `run/parameters` says which",
     )
     PAUSED = "paused", "simulator", "Simulated time stands still"
-    RESUMED = "resumed", "simulator", "Simulated time goes on"
+    RESUMED = "resumed", "simulator", "Simulated time continues"
     FELL = (
         "fell",
         "simulator",
@@ -60,7 +60,7 @@ class Event(str, Enum):
     PASSED_ON = (
         "passed on",
         "simulator",
-        "At the end of a run with links: what became of each one's messages, how many measurements failed",
+        "At the end of a run with links: what became of each link's messages, how many measurements failed",
         "link.state",
         "link.command",
         "sensor.dropout",

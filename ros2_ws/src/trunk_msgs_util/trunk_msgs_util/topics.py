@@ -96,8 +96,8 @@ DESCRIPTIONS = (
         JOINT_STATE_TYPE,
         "simulator",
         (
-            "each request that was taken, within its limits: acts from the step after the state with the "
-            "stamp on, until the next one, and not longer than `operator.timeout`"
+            "each request that was taken, within its limits: acts from the step after the state with its "
+            "stamp until the next request, but no longer than `operator.timeout`"
         ),
     ),
     (

@@ -14,7 +14,7 @@ MAX_LETTERS = 1 << 18  # of a text: some seconds of PyYAML's time
 _SHOWN = 40  # characters quoted in an error
 _MAX_INTEGER = 2**63 - 1
 _LONGEST_INTEGER = (
-    100  # letters, with underscores and in binary: longer ones are not even converted
+    100  # characters, with underscores and in binary: longer ones are not even converted
 )
 
 
@@ -26,10 +26,10 @@ def load(text: str, longest: int = MAX_LETTERS) -> Any:
     """Return the value in a YAML text. Raises YamlTextError naming the line.
 
     As in rcl, ``1e3`` is a number and aliases are refused. A key may appear only once in a mapping,
-    integers have 64 bits, and a text has no more letters than ``longest``.
+    integers have 64 bits, and a text has no more characters than ``longest``.
     """
     if len(text) > longest:
-        raise YamlTextError(f"{len(text)} letters: at most {longest} are read")
+        raise YamlTextError(f"{len(text)} characters: at most {longest} are read")
     try:
         return yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:

@@ -112,7 +112,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
                 event.total_count_change
             )
             self.get_logger().warning(
-                f"a publisher of {topic} is not received: its {policy} is not what this node requests"
+                f"a publisher of {topic} is ignored: its {policy} is incompatible with this node's"
             )
 
         more.setdefault(

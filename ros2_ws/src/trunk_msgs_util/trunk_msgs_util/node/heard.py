@@ -236,9 +236,11 @@ class HeardTopic:
         ]
         missed, lost = (sum(getattr(s, what) for s in strangers) for what in ("missed", "lost"))
         if missed:
-            found.append(f"{self._topic}: {missed} messages were sent before they were heard")
+            found.append(
+                f"{self._topic}: {missed} messages were sent before the recorder could receive them"
+            )
         if lost:
-            found.append(f"{self._topic}: {lost} messages were lost on the way")
+            found.append(f"{self._topic}: {lost} messages were lost in transit")
         return found
 
 

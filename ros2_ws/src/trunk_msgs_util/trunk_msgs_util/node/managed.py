@@ -17,7 +17,7 @@ from ..process_id import process_id
 
 RCLError = rclpy_implementation.RCLError
 EXIT_FAILED = 1
-ENDING = "this node is ending: nothing that is asked of it now changes the run"
+ENDING = "this node is shutting down: requests no longer change the run"
 
 
 class ManagedNode(LifecycleNode):
@@ -134,8 +134,8 @@ class ManagedNode(LifecycleNode):
             self.get_logger().warning(
                 f"transition refused: {printable(asked.label) or labels.get(asked.id, asked.id)}; "
                 "this node is "
-                f"{machine.current_state[1]}: "
-                f"{' or '.join(label for _, label, *_ in machine.available_transitions)} it"
+                f"{machine.current_state[1]}, which allows "
+                f"{' or '.join(label for _, label, *_ in machine.available_transitions)}"
             )
             response.success = False
         if self._refusal is not None:

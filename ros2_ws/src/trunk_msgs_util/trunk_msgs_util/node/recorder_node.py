@@ -247,7 +247,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             return ""
         if self._tally.end is not None:
             return (
-                "Ctrl-C: the run is over; stop the controllers first, they say then what they gave"
+                "Ctrl-C: the run is over; stop the controllers first: then they report their counts"
             )
         before, self._looked_at = self._looked_at, self._tally.counts[topics.JOINT_STATES]
         if self._looked_at > before:

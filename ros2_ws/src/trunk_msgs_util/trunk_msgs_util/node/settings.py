@@ -50,7 +50,7 @@ def _check_domain(text: str) -> None:
 def _check_range(text: str) -> None:
     if not text or text in _RANGES:
         return
-    reason = "nodes do not find one another with it" if text == "OFF" else "not known"
+    reason = "nodes do not find one another with this value" if text == "OFF" else "not known"
     raise SettingError(
         f"ROS_AUTOMATIC_DISCOVERY_RANGE={text} is not allowed: {reason}; {', '.join(_RANGES)}, or unset it"
     )

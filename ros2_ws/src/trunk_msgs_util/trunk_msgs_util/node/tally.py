@@ -40,7 +40,7 @@ class Tally:
         kind = self._kinds.get(event.node) or event.node.rpartition("/")[2]
         if kind == "simulator" and event.message in ENDS:
             if event.message == Event.FINISHED and not event.values.get("states", "").isdecimal():
-                raise ValueError("a run that is finished, but not after how many states")
+                raise ValueError("a finished run without its number of states")
             self.end = event
 
     def meet(self, node: str) -> None:
@@ -56,7 +56,8 @@ class Tally:
         if self._anew:
             return []
         return [
-            f"{topic}: {count} messages of our nodes, {claimed} by their own count: not all have counted"
+            f"{topic}: {count} messages from our nodes, which report {claimed}: "
+            "not all of them reported a count"
             for topic, count in heard.items()
             if 0 < (claimed := self._claimed[self._name_of(topic)]) < count
         ]
@@ -73,7 +74,7 @@ class Tally:
         if self.end.message != Event.FINISHED:
             return False, reason
         if self.runs > 1:
-            return False, f"{self.runs} runs are in it: the simulator was started anew"
+            return False, f"it holds {self.runs} runs: the simulator was restarted"
         states = int(self.end.values["states"])
         for topic in self._of_each_state:
             if self.counts[topic] < states:
@@ -81,7 +82,7 @@ class Tally:
         for topic in _OF_STATES:
             if self.counts[topic] > states:
                 return False, (
-                    f"{topic}: {self.counts[topic]} messages of {states} states: "
+                    f"{topic}: {self.counts[topic]} messages for {states} states: "
                     "another node publishes there too"
                 )
         for topic in heard:
@@ -92,7 +93,7 @@ class Tally:
             # A simulator that was never pushed reports no count.
             if alone and not self._anew and (count or pushes) and count < self.counts[topic]:
                 return False, (
-                    f"{topic}: {self.counts[topic]} messages, {count} are its node's: "
+                    f"{topic}: {self.counts[topic]} messages, {count} of them from its own node: "
                     "another node publishes there too"
                 )
         if unheard:

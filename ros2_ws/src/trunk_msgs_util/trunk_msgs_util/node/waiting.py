@@ -32,5 +32,5 @@ def states(topic: str, published: bool, last_ns: int | None) -> str:
         last = f"the last one was at t = {seconds(last_ns):g} s"
         return "" if published else f"states on {topic}: {last}, and nobody publishes them now"
     if published:
-        return f"the first state on {topic}: its publisher has not begun yet"
-    return f"states on {topic}: nobody publishes them (such as ros2 run trunk_sim simulator)"
+        return f"the first state on {topic}: its publisher has not started yet"
+    return f"states on {topic}: nobody publishes them (start it: ros2 run trunk_sim simulator)"

@@ -15,7 +15,7 @@ class ManagedConfig:
     autostart: bool = parameter(
         "autostart",
         True,
-        "Configure and activate at start; false: wait for someone to do it, as with `ros2 lifecycle set`",
+        "Configure and activate at start; false: wait for someone to do it, e.g. with `ros2 lifecycle set`",
         fixed=True,
     )
 
@@ -48,7 +48,7 @@ class RecorderConfig(ManagedConfig):
     flush_interval: float = parameter(
         "flush_interval",
         0.5,
-        "A chunk is finished at least this often; a killed recorder loses no more",
+        "A chunk is finished at least this often; a killed recorder loses no more than that",
         unit="s",
         above=0.0,
         maximum=1.0,

@@ -82,10 +82,10 @@ def _read(path: Path, reader: Iterator[list[str]], columns: Sequence[Column]) ->
         if found[0][-2:] != sorted(found[0][-2:]):
             raise ParameterFileError(
                 f"{line}: {columns[0].name}: {_quoted(cells[0])} is not allowed: "
-                "times ascend, and this one is before that of the row above"
+                "times must ascend, and this one is before the time in the row above"
             )
     if units is None or not found[0]:
-        raise ParameterFileError(f"{path}: no numbers in it: {_wanted(columns)}")
+        raise ParameterFileError(f"{path}: it has no numbers: {_wanted(columns)}")
     return CsvTable(tuple(map(tuple, found)), tuple(unit is not None for unit in units))
 
 
@@ -98,7 +98,9 @@ def _text(path: Path) -> str:
     except OSError as error:
         raise ParameterFileError(f"{path}: cannot be read: {error.strerror}") from None
     if len(data) > MAX_BYTES:
-        raise ParameterFileError(f"{path}: larger than {MAX_BYTES // 1024**2} MiB: give less")
+        raise ParameterFileError(
+            f"{path}: larger than {MAX_BYTES // 1024**2} MiB: give a smaller file"
+        )
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -133,7 +135,7 @@ def _number(line: str, column: Column, unit: str | None, cell: str) -> float:
     problem = f"{line}: {column.name}: {_quoted(text)} is not allowed"
     if not _NUMBER.fullmatch(text):
         raise ParameterFileError(
-            f"{problem}: a finite number is needed; its unit stands in the header: {column.heading}"
+            f"{problem}: a finite number is needed; its unit belongs in the header: {column.heading}"
         )
     try:
         number = float(text) if unit is None else read_quantity(f"{text} {unit}", column.unit)

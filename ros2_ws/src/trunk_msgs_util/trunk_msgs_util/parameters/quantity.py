@@ -9,7 +9,7 @@ from typing import NamedTuple
 from .quantity_text import QUANTITY, UnitError
 from .unit_symbols import Unit, named, named_in, parse_unit
 
-_LONGEST = 100  # letters
+_LONGEST = 100  # characters
 _LARGEST_EXPONENT = 400
 # Far more digits than the rounding of a result can depend on.
 _PI = Fraction(
@@ -52,7 +52,7 @@ class Quantity(NamedTuple):
 def parse_quantity(text: str) -> Quantity:
     """Return a number with its unit. Raises UnitError."""
     if len(text) > _LONGEST:
-        raise UnitError(f"it has {len(text)} letters: at most {_LONGEST} are read")
+        raise UnitError(f"it has {len(text)} characters: at most {_LONGEST} are read")
     found = QUANTITY.match(text)
     if found is None:
         raise UnitError("it is not a number, with or without a unit")

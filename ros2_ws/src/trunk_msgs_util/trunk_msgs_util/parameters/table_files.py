@@ -71,7 +71,7 @@ def _counts(table: TableFile, said: Mapping[str, _Said], node: str) -> bool:
     if switch is not None and switch.value == FILE:
         if not named:
             raise _refused(
-                switch, node, table.switch, f"{table.key.name} has to name a CSV file with it"
+                switch, node, table.switch, f"with it, {table.key.name} must name a CSV file"
             )
         return True
     for name in (one.name for one in table.keys):
@@ -79,7 +79,7 @@ def _counts(table: TableFile, said: Mapping[str, _Said], node: str) -> bool:
         if one is None or one.value == "":
             continue
         if switch is None or switch.place <= one.place:  # else a later layer overrides it
-            raise _refused(one, node, name, f"it counts only with {table.switch}: {FILE}")
+            raise _refused(one, node, name, f"it is used only with {table.switch}: {FILE}")
     return False
 
 
@@ -93,10 +93,12 @@ def _fill(
 ) -> None:
     key, name = said[table.key.name], table.key.name
     if not isinstance(key.value, str | PathLike):
-        raise _refused(key, node, name, "a text is needed, the path of a CSV file")
+        raise _refused(key, node, name, "a string is needed, the path of a CSV file")
     for other in (table.times, table.values):
         if other in said and said[other].place >= key.place:
-            raise _refused(said[other], node, other, f"{name} gives the numbers: leave out one")
+            raise _refused(
+                said[other], node, other, f"{name} gives the numbers: give only one of the two"
+            )
     declared = declarations(config)
     defaults = {one.name: one.default for one in declared.values()}
     chosen = {**defaults, **present, **{name: one.value for name, one in said.items()}}

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from .quantity_text import UnitError
 
-_LONGEST = 60  # letters of a unit
+_LONGEST = 60  # characters of a unit
 _TOKEN = re.compile(r"\s*(?:([A-Za-zµμ]+|[°%])|(\*\*|\^)\s*(-?\d+)|([²³])|([1*·×/()])|(\S))")
 _SUPERSCRIPTS = {"²": 2, "³": 3}
 _LARGEST_POWER = 9
@@ -128,7 +128,7 @@ def parse_unit(text: str) -> Unit:
     Raises UnitError for an unknown symbol, and for a product after ``/``, which is ambiguous.
     """
     if len(text) > _LONGEST:
-        raise UnitError(f"its unit has {len(text)} letters: at most {_LONGEST} are read")
+        raise UnitError(f"its unit has {len(text)} characters: at most {_LONGEST} are read")
     return _Parser(text).whole()
 
 
@@ -164,8 +164,8 @@ class _Parser:
             divided = divided or sign == "/"
             if divided and sign != "/":
                 raise UnitError(
-                    f"the unit {self.text!r} can be read in two ways: put what is below the / in "
-                    "parentheses, as in N m/(rad s), what is above it before the /"
+                    f"the unit {self.text!r} can be read in two ways: put the denominator in "
+                    "parentheses, as in N m/(rad s), and the numerator before the /"
                 )
             found = found.times(self.factor(), -1 if sign == "/" else 1)
         return found

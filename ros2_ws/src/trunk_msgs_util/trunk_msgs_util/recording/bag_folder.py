@@ -39,7 +39,7 @@ def bag_folder(folder: Path) -> BagFolder:
             names = ", ".join(path.name for path in files[:_LISTED])
             more = f" and {len(files) - _LISTED} more" if len(files) > _LISTED else ""
             raise RecordingError(
-                f"{folder} has {len(files)} recordings and no {METADATA} that makes them one: "
+                f"{folder} has {len(files)} recordings and no {METADATA} that joins them: "
                 f"give one of {names}{more}"
             )
         return BagFolder(files, None)
@@ -92,7 +92,11 @@ def _inside(folder: Path, listed: object) -> Path:
 
     Old bags list a file with their own folder's name before it.
     """
-    name = listed if isinstance(listed, str) and len(listed) < MAX_NAME else "what is no name"
+    name = (
+        listed
+        if isinstance(listed, str) and len(listed) < MAX_NAME
+        else "something that is not a name"
+    )
     path = folder / name.rsplit("/", 1)[-1].replace("\0", "")
     if path == folder or not path.is_file():
         raise RecordingError(f"{folder / METADATA} lists {name}, which is missing: restore it")

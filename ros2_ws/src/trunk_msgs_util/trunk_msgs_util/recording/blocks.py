@@ -89,7 +89,7 @@ def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Reco
     while offset < size:
         head = file.read(HEAD.size)
         if len(head) < HEAD.size:
-            raise DamageError(f"ends at byte {size}, in a record's head at byte {offset}")
+            raise DamageError(f"ends at byte {size}, in the header of the record at byte {offset}")
         opcode, length = HEAD.unpack(head)
         end = offset + HEAD.size + length
         if end > size:
@@ -102,7 +102,7 @@ def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Reco
         if opcode in _SKIPPED:
             first = file.read(min(length, _INDEX_HEAD.size))
             if opcode == Opcode.MESSAGE_INDEX and not _is_index(first, length):
-                raise DamageError(f"no message index, as it claims, at byte {offset}")
+                raise DamageError(f"the MESSAGE_INDEX record at byte {offset} has a wrong length")
             yield Record(offset, opcode, b"", end)
             crc = _skip(file, length - len(first), zlib.crc32(first, zlib.crc32(head, crc)))
         else:

@@ -44,7 +44,7 @@ def chunk_head(body: bytes) -> ChunkHead:
         raise ValueError("its header makes no sense") from None
     at += _LONG.size
     if at + length > len(body):
-        raise ValueError(f"it claims {length} bytes of data and has {len(body) - at}")
+        raise ValueError(f"it claims {length} bytes of data but has {len(body) - at}")
     return ChunkHead(start, end, size, crc, compression, at, length)
 
 

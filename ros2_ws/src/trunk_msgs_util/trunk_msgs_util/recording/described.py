@@ -38,4 +38,6 @@ def check_described(count: int, item: Schema | Channel) -> None:
     if count >= MAX_CHANNELS:
         raise LimitError(f"more than {MAX_CHANNELS} {what}s")
     if len(name) > MAX_NAME:
-        raise LimitError(f"the name of a {what} has {len(name)} letters, {MAX_NAME} are read")
+        raise LimitError(
+            f"the name of a {what} has {len(name)} characters: at most {MAX_NAME} are read"
+        )

@@ -146,7 +146,7 @@ class RecordingFile:
             return True
         same = self._bodies.get((record.opcode, number)) == record.body
         if not same and read(record.stream) != known.get(number or 0):
-            raise ValueError(f"number {number} was described otherwise before")
+            raise ValueError(f"number {number} was described differently before")
         return False
 
     def take_described(self, item: Schema | Channel) -> None:
@@ -207,7 +207,9 @@ class RecordingFile:
         try:
             return content_of(read_block(file, block.offset, block.end))
         except DamageError as error:
-            raise RecordingError(f"{self.path} has changed while it was read: {error}") from None
+            raise RecordingError(
+                f"{self.path} has changed while it was being read: {error}"
+            ) from None
 
 
 def size_of(path: Path) -> int:

@@ -262,14 +262,14 @@ class _Cursor:
         if data[-1:] != b"\x00":
             raise ValueError("a string without its terminator")
         if len(data) > MAX_NAME + 1:
-            raise ValueError(f"a name of {len(data) - 1} bytes, {MAX_NAME} are read at most")
+            raise ValueError(f"a name of {len(data) - 1} bytes, at most {MAX_NAME} are read")
         return data[:-1].decode()
 
     def strings(self, limit: int) -> tuple[str, ...]:
         count = self.count()
         if count > limit:
             self.take(4 * count, 4)  # no more than can be there
-            raise ValueError(f"{count} names, {limit} are read at most")
+            raise ValueError(f"{count} names, at most {limit} are read")
         return tuple(self.string() for _ in range(count))
 
     def doubles(self) -> int:

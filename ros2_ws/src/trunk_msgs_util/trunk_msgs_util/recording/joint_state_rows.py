@@ -36,7 +36,7 @@ def packed(layout: JointStateLayout, stamp_ns: Integers, **quantities: Floats) -
         values = quantities.get(quantity, np.empty((len(stamp_ns), 0)))
         if values.shape != (len(stamp_ns), count):
             raise ValueError(
-                f"{quantity} of shape {values.shape}: {count} values a message are needed"
+                f"{quantity} of shape {values.shape}: {count} values per message are needed"
             )
         fields[quantity] = values
     return whole

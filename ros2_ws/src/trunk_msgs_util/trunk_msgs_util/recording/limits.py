@@ -14,7 +14,7 @@ MAX_LAYOUTS = 256  # layouts (frame, names, numbers of values) of a JointState t
 MAX_UNUSUAL = 20_000  # messages of a topic that are big-endian or otherwise read one by one
 MAX_TEXT = 16 << 20  # bytes of all messages of run/parameters, and of run/events
 MAX_METADATA = 1 << 20  # bytes of all our metadata records in a file
-MAX_BAG_METADATA = 1 << 20  # letters of a bag's metadata.yaml
+MAX_BAG_METADATA = 1 << 20  # characters of a bag's metadata.yaml
 
 # A table of N messages by M names may have this many values, and this many times those in the messages.
 _FREE_VALUES, _TIMES_VALUES = 1 << 21, 16

@@ -93,7 +93,7 @@ class _Copy:
         told = self._end or {}
         lost = "; ".join(self._recovery.lost[:_LOSSES]) or "nothing"
         if len(self._recovery.lost) > _LOSSES:
-            lost += f"; and {len(self._recovery.lost) - _LOSSES} losses more"
+            lost += f"; and {len(self._recovery.lost) - _LOSSES} more losses"
         before = "complete" if told.get("complete") == "true" else told.get("reason", "no end")
         reason = f"recovered; it was: {before}; lost: {lost}"
         self._writer.add_metadata(END, {"complete": "false", "recovered": "true", "reason": reason})

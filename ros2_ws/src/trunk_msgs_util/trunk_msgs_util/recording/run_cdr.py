@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _HEAD = b"\x00\x01\x00\x00"  # CDR, little-endian, no options
-_ODD = "not plainly as ROS 2 writes it"
+_ODD = "not in the plain form that ROS 2 writes"
 _STAMP, _COUNT = struct.Struct("<iI"), struct.Struct("<I")
 _INTEGER, _DOUBLE = struct.Struct("<q"), struct.Struct("<d")
 

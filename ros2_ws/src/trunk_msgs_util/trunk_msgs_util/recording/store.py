@@ -89,12 +89,12 @@ class RecordedFiles:
                 return
             self.unfinished = f"incomplete: {self.end.get('reason', 'no reason given')}"
         elif library.startswith(_OURS) or not library:
-            self.unfinished = f"no {END} record: the recorder was not ended in order"
+            self.unfinished = f"no {END} record: the recorder did not shut down properly"
         elif is_bag and counted is None:
-            self.unfinished = f"no {METADATA}: the recorder was not ended in order"
+            self.unfinished = f"no {METADATA}: the recorder did not shut down properly"
         else:
             self.unfinished = (
-                f"recorded by {library}: no {END} record says whether the run is whole"
+                f"recorded by {library}: no {END} record says whether the run is complete"
             )
         self.warnings.append(self.unfinished)
 
@@ -144,7 +144,9 @@ class RecordedFiles:
     def damage(self) -> list[str]:
         """What keeps the files from being read to their end, or as many messages as counted."""
         found = [f"{file.path.name}: {file.warning}" for file in self._files if file.warning]
-        return found or ([] if self._sound else [f"other messages than {METADATA} counts"])
+        return found or (
+            [] if self._sound else [f"the number of messages is not the one in {METADATA}"]
+        )
 
     @cached_property
     def digested(self) -> dict[str, str]:

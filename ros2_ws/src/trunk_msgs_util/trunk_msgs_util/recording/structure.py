@@ -88,7 +88,7 @@ class _Walk:
         if record.opcode == Opcode.DATA_END:
             self.in_data = False
             if not any(record.body[:4]):
-                text = "no checksum of the data section: changes outside chunks go unseen"
+                text = "no checksum of the data section: changes outside chunks go undetected"
                 yield Finding(INFO, text, byte=record.offset)
         elif record.opcode == Opcode.METADATA and self.in_data:
             self.metadata.add(record.offset)
@@ -188,7 +188,7 @@ def _chunk_index(
     if not chunk.message_index_offsets:
         return  # optional in a file
     if end + chunk.message_index_length > following:
-        yield Finding(ERROR, "the message indexes of the chunk go into the next one", byte=at)
+        yield Finding(ERROR, "the message indexes of the chunk extend into the next one", byte=at)
         return
     try:
         told = message_indexes(file, chunk)

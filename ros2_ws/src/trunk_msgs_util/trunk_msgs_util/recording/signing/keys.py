@@ -34,7 +34,9 @@ __all__ = [
 
 _LIMIT = 1 << 16  # bytes; an Ed25519 key takes less than a thousand
 _OPENSSH_PRIVATE = b"-----BEGIN OPENSSH PRIVATE KEY-----"
-_WANTED = "give an Ed25519 key, such as `trunk sign --new-key` or `ssh-keygen -t ed25519` makes"
+_WANTED = (
+    "give an Ed25519 key, such as one made by `trunk sign --new-key` or `ssh-keygen -t ed25519`"
+)
 _TEXT = "utf-8"
 
 

@@ -98,7 +98,7 @@ def parse(data: bytes) -> Signature:
     if values[_FORMAT] != FORMAT:
         raise SignatureError(f"its format is {values[_FORMAT]!r:.60}, this version reads {FORMAT}")
     if set(values) != set(_FIELDS) or not all(isinstance(v, str) for v in values.values()):
-        raise SignatureError(f"it needs exactly the texts {', '.join(_FIELDS)}")
+        raise SignatureError(f"it needs exactly these strings: {', '.join(_FIELDS)}")
     key = parse_openssh_line(values[_KEY])
     if key is None:
         raise SignatureError(f"{_KEY} is not an Ed25519 key")
