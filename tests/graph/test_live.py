@@ -123,7 +123,7 @@ def test_what_a_person_does_is_done_and_on_the_record(
     assert live.complaints == other.complaints == []
     assert all(url.startswith(("http://127.0.0.1:", "data:")) for url in live.requests)
 
-    # Stop and show.
+    # Stop, show report.
     page.click("#stop")
     page.wait_for_url("**/report-*.html", wait_until="domcontentloaded")
     assert "trunk report" in page.title()

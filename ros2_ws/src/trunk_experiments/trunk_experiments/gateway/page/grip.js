@@ -113,7 +113,7 @@ const grip = (() => {
     },
     words: () => {
       const other = known.gateway.operator && known.gateway.operator !== known.client;
-      if (other) return "somebody else's";
+      if (other) return "from somebody else";
       if (last.torque) return `${showNumber(last.torque, 3)} N·m`;
       if (last.force) return `${showNumber(last.force, 3)} N`;
       return "none";

@@ -3,7 +3,7 @@
 const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, frames: 0 };
 (() => {
   const at = (id) => document.getElementById(id);
-  const LOST = "the gateway does not answer: the page tries again; the run goes on";
+  const LOST = "the gateway does not answer: the page keeps trying; the run goes on";
   const CHARTS_MS = 40; // charts are drawn less often than the trunk
   let before = null;
   let charted = 0;
@@ -13,7 +13,7 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
   const link = (state) => {
     at("link").textContent = { open: "connected", closed: "no connection" }[state];
     at("link").dataset.state = state;
-    const lost = known.run.ended || known.recorded ? "what served this page has ended" : LOST;
+    const lost = known.run.ended || known.recorded ? "the server of this page has ended" : LOST;
     if (state === "closed") alarm.say(lost, LOST);
     else alarm.clear(LOST);
   };
@@ -45,7 +45,7 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
       input.disabled = !known.control_allowed;
       label.toggleAttribute("data-acts", acts);
     }
-    if (known.run.started && !known.run.ended && names.length && !known.run.acting.length) at("mode").textContent = "nobody acts";
+    if (known.run.started && !known.run.ended && names.length && !known.run.acting.length) at("mode").textContent = "no controller acts";
     else at("mode").textContent = mode();
   };
   const mode = () => {
@@ -89,7 +89,7 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
       rules.show();
       speeds();
     } else if (kind === "run" || kind === "world") {
-      at("pause").textContent = known.run.paused ? "Go on" : "Pause";
+      at("pause").textContent = known.run.paused ? "Resume" : "Pause";
       controllers();
       rules.show();
       speeds();
@@ -117,7 +117,7 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
   at("reset").addEventListener("click", () => ask("reset"));
   at("stop").addEventListener("click", () => {
     at("stop").disabled = true;
-    at("mode").textContent = "the run is being ended; its report opens here";
+    at("mode").textContent = "ending the run; its report will open here";
     ask("stop");
   });
   at("window").addEventListener("change", ({ target }) => { view.window = Number(target.value); });
@@ -126,7 +126,7 @@ const view = { time: 0, window: 20, frozen: false, playing: true, speed: 1, fram
     if (known.recorded) view.playing = !on;
     else view.frozen = on;
     at("play").textContent = on ? "▶" : "❚❚";
-    at("play").setAttribute("aria-label", on ? "Go on" : "Freeze the picture");
+    at("play").setAttribute("aria-label", on ? "Resume the picture" : "Freeze the picture");
   };
   const stands = () => (known.recorded ? !view.playing : view.frozen);
   at("play").addEventListener("click", () => {
