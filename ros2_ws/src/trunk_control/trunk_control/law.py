@@ -108,10 +108,12 @@ class Law:
         hints = get_type_hints(self.terms)
         wrong = [name for name in fields if hints[name] is not (bool if name == "held" else float)]
         if wrong:
-            raise TypeError(f"terms.{wrong[0]} is no float: all terms are, but for held, a bool")
+            raise TypeError(
+                f"terms.{wrong[0]} is not a float: all terms are floats, except held, a bool"
+            )
         unknown = [name for name in self.units if name not in fields]
         if unknown:
-            raise TypeError(f"units names {unknown[0]!r}, which is none of {', '.join(fields)}")
+            raise TypeError(f"units names {unknown[0]!r}, which is not one of {', '.join(fields)}")
 
     @property
     def no_terms(self) -> LawTerms:

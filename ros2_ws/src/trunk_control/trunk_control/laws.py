@@ -56,9 +56,9 @@ def law_named(name: str) -> Law:
     by = " and ".join(f"package {_package(entry)} ({entry.value})" for entry in entries)
     what = f"controller {name!r} of {by}"
     if len(entries) > 1:
-        raise LawError(f"{what}: only one may have the name: uninstall or rename the other")
+        raise LawError(f"{what}: only one may have this name: uninstall or rename the other")
     if not _NODE_NAME.fullmatch(name):
-        raise LawError(f"{what}: a node's name is needed: small letters, digits, underscores")
+        raise LawError(f"{what}: a node's name is needed: lowercase letters, digits, underscores")
     try:
         law = entries[0].load()
     except (Exception, SystemExit) as error:  # another project's module may raise anything
@@ -80,7 +80,9 @@ def law_of(config: ControllerConfig) -> Law:
             continue
         if type(config) is law.config:
             return law
-    raise TypeError(f"{type(config).__name__} belongs to no law; there are {', '.join(REGISTERED)}")
+    raise TypeError(
+        f"{type(config).__name__} belongs to no law; the laws are {', '.join(REGISTERED)}"
+    )
 
 
 def _package(entry: EntryPoint) -> str:

@@ -171,7 +171,7 @@ class SimulatorConfig(ManagedConfig):
     fall_angle: float = parameter(
         "fall.angle",
         pi / 2.0,
-        "Beyond this angle, either way, the trunk has fallen, and the run is marked so",
+        "Beyond this angle, either way, the trunk has fallen, and the run is marked as such",
         unit="rad",
         above=0.0,
         unbounded=True,

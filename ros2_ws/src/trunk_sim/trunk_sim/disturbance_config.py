@@ -28,7 +28,7 @@ _TABLE_FILE = TableFile(
         "",
         "string",
         "",
-        "CSV with the columns t and value, for table.times and table.values; a plan has its numbers",
+        "CSV with the columns t and value, for table.times and table.values; a plan holds the numbers",
     ),
     "table.times",
     "table.values",
@@ -84,10 +84,20 @@ class DisturbanceConfig(ManagedConfig):
         maximum=10_000,
     )
     pulse_random_from: float = parameter(
-        "pulse.random_from", 0.0, "Not before this time", unit="s", minimum=0.0, maximum=1e6
+        "pulse.random_from",
+        0.0,
+        "Earliest start of a random pulse",
+        unit="s",
+        minimum=0.0,
+        maximum=1e6,
     )
     pulse_random_until: float = parameter(
-        "pulse.random_until", 10.0, "Not after this time", unit="s", minimum=0.0, maximum=1e6
+        "pulse.random_until",
+        10.0,
+        "Latest start of a random pulse",
+        unit="s",
+        minimum=0.0,
+        maximum=1e6,
     )
     pulse_random_seed: int = parameter(
         "pulse.random_seed", 1, "Seed of the random times", minimum=0, maximum=2**31 - 1
@@ -126,7 +136,7 @@ class DisturbanceConfig(ManagedConfig):
         "table",
         "values",
         (),
-        "Values of its rows; zero before the first, the last one stays",
+        "Values of its rows; zero before the first row, the last value after the last",
         -1e9,
         element=float,
         longest=10_000,
@@ -134,7 +144,7 @@ class DisturbanceConfig(ManagedConfig):
     table_interpolation: str = parameter(
         "table.interpolation",
         "linear",
-        "Between two rows: a line, or the first one's value",
+        "Between two rows: a straight line, or the earlier row's value",
         choices=INTERPOLATIONS,
     )
 

@@ -18,10 +18,14 @@ _SEED = {"minimum": 0, "maximum": 2**31 - 1, "fixed": True}
 _TIME_CONSTANT = {"unit": "s", "minimum": 0.0, "maximum": 1e3}
 _WORDS: dict[str, tuple[float | str, str, dict[str, Any]]] = {
     "actuator.time_constant": (0.0, "Time constant of the actuator's lag; 0: none", _TIME_CONSTANT),
-    "actuator.rate_limit": (inf, "The fastest change of its torque", {"unit": "N m/s", **_LIMIT}),
+    "actuator.rate_limit": (
+        inf,
+        "Largest rate of change of its torque",
+        {"unit": "N m/s", **_LIMIT},
+    ),
     "actuator.dead_band": (
         0.0,
-        "Commands within +- this give none, others so much less",
+        "Commands within +- this give no torque, larger ones are reduced by it",
         _TORQUE,
     ),
     "actuator.resolution": (
@@ -30,10 +34,14 @@ _WORDS: dict[str, tuple[float | str, str, dict[str, Any]]] = {
         _TORQUE,
     ),
     "actuator.bias": (0.0, "Torque added to it", {**_TORQUE, "minimum": -1e6}),
-    "actuator.coulomb_friction": (0.0, "Friction in the joint against any motion", _TORQUE),
+    "actuator.coulomb_friction": (
+        0.0,
+        "Coulomb friction in the joint, against any motion",
+        _TORQUE,
+    ),
     "actuator.viscous_friction": (
         0.0,
-        "Friction in the joint in proportion to the trunk's rate",
+        "Viscous friction in the joint, proportional to the trunk's rate",
         {**_TORQUE, "unit": "N m s/rad"},
     ),
     "sensor.position_noise": (0.0, "Standard deviation of the measured angle", _ANGLE),
@@ -52,7 +60,7 @@ _WORDS: dict[str, tuple[float | str, str, dict[str, Any]]] = {
     ),
     "sensor.dropout": (
         0.0,
-        "Probability that a measurement fails, and the one before it holds",
+        "Probability that a measurement fails; the previous one is then held",
         {"minimum": 0.0, "maximum": 1.0, "fixed": True},
     ),
     "sensor.position_limit": (
@@ -76,15 +84,15 @@ _WORDS: dict[str, tuple[float | str, str, dict[str, Any]]] = {
         "A step that gets no new command: hold the last one's torque, or zero",
         {"choices": MISSING, "fixed": True},
     ),
-    "link.seed": (1, "Seed of the links and of the measurements that fail", _SEED),
+    "link.seed": (1, "Seed of the links and of failing measurements", _SEED),
     "operator.force": (
         0.0,
-        "How much an operator may push the hip, either way; nobody may push if this and the torque are 0",
+        "Largest force of an operator on the hip, either way; nobody may push if this and the torque are 0",
         {"unit": "N", "minimum": 0.0, "maximum": 1e6, "fixed": True},
     ),
     "operator.torque": (
         0.0,
-        "How much an operator may turn the trunk, either way",
+        "Largest torque of an operator on the trunk, either way",
         {**_TORQUE, "fixed": True},
     ),
     "operator.timeout": (
@@ -101,8 +109,12 @@ JITTERS = ("uniform", "exponential")
 ORDERS = ("latest", "arrival")
 # Of a link, by the last part of the name.
 LINK: dict[str, tuple[Any, str, dict[str, Any]]] = {
-    "delay": (0.0, "Delay of every message; it counts from the first step not before it", _DELAY),
-    "jitter": (0.0, "Random delay in addition: the largest, or the mean if exponential", _DELAY),
+    "delay": (
+        0.0,
+        "Delay of every message; it is used from the first step at or after its arrival",
+        _DELAY,
+    ),
+    "jitter": (0.0, "Random additional delay: the largest, or the mean if exponential", _DELAY),
     "jitter_kind": ("uniform", "Distribution of the jitter", {"choices": JITTERS, "fixed": True}),
     "loss": (0.0, "Probability that a message is lost, outside of bursts", _CHANCE),
     "burst.begin": (0.0, "Probability in each step that a burst of losses begins", _CHANCE),

@@ -246,7 +246,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
             self._say_finished(Event.FINISHED, "stopped on request")
         else:
             self._say_finished(
-                Event.STOPPED, f"stopped at t = {seconds(self.stamp_ns):g} s, too early"
+                Event.STOPPED, f"stopped at t = {seconds(self.stamp_ns):g} s, before its end"
             )
 
     # Incoming messages.

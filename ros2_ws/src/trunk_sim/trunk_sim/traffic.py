@@ -34,7 +34,7 @@ class Network(NamedTuple):
     state: Link
     command: Link
     zero: bool  # a step without a new command has no torque; else it has the last one's
-    dropout: float  # probability that a reading fails, and the one before it holds
+    dropout: float  # probability that a reading fails; the previous one is then held
     seed: int
     period_ns: int
 
