@@ -16,7 +16,7 @@ code=0
     2>"$folder/errors" || code=$?
 if ((code == 1)) && ! grep -q '^Found ' "$folder/errors"; then
     reason=$(grep -m 1 'ERROR' "$folder/errors" || grep -v '^ *$' "$folder/errors" | tail -n 1)
-    printf 'audit: not complete: %s; is the vulnerability service in reach?\n' "$(sed 's/.*ERROR:[^:]*://' <<<"$reason")" >&2
+    printf 'audit: not complete: %s; is the vulnerability service reachable?\n' "$(sed 's/.*ERROR:[^:]*://' <<<"$reason")" >&2
     exit 2
 fi
 cat "$folder/errors" >&2

@@ -168,7 +168,7 @@ case $* in
     # Most modules are never imported; the others are compiled when they first are. In an image they cannot be.
     '') dev=(dev) compile=--no-compile download='410 MB' disk='1.5 GB' ;;
     --no-dev) dev=() compile=--compile download='290 MB' disk='1.1 GB' ;;
-    *) die "what is '$*'? --no-dev is the one option" ;;
+    *) die "unknown argument '$*': --no-dev is the only option" ;;
 esac
 pins=$(cat requirements/{setuptools,runtime,ros,build}.txt "${dev[@]/#dev/requirements/dev.txt}" | sha256sum)
 

@@ -23,4 +23,4 @@ command -v apt-get >/dev/null || none 'no apt-get here; install one, or name it 
 echo 'browser: installing chromium' >&2
 export DEBIAN_FRONTEND=noninteractive
 { apt-get -qq update && apt-get -qq install --yes --no-install-recommends chromium; } >/dev/null 2>&1 || true
-find_browser || none 'apt-get install chromium failed; is the network there?'
+find_browser || none 'apt-get install chromium failed; is the network up?'

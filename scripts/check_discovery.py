@@ -103,7 +103,9 @@ def until(condition: Callable[[], object]) -> None:
     hung = time.monotonic() + HUNG_S
     while not condition():
         if time.monotonic() > hung:
-            sys.exit(f"check_discovery: FAILED: the two have not found each other in {HUNG_S:g} s")
+            sys.exit(
+                f"check_discovery: FAILED: the two did not find each other within {HUNG_S:g} s"
+            )
         time.sleep(LOOK_S)
 
 
@@ -157,7 +159,7 @@ def attempt(early: Connection) -> Found:
 
 @click.command()
 @click.option("--tries", default=100, show_default=True, help="Late processes for each profile.")
-@click.option("--domain", default=60, show_default=True, help="The first ROS domain that is used.")
+@click.option("--domain", default=60, show_default=True, help="The first ROS domain to use.")
 @click.argument("profiles", nargs=-1, type=click.Path(exists=True, dir_okay=False))
 def main(tries: int, domain: int, profiles: tuple[str, ...]) -> None:
     """Print how long it takes by Fast DDS's own settings, by ours and by other PROFILES."""

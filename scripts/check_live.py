@@ -41,7 +41,7 @@ MIB = 2**20
 MOST = 0.05
 TOPICS = (topics.JOINT_STATES, topics.EFFORT_COMMAND)
 LATE = "latency, 99 %"
-COLUMNS = ("while", "states", "missed", "unanswered", "median, us", "99 %, us", "what came of it")
+COLUMNS = ("while", "states", "missed", "unanswered", "median, us", "99 %, us", "outcome")
 STOPPED_S = 60.0
 Attack = Callable[[str, str], Awaitable[str]]
 
@@ -84,7 +84,7 @@ async def malformed(page: str, token: str) -> str:
     while answers < 100 and await socket.read_message() is not None:
         answers += 1
     socket.close()
-    return "refused, each in words"
+    return "refused, each with a message"
 
 
 async def megabytes(page: str, token: str) -> str:
@@ -95,7 +95,7 @@ async def megabytes(page: str, token: str) -> str:
             await socket.write_message("x" * 1_000_000)
         while await socket.read_message() is not None:
             pass
-    return "sent away, 20 of 20"
+    return "disconnected, 20 of 20"
 
 
 async def flood(page: str, token: str) -> str:
@@ -114,7 +114,7 @@ async def flood(page: str, token: str) -> str:
             with suppress(HTTPClientError):
                 socket = await _connected(page, token, lambda message: None)
     socket.close()
-    return f"{sent} sent, sent away {away} times"
+    return f"{sent} sent, disconnected {away} times"
 
 
 async def stops_reading(page: str, token: str) -> str:
@@ -131,7 +131,7 @@ async def stops_reading(page: str, token: str) -> str:
         else:
             read += 1
     socket.close()
-    return f"sent away {away} times, read on: {read} messages in 2 s"
+    return f"disconnected {away} times, then read on: {read} messages in 2 s"
 
 
 ATTACKS: dict[str, Attack] = {
@@ -208,7 +208,7 @@ def check(minutes: float, rate: float, seconds: int, folder: Path) -> list[str]:
                     came = attack(name, gateway.address(gateway.tokens.control), look)
                     loop.note(name, came)
                     if "ACCEPTED" in came or not came:
-                        wrong.append(f"{name}: {came or 'it ended without a word'}")
+                        wrong.append(f"{name}: {came or 'it ended without reporting anything'}")
                 until = max(began + 60.0 * minutes, time.monotonic() + seconds)
                 while time.monotonic() < until:
                     look()
@@ -249,7 +249,7 @@ def main(minutes: float, rate: float, seconds: int, named: tuple[str, str] | Non
         wrong = check(minutes, rate, seconds, Path(folder))
     for line in wrong:
         print(f"WRONG: {line}")
-    print("check_live: " + ("FAILED" if wrong else "all as promised"))
+    print("check_live: " + ("FAILED" if wrong else "passed"))
     sys.exit(bool(wrong))
 
 

@@ -30,7 +30,7 @@ printf '%s\n%s steps here: %s\n' "$(python -VV | head -n 1), $(uname -m)" "$step
 
 sines() { python -c 'import math; print(hash(tuple(math.sin(0.001 * k) for k in range(100_000))))'; }
 [[ $(sines) != "$(GLIBC_TUNABLES=glibc.cpu.hwcaps=-FMA,-AVX2,-FMA4 sines)" ]] ||
-    printf 'note     masking FMA changes nothing here: the next two lines compare equals\n'
+    printf 'note     masking FMA has no effect here: the next two lines compare the same code\n'
 # glibc without FMA: the cores, and whole recordings with noise, exp and log in them.
 export GLIBC_TUNABLES=glibc.cpu.hwcaps=-FMA,-AVX2,-FMA4
 check 'glibc, FMA and AVX2 masked: states, commands, noise, elementary' "$here" "$(cores python)"
@@ -52,7 +52,7 @@ numpy=$(python -c 'import numpy; print(numpy.__version__)')
 for python in ${PYTHONS:-python3.10 python3.11 python3.12 python3.13}; do
     name="$("$python" -V 2>&1 || true), NumPy $numpy"
     if ! "$python" -m venv "$work/venv" >/dev/null 2>&1; then
-        skipped "$python" 'not here'
+        skipped "$python" 'not found'
     elif ! "$work/venv/bin/pip" -q install "numpy==$numpy" >"$work/error" 2>&1; then
         skipped "$name" "$(tail -n 1 "$work/error")"
     else
@@ -80,7 +80,7 @@ vectors() { # NAME COMMAND...
 if command -v node >/dev/null; then
     vectors "V8 (Node.js $(node --version)): sin, cos, exp, log" node "$work/vectors.js"
 else
-    skipped 'V8' 'no node'
+    skipped 'V8' 'no Node.js'
 fi
 if command -v gcc >/dev/null; then
     gcc -O3 -march=native -ffp-contract=off "$work/vectors.c" -o "$work/native" -lm

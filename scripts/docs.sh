@@ -18,7 +18,7 @@ if ! cmp -s requirements/docs.txt "$tools/.installed"; then
     cp requirements/docs.txt "$tools/.installed"
 fi
 if [[ -e $out && ! -e $out/sitemap.xml && -n $(ls -A "$out") ]]; then
-    echo "docs: $out is there and no site: it would be emptied; name another folder" >&2
+    echo "docs: $out exists and is not a site: it would be emptied; name another folder" >&2
     exit 1
 fi
 code=0 # without --quiet, which would not count warnings

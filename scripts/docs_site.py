@@ -77,7 +77,7 @@ def on_files(files: Files, *, config: Any, **_: Any) -> Files:
     for page, text in sources.items():
         for path in sorted({path.rstrip("./") for path in _PATH.findall(text)}):
             if not (ROOT / path).exists():
-                _log.warning("%s names `%s`, which is not there", page, path)
+                _log.warning("%s names `%s`, which does not exist", page, path)
     return files
 
 

@@ -17,9 +17,9 @@ fail() { printf '%s: %s\n' "$file" "$*" >&2; exit 1; }
 named() { grep -m 1 -A 9 "$1" "$log" | grep -m 1 -oE '[A-Za-z0-9._-]+==[^ ]+' || echo 'a package'; }
 
 grep -q 'DO NOT MATCH THE HASHES' "$log" &&
-    fail "$(named 'DO NOT MATCH THE HASHES'): what was downloaded has none of the hashes written here, and was not" \
+    fail "$(named 'DO NOT MATCH THE HASHES'): what was downloaded has none of the hashes in this file, so it was not" \
         "installed: this file or the download was altered. After an edit by hand, run scripts/lock.sh"
 grep -q 'Hashes are required' "$log" &&
-    fail "$(named 'Hashes are required'): no hash is written here, so it was not installed: run scripts/lock.sh"
-fail "could not be installed: $(grep -m 1 '^ERROR' "$log" || tail -n 1 "$log"); is the network there?" \
-    "Simply run this again (pip's words are in $log)"
+    fail "$(named 'Hashes are required'): this file has no hash for it, so it was not installed: run scripts/lock.sh"
+fail "could not be installed: $(grep -m 1 '^ERROR' "$log" || tail -n 1 "$log"); is the network up?" \
+    "Just run this again (pip's output is in $log)"

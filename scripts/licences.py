@@ -56,7 +56,7 @@ def known(text: str) -> Known:
     """Read licences.yaml. Raises ValueError for a wrong layout or a package that is listed twice."""
     data = yaml.safe_load(text)
     if not isinstance(data, dict) or set(data) != _KEYS:
-        raise ValueError(f"has to have exactly the keys {', '.join(sorted(_KEYS))}")
+        raise ValueError(f"must have exactly the keys {', '.join(sorted(_KEYS))}")
     by_hand: dict[str, tuple[str, str]] = {}
     for group in data["by_hand"]:
         if not isinstance(group, dict) or set(group) != {"licence", "source", "packages"}:
@@ -117,7 +117,7 @@ def faults(
         allowed = knowledge.allowed | (frozenset() if name in running else knowledge.tools)
         if licence is None:
             lines.append(
-                f"{name} {version}: declares no licence, or not which one: list it in by_hand"
+                f"{name} {version}: declares no licence, or an ambiguous one: list it in by_hand"
             )
         elif not permitted(licence, allowed):
             use = "what runs" if name in running else "tools"
@@ -148,7 +148,10 @@ def names_in(sets: Collection[str]) -> set[str]:
 
 def main(arguments: list[str]) -> int:
     if arguments not in ([], ["--table"]):
-        print(f"licences: what is {arguments[0]!r}? --table is the one option", file=sys.stderr)
+        print(
+            f"licences: unknown argument {arguments[0]!r}: --table is the only option",
+            file=sys.stderr,
+        )
         return 2
     try:
         knowledge = known((REQUIREMENTS / "licences.yaml").read_text(encoding="utf-8"))

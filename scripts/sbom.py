@@ -78,7 +78,7 @@ def completed(
     version, digests = locked
     if found["version"] != version:
         raise ValueError(
-            f"{package.name} {found['version']} is installed, requirements/ name {version}"
+            f"{package.name} {found['version']} is installed, requirements/ pin {version}"
         )
     component = {**found, "licenses": licence_entries(package)}
     component["externalReferences"] = [

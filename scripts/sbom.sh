@@ -8,7 +8,7 @@ die() { printf 'sbom: %s\n' "$*" >&2; exit 1; }
 target=$(realpath "$1")
 cd -P "$(dirname "${BASH_SOURCE[0]}")/.."
 tools=$(bash scripts/release_tools.sh)
-[[ $(<.venv/.made) == wheels\ * ]] || die 'is made of the pinned wheels: use a checkout without ROS 2 from apt'
+[[ $(<.venv/.made) == wheels\ * ]] || die 'it is made from the pinned wheels: use a checkout without ROS 2 from apt'
 
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -4,11 +4,11 @@
 set -euo pipefail
 die() { printf 'source_archive: %s\n' "$*" >&2; exit 1; }
 (($# == 1)) && [[ $1 != -* ]] || die 'one argument is needed, the folder for the archive'
-mkdir -p "$1" 2>/dev/null && [[ -w $1 ]] || die "$1: is no folder that can be written to: give another"
+mkdir -p "$1" 2>/dev/null && [[ -w $1 ]] || die "$1: not a writable folder: give another"
 target=$(realpath "$1")
 cd -P "$(dirname "${BASH_SOURCE[0]}")/.."
-[[ $(git rev-parse --show-toplevel 2>/dev/null) == "$PWD" ]] || die 'this is no git checkout, so there is no commit to archive'
-[[ -z $(git status --porcelain) ]] || die 'the checkout has changes that no commit has: commit or stash them first'
+[[ $(git rev-parse --show-toplevel 2>/dev/null) == "$PWD" ]] || die 'this is not a git checkout, so there is no commit to archive'
+[[ -z $(git status --porcelain) ]] || die 'the checkout has uncommitted changes: commit or stash them first'
 name=trunk-$(bash scripts/version.sh)
 [[ ! -e $target/$name.tar.gz ]] || die "$1/$name.tar.gz: it exists: give another folder, or delete it"
 trap 'rm -f "$target/.$name.part"' EXIT

@@ -4,11 +4,11 @@
 set -euo pipefail
 die() { printf 'wheels: %s\n' "$*" >&2; exit 1; }
 (($# == 1)) && [[ $1 != -* ]] || die 'one argument is needed, the folder for the wheels'
-mkdir -p "$1" 2>/dev/null && [[ -w $1 ]] || die "$1: is no folder that can be written to: give another"
+mkdir -p "$1" 2>/dev/null && [[ -w $1 ]] || die "$1: not a writable folder: give another"
 target=$(realpath "$1")
 cd -P "$(dirname "${BASH_SOURCE[0]}")/.."
 [[ -z $(find "$target" -maxdepth 1 -name 'trunk_*.whl' -print -quit) ]] ||
-    die "$1: holds wheels of the project already: give another folder, or delete them"
+    die "$1: already holds wheels of the project: give another folder, or delete them"
 python=$PWD/.venv/bin/python
 [[ -e .venv/.installed ]] || die 'not set up yet: run scripts/bootstrap.sh'
 

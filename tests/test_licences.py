@@ -77,7 +77,7 @@ def test_what_is_permitted(expression, allowed):
             False,
             "thing 1.0: GPL-3.0-only is not allowed for tools",
         ),
-        (found(), True, "thing 1.0: declares no licence, or not which one"),
+        (found(), True, "thing 1.0: declares no licence, or an ambiguous one"),
     ],
 )
 def test_what_is_refused(package, running, says):
@@ -102,7 +102,7 @@ def test_an_entry_by_hand_ends_with_its_need():
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("allowed: []", "has to have exactly the keys"),
+        ("allowed: []", "must have exactly the keys"),
         (TEXT.replace("packages: [numba]", "package: numba"), "needs licence, source and packages"),
         (TEXT.replace("packages: [numba]", "packages: [numba, numba]"), "numba is listed twice"),
     ],

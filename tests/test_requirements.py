@@ -148,7 +148,7 @@ def test_what_has_the_hash_is_installed_without_what_it_depends_on(wheel):
             f" --hash=sha256:{'0' * 64}",
             "some.txt: tiny-thing==1.0: what was downloaded has none of",
         ),
-        ("", "some.txt: tiny-thing==1.0: no hash is written here"),
+        ("", "some.txt: tiny-thing==1.0: this file has no hash for it"),
     ],
     ids=["altered", "absent"],
 )

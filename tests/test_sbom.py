@@ -116,7 +116,7 @@ def test_another_version_than_the_locked_one_is_refused(make, environment):
     numpy["version"] = "1.0"
     assert make()[::2] == (
         1,
-        f"sbom: numpy 1.0 is installed, requirements/ name {metadata.version('numpy')}\n",
+        f"sbom: numpy 1.0 is installed, requirements/ pin {metadata.version('numpy')}\n",
     )
 
 

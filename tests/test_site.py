@@ -14,7 +14,7 @@ BROKEN = {
     "[page](nowhere.md)": "'nowhere.md'",
     "[heading](index.md#nowhere)": "'index.md#nowhere'",
     "[file](../scripts/nowhere.sh)": "'../scripts/nowhere.sh'",
-    "`scripts/nowhere.py`": "`scripts/nowhere.py`, which is not there",
+    "`scripts/nowhere.py`": "`scripts/nowhere.py`, which does not exist",
 }
 SMALL = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "docker/README.md")
 

@@ -28,7 +28,7 @@ def check(name: str, module: Module, lines: Container[int] | None) -> bool:
         begin = time.monotonic()
         if not passes(module.tests, 600.0):
             passes(module.tests, 600.0, quiet=False)
-            sys.exit(f"{name}: its tests fail, or take more than 10 min, without a mutant")
+            sys.exit(f"{name}: its tests fail, or take more than 10 min, even without a mutant")
         took = time.monotonic() - begin
     for stale in (file.parent / "__pycache__").glob(f"{file.stem}.*"):
         stale.unlink()  # two changes within a second may look alike to Python
@@ -58,10 +58,10 @@ def main() -> int:
     for text in sys.argv[1:] or MODULES:
         name, _, lines = text.partition(":")
         if name not in MODULES:
-            print(f"{name!r} is no module: one of {', '.join(MODULES)}", file=sys.stderr)
+            print(f"{name!r} is not a module: give one of {', '.join(MODULES)}", file=sys.stderr)
             return 2
         if lines and not all(line.isdecimal() for line in lines.split(",")):
-            print(f"{text!r}: the lines are numbers, as in {name}:12,40", file=sys.stderr)
+            print(f"{text!r}: the lines must be numbers, as in {name}:12,40", file=sys.stderr)
             return 2
         wanted[name] = [int(line) for line in lines.split(",")] if lines else None
     short = [name for name, lines in wanted.items() if not check(name, MODULES[name], lines)]
