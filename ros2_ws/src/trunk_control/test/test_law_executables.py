@@ -21,7 +21,7 @@ def test_it_starts_the_node_of_that_name(name: str, monkeypatch: pytest.MonkeyPa
     assert started == [(name,)]
 
 
-def test_private_names_are_no_laws() -> None:
+def test_private_names_are_not_laws() -> None:
     assert not hasattr(executables, "_law")
 
 

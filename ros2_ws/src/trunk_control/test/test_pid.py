@@ -59,7 +59,7 @@ def test_terms_of_three_samples(mode):
         assert (terms.kp, terms.ki, terms.kd) == GAINS
 
 
-def test_what_a_model_says_is_added_within_the_limits():
+def test_a_feed_forward_is_added_within_the_limits():
     arguments = (PidState(0.25), 0.5, 0.0, 2.0, DT, GAINS, 1.0)
     _, terms = combine(*arguments, FREE, 7.0)
     assert terms.unsaturated == terms.effort == 2.0 * 0.5 + 4.0 * 0.375 + 0.5 * 2.0 + 7.0

@@ -114,7 +114,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("text", BAD, ids=lambda text: repr(text[-20:]))
-def test_a_mistake_is_one_line_with_file_line_value_and_what_is_allowed(read, tmp_path, text):
+def test_a_mistake_gives_one_line_with_file_line_value_and_what_is_allowed(read, tmp_path, text):
     with pytest.raises(ParameterFileError) as caught:
         read(text)
     assert str(caught.value) == f"{tmp_path / 'mine.csv'}: {BAD[text]}"
@@ -131,14 +131,14 @@ def test_a_mistake_is_one_line_with_file_line_value_and_what_is_allowed(read, tm
     ],
     ids=["open quote", "NUL", "no text", "huge", "long cell"],
 )
-def test_what_is_no_csv_is_one_line_too(read, content, told):
+def test_what_is_not_csv_gives_one_line_too(read, content, told):
     with pytest.raises(ParameterFileError) as caught:
         read(content)
     assert told in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
 
 
-def test_what_is_no_file_is_refused_without_waiting_for_it(tmp_path):
+def test_what_is_not_a_file_is_refused_without_waiting(tmp_path):
     for path in (tmp_path, tmp_path / "none.csv", tmp_path / ("x" * 300), tmp_path / "a\0b"):
         with pytest.raises(ParameterFileError, match=r"no such file|cannot be read"):
             read_csv(path, COLUMNS)

@@ -60,26 +60,26 @@ def test_an_array_of_integers(values):
 
 
 @pytest.mark.parametrize("text", ["", "demo", "6", "1.50", "1e3", "yes", "inf", "0x10", "~"])
-def test_a_text_that_yaml_reads_as_something_else(text):
+def test_a_string_that_yaml_reads_as_something_else(text):
     string = declared("string", "")
     assert check(string, meant(string, sent(text), text)) == text
 
 
 @pytest.mark.parametrize(("value", "present"), [(7, "6"), (True, "1"), (1.5, "a: ["), (1, "1.0")])
-def test_another_value_is_refused_for_a_text(value, present):
+def test_a_value_of_another_type_is_refused_for_a_string(value, present):
     with pytest.raises(ParameterError, match="not allowed: string"):
         check(declared("string", ""), meant(declared("string", ""), value, present))
 
 
 @pytest.mark.parametrize("text", ["nan", "much", "", "inf inf", "1_000", "٣", "[1.0]"])
-def test_what_is_no_number_is_refused_as_it_was_sent(text):
+def test_what_is_not_a_number_is_refused_as_sent(text):
     with pytest.raises(ParameterError) as caught:
         check(declared("double"), meant(declared("double"), text, 0.0))
     assert repr(text) in str(caught.value)
 
 
 @pytest.mark.parametrize("value", ["[1.0, a]", "1.0", "[[1.0]]", ["1.0", "a"]])
-def test_what_is_no_array_of_numbers_is_refused(value):
+def test_what_is_not_an_array_of_numbers_is_refused(value):
     array = declared("double array", ())
     with pytest.raises(ParameterError, match="double array"):
         check(array, meant(array, value, ()))

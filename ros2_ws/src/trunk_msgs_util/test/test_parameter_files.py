@@ -105,7 +105,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize(("text", "says"), BROKEN.values(), ids=BROKEN.keys())
-def test_a_broken_file_is_one_line_with_its_place(text, says, tmp_path):
+def test_a_broken_file_gives_one_line_with_its_place(text, says, tmp_path):
     path = tmp_path / "broken.yaml"
     path.write_text(text)
     with pytest.raises(ParameterFileError) as caught:

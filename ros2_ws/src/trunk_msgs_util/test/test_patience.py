@@ -42,7 +42,7 @@ def steps_until_spent(limit_s: float, **way: object) -> int:
 
 
 @pytest.mark.parametrize("state", ["S", "T", "Z"])
-def test_who_sleeps_or_is_stopped_is_given_up_at_the_limit(state: str) -> None:
+def test_a_sleeping_or_stopped_process_is_given_up_at_the_limit(state: str) -> None:
     assert steps_until_spent(5.0, state=state) == pytest.approx(100, abs=1)
 
 
@@ -50,17 +50,17 @@ def test_an_endless_loop_is_given_up_at_the_limit() -> None:
     assert steps_until_spent(5.0, run_ms=50, state="R") == pytest.approx(100, abs=1)
 
 
-def test_who_waits_for_a_processor_half_of_the_time_is_given_longer() -> None:
+def test_a_process_that_waits_for_a_processor_half_of_the_time_gets_longer() -> None:
     steps = steps_until_spent(6.0, run_ms=25, delay_ms=25, state="R")
     assert steps == pytest.approx(40 + 2 * 80, abs=2)  # the first third is counted without a look
 
 
 @pytest.mark.parametrize("way", [{"delay_ms": 50}, {"state": "R"}, {"state": "D"}], ids=str)
-def test_who_never_gets_a_processor_or_waits_for_the_disk_is_not_given_up(way: dict) -> None:
+def test_a_process_without_a_processor_or_waiting_for_the_disk_is_not_given_up(way: dict) -> None:
     assert steps_until_spent(5.0, **way) == 0
 
 
-def test_a_gap_between_two_looks_is_the_observers_own() -> None:
+def test_a_gap_between_two_looks_is_the_observers_and_does_not_count() -> None:
     machine = Machine()
     patience = Patience(1.0, machine.clock, machine.look)
     machine.now_s += 3600.0
@@ -68,7 +68,7 @@ def test_a_gap_between_two_looks_is_the_observers_own() -> None:
     assert patience.waited_s < 1.0
 
 
-def test_a_sign_of_life_begins_the_wait_anew() -> None:
+def test_a_sign_of_life_restarts_the_wait() -> None:
     machine = Machine()
     patience = Patience(1.0, machine.clock, machine.look)
     for _ in range(100):
@@ -85,7 +85,7 @@ def test_the_thread_that_was_held_up_longest_counts() -> None:
     assert held_up_ns(before, now, 20 * MS) == 20 * MS
 
 
-def test_linux_tells_of_this_process_and_of_none_that_is_not_there() -> None:
+def test_linux_reports_this_process_and_nothing_for_one_that_does_not_exist() -> None:
     mine = threads_of(os.getpid())
     if mine:  # where there is no schedstat, wall time counts
         assert mine[os.getpid()].run_ns > 0

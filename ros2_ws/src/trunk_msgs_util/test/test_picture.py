@@ -99,7 +99,7 @@ def test_markers_have_what_each_kind_of_shape_needs():
             assert marker.scale.x == shape.size
 
 
-def test_thirty_pictures_a_second_at_any_rate_and_anew_where_time_begins_anew():
+def test_thirty_pictures_a_second_at_any_rate_and_again_when_time_restarts():
     for period in (1, 5, 7, 50):
         film = Film()
         stamps = [k * MS for k in range(0, 1001, period)]
@@ -111,7 +111,7 @@ def test_thirty_pictures_a_second_at_any_rate_and_anew_where_time_begins_anew():
         assert film.is_due(0)
 
 
-def test_the_description_comes_first_and_again_where_it_is_another_one():
+def test_the_description_comes_first_and_again_when_it_changes():
     film = Film()
     told = [[topic for topic, _ in film.picture(truth(t), None, None, t)] for t in (0, 50 * MS)]
     assert told == [["robot_description", "markers", "tf"], ["markers", "tf"]]
@@ -122,7 +122,7 @@ def test_the_description_comes_first_and_again_where_it_is_another_one():
     assert text == urdf(Geometry(length=2.0))
 
 
-def test_what_has_not_our_joints_or_no_numbers_is_not_drawn():
+def test_states_without_our_joints_or_without_finite_numbers_are_not_drawn():
     film = Film()
     for state in (JointSample(0, ("wheel",), (1.0,)), JointSample(0, ("hip", "trunk"), (1.0,))):
         assert not {"markers", "tf"} & dict(film.picture(state, None, None, 0)).keys()

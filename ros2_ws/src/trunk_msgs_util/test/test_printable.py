@@ -20,7 +20,7 @@ def test_text_stays_as_it_is(text):
 
 
 @pytest.mark.parametrize("number", [0, 7, 8, 13, 0x1B, 0x7F, 0x9B, 0x202E, 0x2066, 0xDC80])
-def test_a_character_that_acts_is_written_out(number):
+def test_a_character_that_controls_a_terminal_is_written_out(number):
     assert printable(f"a{chr(number)}b") == f"a\\u{number:04x}b"
 
 

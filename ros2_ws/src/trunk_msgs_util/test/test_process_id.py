@@ -9,14 +9,14 @@ import sys
 from trunk_msgs_util.process_id import local_pid, process_id
 
 
-def test_each_process_has_its_own_which_leads_back_to_it():
+def test_each_process_has_its_own_id_which_leads_back_to_it():
     mine = process_id()
     assert mine == process_id(os.getpid())
     assert local_pid(mine) == os.getpid()
     assert mine != process_id(os.getppid())
 
 
-def test_a_process_that_becomes_another_program_keeps_it():
+def test_a_process_that_becomes_another_program_keeps_its_id():
     code = "from trunk_msgs_util.process_id import process_id; print(process_id())"
     child = subprocess.Popen(
         ["/bin/sh", "-c", 'read go; exec "$@"', "sh", sys.executable, "-c", code],
@@ -30,7 +30,7 @@ def test_a_process_that_becomes_another_program_keeps_it():
     assert local_pid(before) is None
 
 
-def test_none_is_found_by_what_is_not_here():
+def test_an_id_that_does_not_exist_here_finds_no_process():
     boot, pid, start = process_id().split(".")
     for other in (
         "",

@@ -33,7 +33,7 @@ def test_it_does_not_fail_where_nothing_can_be_found(monkeypatch):
     assert found["commit"] == found["no_such_package"] == found["ros_distro"] == provenance.NONE
 
 
-def test_the_commit_is_that_of_the_checkout_with_a_mark_where_it_was_changed(monkeypatch, tmp_path):
+def test_the_commit_is_that_of_the_checkout_marked_if_it_was_changed(monkeypatch, tmp_path):
     def git(*arguments: str) -> str:
         identity = ["-c", "user.name=n", "-c", "user.email=e@example.org"]
         command = ["git", "-C", str(tmp_path), *identity, *arguments]

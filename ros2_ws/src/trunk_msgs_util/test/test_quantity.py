@@ -93,7 +93,7 @@ def test_degrees_have_the_bits_of_math_radians(degrees):
 
 
 @given(st.floats(allow_nan=False) | st.integers(-(10**30), 10**30))
-def test_a_plain_number_is_no_quantity_and_stays_itself(number):
+def test_a_plain_number_is_not_a_quantity_and_stays_as_it_is(number):
     assert not looks_like_quantity(repr(number))
     assert number_in(repr(number), "s") == float(number) == number_in(number, "s")
 
@@ -145,6 +145,6 @@ def test_any_text_is_a_unit_or_refused(text):
 
 
 @given(st.lists(st.sampled_from(TOKENS), max_size=25))
-def test_any_row_of_tokens_is_a_unit_or_refused(tokens):
+def test_any_sequence_of_tokens_is_a_unit_or_refused(tokens):
     with suppress(UnitError):
         assert parse_unit(" ".join(tokens)).scale > 0

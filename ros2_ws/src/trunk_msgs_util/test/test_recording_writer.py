@@ -73,7 +73,7 @@ def test_rosbags_reads_it(run_file):
     assert read[0].name == ["hüfte", "rumpf"]
 
 
-def test_channels_have_what_rosbag2_plays_them_by(tmp_path):
+def test_channels_have_what_rosbag2_needs_to_play_them(tmp_path):
     path = tmp_path / "a.mcap"
     with RecordingWriter(path) as writer:
         writer.write(writer.channel("/robot/a", topics.JOINT_STATE_TYPE), 5, 5, b"\0\1\0\0")

@@ -22,7 +22,7 @@ def home(tmp_path):
         {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"},
     ],
 )
-def test_what_ros_can_use_is_let_pass(home, settings):
+def test_what_ros_can_use_is_accepted(home, settings):
     check(home | settings)
 
 
@@ -44,7 +44,7 @@ def test_a_range_in_which_no_node_is_found(home, value, why):
 
 
 @pytest.mark.parametrize("name", ["HOME", "ROS_HOME", "ROS_LOG_DIR"])
-def test_a_folder_of_logs_that_cannot_be_made_is_named_by_its_setting(home, tmp_path, name):
+def test_a_log_folder_that_cannot_be_made_is_named_by_its_setting(home, tmp_path, name):
     (tmp_path / "file").touch()
     with pytest.raises(SettingError, match=f"^{name}=.*file: no logs can be written.*ROS_LOG_DIR"):
         check(home | {name: str(tmp_path / "file")})
@@ -57,7 +57,7 @@ def test_logs_that_go_elsewhere_need_no_home(tmp_path):
 
 
 @pytest.mark.parametrize("factor", ["abc", "0", "-1", "inf", "nan"])
-def test_a_patience_that_is_no_factor(home, factor):
+def test_a_patience_that_is_not_a_factor(home, factor):
     with pytest.raises(SettingError, match=f"^TRUNK_PATIENCE={factor} is not allowed: a factor"):
         check(home | {"TRUNK_PATIENCE": factor})
 

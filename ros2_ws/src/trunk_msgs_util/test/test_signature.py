@@ -160,7 +160,7 @@ def test_a_damaged_text_is_malformed_or_the_same_signature(noise, place):
         assert parse(data) == SIGNATURE or not fits(parse(data), DIGESTS)
 
 
-def test_what_is_no_file_of_a_signature_is_not_waited_for(tmp_path):
+def test_what_is_not_a_signature_file_is_refused_without_waiting(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "large").write_bytes(b" " * (LIMIT + 1))
     for name, word in (

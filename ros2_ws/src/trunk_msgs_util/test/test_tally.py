@@ -55,11 +55,11 @@ def test_a_stranger_on_a_topic_of_one_node(whole, topic):
     assert (complete, "another node publishes there too" in why) == (False, True), why
 
 
-def test_what_could_not_be_heard(whole):
+def test_messages_that_could_not_be_received(whole):
     assert whole.verdict(HEARD, ("a stranger", "another")) == (False, "a stranger; another")
 
 
-def test_a_controller_of_which_nothing_was_heard():
+def test_a_controller_from_which_nothing_was_received():
     """It was there before the recorder, and ended before the two had discovered each other."""
     tally = Tally("/{}".format)
     tally.counts.update({topics.GROUND_TRUTH: 3, topics.JOINT_STATES: 3})
@@ -90,7 +90,7 @@ def test_events_that_no_node_sends(whole):
     assert whole.verdict(HEARD, ()) == (True, "duration reached")
 
 
-def test_a_node_of_which_only_the_parameters_came(whole):
+def test_a_node_from_which_only_the_parameters_arrived(whole):
     for node in ("/pid", "/lqr"):
         whole.meet(node)
     why = "/lqr: its parameters were recorded, but none of its events"
@@ -99,7 +99,7 @@ def test_a_node_of_which_only_the_parameters_came(whole):
     assert whole.verdict(HEARD, ())[0]
 
 
-def test_more_messages_of_our_nodes_than_they_have_counted(whole):
+def test_more_messages_from_our_nodes_than_they_reported(whole):
     assert whole.uncounted({topics.EFFORT_COMMAND: 3, topics.DISTURBANCE: 7}) == []
     (line,) = whole.uncounted({topics.EFFORT_COMMAND: 5})
     assert (

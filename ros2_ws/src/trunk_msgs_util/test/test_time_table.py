@@ -42,7 +42,7 @@ def test_a_line_is_evaluated_in_the_stated_order():
     assert found != first * (1.0 - share) + last * share
 
 
-def test_without_rows_there_is_what_comes_before():
+def test_without_rows_the_value_before_the_first_applies():
     assert (interpolated(5, (), (), 0.25), held(5, (), (), 0.25)) == (0.25, 0.25)
 
 

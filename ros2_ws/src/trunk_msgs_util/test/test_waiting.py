@@ -3,7 +3,7 @@ from __future__ import annotations
 from trunk_msgs_util.node.waiting import Waiting
 
 
-def test_said_at_once_then_every_five_seconds_and_at_once_where_it_changes():
+def test_a_line_is_said_at_once_then_every_five_seconds_and_at_once_when_it_changes():
     waiting = Waiting()
     told = [(now, waiting.line("a controller", float(now))) for now in range(12)]
     assert [now for now, line in told if line] == [0, 5, 10]
@@ -12,7 +12,7 @@ def test_said_at_once_then_every_five_seconds_and_at_once_where_it_changes():
     assert waiting.line("the recorder", 13.0) == ""
 
 
-def test_nothing_is_said_of_nobody_and_who_is_missing_again_is_said_at_once():
+def test_nothing_is_said_if_nobody_is_missing_and_a_node_missing_again_is_named_at_once():
     waiting = Waiting()
     assert waiting.line("", 0.0) == ""
     assert waiting.line("a controller", 1.0)

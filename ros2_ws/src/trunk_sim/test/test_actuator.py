@@ -36,14 +36,14 @@ def test_neutral_constants_change_no_bit(before, effort, limit):
 
 
 @given(st.floats(-1e9, 1e9), st.floats(1e-6, 1e3))
-def test_what_is_quantised_is_the_nearest_multiple(value, resolution):
+def test_quantising_gives_the_nearest_multiple(value, resolution):
     found = quantised(value, resolution)
     steps = round(found / resolution)
     assert abs(Fraction(found) - Fraction(value)) <= Fraction(resolution) * Fraction(0.5000001)
     assert found == resolution * steps
 
 
-def test_beyond_the_doubles_nothing_is_quantised():
+def test_nothing_is_quantised_where_doubles_end():
     assert quantised(1e300, 1e-300) == 1e300
     assert quantised(inf, 1.0) == inf
     assert np.isnan(quantised(float("nan"), 1.0))
@@ -104,7 +104,7 @@ def test_friction_takes_energy_from_a_swinging_trunk():
     assert fastest(rubbing) < 0.9 * fastest(plant)
 
 
-def test_the_torque_of_a_drive_is_told_and_moves_the_trunk():
+def test_the_torque_of_a_drive_is_reported_and_moves_the_trunk():
     plant = Plant(Body(), 0.005, 1, inf, inf, Actuator(approach=0.25))
     trunk = Trunk(PlantState(0.0, 0.0, 1.0, 0.0), 4.0, False, False)
     after = act(trunk, 12.0, QUIET, plant)

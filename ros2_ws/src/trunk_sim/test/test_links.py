@@ -76,7 +76,7 @@ def test_the_message_in_use_is_that_of_a_plain_account(link, seed):
 
 @pytest.mark.slow
 @given(links, st.lists(st.integers(1, 900), max_size=4))
-def test_how_far_it_is_drawn_at_a_time_changes_nothing(link, steps):
+def test_drawing_it_in_parts_changes_nothing(link, steps):
     whole = Traffic(network(link, link, dropout=0.3)).all_seen(2000)
     parts = Traffic(network(link, link, dropout=0.3))
     for step in steps:

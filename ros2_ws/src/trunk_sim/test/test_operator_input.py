@@ -22,7 +22,7 @@ LIMITS = OperatorLimits(hip_force=10.0, trunk_torque=50.0, timeout_ns=100)
 PUSH = Applied(0.0, 20.0)
 
 
-def test_what_acts_is_limited_and_ends_when_nobody_speaks():
+def test_a_push_is_limited_and_ends_when_no_request_comes():
     operator = Operator(LIMITS)
     assert operator.applied(0) == NOTHING
     assert operator.told() is None
@@ -71,7 +71,7 @@ def test_a_malformed_request(names, effort):
 
 
 @pytest.mark.parametrize("more", [{"position": (0.0, 0.0)}, {"velocity": (1.0,)}])
-def test_a_request_is_of_efforts_alone(more):
+def test_a_request_holds_efforts_only(more):
     with pytest.raises(RefusedError, match="malformed"):
         asked_of(JointSample(0, ("hip", "trunk"), effort=(0.0, 1.0), **more), ("hip", "trunk"))
 
@@ -82,7 +82,7 @@ def test_a_request_that_is_not_finite(value):
         asked_of(JointSample(0, ("hip", "trunk"), effort=(0.0, value)), ("hip", "trunk"))
 
 
-def test_it_is_added_to_the_disturbance_and_leaves_no_trace_where_it_is_nothing():
+def test_a_push_is_added_to_the_disturbance_and_no_push_changes_nothing():
     acting = Disturbance(-0.0, 1.0, 2.0, 3.0)
     assert with_operator(acting, NOTHING) is acting
     assert with_operator(acting, Applied(1.0, 2.0)) == Disturbance(1.0, 3.0, 2.0, 3.0)

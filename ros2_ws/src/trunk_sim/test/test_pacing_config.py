@@ -24,7 +24,7 @@ def test_real_time_uses_a_command_up_to_its_timeout():
     assert loop.efforts == [3.0, 3.0, 3.0, 0.0]
 
 
-def test_lockstep_waits_for_whom_it_is_told_with_their_windows():
+def test_lockstep_waits_for_the_configured_topics_with_their_windows():
     loop = CountingLoop()
     config = SimulatorConfig(
         update_rate=1000.0, lockstep=True, wait_for=EVERYBODY, lockstep_window=3

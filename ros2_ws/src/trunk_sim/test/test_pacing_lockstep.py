@@ -39,7 +39,7 @@ def test_wrong_answers_are_counted_and_ignored():
     }
 
 
-def test_who_is_not_awaited_changes_nothing():
+def test_an_answer_that_is_not_awaited_changes_nothing():
     loop, pacing = lockstep()
     pacing.begin(0)
     pacing.answered("disturbance", 0, 1)
@@ -67,7 +67,7 @@ def test_the_disturbance_answers_for_the_next_state():
     assert loop.efforts == [1.0]
 
 
-def test_a_window_is_made_narrower_never_wider():
+def test_a_window_is_narrowed_but_never_widened():
     loop, pacing = lockstep(windows={"effort_command": 0, "recorder": 3 * H})
     pacing.narrow("recorder", H)
     pacing.narrow("recorder", 2 * H)
@@ -98,7 +98,7 @@ def test_the_recorder_may_lag_by_its_window_but_not_at_the_end():
     assert loop.finished
 
 
-def test_the_last_state_waits_for_the_disturbance_as_any_other():
+def test_the_last_state_waits_for_the_disturbance_like_any_other():
     loop, pacing = lockstep(steps=0, windows={"effort_command": 0, "disturbance": -H})
     pacing.begin(0)
     pacing.command(0, 0.0, 1)
@@ -134,7 +134,7 @@ def test_time_in_which_a_participant_was_held_up_does_not_count(held_up, ticks):
     assert failed == ticks
 
 
-def test_an_answer_begins_the_wait_anew():
+def test_an_answer_restarts_the_wait():
     loop, pacing = lockstep()
     pacing.begin(0)
     for tick in range(1, 1000):

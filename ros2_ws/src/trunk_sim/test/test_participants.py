@@ -20,7 +20,7 @@ def participants(config=None, counts=None, controllers=()):
     )
 
 
-def test_ready_is_who_says_so():
+def test_a_node_is_ready_when_it_says_so():
     those = participants(SimulatorConfig(wait_for=("effort_command", "recorder")))
     assert those.missing(0.0) == ["effort_command", "recorder"]
     those.hear("/pid", "ready", COMMAND)
@@ -41,13 +41,13 @@ def test_a_stranger_is_ready_when_it_has_been_matched_for_a_second():
     assert those.missing(12.5) == ["effort_command"]
 
 
-def test_strangers_are_those_who_say_nothing_of_themselves():
+def test_strangers_are_nodes_that_say_nothing_about_themselves():
     those = participants(controllers=["/pid", "/mine"])
     those.hear("/pid", "configured", {"process": "1"})
     assert those.strangers() == ["/mine"]
 
 
-def test_who_stands_by_is_waited_for_however_long_it_is_matched():
+def test_a_standby_node_is_awaited_however_long_it_has_been_matched():
     those = participants(controllers=["/pid"])
     those.hear("/pid", "configured", {})
     assert those.missing(10.0) == those.missing(15.0) == ["effort_command"]
@@ -60,7 +60,7 @@ def test_who_stands_by_is_waited_for_however_long_it_is_matched():
     assert those.missing(16.0) == []
 
 
-def test_all_who_take_turns_are_awaited():
+def test_all_controllers_that_take_turns_are_awaited():
     those = participants(SimulatorConfig(controllers=("pid", "fuzzy_pid")))
     those.hear("/robot/pid", "ready", COMMAND)
     assert those.missing(0.0) == ["fuzzy_pid"]
@@ -71,7 +71,7 @@ def test_all_who_take_turns_are_awaited():
 
 
 @pytest.mark.parametrize("anew", ["cleaned up", "configured"])  # in order, or started anew
-def test_who_opens_its_topics_anew_is_awaited_anew(anew):
+def test_a_node_that_reopens_its_topics_is_awaited_again(anew):
     those = participants(SimulatorConfig(controllers=("pid",)), controllers=["/pid"])
     for message in ("configured", "activated"):
         those.hear("/pid", message, {})
@@ -96,12 +96,12 @@ def test_who_opens_its_topics_anew_is_awaited_anew(anew):
         (("pid", "fuzzy_pid"), ["/pid", "/fuzzy_pid", "/pid"], ["/fuzzy_pid", "/pid"]),
     ],
 )
-def test_who_acts_at_the_same_time(turns, publishing, acting):
+def test_which_controllers_act_at_the_same_time(turns, publishing, acting):
     those = participants(SimulatorConfig(controllers=turns), controllers=publishing)
     assert those.acting() == acting
 
 
-def test_who_stands_by_does_not_act():
+def test_a_standby_controller_does_not_act():
     those = participants(controllers=["/pid", "/fuzzy_pid"])
     assert those.unsettled(5.0)
     those.hear("/fuzzy_pid", "configured", {})
@@ -113,7 +113,7 @@ def test_who_stands_by_does_not_act():
     assert those.acting() == ["/fuzzy_pid"]
 
 
-def test_what_is_unknown_is_waited_for_but_not_for_ever():
+def test_an_unknown_node_is_awaited_but_not_for_ever():
     those = participants(controllers=["/pid", f"/{UNKNOWN_NODE}"])
     assert those.rivals() == []  # nobody can be told whom to stop
     assert those.unsettled(5.0)
@@ -132,7 +132,7 @@ def test_rivals_are_judged_by_one_look_at_the_graph():
         assert [those.unsettled(5.0) for _ in order] == [len(look) > 1 for look in order]
 
 
-def test_the_silent_are_named():
+def test_silent_nodes_are_named():
     those = participants()
     assert those.describe("effort_command") == "anyone (effort_command)"
     those.hear("/pid", "ready", COMMAND)
@@ -144,7 +144,7 @@ def test_the_silent_are_named():
     assert those.describe("effort_command") == "/fuzzy_pid or /pid (effort_command; inactive)"
 
 
-def test_a_ready_node_is_met_once_its_publisher_has_a_name_and_it_listens():
+def test_a_ready_node_is_met_once_its_publisher_has_a_name_and_it_subscribes():
     those = participants()
     topic = "effort_command"
     assert not those.unmet(topic, 0, set(), set())  # nobody says that it is ready
@@ -156,7 +156,7 @@ def test_a_ready_node_is_met_once_its_publisher_has_a_name_and_it_listens():
     assert not those.unmet(topic, 0, set(), set())  # it has gone: nobody is left to wait for
 
 
-def test_the_processes_of_those_that_answer_are_known_where_they_told():
+def test_the_processes_of_answering_nodes_are_known_if_they_reported_them():
     those = participants()
     those.hear("/pid", "configured", {"process": "boot.1.1"})
     those.hear("/idle", "configured", {"process": "boot.2.2"})

@@ -174,7 +174,7 @@ def test_only_a_run_with_many_steps_loads_the_compiler(duration, rate, compiled)
     assert (Simulation(config)._act is not act) == compiled
 
 
-def test_a_path_that_changes_compiles_nothing_anew():
+def test_a_changed_path_compiles_nothing_again():
     long = SimulatorConfig(duration=1e6)
     simulation, expected = Simulation(long), Simulation(long, act)
     compiled = simulation._act
@@ -193,7 +193,7 @@ def test_a_long_run_without_numba_steps_by_cpython(monkeypatch):
 
 
 @pytest.mark.slow
-def test_what_is_kept_of_compiled_code_may_be_damaged(monkeypatch, tmp_path):
+def test_the_cache_of_compiled_code_may_be_damaged(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     long = SimulatorConfig(duration=1e6)
     expected = list(trail(Simulation(long)))

@@ -35,7 +35,7 @@ def test_a_step_beyond_the_angle_is_a_fall_and_one_up_to_it_is_not(sign):
     assert act(before, 0.0, QUIET, PLANT._replace(fall_angle=nextafter(reached, 0.0))).fallen
 
 
-def test_who_has_fallen_stays_fallen():
+def test_a_fallen_trunk_stays_fallen():
     fallen = Trunk(PlantState(0.0, 0.0, 0.0, 0.0), 0.0, True, False)
     assert act(fallen, 0.0, QUIET, PLANT).fallen
 
@@ -50,7 +50,7 @@ def test_one_number_that_is_not_finite_is_divergence(fallen):
     assert isfinite(act(before, 1e307, QUIET, PLANT._replace(body=body)).state.theta_dot)
 
 
-def test_the_effort_that_was_applied_is_told_without_the_disturbance():
+def test_the_applied_effort_is_reported_without_the_disturbance():
     after = act(at_rest(LEANING, PLANT), 9.0, Disturbance(0.0, 4.0, 0.0, 0.0), PLANT)
     assert after.effort == 9.0
     assert not after.diverged
