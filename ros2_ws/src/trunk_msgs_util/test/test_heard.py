@@ -1,4 +1,4 @@
-"""What publishers sent and nobody received, told from the numbers of the messages that were received."""
+"""What publishers sent and nobody received, by the sequence numbers of the messages that were received."""
 
 from __future__ import annotations
 

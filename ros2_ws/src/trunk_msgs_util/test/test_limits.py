@@ -30,7 +30,7 @@ def opened(path, *parts):
 
 
 def met(recording):
-    """Return what the recording says of the limit that it met; empty if it met none."""
+    """Return what the recording says about the limit that it met; empty if it met none."""
     said = [w for w in recording.warnings if "limit" in w or "is not read" in w]
     assert len(said) < 2
     return "".join(said)
@@ -138,7 +138,7 @@ def test_texts(tmp_path, monkeypatch):
 
 
 def test_what_is_read_ahead_outside_chunks_is_about_what_is_used(tmp_path, monkeypatch):
-    """A message, a channel, a message, a channel: once a megabyte was read for each."""
+    """A message, a channel, a message, a channel: a megabyte used to be read for each."""
     read = []
     original = blocks.record_offsets
     monkeypatch.setattr(

@@ -1,4 +1,4 @@
-"""What `ros2 param load` sends of a value is that value again."""
+"""What `ros2 param load` sends for a value is read as that value again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is printed may name anything, and drives no terminal."""
+"""What is printed may contain anything, but controls no terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settings of the environment that ROS 2 cannot use are named, with what is allowed."""
+"""Environment settings that ROS 2 cannot use are named, with what is allowed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a recording is whole: its messages against what the run's nodes say there are."""
+"""Whether a recording is complete: its messages against the counts that the run's nodes report."""
 
 from __future__ import annotations
 

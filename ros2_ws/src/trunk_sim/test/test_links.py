@@ -149,7 +149,7 @@ def test_bursts_are_as_frequent_and_as_long_as_declared(seed):
     ],
 )
 def test_delays_are_those_declared(link, mean, sigma, seed):
-    """In steps of a millisecond, which take each delay to the next whole one."""
+    """In steps of a millisecond: each delay is rounded up to a whole number of them."""
     bits = _draw(seed, 0, 0, STEPS, DRAWS)[:, 2].tolist()
     steps = np.array([steps_late(one, link, 1_000_000) for one in bits])
     expected = mean + (0.5 if sigma else 0.0)

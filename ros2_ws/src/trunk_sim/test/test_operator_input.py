@@ -1,4 +1,4 @@
-"""Requests of an operator: who is taken, how much, and for how long."""
+"""Requests of an operator: whose are accepted, how large they may be, and for how long they act."""
 
 from __future__ import annotations
 

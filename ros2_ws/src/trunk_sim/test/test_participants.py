@@ -122,7 +122,7 @@ def test_an_unknown_node_is_awaited_but_not_for_ever():
 
 
 def test_rivals_are_judged_by_one_look_at_the_graph():
-    """Discovery goes on between two looks: whom one knows by name, the other may not."""
+    """Discovery goes on between two looks: a node that one knows by name may be unknown to the other."""
     named = ["/fuzzy_pid", "/pid"]
     looks = [named, ["/fuzzy_pid", f"/{UNKNOWN_NODE}"], ["/fuzzy_pid"]]
     for order in permutations(looks):
