@@ -65,8 +65,12 @@ WRONG = {
         ("flush_interval:=.nan", "nan", "finite double"),
         ("compression:=gzip", "'gzip'", "one of zstd, lz4, none"),
         ("output:=/nowhere/run.mcap", "'/nowhere/run.mcap'", "a file to write ("),
-        ("output:=run.bag", "'run.bag'", "the file's name ends in .mcap, such as run.bag/run.mcap"),
-        ("output:=.", "'.'", "the file's name ends in .mcap, such as run.mcap"),
+        (
+            "output:=run.bag",
+            "'run.bag'",
+            "the file's name must end in .mcap, such as run.bag/run.mcap",
+        ),
+        ("output:=.", "'.'", "the file's name must end in .mcap, such as run.mcap"),
     ],
 }
 

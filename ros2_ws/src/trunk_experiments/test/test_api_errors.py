@@ -150,7 +150,7 @@ def test_nothing_writes_over_a_file_unasked(name, write, made, tmp_path):
     write(path, made, overwrite=True)
     assert path.read_bytes() != b"mine"
     for wrong, says in (
-        (tmp_path / "a.txt", "ends in"),
+        (tmp_path / "a.txt", "must end in"),
         (tmp_path / "no" / name, "no folder"),
         (tmp_path, "is a folder"),
         (7, "not a path"),

@@ -58,11 +58,11 @@ def test_simple_pid_must_agree(monkeypatch):
     [
         (
             "fuzzylite",
-            "pyfuzzylite is not installed; it comes with: pip install --no-deps -r requirements/bench.txt",
+            "pyfuzzylite is not installed; install it with: pip install --no-deps -r requirements/bench.txt",
         ),
         (
             "simple_pid",
-            "simple-pid is not installed; it comes with: pip install -r requirements/dev.txt",
+            "simple-pid is not installed; install it with: pip install -r requirements/dev.txt",
         ),
     ],
 )

@@ -48,7 +48,7 @@ def test_a_missing_library_is_one_clear_line(monkeypatch, module, package):
     with pytest.raises(BenchError) as caught:
         bench.bench_sweep()
     assert str(caught.value) == (
-        f"{package} is not installed; it comes with: "
+        f"{package} is not installed; install it with: "
         "pip install --no-deps -r requirements/bench.txt"
     )
 

@@ -189,5 +189,5 @@ def test_without_gymnasium_one_line_says_how_to_install_it(monkeypatch):
     with pytest.raises(NotInstalledError) as caught:
         importlib.reload(trunk_experiments.gym)
     assert str(caught.value) == (
-        "gymnasium is not installed; it comes with: pip install -r requirements/gym.txt"
+        "gymnasium is not installed; install it with: pip install -r requirements/gym.txt"
     )

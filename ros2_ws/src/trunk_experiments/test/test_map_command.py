@@ -43,7 +43,7 @@ def run(*arguments):
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["mine.yaml", "-o", "x.jpg"], "x.jpg: the file's name ends in .png, .svg or .pdf"),
+        (["mine.yaml", "-o", "x.jpg"], "x.jpg: the file's name must end in .png, .svg or .pdf"),
         (["mine.yaml", "-o", "none/x.png"], "there is no folder none"),
         (["mine.yaml", "--metric", "nix"], "no metric 'nix': one of "),
         (["mine.yaml", "--x", "nix"], "'nix' is not a grid variable; available: delay, gain"),

@@ -152,8 +152,8 @@ def test_outputs_that_cannot_be_written_are_named(tmp_path):
         (tmp_path / "no" / "x.csv", "there is no folder"),
         (tmp_path / "file" / "x.csv", "is not a folder"),
         (tmp_path, "it is a folder: name a file"),
-        (tmp_path / "x.txt", "the file's name ends in .csv"),
-        (tmp_path / "csv", "the file's name ends in .csv"),
+        (tmp_path / "x.txt", "the file's name must end in .csv"),
+        (tmp_path / "csv", "the file's name must end in .csv"),
     ):
         with pytest.raises(PlanError, match=reason) as caught:
             check_output(path, (".csv",), option="--csv")

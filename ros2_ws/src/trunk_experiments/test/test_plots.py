@@ -163,4 +163,4 @@ def test_the_command(short_run, tmp_path, monkeypatch):
     assert (tmp_path / "fig6.png").exists()
     wrong = CliRunner().invoke(trunk, ["plot", run, "-o", "a.bmp"])
     assert wrong.exit_code == 1
-    assert str(wrong.exception) == "--output a.bmp: the file's name ends in .png, .svg or .pdf"
+    assert str(wrong.exception) == "--output a.bmp: the file's name must end in .png, .svg or .pdf"

@@ -75,7 +75,7 @@ def test_check_notices_the_blocks_of_another_study(tmp_path):
     ("name", "line"),
     [
         ("none/out.parquet", "there is no folder"),
-        ("out.csv", "the file's name ends in .parquet"),
+        ("out.csv", "the file's name must end in .parquet"),
         ("there.parquet", "exists: give another name, or --force"),
         ("study.yaml/out.parquet", "is not a folder"),
     ],

@@ -21,7 +21,7 @@ def frame(columns: Mapping[str, Any], index: str) -> pd.DataFrame:
         import pandas as pd
     except ImportError:
         raise LibraryError(
-            "frame: pandas is not installed; it comes with: pip install -r requirements/notebook.txt"
+            "frame: pandas is not installed; install it with: pip install -r requirements/notebook.txt"
         ) from None
     found = pd.DataFrame(dict(columns)).set_index(index)
     found.attrs["units"] = {name: UNITS[name] for name in columns if name in UNITS}

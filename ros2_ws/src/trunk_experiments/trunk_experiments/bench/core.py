@@ -109,7 +109,7 @@ def library(module: str, package: str, requirements: str) -> Any:
     try:
         return import_module(module)
     except ImportError:
-        message = f"{package} is not installed; it comes with: pip install {requirements}"
+        message = f"{package} is not installed; install it with: pip install {requirements}"
         raise BenchError(message) from None
 
 

@@ -60,7 +60,7 @@ def check_output(
         raise PlanError(f"{told}: it is a folder: name a file")
     if suffixes and path.suffix.lower() not in suffixes:
         allowed = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
-        raise PlanError(f"{told}: the file's name ends in {allowed}")
+        raise PlanError(f"{told}: the file's name must end in {allowed}")
     folder = path.parent
     if not folder.exists():
         raise PlanError(f"{told}: there is no folder {folder}: make it, or give another")

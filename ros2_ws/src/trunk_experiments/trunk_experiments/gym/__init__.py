@@ -10,7 +10,7 @@ try:
     from gymnasium.envs.registration import register, registry
 except ImportError:
     raise NotInstalledError(
-        "gymnasium is not installed; it comes with: pip install -r requirements/gym.txt"
+        "gymnasium is not installed; install it with: pip install -r requirements/gym.txt"
     ) from None
 
 ENVIRONMENT = "trunk/Balance-v0"

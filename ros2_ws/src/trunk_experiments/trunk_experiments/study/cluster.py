@@ -27,7 +27,7 @@ def dask_runner(address: str) -> Runner:
         from distributed.scheduler import KilledWorker
     except ImportError:
         raise StudyError(
-            "--scheduler: dask.distributed is not installed; it comes with: "
+            "--scheduler: dask.distributed is not installed; install it with: "
             "pip install -r requirements/cluster.txt"
         ) from None
 

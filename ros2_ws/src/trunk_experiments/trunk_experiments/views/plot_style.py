@@ -67,7 +67,7 @@ def save(figure: Figure, path: Path) -> None:
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise PlanError(f"{path}: a picture's name ends in one of {', '.join(SUFFIXES)}")
+        raise PlanError(f"{path}: a picture's name must end in one of {', '.join(SUFFIXES)}")
     picture = drawn(figure, suffix)  # matplotlib's writers do not say what went wrong with a file
     with whole_file(path) as part:
         part.write_bytes(picture)

@@ -16,7 +16,7 @@ def open_output(config: RecorderConfig) -> RecordingWriter:
     """Create the file. Raises ParameterError if it cannot be written or already exists."""
     path = Path(config.output or time.strftime(f"trunk_%Y%m%dT%H%M%SZ{_SUFFIX}", time.gmtime()))
     if path.suffix.lower() != _SUFFIX and not path.is_relative_to("/dev"):
-        raise _refused(path, f"the file's name ends in {_SUFFIX}, such as {path / 'run.mcap'}")
+        raise _refused(path, f"the file's name must end in {_SUFFIX}, such as {path / 'run.mcap'}")
     try:
         return RecordingWriter(path, compression=config.compression, overwrite=config.overwrite)
     except FileExistsError:
