@@ -1,4 +1,4 @@
-"""Whatever a caller gives wrongly, the library refuses in one line of its own family."""
+"""The library refuses every wrong argument with one line, in an error of its own family."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def study(**changed):
 
 MISTAKES = {
     "scenario": (lambda: trunk.plan("fig88"), "no scenario 'fig88'.*did you mean 'fig8'"),
-    "no name": (lambda: trunk.plan(8), "scenario 8 is not a path"),
+    "no name": (lambda: trunk.plan(8), "scenario 8 is not a path: give a string"),
     "controller": (lambda: trunk.plan("fig8", "pidd"), "no controller 'pidd'.*did you mean 'pid'"),
     "file": (lambda: trunk.plan("fig8", params="pid_as"), "no parameter file 'pid_as'"),
     "files": (lambda: trunk.plan("fig8", params=[3]), "params 3 is not a path"),
@@ -51,7 +51,10 @@ MISTAKES = {
     ),
     "duration": (lambda: trunk.plan("fig8", duration=-1.0), "duration or rate: .*duration': -1.0"),
     "rate": (lambda: trunk.plan("fig8", rate=[1.0]), r"rate \[1.0\]: a number is needed"),
-    "swap": (lambda: trunk.plan("fig8", swaps=["4:pid"]), "swaps: '4:pid': a time in s and"),
+    "swap": (
+        lambda: trunk.plan("fig8", swaps=["4:pid"]),
+        "swaps: '4:pid': a time in s and .*; controllers: .*pid",
+    ),
     "swap's controller": (
         lambda: trunk.plan("fig8", swaps=[(4.0, "pd")]),
         "swaps: .*did you mean 'pid'",
@@ -61,7 +64,10 @@ MISTAKES = {
     "too long": (lambda: short().save("x" * 300 + ".yaml"), "File name too long"),
     "folder of results": (lambda: trunk.load_sweep("."), "a folder: give a Parquet file"),
     "nodes": (lambda: trunk.parameters(["pid"]), r"no node \['pid'\]"),
-    "one name": (lambda: trunk.plot("a.mcap", names=3), "names 3: 1 are needed"),
+    "one name": (
+        lambda: trunk.plot("a.mcap", names=3),
+        "names 3: give a list of 1, one for each run",
+    ),
     "varied": (lambda: study(vary=[ONE]), "vary .*: a mapping is needed"),
     "no plan": (lambda: trunk.simulate("fig8"), "simulate: 'fig8' is not a plan"),
     "endless": (
@@ -72,7 +78,10 @@ MISTAKES = {
     "no path": (lambda: trunk.metrics(3), "recording 3 is not a path"),
     "no runs": (trunk.plot, "plot: no run"),
     "figure": (lambda: trunk.plot("a.mcap", fig=3), "fig is 3: one of 6, 7, 8, 9"),
-    "names": (lambda: trunk.plot("a.mcap", names="ab"), "names 'ab': 1 are needed"),
+    "names": (
+        lambda: trunk.plot("a.mcap", names="ab"),
+        "names 'ab': give a list of 1, one for each run",
+    ),
     "no study": (lambda: trunk.sweep("robustness"), "sweep: 'robustness' is not a study"),
     "study's name": (lambda: trunk.read_study("robust"), "no study 'robust'.*did you mean"),
     "jobs": (lambda: trunk.sweep(study(), jobs=0), "jobs is 0: a whole number from 1 to 1024"),
@@ -104,7 +113,10 @@ MISTAKES = {
     "results": (lambda: trunk.load_sweep("nothing.parquet"), "there is no such file"),
     "column of results": (lambda: trunk.sweep(study())["iaee"], "no column 'iaee': one of run"),
     "one of results": (lambda: trunk.sweep(study()).of("lqr"), "no controller 'lqr'.*one of pid"),
-    "map": (lambda: trunk.sweep(study()).map("mass", "mass"), "x and y are both 'mass'"),
+    "map": (
+        lambda: trunk.sweep(study()).map("mass", "mass"),
+        "x and y are both 'mass': give two different grids",
+    ),
     "node": (lambda: trunk.parameters("simulatr"), "no node 'simulatr'.*did you mean 'simulator'"),
 }
 
@@ -119,7 +131,7 @@ def test_a_mistake_is_one_line(call, says, tmp_path, monkeypatch):
     with pytest.raises(trunk.TrunkError, match=says) as caught:
         call()
     assert "\n" not in str(caught.value)
-    assert "--" not in str(caught.value), "a word of the command line"
+    assert "--" not in str(caught.value), "an option of the command line"
     assert list(tmp_path.iterdir()) == []
 
 

@@ -8,8 +8,8 @@
     print(trunk.metrics(run))
     trunk.plot(run, fig=8).save("fig8.png")
 
-What ``__all__`` names is the contract; all else may change. SI units and radians; each mistake is a
-`TrunkError` of one line. Importing this loads neither numba, pyarrow, matplotlib, pandas nor ROS.
+The names in ``__all__`` are the contract; everything else may change. SI units and radians; every mistake
+raises a `TrunkError` of one line. Importing this loads none of numba, pyarrow, matplotlib, pandas and ROS.
 Described in docs/api.md.
 """
 

@@ -1,4 +1,4 @@
-"""Frames of pandas, which is optional."""
+"""DataFrames of pandas, which is optional."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def frame(columns: Mapping[str, Any], index: str) -> pd.DataFrame:
-    """Return columns as a frame with one of them as its index, their units in ``attrs["units"]``.
+    """Return columns as a DataFrame with one of them as its index, and their units in ``attrs["units"]``.
 
     Raises LibraryError if pandas is not installed.
     """

@@ -13,12 +13,12 @@ from ._simulate import run_of
 
 @dataclass(frozen=True)
 class Metrics(analysis.Metrics):
-    """Quantities of the true error ``e = reference - theta``; None where a run has none.
+    """Quantities of the true error ``e = reference - theta``; None where a run has no such value.
 
     ::
 
         overshoot_deg                  beyond the last level of the reference       deg
-        settling_time_6deg_s           until e stays within 6 deg of that level     s
+        settling_time_6deg_s           until |e| stays within 6 deg                s
         steady_state_error_mean_deg,
         steady_state_error_rms_deg     of e over the last 2 s                       deg
         iae, ise, itae                 integrals of |e|, e^2, t |e|                 rad s, rad^2 s, rad s^2
@@ -26,7 +26,7 @@ class Metrics(analysis.Metrics):
         peak_torque                    largest magnitude of the torque              N m
         theta_min_deg, theta_max_deg   smallest and largest angle                   deg
 
-    Made by `metrics`. ``as_dict()`` gives them by name, ``print`` a table with units.
+    Made by `metrics`. ``as_dict()`` returns them by name; ``print`` shows a table with units.
     """
 
     def _rows(self) -> list[tuple[str, str, str]]:
@@ -44,7 +44,7 @@ class Metrics(analysis.Metrics):
 
 
 def metrics(run: Run | AnyPath) -> Metrics:
-    """Return a run's metrics, of a `Run` or of the recording at a path.
+    """Return the metrics of a `Run`, or of the recording at a path.
 
     Raises RecordingError if it cannot be read, or has no true states or no reference.
     """

@@ -1,4 +1,4 @@
-"""What there is by name: scenarios, controllers, parameter files, studies, parameters."""
+"""What can be given by name: scenarios, controllers, parameter files, studies, parameters."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..similar import did_you_mean
 
 @dataclass(frozen=True)
 class Parameter:
-    """What a node declares of one parameter. Made by `parameters`.
+    """What a node declares about one parameter. Made by `parameters`.
 
     ``default`` is in ``unit``, SI; ``fixed``: it cannot change while a node runs.
     """
@@ -41,7 +41,7 @@ def parameter_files() -> dict[str, str]:
 
 
 def controllers() -> dict[str, str]:
-    """Return the controllers by the name of their node, with what they are called."""
+    """Return the label of each controller, by the name of its node."""
     return {name: law_named(name).label for name in CONTROLLERS}
 
 
@@ -53,9 +53,9 @@ def studies() -> dict[str, str]:
 
 
 def parameters(node: str) -> tuple[Parameter, ...]:
-    """Return all that `plan` takes for a node: ``simulator``, ``disturbance``, ``recorder`` or a controller.
+    """Return what `plan` accepts for a node: ``simulator``, ``disturbance``, ``recorder`` or a controller.
 
-    Raises PlanError for another name.
+    Raises PlanError for any other name.
     """
     if not isinstance(node, str) or node not in NODES:
         raise PlanError(

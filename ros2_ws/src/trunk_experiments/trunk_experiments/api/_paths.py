@@ -1,4 +1,4 @@
-"""Paths as callers give them, and the one rule for what is written."""
+"""Paths as callers give them, and the one rule for output files."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ AnyPath = str | os.PathLike[str]
 
 
 def path_of(value: AnyPath, what: str) -> Path:
-    """Return a path. Raises PlanError, naming what it is for, if the value is none."""
+    """Return a path. Raises PlanError, naming what it is for, if the value is not a path."""
     if not isinstance(value, str | os.PathLike) or "\0" in str(value):
-        raise PlanError(f"{what} {value!r} is not a path: give a text or a pathlib.Path")
+        raise PlanError(f"{what} {value!r} is not a path: give a string or a pathlib.Path")
     return Path(value)
 
 
 def output_path(
     value: AnyPath, suffixes: Sequence[str], overwrite: bool, inputs: Iterable[Path] = ()
 ) -> Path:
-    """Return a file that may be written.
+    """Return the path of a file that may be written.
 
-    Raises PlanError for one that exists, unless ``overwrite``, for one of the ``inputs``, for another suffix
-    and for a folder that is not there.
+    Raises PlanError for a file that exists, unless ``overwrite``, for one of the ``inputs``, for any other
+    suffix and for a folder that does not exist.
     """
     from ..console.outputs import check_output
 
@@ -38,7 +38,7 @@ def output_path(
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Turn what the system says while a file is written into a PlanError that names the file."""
+    """Turn an OSError from writing a file into a PlanError that names the file."""
     try:
         yield
     except OSError as error:

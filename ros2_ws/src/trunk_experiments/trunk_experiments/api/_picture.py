@@ -1,4 +1,4 @@
-"""`Picture`: runs drawn as in the paper, or all that a run has."""
+"""`Picture`: runs drawn as in the paper, or everything that a run has."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ _SUFFIXES = (".png", ".svg", ".pdf")
 class Picture:
     """A drawing; a notebook shows it. Made by `plot` and `Sweep.map`.
 
-    ``figure``: Matplotlib's, to change or add to.
+    ``figure``: the Matplotlib figure, to change or add to.
     """
 
     figure: Figure
 
     def save(self, path: AnyPath, *, overwrite: bool = False) -> None:
-        """Write it as PNG, SVG or PDF by the path's suffix; the same runs give the same bytes.
+        """Write it as PNG, SVG or PDF, chosen by the path's suffix; the same runs give the same bytes.
 
-        Raises PlanError for another suffix, and for a file that exists, unless ``overwrite``.
+        Raises PlanError for any other suffix, and for a file that exists, unless ``overwrite``.
         """
         from ..views.plot_style import save
 
@@ -38,7 +38,7 @@ class Picture:
             save(self.figure, target)
 
     def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
-        """Return the picture, and its width in CSS pixels, of which an inch has 96."""
+        """Return the picture, and its width in CSS pixels, 96 to the inch."""
         from ..views.plot_style import drawn
 
         return drawn(self.figure, ".png"), {"width": round(96 * self.figure.get_figwidth())}
@@ -47,13 +47,13 @@ class Picture:
 def plot(
     *runs: Run | AnyPath, fig: int | None = None, names: Sequence[str] | None = None
 ) -> Picture:
-    """Draw one run, or several overlaid: `Run` objects, or recordings' paths.
+    """Draw one run, or several overlaid: `Run` objects, or paths of recordings.
 
-    ``fig``: lay it out like the paper's figure 6, 7, 8 or 9, angles over time; None: angle, torque, gains,
-    path and phase. ``names``: the runs' names in the legend, as many as runs.
+    ``fig``: lay it out like figure 6, 7, 8 or 9 of the paper (angles over time); None: angle, torque, gains,
+    path and phase. ``names``: the runs' names in the legend, one for each run.
 
-    Raises PlanError without a run, for another figure or number of names; RecordingError for what
-    cannot be read.
+    Raises PlanError if there is no run, for any other figure and for a wrong number of names, and
+    RecordingError for a recording that cannot be read.
     """
     from ..views.plots import FIGURES, overview, paper_figure
     from ..views.run_view import RunView
@@ -63,7 +63,7 @@ def plot(
     if fig is not None and fig not in FIGURES:
         raise PlanError(f"plot: fig is {fig!r}: one of {', '.join(map(str, FIGURES))} is needed")
     if names is not None and (not isinstance(names, list | tuple) or len(names) != len(runs)):
-        raise PlanError(f"plot: names {names!r}: {len(runs)} are needed, one for each run")
+        raise PlanError(f"plot: names {names!r}: give a list of {len(runs)}, one for each run")
     views = [RunView.read(run_of(run)._recorded) for run in runs]
     told = None if names is None else [str(name) for name in names]
     return Picture(overview(views, told) if fig is None else paper_figure(views, fig, told))

@@ -42,7 +42,7 @@ class Plan:
 
     @property
     def duration(self) -> float:
-        """Simulated time in s; 0: without an end, which `simulate` refuses."""
+        """Simulated time in s; 0: no end, which `simulate` refuses."""
         return self._plan.simulator.duration
 
     @property
@@ -52,19 +52,19 @@ class Plan:
 
     @property
     def parameters(self) -> Mapping[str, Mapping[str, Value]]:
-        """Every node's parameters by name, in SI units and radians; `parameters` tells the units."""
+        """Every node's parameters by name, in SI units and radians; for the units: `parameters`."""
         nodes = {name: values_of(config) for name, config in self._plan.configs.items()}
         return keyed(nodes)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was most likely not meant, a line each."""
+        """What was most likely not intended, one line each."""
         return self._plan.warnings
 
     def save(self, path: AnyPath, *, overwrite: bool = False) -> None:
         """Write all parameters as one ROS 2 parameter file, for nodes that are started elsewhere.
 
-        Raises PlanError for a file that exists, unless ``overwrite``, or whose name is not ``.yaml``.
+        Raises PlanError for a file that exists, unless ``overwrite``, or a name not ending in ``.yaml``.
         """
         target = output_path(path, (".yaml", ".yml"), overwrite)
         with writing(target):
@@ -97,13 +97,13 @@ def plan(
     rate: float | None = None,
     swaps: Sequence[tuple[float, str]] = (),
 ) -> Plan:
-    """Return the plan of a run, all files read and all values checked.
+    """Return the plan of a run; all files are read and all values checked.
 
     ``scenario``: one of `scenarios`, or a parameter file's path.
     ``controller``: one of `controllers`.
     ``params``: parameter files on top, by path or one of `parameter_files`; later ones win.
     ``overrides``: single values by ``"NODE.PARAM"``, in SI units and radians; they win over all files.
-    An array's value is a sequence, or a NumPy array.
+    For an array, give a sequence or a NumPy array.
     ``duration``: simulated time in s. ``rate``: of simulator and controllers in Hz.
     ``swaps``: pairs of a time in s and the controller that takes over then, in ascending order.
 
@@ -133,7 +133,7 @@ def plan(
 
 
 def _swaps(swaps: Any) -> list[Swap]:
-    """Return swaps. Raises PlanError for what is no sequence of them."""
+    """Return the swaps. Raises PlanError unless they are a list or tuple of swaps."""
     if not isinstance(swaps, list | tuple):
         raise PlanError(f"swaps {swaps!r}: a list is needed, such as [(4.0, 'pid')]")
     return [_swap(one) for one in swaps]
@@ -145,7 +145,7 @@ def _swap(pair: Any) -> Swap:
     time = number_of(time, "swaps: time")
     if not isinstance(time, int | float) or not isfinite(time) or name not in CONTROLLERS:
         raise PlanError(
-            f"swaps: {pair!r}: a time in s and a controller are needed, such as (4.0, 'pid'), one of "
+            f"swaps: {pair!r}: a time in s and a controller are needed, such as (4.0, 'pid'); controllers: "
             f"{', '.join(CONTROLLERS)}{did_you_mean(str(name), CONTROLLERS)}"
         )
     return Swap(float(time), name)

@@ -10,7 +10,7 @@ from typing import Any
 
 
 def reference(module: Any) -> str:
-    """Return all that a module's ``__all__`` names, as Markdown."""
+    """Return everything that a module's ``__all__`` names, as Markdown."""
     return "\n\n".join(_entry(name, getattr(module, name)) for name in module.__all__)
 
 
@@ -18,14 +18,16 @@ def _entry(name: str, value: Any) -> str:
     if isinstance(value, FunctionType):
         return f"### `{name}`\n\n{_code(_signature(name, value))}\n\n{_text(value)}"
     if not isinstance(value, type):
-        return f"### `{name}`\n\nA constant: units by the name of a column or metric; empty: without a unit."
+        return f"### `{name}`\n\nA constant: the unit of each column and metric, by name; empty: no unit."
     if issubclass(value, Exception):
         bases = ", ".join(base.__name__ for base in value.__bases__)
         return f"### `{name}`\n\n{_code(f'class {name}({bases})')}\n\n{_text(value)}"
     parts = [f"### `{name}`", _text(value)]
     attributes = list(_attributes(value))
     if attributes:
-        wide = any(what for _, _, what in attributes)  # else the class says what they are
+        wide = any(
+            what for _, _, what in attributes
+        )  # otherwise the class's docstring explains them
         rows = [f"| `{n}` | `{kind}` |" + f" {what} |" * wide for n, kind, what in attributes]
         head = ["| attribute | type |" + " what |" * wide, "|---|---|" + "---|" * wide]
         parts.append("\n".join([*head, *rows]))
@@ -39,7 +41,7 @@ def _entry(name: str, value: Any) -> str:
 
 
 def _members(kind: type) -> Iterator[tuple[str, Any]]:
-    """Yield what a class and its bases define, in order, but names that are private or special."""
+    """Yield what a class and its bases define, in order, except names that are private or special."""
     found: dict[str, Any] = {}
     for base in reversed(kind.__mro__[:-1]):
         found |= vars(base)
@@ -91,7 +93,7 @@ def _signature(name: str, function: Any) -> str:
 
 
 def _code(signature: str) -> str:
-    """Return a signature as code, one parameter a line where it is long."""
+    """Return a signature as code, with one parameter per line if it is long."""
     if len(signature) > 100:
         head, _, rest = signature.partition("(")
         inner, _, tail = rest.rpartition(")")
@@ -101,7 +103,7 @@ def _code(signature: str) -> str:
 
 
 def _split(parameters: str) -> list[str]:
-    """Return parameters one by one: split at commas that are not in brackets."""
+    """Return the parameters one by one, split at commas outside brackets."""
     found, depth = [""], 0
     for character in parameters:
         depth += (character in "[(") - (character in "])")

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 class Run:
     """A recorded run. Arrays [N + 1] have a row for each true state; NaN where the run has no value.
 
-    Made by `load` and `simulate`. The file is read on first use of a part; arrays cannot be written to.
+    Made by `load` and `simulate`. Each part of the file is read on first use; the arrays are read-only.
     Reading a part raises RecordingError for messages that cannot be read.
     """
 
@@ -50,7 +50,7 @@ class Run:
 
     @property
     def path(self) -> Path:
-        """The recording; that of `simulate` without an output lasts as long as the run."""
+        """The recording; one that `simulate` made without an output lasts as long as the run."""
         return self._recorded.path
 
     @property
@@ -60,7 +60,7 @@ class Run:
 
     @property
     def controllers(self) -> tuple[str, ...]:
-        """The controllers that were recorded, the first to act first."""
+        """The recorded controllers, in the order in which they first acted."""
         return tuple(self._recorded.controllers)
 
     @property
@@ -80,7 +80,7 @@ class Run:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why the numbers are not to be taken for the plan's, a line each: INCOMPLETE, FELL, LATE."""
+        """What makes the numbers doubtful, one line each: INCOMPLETE, FELL, LATE."""
         return self._doubts[0]
 
     @cached_property
@@ -92,7 +92,7 @@ class Run:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What could not be read, a line each."""
+        """What could not be read, one line each."""
         return tuple(self._recorded.recording.warnings)
 
     @property
@@ -137,7 +137,7 @@ class Run:
 
     @property
     def reference(self) -> Floats:
-        """The angle that was wanted, in rad."""
+        """The desired angle in rad."""
         return self._table.reference
 
     @property
@@ -147,7 +147,7 @@ class Run:
 
     @property
     def kp(self) -> Floats:
-        """The gain on the angle's error in N m/rad, of the controller's last update."""
+        """The gain on the angle's error in N m/rad, from the controller's last update."""
         return self._table.kp
 
     @property
@@ -162,7 +162,7 @@ class Run:
 
     @property
     def alpha(self) -> Floats:
-        """Without a unit: Kp^2 / (Ki Kd), which Fuzzy-PID infers."""
+        """Kp^2 / (Ki Kd), without a unit, which Fuzzy-PID infers."""
         return self._table.alpha
 
     def __len__(self) -> int:
@@ -183,9 +183,9 @@ class Run:
         return frame(self.arrays(), index="t")
 
     def plan(self) -> Plan:
-        """Return the plan of this run, to `simulate` it again: changes while it ran are part of it.
+        """Return the plan of this run, to `simulate` it again, with the changes made while it ran.
 
-        Raises RecordingError if the recording lacks something that this needs.
+        Raises RecordingError if the recording lacks something that the plan needs.
         """
         try:
             return Plan(self._recorded.plan())
@@ -195,7 +195,7 @@ class Run:
     def save(self, path: AnyPath, *, overwrite: bool = False) -> None:
         """Copy the recording, byte for byte.
 
-        Raises PlanError for a file that exists, unless ``overwrite``, for another suffix than ``.mcap``, and
+        Raises PlanError for a file that exists, unless ``overwrite``, for any suffix but ``.mcap``, and
         for a recording of several files.
         """
         from trunk_msgs_util.whole_file import whole_file
@@ -207,7 +207,7 @@ class Run:
             shutil.copyfile(self.path, part)
 
     def _states(self) -> str:
-        """Return how many there are, in words, also for a recording that cannot be read as a whole."""
+        """Return how many states there are, in words, even if the recording cannot be read as a whole."""
         try:
             return f"{len(self)}, to t = {self.t[-1]:g} s"
         except (RecordingError, IndexError) as error:

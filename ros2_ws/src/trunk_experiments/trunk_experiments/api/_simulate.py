@@ -14,10 +14,10 @@ from ._run import Run
 
 
 def load(path: AnyPath) -> Run:
-    """Return a recorded run: an MCAP file, or a folder with one in it, a bag of ROS 2 among them.
+    """Return a recorded run, from an MCAP file or from a folder that holds one, such as a ROS 2 bag.
 
     Broken files are read as far as they are sound: see `Run.doubts` and `Run.warnings`.
-    Raises RecordingError for what is missing, cannot be read or is not MCAP.
+    Raises RecordingError for a file that is missing, cannot be read or is not MCAP.
     """
     from ..recorded.run import RecordedRun
 

@@ -22,7 +22,7 @@ Distribution = Literal["uniform", "loguniform", "normal", "integers", "choice"]
 
 @dataclass(frozen=True)
 class Contender:
-    """One controller of a study: its node, with parameter files and overrides of its own."""
+    """One controller of a study: its node, and its own parameter files and overrides."""
 
     node: str
     params: AnyPath | Sequence[AnyPath] = ()
@@ -31,14 +31,14 @@ class Contender:
 
 @dataclass(frozen=True)
 class Variation:
-    """What varies in a study, as its file says it. Made by `grid` and `draw`."""
+    """What varies in a study, as written in its file. Made by `grid` and `draw`."""
 
     entry: Mapping[str, Any]
 
 
 @dataclass(frozen=True, repr=False)
 class Study:
-    """Which runs a sweep makes. Made by `study` and `read_study`."""
+    """The runs that a sweep makes. Made by `study` and `read_study`."""
 
     _study: InternalStudy
 
@@ -49,7 +49,7 @@ class Study:
 
     @property
     def runs(self) -> int:
-        """How many runs there are in all: grid points, times draws, times controllers."""
+        """How many runs there are in all: grid points times draws times controllers."""
         return self._study.total
 
     @property
@@ -59,7 +59,7 @@ class Study:
 
     @property
     def variables(self) -> tuple[str, ...]:
-        """The names of what varies: columns of the results."""
+        """The names of what varies; each is a column of the results."""
         return tuple(one.name for one in self._study.variables)
 
     def __repr__(self) -> str:
@@ -73,8 +73,8 @@ def grid(parameter: str | Sequence[str], values: Sequence[Any], *, how: How = "v
     """Return a variation over given values; all grids of a study are combined.
 
     ``parameter``: ``"NODE.PARAM"`` or ``"NODE.PARAM[INDEX]"``, or several that vary together; the node
-    ``controller`` is whichever runs. ``values``: numbers (a NumPy array too), strings or bools.
-    ``how``: the value replaces the parameter, is a factor of it, or is added to it as an offset.
+    ``controller`` is whichever controller runs. ``values``: numbers (a NumPy array too), strings or bools.
+    ``how``: a value replaces the parameter, multiplies it as a factor, or is added to it as an offset.
     """
     return _variation(parameter, how, {"values": plain(values)})
 
@@ -90,11 +90,11 @@ def draw(
     values: Sequence[Any] | None = None,
     how: How = "value",
 ) -> Variation:
-    """Return a variation that is drawn for each run, from a stream of its own.
+    """Return a variation that is drawn for each run, from its own random stream.
 
     ``distribution``: ``uniform``, ``loguniform`` or ``integers`` need ``low`` and ``high``, ``normal`` needs
-    ``mean`` and ``std`` (``low`` and ``high`` cut it off), ``choice`` needs ``values``. All in the
-    parameter's unit, unless ``how`` is ``factor``; else as for `grid`.
+    ``mean`` and ``std`` (``low`` and ``high`` truncate it), ``choice`` needs ``values``. All are in
+    the parameter's unit, unless ``how`` is ``factor``. The rest is as for `grid`.
     """
     given = {"low": low, "high": high, "mean": mean, "std": std, "values": values}
     told = {name: plain(value) for name, value in given.items() if value is not None}
@@ -118,15 +118,15 @@ def study(
     runs: int = 1,
     seed: int = 1,
 ) -> Study:
-    """Return a study. What is drawn is the same for all controllers and at all points of the grid.
+    """Return a study. The draws are the same for all controllers and at all points of the grid.
 
-    ``scenario``, ``params``, ``overrides``, ``duration`` in s, ``rate`` in Hz: as for `plan`, of all runs.
-    ``controllers``: some of `controllers`, or labels of your own with a `Contender` each.
-    ``vary``: by a name for the results' column, what varies, made by `grid` and `draw`.
+    ``scenario``, ``params``, ``overrides``, ``duration`` in s, ``rate`` in Hz: as for `plan`, for all runs.
+    ``controllers``: some of `controllers`, or your own labels, each with a `Contender`.
+    ``vary``: what varies, made by `grid` and `draw`, by the name of its column in the results.
     ``runs``: draws at each point of the grid. ``seed``: of the draws.
 
-    Raises StudyError: one line with the place, the value, and what is allowed. Parameters' names and bounds
-    are checked by `sweep`, before its first run.
+    Raises StudyError: one line with the place, the value, and what is allowed. `sweep` checks the
+    parameters' names and bounds, before its first run.
     """
     contenders: Any = plain(controllers)
     if isinstance(controllers, Mapping):
@@ -146,14 +146,14 @@ def study(
 
 
 def read_study(name: AnyPath) -> Study:
-    """Return the study in a YAML file, by path or one of `studies`. Raises StudyError."""
+    """Return the study in a YAML file, given by its path or as one of `studies`. Raises StudyError."""
     from ..study.file import read_study as read
 
     return Study(read(str(path_of(name, "study"))))
 
 
 def _parsed(tree: Mapping[str, Any]) -> InternalStudy:
-    """Return the study of a file's content, by the one check that there is."""
+    """Return the study that a file's content describes, checked as every study is."""
     from ..study.file import parse_study
 
     try:
@@ -164,7 +164,7 @@ def _parsed(tree: Mapping[str, Any]) -> InternalStudy:
 
 
 class _WithoutAliases(yaml.SafeDumper):
-    """Writes a value that occurs twice twice: studies' files have no aliases."""
+    """Writes a repeated value in full each time: study files have no aliases."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True

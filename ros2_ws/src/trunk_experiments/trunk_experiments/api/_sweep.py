@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..study.results import Results
 
 _KILLED = (
-    "sweep: a worker process ended: out of memory, or a script that lacks "
+    "sweep: a worker process died: it ran out of memory, or the script lacks "
     'if __name__ == "__main__": around the call; add that, or give jobs=1'
 )
 _SHOWN = ("iae", "steady_state_error_rms_deg", "peak_torque")
@@ -34,12 +34,12 @@ _SHOWN = ("iae", "steady_state_error_rms_deg", "peak_torque")
 
 @dataclass(frozen=True)
 class PairedDifference:
-    """A metric of ``first`` minus that of ``second``, over the draws in which both have it: ``pairs``.
+    """A metric of ``first`` minus that of ``second``, over the ``pairs`` draws in which both have it.
 
-    Made by `Sweep.compare`. ``left_out``: the other draws, in which one of them fell or has no such
-    metric. ``low`` and ``high`` bound the mean at 95 %, in the metric's unit; low > high
-    if there are too few pairs.
-    ``smaller``: the fraction of the pairs in which the first's value is smaller; a tie counts half.
+    Made by `Sweep.compare`. ``left_out``: how many other draws there are, in which one of the two fell
+    or has no such metric. ``low`` and ``high`` are the mean's 95 % confidence interval, in the metric's unit;
+    low > high if there are too few pairs.
+    ``smaller``: the fraction of the pairs in which the value of ``first`` is smaller; a tie counts as half.
     ``verdict``: what the interval shows, in words.
     """
 
@@ -57,11 +57,11 @@ class PairedDifference:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Sweep:
-    """The results of a sweep: columns [runs], a row for each run. Made by `sweep` and `load_sweep`.
+    """The results of a sweep: columns [runs], one row for each run. Made by `sweep` and `load_sweep`.
 
     Columns: ``run``, ``controller``, ``point`` of the grid, ``draw``, ``seed``, what varies, ``status``
     (``ok``, ``diverged``, ``refused``), ``reason``, ``diverged_at_s`` and the metrics by name.
-    ``warnings``: of the plans, a line each.
+    ``warnings``: those of the plans, one line each.
     """
 
     _results: Results
@@ -79,7 +79,7 @@ class Sweep:
 
     @property
     def fallen(self) -> Floats:
-        """1.0 where the trunk went beyond 90 deg or the plant diverged, 0.0 where not, NaN where refused."""
+        """1.0 if the trunk reached 90 deg or the plant diverged, 0.0 if not, NaN if the run was refused."""
         return self._results.fallen
 
     def __len__(self) -> int:
@@ -125,10 +125,10 @@ class Sweep:
         return frame(self.arrays(), index="run")
 
     def compare(self, metrics: Sequence[str] = ()) -> tuple[PairedDifference, ...]:
-        """Return the differences of each two controllers over the same draws, with 95 % intervals.
+        """Return the differences between each two controllers over the same draws, with 95 % intervals.
 
-        ``metrics``: by name; empty: all. Angles and errors are compared by their magnitude.
-        Raises StudyError for one controller alone, and for a metric that there is not.
+        ``metrics``: by name; empty: all. Angles and errors are compared by magnitude.
+        Raises StudyError if there is only one controller, and for a metric that does not exist.
         """
         from ..study.compare import compare_study
         from ..study.results import METRICS
@@ -137,22 +137,22 @@ class Sweep:
         return tuple(PairedDifference(**asdict(one), verdict=one.verdict) for one in found)
 
     def map(self, x: str, y: str, metric: str = "iae", *, floquet: bool = False) -> Picture:
-        """Draw a metric over two grids of the study, a panel for each controller; grey: most runs fell.
+        """Draw a metric over two grids of the study, one panel for each controller; grey: most runs fell.
 
-        ``floquet``: draw where the linearised loop loses its stability, too, which takes longer.
+        ``floquet``: also draw where the linearised loop becomes unstable, which takes longer.
         Raises StudyError for a name that is not a grid of numbers.
         """
         from ..study.map import draw, panels
 
         if x == y:
-            raise StudyError(f"map: x and y are both {x!r}: give two grids")
+            raise StudyError(f"map: x and y are both {x!r}: give two different grids")
         found = panels(self._results, metric, (x, y), floquet)
         return Picture(draw(found, metric, (x, y), f"{len(self)} runs"))
 
     def save(self, path: AnyPath, *, overwrite: bool = False) -> None:
         """Write the results as Parquet, for `load_sweep`, `trunk map` and `trunk compare --study`.
 
-        Raises PlanError for a file that exists, unless ``overwrite``, or whose name is not ``.parquet``.
+        Raises PlanError for a file that exists, unless ``overwrite``, or a name not ending in ``.parquet``.
         """
         import pyarrow.parquet as pq
 
@@ -189,15 +189,15 @@ def sweep(
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Sweep:
-    """Run a study by compiled code, with the bits of `simulate`, and return the metrics of its runs.
+    """Run a study in compiled code, with the same bits as `simulate`, and return the metrics of its runs.
 
-    ``output``: the Parquet file to write, as ``trunk sweep`` does; one that was interrupted resumes.
-    None: nothing is kept on disk. ``jobs``: processes; with more than one a script needs
+    ``output``: the Parquet file to write, as ``trunk sweep`` does; an interrupted sweep resumes.
+    None: nothing is kept on disk. ``jobs``: how many processes; with more than one, a script needs
     ``if __name__ == "__main__":`` around the call, as for `multiprocessing`.
-    ``progress``: called with the number of finished runs and that of all.
+    ``progress``: called with the number of finished runs and the total.
 
-    The first sweep of a version compiles for some seconds. Raises StudyError for a study that is not
-    possible, before its first run, and SweepError if a process was killed.
+    The first sweep after a change of version takes some seconds to compile. Raises StudyError, before the
+    first run, for a study that is not possible, and SweepError if a process was killed.
     """
     if not isinstance(study, Study):
         raise PlanError(f"sweep: {study!r} is not a study: give what trunk.study(...) returns")
@@ -239,7 +239,7 @@ def _swept(
 
 
 def load_sweep(path: AnyPath) -> Sweep:
-    """Return the results in a Parquet file of `sweep` or ``trunk sweep``. Raises StudyError."""
+    """Return the results in a Parquet file written by `sweep` or ``trunk sweep``. Raises StudyError."""
     from ..study.results import Results
 
     return Sweep(Results.read(path_of(path, "results")))

@@ -1,4 +1,4 @@
-"""Parameter values as callers give them: Python's, NumPy's, by ``NODE.PARAM``."""
+"""Parameter values as callers give them: of Python's or NumPy's types, by ``NODE.PARAM``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ._paths import AnyPath, path_of
 
 
 def plain(value: Any) -> Any:
-    """Return a value of Python's own types for one of NumPy's; a sequence becomes a list."""
+    """Return a NumPy value as one of Python's own types; a sequence becomes a list."""
     if hasattr(value, "tolist"):
         return value.tolist()
     if isinstance(value, Sequence) and not isinstance(value, str | bytes):
@@ -45,20 +45,20 @@ def layers_of(overrides: Mapping[str, object], acting: Sequence[str]) -> list[La
 
 
 def mapping_of(value: Any, what: str, such_as: str) -> Mapping[str, Any]:
-    """Return a mapping. Raises PlanError, naming what it is for, if the value is none."""
+    """Return a mapping. Raises PlanError, naming what it is for, if the value is not one."""
     if not isinstance(value, Mapping):
         raise PlanError(f"{what} {value!r}: a mapping is needed, such as {such_as}")
     return value
 
 
 def names_of(value: AnyPath | Sequence[AnyPath], what: str) -> list[str]:
-    """Return names or paths as strings, one alone as a list of one. Raises PlanError for anything else."""
+    """Return one or more names or paths as a list of strings. Raises PlanError for anything else."""
     found: Sequence[Any] = value if isinstance(value, list | tuple) else [value]
     return [str(path_of(one, what)) for one in found]
 
 
 def number_of(value: Any, what: str) -> Any:
-    """Return a number as Python's own, None or a string as it is. Raises PlanError for anything else."""
+    """Return a number as Python's own, None and strings as they are. Raises PlanError for anything else."""
     value = plain(value)
     if isinstance(value, bool) or not isinstance(value, int | float | str | None):
         raise PlanError(f"{what} {value!r}: a number is needed")

@@ -17,9 +17,9 @@ Word = Literal["verified", "diverges", "cannot be judged", "not signed"]
 
 @dataclass(frozen=True)
 class CheckedPart:
-    """One kind of recomputation: ``steps`` were made, ``diverging`` of them differ.
+    """One kind of recomputation: ``steps`` were recomputed, and ``diverging`` of them differ.
 
-    Made by `verify`. ``first``: the first difference: topic, stamp, both values, how far apart in ULPs.
+    Made by `verify`. ``first``: the first difference, with topic, stamp, both values, and distance in ULPs.
     """
 
     name: str
@@ -30,12 +30,12 @@ class CheckedPart:
 
 @dataclass(frozen=True, repr=False)
 class Verification:
-    """What a recording's recomputation found.
+    """What recomputing a recording found.
 
     Made by `verify`. ``verdict``: ``verified``, ``diverges``, ``cannot be judged`` or ``not signed``.
-    ``judged``: which part of the run, in words. ``checked``: what was recomputed. ``reasons``: why it is
-    not verified, a line each; empty if it is. ``not_judged``: what no check looks at. ``notes``: what else
-    there is to know, a signature among it.
+    ``judged``: which part of the run was judged, in words. ``checked``: what was recomputed. ``reasons``: why
+    it is not verified, one line each; empty if it is. ``not_judged``: what no check covers. ``notes``: what
+    else there is to know, such as a signature.
     """
 
     verdict: Word
@@ -74,10 +74,10 @@ class Verification:
 def verify(run: Run | AnyPath, *, key: AnyPath | None = None) -> Verification:
     """Recompute every command of a recording and, where time was exact, every state.
 
-    ``key``: the file of the public Ed25519 key that must have signed it; None: a signature that lies
-    beside the recording counts, whoever made it.
+    ``key``: the file of the public Ed25519 key that must have signed it; None: any
+    signature beside the recording counts, whoever made it.
 
-    Raises RecordingError for what cannot be read, and another `TrunkError` for a key that is none.
+    Raises RecordingError for a recording that cannot be read, and another `TrunkError` for an invalid key.
     """
     from trunk_msgs_util.recording.signing.keys import public_key, read_key
 
