@@ -1,4 +1,4 @@
-"""What Gymnasium asks of an environment and of a vector environment, and what makes none."""
+"""What Gymnasium asks of an environment and of a vector environment, and which options are refused."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ ABOUT_BOUNDS = "A Box .* space (minimum|maximum) value is|For Box action spaces,
 
 @pytest.mark.slow
 @pytest.mark.parametrize("options", OPTIONS.values(), ids=OPTIONS)
-def test_gymnasiums_own_check(options):
+def test_gymnasiums_own_check_passes(options):
     env = gymnasium.make(ENVIRONMENT, **options).unwrapped
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -48,7 +48,7 @@ def test_gymnasiums_own_check(options):
 @pytest.mark.parametrize(
     "options", [{}, {"action": "gains", "largest_gains": (5, 5, 1)}], ids=["torque", "gains"]
 )
-def test_the_vector_environment_is_gymnasiums_own_around_single_ones(mode, options):
+def test_the_vector_environment_equals_gymnasiums_own_around_single_ones(mode, options):
     """The oracle is `SyncVectorEnv`: observations, rewards, ends and infos, over several episodes."""
     short = {"duration": 0.25, "settings": ["simulator.fall.angle=0.65"], **options}
     ours = gymnasium.make_vec(ENVIRONMENT, 5, "vector_entry_point", autoreset_mode=mode, **short)
@@ -81,7 +81,7 @@ def same(a, b):
     return bool(np.array_equal(a, b))
 
 
-def test_disabled_autoreset_leaves_it_to_the_caller():
+def test_disabled_autoreset_leaves_resets_to_the_caller():
     envs = gymnasium.make_vec(
         ENVIRONMENT, 3, "vector_entry_point", autoreset_mode="Disabled", duration=0.05
     )
@@ -100,7 +100,7 @@ def test_disabled_autoreset_leaves_it_to_the_caller():
         envs.step(envs.action_space.sample())
 
 
-def test_what_is_returned_stays_as_it_was():
+def test_returned_arrays_do_not_change_in_later_steps():
     envs = gymnasium.make_vec(ENVIRONMENT, 3, "vector_entry_point")
     seen, infos = envs.reset(seed=1)
     kept = seen.copy(), infos["angle"].copy()
@@ -114,7 +114,7 @@ def test_what_is_returned_stays_as_it_was():
 WRONG = {
     "scenario": ({"scenario": "fig5"}, "no scenario 'fig5': give one of"),
     "action": ({"action": "torqe"}, r"action 'torqe': give one of torque, gains.*torque"),
-    "gains": ({"largest_gains": (1, 2, 3)}, "largest_gains: it goes with action='gains' alone"),
+    "gains": ({"largest_gains": (1, 2, 3)}, "largest_gains: it is for action='gains' only"),
     "two gains": ({"action": "gains", "largest_gains": (1, 2)}, r"largest_gains \(1, 2\): give 3"),
     "spread": ({"spread": (0, -1, 0, 0)}, r"spread \(0, -1, 0, 0\): give 4 finite numbers, 0 or"),
     "fallen": (
@@ -127,7 +127,7 @@ WRONG = {
     "endless": ({"duration": 0.0}, "duration is 0"),
     "long": ({"duration": 1e5}, "an episode has at most 200000 states"),
     "topic": ({"settings": ["pid.reference.profile=topic"]}, "nobody publishes references"),
-    "render": ({"render_mode": "human"}, "nothing is drawn"),
+    "render": ({"render_mode": "human"}, "rendering is not supported"),
 }
 
 
@@ -152,17 +152,17 @@ def test_options_that_make_no_environment_are_refused_in_one_line(options, says)
                 "num_envs": MOST_BYTES // 2001 // 16 + 1,
                 "settings": ["simulator.sensor.position_noise=1"],
             },
-            "their noise takes more than 2 GiB; take fewer",
+            "their noise needs more than 2 GiB; give fewer",
         ),
     ],
     ids=["none", "mode", "too many"],
 )
-def test_a_vector_of_environments_that_there_cannot_be(options, says):
+def test_an_impossible_vector_environment_is_refused(options, says):
     with pytest.raises(PlanError, match=says):
         gymnasium.make_vec(ENVIRONMENT, vectorization_mode="vector_entry_point", **options)
 
 
-def test_a_plans_warnings_are_told_but_for_those_of_gains_that_nobody_uses():
+def test_a_plans_warnings_are_shown_except_those_about_unused_gains():
     with pytest.warns(UserWarning, match=r"reference\.value is 45 rad") as told:
         gymnasium.make(
             ENVIRONMENT, params=["pid_as_printed"], settings=["pid.reference.value=45"], rate=100.0
@@ -170,17 +170,17 @@ def test_a_plans_warnings_are_told_but_for_those_of_gains_that_nobody_uses():
     assert len(told) == 1
 
 
-def test_wrong_calls():
+def test_wrong_calls_are_refused():
     env = gymnasium.make(ENVIRONMENT).unwrapped
     envs = gymnasium.make_vec(ENVIRONMENT, 2, "vector_entry_point")
     for one in (env, envs):
         with pytest.raises(ResetNeeded):
             one.step(one.action_space.sample())
-        with pytest.raises(PlanError, match="reset: no option 'plan': there is as_planned"):
+        with pytest.raises(PlanError, match="reset: no option 'plan': give as_planned"):
             one.reset(options={"plan": True})
-    with pytest.raises(PlanError, match="3 seeds for 2 environments"):
+    with pytest.raises(PlanError, match="3 seeds for 2 environments: give one for each"):
         envs.reset(seed=[1, 2, 3])
-    with pytest.raises(PlanError, match="give 2 flags, of which one is true"):
+    with pytest.raises(PlanError, match="give 2 flags, of which at least one is true"):
         envs.reset(options={"reset_mask": np.zeros(2, dtype=bool)})
 
 

@@ -1,4 +1,4 @@
-"""An environment's episodes have the bits of offline runs, of recordings, and of one another."""
+"""An environment's episodes equal offline runs, recordings and one another, bit for bit."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ OPTIONS = {
         "settings": ["pid.antiwindup_strategy=back_calculation", "simulator.max_effort=20"]
     },
 }
-SHORT = {"duration": 1.501}  # s: also of a slow controller's last step, which is shorter
+SHORT = {"duration": 1.501}  # s; a slow controller's last step is then shorter than the others
 PLANNED = {"as_planned": True}
 each_option = pytest.mark.parametrize("options", OPTIONS.values(), ids=OPTIONS)
 
@@ -82,7 +82,7 @@ def bits(values):
 
 
 def offline(options):
-    """Return the offline run by ``pid``, whose torques and gains the environment is given."""
+    """Return the plan and the offline run of ``pid``; its torques or gains are the environment's actions."""
     given = {"scenario": "demo", "params": (), "settings": ()} | options
     plan = make_plan(given["scenario"], "pid", given["params"], given["settings"], SHORT)
     return plan, list(steps(plan))
@@ -128,7 +128,7 @@ def test_random_pulses_are_drawn_for_each_episode():
 
 
 def test_the_reward_is_the_cost_of_error_and_torque():
-    """And a fall costs as much as to lie at fall.angle until the end."""
+    """And a fall costs as much as lying at fall.angle until the end."""
     plan, run = offline(OPTIONS["fall"])
     env = made(effort_weight=1e-3, **SHORT, **OPTIONS["fall"])
     env.reset(options=PLANNED)
@@ -209,7 +209,7 @@ def test_a_saved_episode_is_verified(tmp_path, name, policy, longest, reason):
     assert bits(truth.column("position", "trunk")[-1]) == bits(env._episodes.angles[0])
 
 
-def test_a_saved_episode_by_gains_has_them_and_is_verified(tmp_path):
+def test_a_saved_episode_with_gains_as_actions_contains_them_and_is_verified(tmp_path):
     env = made(action="gains", **SHORT)
     env.reset(seed=1)
     given = [np.array([50.0 + k, 20.0, 8.0 + 0.1 * k]) for k in range(30)]
@@ -240,7 +240,7 @@ def test_a_diverged_episode_is_incomplete(tmp_path):
     assert verify(recording).exit_code == UNJUDGED
 
 
-def test_nothing_is_saved_over_a_file_or_before_a_step(tmp_path):
+def test_save_neither_overwrites_a_file_nor_works_before_a_step(tmp_path):
     env, path = made(**SHORT), tmp_path / "episode.mcap"
     with pytest.raises(PlanError, match="the episode has no step yet: step first"):
         env.save(path)
@@ -255,7 +255,7 @@ def test_nothing_is_saved_over_a_file_or_before_a_step(tmp_path):
     assert path.read_bytes() != before
 
 
-def test_a_command_beyond_the_limits_is_limited_as_the_plant_limits_it():
+def test_a_command_beyond_the_limits_is_clipped_as_in_the_plant():
     env = made(settings=["simulator.max_effort=7"], **SHORT)
     assert (env.action_space.low, env.action_space.high) == (-7.0, 7.0)
     env.reset(seed=1)
@@ -273,7 +273,7 @@ def test_a_command_beyond_the_limits_is_limited_as_the_plant_limits_it():
         ([1.0, 2.0], r"action: its shape is \(1, 2\), it must be \(1, 1\)"),
     ],
 )
-def test_what_is_no_action_is_refused_and_changes_nothing(action, says):
+def test_an_invalid_action_is_refused_and_changes_nothing(action, says):
     env = made(**SHORT)
     env.reset(seed=1)
     with pytest.raises(ActionError, match=says):
@@ -284,7 +284,7 @@ def test_what_is_no_action_is_refused_and_changes_nothing(action, says):
 
 
 def test_an_episode_is_ranked_among_runs_with_the_same_reference(tmp_path):
-    """Which is told in its terms, as nobody's parameters are on record."""
+    """The reference is taken from the recorded terms: a policy's parameters are not on record."""
     env = made(**SHORT)
     played(env, balanced)
     views = [RunView.read(RecordedRun.open(env.save(tmp_path / "episode.mcap")))]

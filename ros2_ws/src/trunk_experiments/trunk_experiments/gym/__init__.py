@@ -15,7 +15,7 @@ except ImportError:
 
 ENVIRONMENT = "trunk/Balance-v0"
 
-if ENVIRONMENT not in registry:  # the package may be loaded anew
+if ENVIRONMENT not in registry:  # the package may be reloaded
     register(
         ENVIRONMENT,
         entry_point="trunk_experiments.gym.balance:BalanceEnv",

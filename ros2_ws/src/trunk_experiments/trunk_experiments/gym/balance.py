@@ -22,19 +22,19 @@ OPTIONS = ("as_planned",)  # of reset
 
 
 def space_of_actions(task: Task) -> spaces.Space[Floats]:
-    """Return the torque [N m], or kp [N m/rad], ki [N m/(rad s)] and kd [N m s/rad]."""
+    """Return the space of the torque [N m], or of kp [N m/rad], ki [N m/(rad s)] and kd [N m s/rad]."""
     return cast("spaces.Space[Floats]", spaces.Box(task.low, task.high, dtype=np.float64))
 
 
 def space_of_observations() -> spaces.Space[Floats]:
-    """Return the measured angle and rate, the reference, the hip's measured position and rate."""
+    """Return the space of measured angle and rate, reference, and the hip's measured position and rate."""
     box = spaces.Box(-np.inf, np.inf, (OBSERVED,), dtype=np.float64)
     return cast("spaces.Space[Floats]", box)
 
 
 def told(task: Task) -> Task:
-    """Return the task, after Gymnasium's logger has told the plan's warnings."""
-    about_gains = set(advice(task.plan))  # which are the policy's to choose
+    """Return the task, after passing the plan's warnings to Gymnasium's logger."""
+    about_gains = set(advice(task.plan))  # the policy chooses them
     for warning in task.plan.warnings:
         if warning not in about_gains:
             gymnasium.logger.warn(warning)
@@ -42,16 +42,16 @@ def told(task: Task) -> Task:
 
 
 def wants_plan(options: dict[str, Any] | None, known: tuple[str, ...] = OPTIONS) -> bool:
-    """Return True if reset's options ask for the plan's own episode. Raises PlanError for unknown ones."""
+    """Return True if reset's options ask for the plan's own episode. Raises PlanError for unknown options."""
     given = options or {}
     for name in given:
         if name not in known:
-            raise PlanError(f"reset: no option {name!r}: there is {', '.join(known)}")
+            raise PlanError(f"reset: no option {name!r}: give {' or '.join(known)}")
     return bool(given.get("as_planned", False))
 
 
 class BalanceEnv(gymnasium.Env[Floats, Floats]):
-    """Hold a trunk at its reference by a torque, or by a PID's gains, every control period.
+    """Hold a trunk at its reference by choosing a torque, or a PID's gains, in every control period.
 
     Observation, float64: measured angle [rad] and rate [rad/s], reference [rad], measured position [m] and
     rate [m/s] of the hip. Action, float64: torque [N m], or kp, ki, kd. Reward, with the true angle theta
@@ -60,7 +60,7 @@ class BalanceEnv(gymnasium.Env[Floats, Floats]):
         r = - sum h ((reference - theta)^2 + w tau^2)  -  [terminated] (T - t) min(fall.angle, pi)^2
 
     w is ``effort_weight``, T the duration. Terminated: the trunk has fallen, or the plant diverged.
-    Truncated: t = T. Options: `make_task`.
+    Truncated: t = T. Options: see `make_task`.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)
@@ -68,10 +68,10 @@ class BalanceEnv(gymnasium.Env[Floats, Floats]):
     def __init__(
         self, scenario: str | Path = "demo", render_mode: str | None = None, **options: Any
     ) -> None:
-        """Raise PlanError for options that make no plan."""
+        """Raise PlanError for options that do not make a plan."""
         if render_mode is not None:
             raise PlanError(
-                f"render_mode {render_mode!r}: nothing is drawn; save an episode instead"
+                f"render_mode {render_mode!r}: rendering is not supported; plot a saved episode instead"
             )
         self.task = told(make_task(scenario, **options))
         self.action_space = space_of_actions(self.task)
@@ -93,7 +93,7 @@ class BalanceEnv(gymnasium.Env[Floats, Floats]):
         return self._episodes.observations()[0], self._info()
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
-        """Do one control period. Raises ActionError for an action that is not finite, or of another shape."""
+        """Run one control period. Raises ActionError for an action that is not finite or of a wrong shape."""
         if self._drawn is None:
             raise gymnasium.error.ResetNeeded("step: reset the environment first")
         if self._over:
@@ -116,7 +116,7 @@ class BalanceEnv(gymnasium.Env[Floats, Floats]):
         }
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write the episode so far as a recording, which ``trunk verify`` judges; return its path.
+        """Write the episode so far as a recording, which ``trunk verify`` can judge; return its path.
 
         Raises PlanError before the first step, OSError for a file that exists or cannot be written.
         """

@@ -1,4 +1,4 @@
-"""Many episodes of a task side by side, in compiled code: one is a lane."""
+"""Many episodes of a task side by side, in compiled code: each is a lane."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ Flags = NDArray[np.bool_]
 
 
 class Episodes:
-    """So many episodes, each at its own time. `begin` each before the first `advance`."""
+    """``count`` episodes, each at its own time. Call `begin` for each before the first `advance`."""
 
     def __init__(self, task: Task, count: int) -> None:
-        """Raise PlanError for more episodes than there is memory for."""
+        """Raise PlanError for more episodes than fit into memory."""
         self.task, self.count = task, count
         common = task.regular.common
         self.course = Course(
@@ -76,8 +76,8 @@ class Episodes:
         each = 2 * self._noisy + 4 * self.task.draws_disturbances
         if self.count * states * each * 8 > MOST_BYTES:
             raise PlanError(
-                f"{self.count} environments of {states} states: their noise takes more than "
-                f"{MOST_BYTES // 1024**3} GiB; take fewer, or a shorter duration"
+                f"{self.count} environments of {states} states: their noise needs more than "
+                f"{MOST_BYTES // 1024**3} GiB; give fewer, or a shorter duration"
             )
         acting: Floats = np.empty((0, states, 4))
         if self.task.draws_disturbances:
@@ -111,9 +111,9 @@ class Episodes:
             self._series.acting[episode] = self._disturbances(disturbance.signals)
 
     def advance(self, actions: object) -> Floats:
-        """Do a step of all episodes under actions [count, numbers]; return these as they were taken.
+        """Step all episodes under actions [count, numbers]; return the actions as they were used.
 
-        Raises ActionError for another shape, and for numbers that are not finite.
+        Raises ActionError for a wrong shape, and for numbers that are not finite.
         """
         taken = np.ascontiguousarray(actions, dtype=np.float64)
         shape = self.count, len(self.task.low)
@@ -159,17 +159,17 @@ class Episodes:
 
     @property
     def diverged(self) -> Flags:
-        """Whose next state would not be finite [count]."""
+        """Which episodes' next state would not be finite [count]."""
         return np.not_equal(self._row(DIVERGED), 0.0)
 
     @property
     def terminated(self) -> Flags:
-        """Which episodes a fall or a divergence has ended [count]."""
+        """Which episodes have ended by a fall or by divergence [count]."""
         return np.not_equal(self._row(FELL) + self._row(DIVERGED), 0.0)
 
     @property
     def truncated(self) -> Flags:
-        """Which episodes have lasted for the plan's duration [count]."""
+        """Which episodes have reached the plan's duration [count]."""
         return np.greater_equal(self.steps[: self.count], self.course.last)
 
 

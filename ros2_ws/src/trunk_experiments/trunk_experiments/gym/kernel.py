@@ -1,7 +1,7 @@
-"""A step of many episodes at a time, for compiled code: lanes over the functions that every run calls.
+"""One step of many episodes at once, for compiled code: the lanes call the same functions as every run.
 
-The cells are those of `batch.cells`, block after block, with some rows of our own behind them. Each lane has
-its own time: it is as many steps into its episode as ``steps`` says.
+The cells are those of `batch.cells`, block after block, followed by some rows of this module's own. Each
+lane has its own time: ``steps`` says how many steps into its episode it is.
 
 Pure: functions of named tuples and arrays, which CPython runs and numba compiles unchanged.
 """
@@ -25,13 +25,13 @@ PID = DT + 1  # the PID's state, 6
 MEASURED = PID + 6  # angle, rate, hip's position and rate: 4
 WANTED = MEASURED + 4  # the reference, rad
 TORQUE = WANTED + 1  # N m, within the actuator's limits
-APPLIED = TORQUE + 1  # N m, over the last period whose state was taken
+APPLIED = TORQUE + 1  # N m, over the last period whose state was accepted
 BEFORE = APPLIED + 1  # the state before the step, 4
 REWARD = BEFORE + 4
 FELL = REWARD + 1
 DIVERGED = FELL + 1
 OVER = DIVERGED + 1
-TURNING = OVER + 1  # N m, all that turns the trunk over the period
+TURNING = OVER + 1  # N m, the total torque on the trunk over the period
 ROWS = TURNING + 1
 
 OBSERVED = 5  # numbers of an observation
@@ -55,7 +55,7 @@ class Course(NamedTuple):
 
 
 class EpisodeSeries(NamedTuple):
-    """What comes in by time: [episodes, states, numbers]; one episode if all have the same, none: nothing."""
+    """Inputs over time [episodes, states, numbers]; one episode if all share it, empty if there is none."""
 
     reference: Floats  # [states]
     acting: Floats  # 4 numbers
@@ -70,7 +70,7 @@ def advance(
     history: Floats,
     actions: Floats,
 ) -> None:
-    """Do a step of every episode: ``every`` periods of the plant under one action, or fewer if it ends.
+    """Step every episode: ``every`` periods of the plant under one action, or fewer if the episode ends.
 
     ``blocks`` [blocks, ROWS LANES]; ``actions`` [episodes, numbers]; ``history`` [delay_steps + 1, 4,
     lanes] has the states of the last periods.
@@ -114,7 +114,7 @@ def advance(
 
 
 def command(c: Course, cells: Floats) -> None:
-    """Write the commands that the actions of a block stand for."""
+    """Write the commands that a block's actions stand for."""
     if not c.by_gains:
         for lane in range(LANES):
             cells[COMMAND * LANES + lane] = limited(cells[ACTION * LANES + lane], c.law)
@@ -158,7 +158,7 @@ def settle(
     first: int,
     lane: int,
 ) -> None:
-    """Take or refuse an episode's new state, and add to its reward; a state that is not finite ends it."""
+    """Accept or reject an episode's new state and add to its reward; a non-finite state ends the episode."""
     state = state_at(cells, STATE, lane)
     k = steps[first + lane]
     over = cells[OVER * LANES + lane] != 0.0
@@ -236,7 +236,7 @@ def observe(
 
 
 def fetch(series: Floats, c: Course, steps: Integers, first: int, row: int, cells: Floats) -> None:
-    """Write what a series [episodes, states, numbers] has for each episode's time; nothing if it is empty."""
+    """Write the values of a series [episodes, states, numbers] at each episode's time, if it has any."""
     if not len(series):
         return
     for lane in range(LANES):

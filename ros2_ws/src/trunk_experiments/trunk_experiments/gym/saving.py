@@ -1,4 +1,4 @@
-"""An episode as a recording: its plan is run again with its actions, as every offline run."""
+"""An episode as a recording: its plan is run again with its actions, like any offline run."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from ..runs.offline import Step, disturbance_source
 from ..runs.offline_recording import record_steps
 from .task import Drawn, Task
 
-POLICY = "policy"  # who answers, in the recording
+POLICY = "policy"  # the controller's name in the recording
 
 
 class TorqueTerms(NamedTuple):
-    """What is recorded of a policy that gives torques; one that gives gains has the PID's terms."""
+    """What is recorded for a policy that gives torques; for one that gives gains, the PID's terms are."""
 
     error: float  # rad
     unsaturated: float  # N m, the action
@@ -41,9 +41,9 @@ def save_episode(
     path: Path,
     overwrite: bool,
 ) -> Path:
-    """Write an episode; ``states``: how many it has, if it is not over.
+    """Write an episode; ``states``: how many it has, if it has not ended.
 
-    One whose plant diverged is marked as incomplete. Raises OSError.
+    An episode whose plant diverged is marked as incomplete. Raises OSError.
     """
     plan = task.plan_of(drawn, states)
     with suppress(DivergedError):  # as in the environment: the file says so
@@ -54,7 +54,7 @@ def save_episode(
 def policy_steps(task: Task, plan: RunPlan, actions: Sequence[Floats]) -> Iterator[Step]:
     """Yield the steps of an episode of a plan under these actions.
 
-    The last state's command is the last action's, which is held: nobody has answered that state.
+    The last state's command repeats the one before: no action answers that state.
     Raises DivergedError where the plant diverged.
     """
     simulation = Simulation(plan.simulator)
@@ -79,7 +79,7 @@ def policy_steps(task: Task, plan: RunPlan, actions: Sequence[Floats]) -> Iterat
 
 
 class _Policy:
-    """What an action stands for, in CPython: the very functions that `kernel.command` calls."""
+    """Turns an action into an answer, in CPython, with the same functions as `kernel.command`."""
 
     def __init__(self, task: Task) -> None:
         self._task = task

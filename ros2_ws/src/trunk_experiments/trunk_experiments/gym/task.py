@@ -1,4 +1,4 @@
-"""What an environment's episodes are: a plan, the kind of action, the reward's weights, what is drawn."""
+"""What defines an environment's episodes: a plan, the kind of action, the reward's weights, what is drawn."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ..similar import did_you_mean
 ACTIONS = ("torque", "gains")
 SPREAD = (0.0, 0.1, 0.0, 0.1)  # m, rad, m/s, rad/s
 EFFORT_WEIGHT = 1e-5  # rad^2 / (N m)^2
-# Whose section of the parameters gives the reference, the rate, the limits and the PID's modes.
+# Its section of the parameters gives the reference, the rate, the limits and the PID's modes.
 CONTROLLER = LAW.name
 
 
@@ -43,7 +43,7 @@ class Task:
     """What all episodes of an environment have in common."""
 
     plan: RunPlan
-    regular: Regular  # the plan as a lane does it
+    regular: Regular  # the plan as a lane runs it
     by_gains: bool  # actions are the PID's gains; False: torques
     low: Floats  # of an action
     high: Floats
@@ -83,7 +83,7 @@ class Task:
         return Drawn(initial, raw[4] >> 33, raw[5] >> 33, raw[5] >> 33)
 
     def plan_of(self, drawn: Drawn, states: int | None = None) -> RunPlan:
-        """Return the plan of an episode, shortened to so many states; none of our controllers is in it."""
+        """Return the plan of an episode, shortened to ``states`` if given, without any of our controllers."""
         plan, (x, theta, x_dot, theta_dot) = self.plan, drawn.initial
         disturbance = plan.disturbance
         if disturbance is not None and self.draws_disturbances:
@@ -117,12 +117,12 @@ def make_task(
     spread: Sequence[float] = SPREAD,
     effort_weight: float = EFFORT_WEIGHT,
 ) -> Task:
-    """Return the task of an environment's options.
+    """Return the task that an environment's options describe.
 
     ``scenario``, ``params``, ``settings`` (NODE.PARAM=VALUE), ``duration`` [s] and ``rate`` [Hz] as in
     ``trunk simulate --controller pid``. ``action``: "torque" or "gains"; ``largest_gains``: kp, ki, kd;
-    by default twice those of ``pid``. ``spread``: half-widths of what is drawn around the plan's initial x
-    [m], angle [rad] and their rates. A fall ends an episode unless simulator.fall.stop is set to false.
+    by default twice those of ``pid``. ``spread``: half-widths of the draws around the plan's initial x [m],
+    angle [rad] and their rates. A fall ends an episode unless simulator.fall.stop is set to false.
     Raises PlanError, ParameterFileError or ParameterError.
     """
     if action not in ACTIONS:
@@ -158,12 +158,12 @@ def make_task(
 
 
 def lost(task: Task) -> float:
-    """Return the squared error [rad^2] that is charged for the rest of an episode that ended too early."""
+    """Return the squared error [rad^2] that is charged for the rest of an episode that ended early."""
     return float(min(task.plan.simulator.fall_angle, pi) ** 2)
 
 
 def _check_spread(simulator: SimulatorConfig, widths: tuple[float, ...]) -> None:
-    """Raise PlanError or ParameterError for initial states in which no episode can begin."""
+    """Raise PlanError or ParameterError for initial states from which no episode can begin."""
     x, theta, x_dot, theta_dot = (
         middle + copysign(width, middle)
         for middle, width in zip(simulator.initial_state, widths, strict=True)
@@ -173,7 +173,7 @@ def _check_spread(simulator: SimulatorConfig, widths: tuple[float, ...]) -> None
     if simulator.fall_stop and abs(theta) > simulator.fall_angle:
         raise PlanError(
             f"spread {list(widths)}: the initial angle is up to {abs(theta):g} rad, beyond fall.angle "
-            f"({simulator.fall_angle:g}): the trunk has fallen before it begins; give less"
+            f"({simulator.fall_angle:g}): the trunk would have fallen before the episode begins; give less"
         )
 
 
@@ -185,7 +185,7 @@ def _bounds(
         given = [2.0 * one for one in config.gains] if largest_gains is None else largest_gains
         return np.zeros(3), np.array(_numbers("largest_gains", given, 3))
     if largest_gains is not None:
-        raise PlanError("largest_gains: it goes with action='gains' alone; leave it out")
+        raise PlanError("largest_gains: it is for action='gains' only; leave it out")
     limit = plan.simulator.max_effort
     return (
         np.array([max(-limit, config.u_clamp_min)]),
@@ -200,7 +200,7 @@ def _texts(name: str, values: Sequence[str | Path]) -> Sequence[str]:
 
 
 def _numbers(name: str, values: Sequence[float], count: int) -> tuple[float, ...]:
-    """Return so many finite numbers of at least 0. Raises PlanError."""
+    """Return ``count`` finite numbers of at least 0. Raises PlanError for anything else."""
     try:
         found = tuple(float(one) for one in values)
     except (TypeError, ValueError):

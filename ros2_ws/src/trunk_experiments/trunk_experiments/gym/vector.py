@@ -26,11 +26,11 @@ Infos = dict[str, Any]
 
 
 class BalanceVectorEnv(VectorEnv[Floats, Floats, Any]):
-    """So many `BalanceEnv`, each with the same options; environment i of a seed s has the bits of seed s + i.
+    """Many `BalanceEnv` with the same options; with seed s, environment i has the bits of seed s + i.
 
-    ``autoreset_mode``: "NextStep" (an episode that has ended begins anew in the next step, which takes no
+    ``autoreset_mode``: "NextStep" (an episode that has ended restarts in the next step, which ignores the
     action and gives no reward), "SameStep" (at once; the last observation and info are in ``final_obs``
-    and ``final_info``), or "Disabled" (``reset(options={"reset_mask": ...})`` begins some anew).
+    and ``final_info``), or "Disabled" (``reset(options={"reset_mask": ...})`` restarts some).
     """
 
     def __init__(
@@ -41,10 +41,10 @@ class BalanceVectorEnv(VectorEnv[Floats, Floats, Any]):
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
-        """Raise PlanError for options that make no plan."""
+        """Raise PlanError for options that do not make a plan."""
         if render_mode is not None:
             raise PlanError(
-                f"render_mode {render_mode!r}: nothing is drawn; save an episode instead"
+                f"render_mode {render_mode!r}: rendering is not supported; plot a saved episode instead"
             )
         if not isinstance(num_envs, int) or num_envs < 1:
             raise PlanError(f"num_envs {num_envs!r}: give 1 or more")
@@ -67,9 +67,9 @@ class BalanceVectorEnv(VectorEnv[Floats, Floats, Any]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Floats, Infos]:
-        """Begin all episodes, or those of the option ``reset_mask``; ``as_planned`` as in `BalanceEnv`.
+        """Begin all episodes, or those in the option ``reset_mask``; ``as_planned`` is as in `BalanceEnv`.
 
-        ``seed``: s for s, s + 1, ...; or one for each environment.
+        ``seed``: s, which gives s, s + 1, ...; or one for each environment.
         """
         as_planned = wants_plan(options, (*OPTIONS, "reset_mask"))
         mask = self._mask((options or {}).get("reset_mask"))
@@ -80,13 +80,13 @@ class BalanceVectorEnv(VectorEnv[Floats, Floats, Any]):
         return self._episodes.observations(), self._infos(mask)
 
     def step(self, actions: Floats) -> tuple[Floats, Floats, Flags, Flags, Infos]:
-        """Do one control period of every episode. Raises ActionError as `BalanceEnv`."""
+        """Run one control period of every episode. Raises ActionError as `BalanceEnv` does."""
         if not self._begun.all():
             raise ResetNeeded("step: reset the environments first")
         over, episodes = self._over, self._episodes
         if self.mode is AutoresetMode.DISABLED and over.any():
             raise ResetNeeded(
-                f"step: the episode of environment {int(np.argmax(over))} has ended: reset it, by reset_mask"
+                f"step: the episode of environment {int(np.argmax(over))} has ended: reset it by reset_mask"
             )
         episodes.advance(actions)
         if over.any():
@@ -99,7 +99,7 @@ class BalanceVectorEnv(VectorEnv[Floats, Floats, Any]):
         return observations, rewards, terminated, truncated, infos
 
     def _begun_at_once(self, last: Floats, infos: Infos) -> tuple[Floats, Infos]:
-        """Begin the episodes that are over; return the first observations, and the last in the infos."""
+        """Begin the episodes that are over; return the first observations, with the last in the infos."""
         over = self._over
         finals = np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(over):
@@ -131,7 +131,7 @@ class BalanceVectorEnv(VectorEnv[Floats, Floats, Any]):
         return found
 
     def _infos(self, mask: Flags | None = None) -> Infos:
-        """Return what `BalanceEnv` tells, an array each, and for whom."""
+        """Return the infos of `BalanceEnv`, one array each, and which environments they are for."""
         episodes = self._episodes
         found: Infos = {
             "step": episodes.steps[: self.num_envs].copy(),
@@ -149,7 +149,7 @@ class BalanceVectorEnv(VectorEnv[Floats, Floats, Any]):
             return [int(seed) + i for i in range(self.num_envs)]
         if len(seed) != self.num_envs:
             raise PlanError(
-                f"reset: {len(seed)} seeds for {self.num_envs} environments: give as many"
+                f"reset: {len(seed)} seeds for {self.num_envs} environments: give one for each"
             )
         return seed
 
@@ -160,7 +160,7 @@ class BalanceVectorEnv(VectorEnv[Floats, Floats, Any]):
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
             raise PlanError(
                 f"reset: reset_mask has shape {mask.shape} and type {mask.dtype}; "
-                f"give {self.num_envs} flags, of which one is true"
+                f"give {self.num_envs} flags, of which at least one is true"
             )
         return mask.copy()
 
