@@ -1,4 +1,4 @@
-"""What can go wrong in an experiment; the exit code is on the class. And how warnings are shown."""
+"""What can go wrong in an experiment, with the exit code on each class; and how warnings are shown."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class ActionError(TrunkError, ValueError):
 
 
 class LibraryError(TrunkError):
-    """A library that this needs is not installed: which one, and what brings it."""
+    """A library that this needs is not installed: which one, and how to install it."""
 
 
 class BenchError(TrunkError):
@@ -58,7 +58,7 @@ class BenchError(TrunkError):
 
 
 class RunError(TrunkError):
-    """A run that did not end as it should: who, why."""
+    """A run that did not end as it should: which part of it, and why."""
 
     exit_code: ClassVar[int] = EXIT_FAILED
 
@@ -84,7 +84,7 @@ class GatewayError(TrunkError):
 
 
 def tell_warnings_plainly() -> None:
-    """Show Python's warnings as one line each on stderr, as the command's own."""
+    """Show Python's warnings as one line each on stderr, like the command's own."""
 
     def show(message: Warning | str, *_more: Any, **_named: Any) -> None:
         print(f"trunk: warning: {message}", file=sys.stderr)

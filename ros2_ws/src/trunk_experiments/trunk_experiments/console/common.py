@@ -1,4 +1,4 @@
-"""What several verbs share: kinds of options, and tables."""
+"""What several verbs share: types of options."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Number(click.ParamType[float]):
 
 
 class FiniteRange(click.FloatRange):
-    """A range of floats in a unit that excludes NaN and, whatever its ends, infinity."""
+    """A range of floats in a unit that excludes NaN and, whatever its bounds, infinity."""
 
     def __init__(self, *args: Any, unit: str = "", **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)

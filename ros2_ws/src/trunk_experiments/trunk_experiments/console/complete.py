@@ -52,7 +52,7 @@ def studies() -> Iterable[str]:
 
 
 def nodes() -> Iterable[str]:
-    """Return the nodes' names as they are without a namespace."""
+    """Return the nodes' names, without a namespace."""
     from ..plans.nodes import NODES
 
     return NODES

@@ -13,7 +13,7 @@ from .common import Name
 class ControllerName(Name):
     """The name of a controller that can be used here; for any other, the error says why it cannot."""
 
-    hint = "; a package of your own is built and sourced first"
+    hint = "; build and source your own package first"
 
     def __init__(self) -> None:
         super().__init__(CONTROLLERS)

@@ -1,4 +1,4 @@
-"""What a verb writes for programs: one JSON document on stdout, by a name with a version.
+"""What a verb writes for programs: one JSON document on stdout, whose name has a version.
 
 The schemas are in ``schemas/NAME.json`` of this package; docs/json.md lists them.
 """
@@ -24,7 +24,7 @@ _stream: ContextVar[TextIO | None] = ContextVar("document", default=None)
 
 
 class JsonOption(click.Option):
-    """``--json``; ``documents``: the names of what the verb writes then, `ERROR` aside."""
+    """``--json``; ``documents``: the names of what the verb then writes, besides `ERROR`."""
 
     def __init__(self, *args: Any, documents: tuple[str, ...], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -39,7 +39,7 @@ def json_option(*documents: str) -> Callable[[Any], Any]:
         is_flag=True,
         cls=JsonOption,
         documents=documents,
-        help="Print one JSON document (trunk list schemas).",
+        help="Print one JSON document; for its schema: trunk list schemas.",
     )
 
 
@@ -59,7 +59,7 @@ def write_json(name: str, values: Mapping[str, object]) -> None:
 def documents_alone() -> Iterator[None]:
     """If JSON is asked for, let nothing but documents reach stdout: all else goes to stderr.
 
-    Also what libraries print without Python's streams, as Fast DDS does, and what child processes print.
+    This includes what libraries such as Fast DDS print past Python's streams, and what child processes print.
     """
     if not json_asked():
         yield
@@ -96,7 +96,7 @@ def plain(value: object) -> object:
     """Return a value as JSON has it: paths and the numbers that JSON lacks become strings.
 
     NaN and the infinities are ``"NaN"``, ``"Infinity"`` and ``"-Infinity"``, as Python's ``float`` and
-    JavaScript's ``Number`` read them; None (null) is left to say that there is no value.
+    JavaScript's ``Number`` read them; None (null) only ever means that there is no value.
     """
     if isinstance(value, float) and not isfinite(value):
         return "NaN" if isnan(value) else "Infinity" if value > 0.0 else "-Infinity"

@@ -1,7 +1,7 @@
 """What a verb writes: one rule for all of them, checked before any work.
 
-Never over an input, whatever the options; never over a file that exists without ``--force``; only names
-that end as they should; into a folder that is there.
+Never over an input, whatever the options; over an existing file only with ``--force``; only with an allowed
+suffix; only into a folder that exists.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ def check_output(
     option: str = "--output",
     chooses_format: bool = False,
 ) -> Path:
-    """Return an output after refusing, before any work, one that must not or cannot be written.
+    """Return an output; refuse, before any work, one that must not or cannot be written.
 
     ``suffixes``: what its name may end in; empty: anything. ``force``: a file that exists is replaced.
-    ``inputs``: what the verb reads; names that are no files are ignored. /dev/stdout and the like are
+    ``inputs``: what the verb reads; names that are not files are ignored. /dev/stdout and the like are
     written to, except where the suffix ``chooses_format``. Raises PlanError.
     """
     told = f"{option} {path}"
@@ -76,7 +76,7 @@ def check_output(
 
 
 def check_not_read(path: Path, inputs: Iterable[str | Path], option: str = "--output") -> None:
-    """Refuse to write over what the verb reads, whatever the options. Raises PlanError."""
+    """Refuse to overwrite what the verb reads, whatever the options. Raises PlanError."""
     for one in inputs:
         if _is_same(path, Path(one)):
             raise PlanError(
@@ -85,7 +85,7 @@ def check_not_read(path: Path, inputs: Iterable[str | Path], option: str = "--ou
 
 
 def check_folder(path: Path, force: bool = False, option: str = "--output") -> Path:
-    """Return a folder for results after refusing one that holds something, unless ``force``.
+    """Return a folder for results; refuse one that is not empty, unless ``force``.
 
     Raises PlanError.
     """
@@ -109,5 +109,5 @@ def _is_same(path: Path, other: Path) -> bool:
     try:
         recordings = other.glob("*.mcap") if other.is_dir() else [other]
         return any(path.samefile(one) for one in recordings)
-    except OSError:  # a name that is no file: a scenario's, a shipped file's
+    except OSError:  # a name that is not a file: a scenario's, a shipped file's
         return False

@@ -44,7 +44,7 @@ def page_options(function: Any) -> Any:
             default=LOOPBACK,
             show_default=True,
             metavar="ADDRESS",
-            help="Address of this machine to serve the page on; others can reach any but the default.",
+            help="Address of this machine for the page; any but the default is open to other machines.",
         ),
     ):
         function = option(function)
@@ -59,8 +59,8 @@ def checked_host(host: str) -> str:
         address = None
     if address is None or address.is_unspecified:
         raise PlanError(
-            f"--host {host}: give one address of this machine, by which "
-            f"pages will call it, such as {LOOPBACK}"
+            f"--host {host}: give one address of this machine, at which "
+            f"browsers will reach it, such as {LOOPBACK}"
         )
     return str(address)
 
@@ -109,7 +109,7 @@ def serve(
 
 @contextmanager
 def serving_foxglove(port: int | None, namespace: str, logs: Path) -> Iterator[str | None]:
-    """Serve a graph to Foxglove from a separate process, and yield the address; port None: do not.
+    """Serve a graph to Foxglove from a separate process, and yield the address; port None: no process.
 
     Raises NotInstalledError, and GatewayError where the port is taken.
     """
@@ -135,7 +135,7 @@ def serving_foxglove(port: int | None, namespace: str, logs: Path) -> Iterator[s
         found = process.stdout.readline().decode().strip()
         if not found:
             why = log.read_text("utf-8", "replace").strip().splitlines()[-1:]
-            raise GatewayError(f"--foxglove {port}: {''.join(why) or 'it could not be served'}")
+            raise GatewayError(f"--foxglove {port}: {''.join(why) or 'it could not be started'}")
         try:
             yield f"ws://{LOOPBACK}:{found}"
         finally:

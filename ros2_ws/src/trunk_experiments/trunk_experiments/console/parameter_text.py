@@ -8,7 +8,7 @@ from textwrap import indent
 from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util.parameters.declarations import Declaration
 
-_LONG = 24  # characters of an array that are listed whole
+_LONG = 24  # characters; a longer array is not listed in full
 
 
 def value_text(value: object) -> str:

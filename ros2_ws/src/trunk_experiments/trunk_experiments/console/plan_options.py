@@ -15,11 +15,11 @@ from .controller_name import ControllerName
 
 
 def markers_option(function: Function) -> Function:
-    """Add ``--markers``, of the verbs that record."""
+    """Add ``--markers``, for the verbs that record."""
     return click.option(
         "--markers",
         is_flag=True,
-        help="Record a picture too, for Foxglove's and RViz's 3-D views: markers, tf, robot_description.",
+        help="Also record a picture for Foxglove's and RViz's 3-D views: markers, tf, robot_description.",
     )(function)
 
 
@@ -49,23 +49,26 @@ def plan_options(function: Function, required: bool = True, several: bool = Fals
             "settings",
             multiple=True,
             metavar="NODE.PARAM=VALUE",
-            help="One value, overrides all files, in SI units or such as 45deg; repeatable.",
+            help="One value, overrides all files; in SI units, or with a unit, such as 45deg; repeatable.",
         ),
         click.option(
             "--swap-at",
             "swaps",
             multiple=True,
             metavar="T:CONTROLLER",
-            help="Another controller takes over at T s, from the torque that acts; repeatable.",
+            help="Another controller takes over at T s, starting from the torque applied then; repeatable.",
         ),
         click.option(
-            "--duration", type=Number("s"), metavar="S", help="Simulated time, s, or such as 2min."
+            "--duration",
+            type=Number("s"),
+            metavar="S",
+            help="Simulated time in s, or with another unit, such as 2min.",
         ),
         click.option(
             "--rate",
             type=Number("Hz"),
             metavar="HZ",
-            help="update_rate of simulator and controller, Hz, or such as 1kHz.",
+            help="update_rate of simulator and controller in Hz, or with another unit, such as 1kHz.",
         ),
     ]
     for option in reversed(options):
@@ -112,7 +115,7 @@ def plan_of(
 
 
 def plan_values(plan: RunPlan) -> dict[str, object]:
-    """Return what a document says of a plan; the duration is 0 for a run without an end."""
+    """Return what a document says about a plan; the duration is 0 for a run without an end."""
     return {
         "scenario": plan.scenario,
         "controllers": list(plan.controllers),

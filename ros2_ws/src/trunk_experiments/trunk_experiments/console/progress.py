@@ -1,4 +1,4 @@
-"""Progress of some work, on stderr: a bar on a terminal, else plain lines, a few for long work."""
+"""Progress of some work, on stderr: a bar on a terminal, otherwise a few plain lines if it takes long."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _PER_LINE = 10  # percent
 
 
 class Tell(Protocol):
-    """Takes the amount done, the total, and a word on it."""
+    """Takes the amount done, the total, and a note."""
 
     def __call__(self, done: float, of: float, note: str = "") -> None: ...
 
@@ -24,7 +24,7 @@ class Tell(Protocol):
 def progress_bar(what: str, lines_from: float = 0.0) -> Iterator[Tell]:
     """Yield a function to call with the amount done and the total.
 
-    Where stderr is no terminal, work of at least ``lines_from`` (in the unit of the amounts) prints a
+    Where stderr is not a terminal, work of at least ``lines_from`` (in the unit of the amounts) prints a
     line for each tenth.
     """
     what = printable(what)

@@ -1,4 +1,4 @@
-"""Opening a recording for a verb: progress, warnings, and what every document says of a run."""
+"""Opening a recording for a verb: progress, warnings, and what every document says about a run."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def open_run(path: Path) -> RecordedRun:
 
 
 def run_values(run: RecordedRun, doubts: Doubts | None = None, judged: str | None = None) -> Values:
-    """Return what a document says of a run: its file and its doubts.
+    """Return what a document says about a run: its file and its doubts.
 
-    Without ``doubts`` they are looked for here, without a twin in lock-step: null if they are not known.
+    Without ``doubts`` they are looked for here, without simulating a lock-step twin; null if unknown.
     """
     from ..replay.doubts import doubts_of
 
@@ -86,7 +86,7 @@ def show_damage(run: RecordedRun, name: str = "") -> None:
 
 
 def show_warnings_of(views: Iterable[RunView]) -> None:
-    """Print what cannot be shown of runs to stderr."""
+    """Print to stderr what cannot be shown of these runs."""
     for view in views:
         show_warnings(f"{view.path}: {warning}" for warning in view.warnings)
 

@@ -14,7 +14,9 @@ from trunk_msgs_util.printable import printable
 
 from .terminal import print_title
 
-_SENTENCES = 32  # characters that a column of sentences needs; with less they stand below their row
+_SENTENCES = (
+    32  # characters that a column of sentences needs; with less they are shown below their row
+)
 _EDGE = "  "  # before each row, and between columns
 _BELOW = " " * 6  # before a sentence that stands below its row
 _ENDLESS = 1 << 16  # columns where there is no terminal
@@ -29,11 +31,11 @@ def print_table(
     texts: int = 1,
     sentences: bool = False,
 ) -> None:
-    """Print a table: the first columns, of text, left, the others right; plain without a terminal.
+    """Print a table: the first ``texts`` columns left-aligned, the others right; plain without a terminal.
 
     No word is broken. Without a terminal each row is one line. On a terminal that is too narrow for all
-    columns, they follow in several tables, each beginning with the first one.
-    ``sentences``: the last column holds some; they stand below their row where there is no room beside it.
+    columns, they are split into several tables, each beginning with the first column.
+    ``sentences``: the last column holds sentences, shown below their row where there is no room beside it.
     """
     cells = [tuple(map(printable, row)) for row in (header, *rows)]
     width = screen_width()
@@ -52,7 +54,7 @@ def print_table(
 
 
 def screen_width() -> int:
-    """Return the terminal's width; without a terminal a line may be as long as it likes."""
+    """Return the terminal's width; without a terminal a line may have any length."""
     return get_terminal_size().columns if sys.stdout.isatty() else _ENDLESS
 
 

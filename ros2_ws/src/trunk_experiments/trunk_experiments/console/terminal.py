@@ -1,4 +1,4 @@
-"""Where rich prints: colours and bars go past the filter that all other text passes through."""
+"""Where rich prints: colours and bars bypass the filter that all other text goes through."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A verb with commands of its own: its help shows their first sentences whole."""
+"""A verb with subcommands: its help shows their first sentences in full."""
 
 from __future__ import annotations
 

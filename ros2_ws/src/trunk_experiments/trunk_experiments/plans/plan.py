@@ -132,7 +132,7 @@ def make_plan(
     if controller not in CONTROLLERS:
         raise PlanError(
             f"no controller {controller!r}: give one of {', '.join(CONTROLLERS)}"
-            f"{did_you_mean(controller, CONTROLLERS) or '; a package of your own is built and sourced first'}"
+            f"{did_you_mean(controller, CONTROLLERS) or '; build and source your own package first'}"
         )
     turns = turns_of(controller, swaps)
     standby = [name for name in dict.fromkeys(standby) if name not in turns]
