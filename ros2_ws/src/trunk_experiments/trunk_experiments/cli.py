@@ -21,9 +21,9 @@ from .similar import did_you_mean
 _VERBS = {
     "run": ("run", "Run a scenario in the ROS 2 graph and record it."),
     "simulate": ("simulate", "Run a scenario without ROS, with the same functions."),
-    "live": ("live", "Run in a browser: push it, tune it, swap its controller."),
+    "live": ("live", "Run in a browser: push the trunk, tune and swap its controller."),
     "watch": ("watch", "Play a recording in a browser."),
-    "branch": ("branch", "Branch a recorded run: what if, from a time on."),
+    "branch": ("branch", "Branch a recorded run: what if something changed at a given time?"),
     "plan": ("plan", "Write a run's parameter file, to start its nodes elsewhere."),
     "metrics": ("metrics", "Print a recorded run's metrics."),
     "report": ("report", "Write recorded runs as one HTML page."),
@@ -40,12 +40,15 @@ _VERBS = {
     "export": ("export", "Write a recorded run as CSV, Parquet, npz or a smaller MCAP."),
     "params": ("params", "List every parameter that the nodes declare; change a running node's."),
     "new": ("new", "Make a package for a controller of your own."),
-    "check": ("check", "Check that a controller keeps what every one promises."),
+    "check": ("check", "Check that a controller does what every controller must."),
     "sweep": ("sweep", "Run a study: grids and draws over any parameter, compiled."),
     "paper": ("paper", "Reproduce the paper's figures and judge its claims."),
-    "tune": ("tune", "Compute gains, their margins, and write them as a parameter file."),
-    "fit": ("fit", "Compute parameters from what was measured: the hip's path."),
-    "study": ("study", "Read a sweep: report, one of its runs, which parameter matters."),
+    "tune": ("tune", "Compute gains and their margins; write the gains as a parameter file."),
+    "fit": ("fit", "Compute parameters from measurements: the hip's path."),
+    "study": (
+        "study",
+        "Read a sweep: report it, repeat one of its runs, find which parameter matters.",
+    ),
     "map": ("map", "Draw a study's stability and performance over two parameters."),
     "bench": ("bench", "Measure speed, as ratios in one run."),
 }
@@ -80,7 +83,7 @@ def _tell_unusable() -> None:
     """Say which controllers of other packages cannot be used, if the verb knows controllers at all."""
     nodes = sys.modules.get(f"{__package__}.plans.nodes")
     for reason in nodes.UNUSABLE.values() if nodes else ():
-        print(f"trunk: warning: {reason}; the others go on", file=sys.stderr)
+        print(f"trunk: warning: {reason}; the others can be used", file=sys.stderr)
 
 
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -107,7 +110,7 @@ def trunk() -> None:
 def main() -> None:
     """Run the command; a user's mistake is one line on stderr, never a traceback.
 
-    Nothing that a file or a message says acts on the terminal (`printable`).
+    No text from a file or a message can control the terminal (`printable`).
     """
     out, err = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (cast(TextIO, PrintableStream(stream)) for stream in (out, err))
@@ -164,12 +167,12 @@ def _without_ros(error: Exception) -> str:
         return ""
     return (
         f"this needs ROS 2 Jazzy ({missing} is not installed): in the project's sources, run "
-        "scripts/bootstrap.sh, then 'source scripts/env.sh': it gets ROS 2"
+        "scripts/bootstrap.sh, which gets ROS 2, then 'source scripts/env.sh'"
     )
 
 
 def _fault_of_a_law(error: Exception) -> str:
-    """Return what is wrong if a law of another package raised it; empty if none did, or none is loaded."""
+    """Return what is wrong if another package's law raised the error; empty if none did or none is loaded."""
     if f"{__package__}.plans.nodes" not in sys.modules:
         return ""
     from .plans.law_faults import fault_of_a_law
