@@ -1,4 +1,4 @@
-"""The library gives what the command gives, refuses in one line, and cannot be changed by accident."""
+"""The library returns what the command does, refuses in one line, and its results cannot be changed."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_every_column_has_a_unit_and_is_an_attribute(run):
     assert set(trunk.metrics(run).as_dict()) <= set(trunk.UNITS)
 
 
-def test_overrides_win_over_files_and_take_what_numpy_has():
+def test_overrides_win_over_files_and_accept_numpy_values():
     table = ["B B B B B B B"] * 7
     plan = trunk.plan(
         "fig8",
@@ -101,7 +101,7 @@ def test_a_run_is_run_again_from_its_recording(run):
     assert trunk.verify(again).verified
 
 
-def test_a_temporary_recording_goes_with_its_run(tmp_path):
+def test_a_temporary_recording_is_deleted_with_its_run(tmp_path):
     short = trunk.simulate(trunk.plan("fig6", duration=0.1))
     path = short.path
     short.save(tmp_path / "kept.mcap")
@@ -111,7 +111,7 @@ def test_a_temporary_recording_goes_with_its_run(tmp_path):
     assert not path.parent.exists()
 
 
-def test_a_run_that_diverges_raises_and_leaves_what_there_was(tmp_path):
+def test_a_run_that_diverges_raises_and_leaves_its_recording_so_far(tmp_path):
     plan = trunk.plan("fig6", "pid", overrides={"pid.gains.d": 1e9}, duration=1.0)
     assert "unstable" in repr(plan)
     with pytest.raises(trunk.DivergedError):
@@ -120,7 +120,7 @@ def test_a_run_that_diverges_raises_and_leaves_what_there_was(tmp_path):
 
 
 @pytest.mark.slow
-def test_nothing_can_be_changed(run, swept):
+def test_results_cannot_be_changed(run, swept):
     with pytest.raises(ValueError, match="read-only"):
         run.theta[0] = 1.0
     with pytest.raises(TypeError):
@@ -130,7 +130,7 @@ def test_nothing_can_be_changed(run, swept):
             one.anything = 1
 
 
-def test_a_verdict_names_what_differs_and_who_signed(run, tmp_path):
+def test_a_verdict_counts_the_steps_and_notices_a_missing_signature(run, tmp_path):
     found = trunk.verify(run)
     assert (found.verified, found.verdict, found.reasons) == (True, "verified", ())
     assert found.steps == sum(one.steps for one in found.checked) > 2600
@@ -182,7 +182,7 @@ def test_a_sweep_can_be_kept_and_loaded(swept, tmp_path):
     assert (loaded.of("pid")["iae"] == swept["iae"][::2]).all()
 
 
-def test_a_sweep_into_a_file_is_that_of_the_study_s_text(tmp_path):
+def test_a_sweep_to_a_file_equals_one_of_the_studys_text(tmp_path):
     study = trunk.study("fig6", ["pid"], LISTED, duration=0.5)
     (tmp_path / "study.yaml").write_text(study.text)
     told = []
@@ -214,13 +214,13 @@ def test_frames_have_units(run, swept):
     assert swept.frame().loc[7, "controller"] == "fuzzy_pid"
 
 
-def test_without_pandas_one_line_says_what_brings_it(run, monkeypatch):
+def test_without_pandas_one_line_says_how_to_install_it(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(trunk.LibraryError, match=r"pip install -r requirements/notebook\.txt"):
         run.frame()
 
 
-def test_what_a_recording_says_is_not_markup(hostile_run):
+def test_text_in_a_recording_is_not_markup(hostile_run):
     path, words = hostile_run
     run = trunk.load(path)
     assert run.scenario in words
@@ -229,7 +229,7 @@ def test_what_a_recording_says_is_not_markup(hostile_run):
         assert "<img" not in shown
 
 
-def test_a_recording_without_states_can_still_be_looked_at(tmp_path):
+def test_a_recording_without_states_can_still_be_shown(tmp_path):
     with RecordingWriter(tmp_path / "empty.mcap") as writer:
         writer.finish(complete=True, reason="finished")
     run = trunk.load(tmp_path / "empty.mcap")
@@ -253,7 +253,7 @@ except trunk.SweepError as error:
 
 
 @pytest.mark.slow
-def test_processes_of_a_script_without_a_guard_are_explained(tmp_path):
+def test_a_script_without_a_guard_gets_an_explanation(tmp_path):
     (tmp_path / "script.py").write_text(UNGUARDED)
     done = subprocess.run(
         [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=False
