@@ -50,7 +50,7 @@ def started(checkout, stderr):
     )
 
 
-def test_the_cost_is_said_first_and_each_list_is_numbered(checkout):
+def test_the_cost_is_printed_first_and_each_list_is_numbered(checkout):
     process = started(checkout, subprocess.PIPE)
     (checkout / "allowed").write_text("\n")
     lines = process.communicate()[1].decode().splitlines()

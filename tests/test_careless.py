@@ -10,7 +10,7 @@ import pytest
 
 
 @pytest.mark.slow
-def test_careless_arguments_lose_nothing_and_are_told_in_a_line() -> None:
+def test_careless_arguments_lose_nothing_and_get_one_line() -> None:
     command = [sys.executable, "-m", "tests.careless.check", "--every", "600"]
     run = subprocess.run(
         command, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=False

@@ -53,7 +53,7 @@ def test_the_two_targets():
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_an_image_is_not_root_has_an_init_and_passes_signals_on(stage):
+def test_an_image_is_unprivileged_and_passes_signals_on(stage):
     assert last(stage, "USER") == "trunk"
     entrypoint = json.loads(last(stage, "ENTRYPOINT"))  # exec form: JSON
     assert entrypoint[0] == "/usr/bin/tini"
@@ -64,7 +64,7 @@ def test_an_image_is_not_root_has_an_init_and_passes_signals_on(stage):
     assert (DOCKER / "entrypoint.sh").read_text().rstrip().endswith('exec "$@"')
 
 
-def test_the_context_leaves_out_what_is_made_here():
+def test_the_context_leaves_out_what_is_built_here():
     ignored = (ROOT / ".dockerignore").read_text().split()
     assert {".git", ".venv", "ros2_ws/build", "ros2_ws/install", "runs"} <= set(ignored)
 
@@ -185,7 +185,7 @@ def in_container(root, *command):
 @pytest.mark.slow
 @pytest.mark.graph
 @pytest.mark.timeout(1800)
-def test_the_slim_image_runs_records_and_stops_whole(slim):
+def test_the_slim_image_runs_records_and_stops_cleanly(slim):
     run = ["trunk", "run", "fig8", "--lockstep", "--duration", "1", "--output", "whole"]
     subprocess.run(in_container(slim, *run), check=True)
     subprocess.run(in_container(slim, "trunk", "verify", "whole/run.mcap"), check=True)

@@ -64,7 +64,7 @@ ERRORS = [
 
 
 @pytest.mark.parametrize(("error", "code"), ERRORS, ids=lambda value: type(value).__name__)
-def test_an_error_is_one_line_and_its_own_exit_code(error, code, monkeypatch, capsys):
+def test_an_error_gives_one_line_and_its_exit_code(error, code, monkeypatch, capsys):
     def verb(prog_name, standalone_mode):
         raise error
 

@@ -55,7 +55,7 @@ def test_a_policy_is_trained_saved_and_compared(train, tmp_path):
         (["--population", "1"], "--population 2 or more"),
     ],
 )
-def test_a_wrong_argument_is_one_line_and_leaves_nothing(train, tmp_path, words, says):
+def test_a_wrong_argument_gives_one_line_and_leaves_nothing(train, tmp_path, words, says):
     done = train("-o", "out", *words)
     assert done.returncode == 2
     assert says in done.stderr.splitlines()[-1]

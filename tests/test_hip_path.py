@@ -76,7 +76,7 @@ def test_a_path_moves_the_trunk():
 
 
 @pytest.mark.slow
-def test_runs_on_several_paths_share_blocks_with_their_like_alone(batch):
+def test_runs_share_blocks_by_their_number_of_harmonics(batch):
     paths = [(0.01,), (0.01, 0.02), (), (0.01, 0.02, 0.0)]
     plans = [
         replace(
@@ -94,7 +94,7 @@ def test_runs_on_several_paths_share_blocks_with_their_like_alone(batch):
 
 
 @pytest.mark.long
-def test_a_trace_in_lanes_is_the_run_alone(batch):
+def test_a_trace_in_lanes_equals_a_separate_run(batch):
     plan = walk("fuzzy_pid")
     trace = np.empty((401, TRACED, LANES))
     assert run_block("fuzzy_pid", [regular_run(plan)] * LANES, trace)[0] is not None
@@ -150,7 +150,7 @@ def test_another_path_in_the_parameters_is_found(recorded, tmp_path):
     assert verdict_on(run).exit_code == DIVERGES
 
 
-def test_a_path_that_changes_while_the_run_goes_on(tmp_path):
+def test_a_path_that_changes_during_the_run(tmp_path):
     ms = 1_000_000
     changes = [Change(50 * ms, {"path.sines": (), "path.cosines": ()})]
     changes.append(Change(120 * ms, {"path.cosines": (0.01,)}))

@@ -98,7 +98,7 @@ def test_every_public_name_says_what_it_is():
 
 
 @pytest.mark.slow
-def test_the_page_s_code_runs_as_printed(tmp_path, monkeypatch, capsys):
+def test_the_pages_code_runs_as_printed(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     exec(compile(SCRIPT, str(PAGE), "exec"), {"__name__": "docs"})
     told = capsys.readouterr().out
@@ -119,7 +119,7 @@ plan.scenario = "fig7"
 
 @pytest.mark.slow
 @pytest.mark.long
-def test_a_strict_type_checker_sees_the_types_of_a_user_s_script(tmp_path):
+def test_a_strict_type_checker_sees_the_types_of_a_users_script(tmp_path):
     """With nothing but what `source scripts/env.sh` sets: the packages bring their types (py.typed)."""
     script = tmp_path / "script.py"
     script.write_text(f"{SCRIPT}\nreveal_type(run.theta)\nreveal_type(results.compare())\n{MISUSE}")

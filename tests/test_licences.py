@@ -89,7 +89,7 @@ def test_what_is_refused(package, running, says):
     assert says is None or lines[0].startswith(says)
 
 
-def test_an_entry_by_hand_ends_with_its_need():
+def test_an_unneeded_entry_by_hand_has_to_go():
     knowledge = KNOWN._replace(by_hand={"thing": ("MIT", "LICENSE"), "gone": ("MIT", "LICENSE")})
     packages = licences.report([found(expression="MIT")], knowledge)
     lines = licences.faults(packages, {"thing"}, set(), knowledge)
@@ -121,7 +121,7 @@ def ros_manifests():
 
 
 @pytest.mark.skipif(not (SHARE / "rclpy").is_dir(), reason="ROS from wheels: a shell without ROS")
-def test_what_is_listed_by_hand_is_what_the_ros_wheels_manifests_say():
+def test_the_list_by_hand_matches_the_manifests_of_the_ros_wheels():
     manifests = ros_manifests()
     assert len(manifests) > 60
     for name, file in manifests.items():

@@ -54,7 +54,7 @@ def test_integrals_of_a_constant_error():
     assert integrals == pytest.approx((0.25 * 2.0, 0.25**2 * 2.0, 0.25 * 2.0**2 / 2.0))
 
 
-def test_effort_is_that_of_the_held_torque():
+def test_effort_is_the_integral_of_the_held_torque_squared():
     result = metrics(table([0.0] * 4, torque=[1.0, -2.0, 4.0, 100.0], period=0.5))
     assert result.effort == 0.5 * (1.0 + 4.0 + 16.0)
     assert result.peak_torque == 100.0
@@ -99,7 +99,7 @@ def test_steady_state_is_the_last_two_seconds():
     assert metrics(table(theta[:201])).steady_state_error_mean_deg is not None
 
 
-def test_times_are_told_from_where_the_run_begins():
+def test_times_count_from_the_start_of_the_run():
     theta = np.where(np.arange(301) < 50, 1.0, 0.0)
     run = table(theta)
     late = metrics(replace(run, t=run.t + 5.0))
@@ -109,7 +109,7 @@ def test_times_are_told_from_where_the_run_begins():
     assert metrics(replace(short, t=short.t + 5.0)).steady_state_error_rms_deg is None
 
 
-def test_extreme_angles_are_told_and_not_judged():
+def test_extreme_angles_are_reported_and_not_judged():
     told = {name for name, quantity in QUANTITIES.items() if not quantity.judged}
     assert told == {"theta_min_deg", "theta_max_deg"}
 
@@ -146,7 +146,7 @@ def test_non_finite_data_are_named(column, value):
         metrics(table(**columns))
 
 
-def test_without_a_reference_from_the_start_there_are_none():
+def test_without_a_reference_from_the_start_there_are_no_metrics():
     with pytest.raises(ValueError, match="no controller of ours has told its reference"):
         metrics(table(np.zeros(9), np.array([np.nan] + [0.0] * 8)))
 

@@ -97,7 +97,7 @@ def test_what_rosdep_does_not_know_is_locked_and_used():
     assert set(LIST_OF) | set(ROSDEP["keys"]) <= used
 
 
-def test_packages_do_not_need_one_another_in_a_circle():
+def test_packages_do_not_depend_on_each_other_in_a_circle():
     """Colcon puts them in order by what their tests need, too."""
     left = {path.name: set().union(*declared_by(path)) & OWN for path in PACKAGES}
     while left:

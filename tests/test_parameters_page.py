@@ -40,7 +40,7 @@ def test_the_commands_make_a_verified_run(tmp_path):
     assert "lean.mcap: verified" in done.stdout
 
 
-def test_the_parameter_file_is_taken(files):
+def test_the_parameter_file_is_accepted(files):
     plan = make_plan("demo", "pid", ["mine.yaml"])
     assert plan.controller.reference_profile == "sequence"
     assert plan.disturbance.table_times == (4.0, 4.1, 4.3)

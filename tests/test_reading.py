@@ -208,7 +208,7 @@ def test_a_split_bag_is_one_run(tmp_path, metadata):
     assert table.torque.tolist() == [*range(1, 201), 201]
 
 
-def test_recordings_that_happen_to_lie_together_are_not_one_run(tmp_path):
+def test_unrelated_recordings_in_a_folder_are_not_one_run(tmp_path):
     bag = split_bag(tmp_path / "bag", run_messages(60), metadata=False)
     (bag / "bag_1.mcap").rename(bag / "other_1.mcap")
     with pytest.raises(RecordingError, match=r"has \d+ recordings and no metadata\.yaml") as caught:

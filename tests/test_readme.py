@@ -37,7 +37,7 @@ def test_a_stale_table_is_noticed():
     assert refreshed(stale) == text
 
 
-def test_what_all_controllers_share_stands_once():
+def test_parameters_of_all_controllers_are_listed_once():
     text = text_of(ROOT / "docs" / "parameter_tables.md")
     assert text.count("| `reference.profile` |") == text.count("| `handover.max_step` |") == 1
     assert text.count("| `gains.p` |") == 3  # pid, lqr, computed_torque: of different units
@@ -50,7 +50,7 @@ def test_each_metric_is_defined_with_its_unit():
 
 
 @pytest.mark.parametrize("page", [*PAGES, *OTHERS], ids=lambda page: str(page.relative_to(ROOT)))
-def test_a_page_says_first_for_whom_it_is(page):
+def test_a_page_says_first_who_it_is_for(page):
     paragraphs = [
         part for part in text_of(page).split("\n\n") if not part.startswith(("    ", "#"))
     ]

@@ -86,7 +86,7 @@ def test_only_install_sh_calls_pip_install():
     assert calls == {"install.sh"}
 
 
-def test_beside_ros_from_apt_numpy_goes_with_all_its_hashes():
+def test_beside_ros_from_apt_numpy_is_left_out_with_all_its_hashes():
     program = re.search(r"sed '(/\^numpy==.*?)'", (ROOT / "scripts/bootstrap.sh").read_text())[1]
     lock = ROOT / "requirements" / "runtime.txt"
     left = subprocess.run(["sed", program, lock], capture_output=True, text=True, check=True).stdout
@@ -133,7 +133,7 @@ def install(wheel, requirement):
 
 
 @pytest.mark.slow
-def test_what_has_the_hash_is_installed_without_what_it_depends_on(wheel):
+def test_a_package_with_its_hash_is_installed_without_dependencies(wheel):
     digest = hashlib.sha256(wheel.read_bytes()).hexdigest()
     code, lines, target = install(wheel, f"tiny-thing==1.0 --hash=sha256:{digest}")
     assert (code, lines) == (0, [])
@@ -152,7 +152,7 @@ def test_what_has_the_hash_is_installed_without_what_it_depends_on(wheel):
     ],
     ids=["altered", "absent"],
 )
-def test_what_has_not_the_hash_is_not_installed_and_one_line_says_so(wheel, digest, says):
+def test_a_package_without_its_hash_is_refused_in_one_line(wheel, digest, says):
     code, lines, target = install(wheel, f"tiny-thing==1.0{digest}")
     assert code == 1
     assert len(lines) == 1

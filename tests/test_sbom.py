@@ -111,7 +111,7 @@ def test_the_same_environment_gives_the_same_bytes(make, environment):
     assert not any(word in first[1] for word in ("serialNumber", "timestamp", str(ROOT)))
 
 
-def test_another_version_than_the_locked_one_is_refused(make, environment):
+def test_a_version_other_than_the_locked_one_is_refused(make, environment):
     [numpy] = [one for one in environment["components"] if one["name"] == "numpy"]
     numpy["version"] = "1.0"
     assert make()[::2] == (

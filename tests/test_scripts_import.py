@@ -33,11 +33,11 @@ def missing(path: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_what_it_imports_is_there(path: Path) -> None:
+def test_its_imports_exist(path: Path) -> None:
     assert missing(path) == []
 
 
-def test_what_names_its_interpreter_can_be_started() -> None:
+def test_scripts_with_an_interpreter_line_are_executable() -> None:
     files = [path for path in (ROOT / "scripts").iterdir() if path.is_file()]
     told = [path for path in files if path.read_bytes().startswith(b"#!")]
     assert told

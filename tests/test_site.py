@@ -46,7 +46,7 @@ def test_each_page_is_there_and_asks_no_other_host_for_anything(site):
         assert not re.search(r"(?:url\(|@import)\s*[\"']?(?:https?:)?//", style.read_text("utf-8"))
 
 
-def test_what_leads_nowhere_is_refused(site, tmp_path):
+def test_broken_links_are_refused(site, tmp_path):
     for name in ("mkdocs.yml", "scripts/docs_site.py", "docs/site.css"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         text = (ROOT / name).read_text(encoding="utf-8")

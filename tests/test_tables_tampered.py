@@ -107,7 +107,7 @@ MODEL = ("model.path_cosines", "model.path_sines")
     ],
     ids=str,
 )
-def test_a_recording_from_before_there_were_these_is_judged(tmp_path, node, left_out, judged):
+def test_a_recording_from_before_these_parameters_is_judged(tmp_path, node, left_out, judged):
     """By the defaults; it lacks all of a node's new parameters, not some of them."""
 
     def without(messages):

@@ -45,7 +45,7 @@ def test_honest_runs_are_not_accused(tmp_path):
     assert not [f"{run.name}: {run.accused}" for run in offline_runs(12, tmp_path) if run.accused]
 
 
-def test_what_passes_is_written_down():
+def test_what_passes_is_documented():
     written = (Path(__file__).parents[1] / "docs" / "recording.md").read_text(encoding="utf-8")
     listed = [line[2:] for line in written.splitlines() if line.startswith("- ")]
     assert not [reason for _, reason in LET_PASS if reason not in listed]

@@ -50,7 +50,7 @@ def test_one_version_everywhere():
     assert found == dict.fromkeys(found, project_version()), "scripts/version.sh sets it"
 
 
-def test_the_citation_names_who_package_xml_names():
+def test_the_citation_names_the_maintainer_of_package_xml():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     maintainer = ElementTree.parse(PACKAGES[0] / "package.xml").findtext("maintainer")
     assert citation["authors"] == [{"name": maintainer}]
@@ -91,7 +91,7 @@ def trunk(wheels, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_wheels_say_what_they_need(wheels):
+def test_wheels_declare_what_they_need(wheels):
     lock = (ROOT / "requirements" / "runtime.txt").read_text(encoding="utf-8")
     pins = dict(re.findall(r"^([a-z0-9-]+)==([\w.]+)", lock, re.MULTILINE))
     asked = set()

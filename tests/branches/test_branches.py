@@ -19,7 +19,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "branch.md"
 @pytest.mark.slow
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize("name", check.plans())
-def test_without_a_change_it_is_its_parent(name: str, tmp_path: Path) -> None:
+def test_an_unchanged_branch_equals_its_parent(name: str, tmp_path: Path) -> None:
     path = tmp_path / f"{name}.mcap"
     check.record_offline(check.plans()[name], path)
     random_ = random.Random(name)
@@ -28,7 +28,7 @@ def test_without_a_change_it_is_its_parent(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_pages_commands_work_in_their_order(tmp_path: Path) -> None:
+def test_the_pages_commands_work_in_order(tmp_path: Path) -> None:
     commands = re.findall(r"^    (trunk .*)$", PAGE.read_text("utf-8"), re.MULTILINE)
     assert len(commands) == 7
     for command in commands:

@@ -40,9 +40,7 @@ def branch(parent: Path, at: float, path: Path) -> RecordedRun:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("topic", ["/ground_truth/joint_states", "/effort_command", "/disturbance"])
-def test_what_does_not_verify_up_to_there_is_refused(
-    parent: Path, tmp_path: Path, topic: str
-) -> None:
+def test_a_branch_beyond_what_verifies_is_refused(parent: Path, tmp_path: Path, topic: str) -> None:
     def edit(messages: list[list]) -> None:
         for message in messages:
             if message[:2] == [topic, 300_000_000]:
@@ -57,9 +55,7 @@ def test_what_does_not_verify_up_to_there_is_refused(
     assert not (tmp_path / "b.mcap").exists()
 
 
-def test_disturbances_that_acted_before_a_branch_have_to_be_there(
-    parent: Path, tmp_path: Path
-) -> None:
+def test_removed_disturbances_before_a_branch_are_noticed(parent: Path, tmp_path: Path) -> None:
     """Whoever takes them out of a branch is found: their node was not quiet by its parameters."""
 
     def edit(messages: list[list]) -> None:
@@ -84,7 +80,7 @@ def test_a_file_that_ends_early_is_branched_as_far_as_it_goes(parent: Path, tmp_
     assert run.count("joint_states") == 201  # to its planned end
 
 
-def test_steps_by_a_real_drive_are_not_late(tmp_path: Path) -> None:
+def test_a_lagging_drive_makes_no_step_late(tmp_path: Path) -> None:
     """In real time, the torque of a drive that lags is not the wanted one, however soon that came."""
     settings = ("simulator.actuator.time_constant=0.02",)
     plan = make_plan("demo", "pid", everywhere={"duration": 1.0}, settings=settings)

@@ -56,7 +56,7 @@ def ends(children: Children, child: Child, code: int, *texts: str) -> None:
 
 @pytest.mark.graph
 @pytest.mark.parametrize("mode", ["real time", pytest.param("lock-step", marks=pytest.mark.long)])
-def test_disk_gets_full_in_a_run(children: Children, peer: Peer, disk: Disk, mode: str) -> None:
+def test_disk_fills_up_during_a_run(children: Children, peer: Peer, disk: Disk, mode: str) -> None:
     file = disk.folder / "run" / "run.mcap"
     run = start(children, peer, file.parent, *MODES[mode])
     until(lambda: states_in(file) > 50, "50 states are on the disk")
@@ -96,7 +96,7 @@ def test_folder_below_a_file(children: Children, tmp_path: Path) -> None:
 
 
 @pytest.mark.graph
-def test_folder_is_deleted_in_a_run(children: Children, peer: Peer, tmp_path: Path) -> None:
+def test_folder_is_deleted_during_a_run(children: Children, peer: Peer, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     run = start(children, peer, folder)
     shutil.rmtree(folder)
@@ -123,7 +123,7 @@ HARMS = {
     [pytest.param(replaced, marks=pytest.mark.long), truncated],
     ids=lambda harm: harm.__name__,
 )
-def test_recording_is_changed_in_a_run(
+def test_recording_is_changed_during_a_run(
     children: Children, peer: Peer, tmp_path: Path, recorded: Path, harm: Callable[..., None]
 ) -> None:
     file = tmp_path / "run" / "run.mcap"
@@ -147,7 +147,7 @@ def test_second_recorder_on_one_file(children: Children, peer: Peer, tmp_path: P
     assert finished_file(tmp_path / "run.mcap")
 
 
-def test_another_whole_file_is_not_this_runs(recorded: Path, tmp_path: Path) -> None:
+def test_another_file_in_place_of_the_recording_is_noticed(recorded: Path, tmp_path: Path) -> None:
     process = subprocess.Popen(["true"])
     own = NodeProcess("recorder", process, tmp_path / "log", BytesIO(), process_id())
     process.wait()
@@ -188,7 +188,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ids=lambda verb: verb.split(" -o")[0].split(" {run}")[0] + Path(verb).suffix,
 )
 @pytest.mark.slow
-def test_full_disk_leaves_no_half_result(
+def test_full_disk_leaves_no_partial_result(
     disk: Disk,
     recorded: Path,
     verb: str,

@@ -32,9 +32,7 @@ def has_loaded(child: Child, library: str) -> bool:
 
 @pytest.mark.parametrize("number", NUMBERS, ids=lambda number: number.name)
 @pytest.mark.parametrize("library", ["", "_rclpy_pybind11"], ids=["begun", "importing rclpy"])
-def test_node_ends_in_silence(
-    children: Children, tmp_path: Path, library: str, number: int
-) -> None:
+def test_node_ends_silently(children: Children, tmp_path: Path, library: str, number: int) -> None:
     for name in NODES:
         child = children.node(name)
         if library:

@@ -44,7 +44,7 @@ def test_simulator_is_killed_while_all_others_hang(children: Children, peer: Pee
     assert line.startswith("trunk: error: the run ended because simulator was ended by SIGKILL")
 
 
-def test_all_hang_and_the_runner_is_told_to_end(children: Children, peer: Peer) -> None:
+def test_all_nodes_hang_and_the_runner_gets_sigterm(children: Children, peer: Peer) -> None:
     run = children.trunk("run", "demo", "--duration", 60, "--output", "run")
     peer.until_started(run)
     for name in ("simulator", "disturbance", "fuzzy_pid", "recorder"):

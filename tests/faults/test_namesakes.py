@@ -52,7 +52,7 @@ def test_a_second_run_is_refused_before_it_starts_anything(
     assert [e.node for e in events if e.message == "configured"].count("/simulator") == 1
 
 
-def test_doubled_is_who_says_so_and_not_who_is_listed_twice(domain: int) -> None:
+def test_a_node_is_doubled_by_its_events_not_by_discovery(domain: int) -> None:
     with Monitor() as monitor:
         node = monitor._node
         monitor._node = SimpleNamespace(get_fully_qualified_node_names=lambda: ["/simulator"] * 2)

@@ -65,7 +65,7 @@ def test_full_shared_memory_is_named(within: Callable[[str], Children]) -> None:
     assert len(node.stderr.splitlines()) == 1
 
 
-def test_no_message_goes_by_shared_memory(
+def test_no_message_goes_through_shared_memory(
     children: Children, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whoever opens a port there takes its owner for dead if it does not answer in time."""
@@ -80,7 +80,7 @@ def test_no_message_goes_by_shared_memory(
     assert node.stop() == 0
 
 
-def test_settings_that_are_there_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_users_settings_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     def prepared(**given: str) -> str | None:
         for name in (middleware.TRANSPORTS, middleware.PROFILES_FILE):
             monkeypatch.delenv(name, raising=False)

@@ -121,7 +121,7 @@ def test_wrong_arguments(children: Children, tmp_path: Path) -> None:
         assert text in line, line
 
 
-def test_integer_is_taken_for_a_double(children: Children, peer: Peer) -> None:
+def test_integer_is_accepted_as_a_double(children: Children, peer: Peer) -> None:
     node = children.node("pid", "gains.p:=60", "u_clamp_max:=50")
     values = peer.until_up("pid")
     assert repr(values["gains.p"]) == "60.0"
@@ -130,7 +130,7 @@ def test_integer_is_taken_for_a_double(children: Children, peer: Peer) -> None:
     assert all("[INFO]" in line for line in node.stderr.splitlines()), node.stderr
 
 
-def test_a_recording_that_exists_is_kept_and_the_way_out_is_named(
+def test_an_existing_recording_is_replaced_only_when_asked(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
     file = tmp_path / "run.mcap"

@@ -62,7 +62,7 @@ def test_a_run_of_the_real_nodes_is_branched(children: Children, tmp_path: Path,
 
 
 @pytest.mark.long
-def test_a_run_to_which_much_is_done_is_branched_at_any_time(
+def test_an_eventful_run_is_branched_at_any_time(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
     truth = peer.hear(topics.GROUND_TRUTH)

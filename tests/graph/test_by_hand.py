@@ -95,7 +95,7 @@ def endless(request: pytest.FixtureRequest, children: Children, peer: Peer) -> d
     return shells
 
 
-def test_a_recorder_that_is_stopped_first_leaves_a_whole_file(
+def test_a_recorder_stopped_first_leaves_an_incomplete_file(
     children: Children, endless: dict[str, Child], request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
     ctrl_c(children, endless["recorder"], "recorder")
@@ -114,7 +114,7 @@ def test_a_recorder_that_is_stopped_first_leaves_a_whole_file(
     assert any("all equal to the last bit" in line for line in lines)
 
 
-def test_an_endless_run_that_is_stopped_from_the_simulator_on_is_whole(
+def test_an_endless_run_stopped_at_the_simulator_first_verifies(
     children: Children, endless: dict[str, Child], tmp_path: Path
 ) -> None:
     for name in ("simulator", "fuzzy_pid", "recorder"):

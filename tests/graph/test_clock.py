@@ -31,7 +31,9 @@ def watcher(domain: int) -> Iterator[Node]:
 
 
 @pytest.mark.parametrize("topic", [topics.JOINT_STATES, topics.GROUND_TRUTH])
-def test_the_clock_is_told_before_its_states(children: Children, watcher: Node, topic: str) -> None:
+def test_the_clock_is_published_before_its_states(
+    children: Children, watcher: Node, topic: str
+) -> None:
     """By the middleware's times of writing: a node that has both waiting may still take a state first."""
     written: dict[str, dict[int, int]] = {"clock": {}, "state": {}}
 

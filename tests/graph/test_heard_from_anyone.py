@@ -83,7 +83,7 @@ def test_every_message_is_recorded_once(
     [DEFAULT, pytest.param(qos.evidence(), marks=pytest.mark.long)],
     ids=["default", "latched"],
 )
-def test_who_repeats_what_a_node_of_ours_says_is_recorded_too(
+def test_another_node_that_repeats_our_messages_is_recorded_too(
     children: Children, peer: Peer, tmp_path: Path, profile: QoSProfile
 ) -> None:
     """Each copy has the bytes of the original and, from the first one on, its number."""
@@ -159,7 +159,9 @@ def test_a_controller_of_ten_lines_is_recorded_in_lockstep(
     assert counts == [201, 201, 201]
 
 
-def test_what_is_of_another_type_is_named(children: Children, peer: Peer, tmp_path: Path) -> None:
+def test_a_publisher_of_another_type_is_named(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
     recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
     peer.node.create_publisher(Float64, topics.REFERENCE, 10)
     pid, simulator = children.node("pid"), children.node("simulator", "duration:=0.0")
@@ -170,7 +172,9 @@ def test_what_is_of_another_type_is_named(children: Children, peer: Peer, tmp_pa
     ]
 
 
-def test_who_looks_at_a_live_topic_sees_the_present(children: Children, peer: Peer) -> None:
+def test_a_late_viewer_of_a_live_topic_sees_only_the_present(
+    children: Children, peer: Peer
+) -> None:
     """Tools ask for what is offered: the past only where it is kept, which is nowhere they look."""
     simulator = children.node("simulator", "duration:=0.0", "wait_for:=[]")
     kept = peer.hear(topics.GROUND_TRUTH)

@@ -54,7 +54,7 @@ def test_turns_and_changes_while_the_simulator_is_inactive(
     assert {part.name for part in verdict.parts} >= {"torques in force", "states of the plant"}
 
 
-def test_a_second_simulator_is_no_fault_of_the_run(
+def test_a_second_simulator_is_not_held_against_the_run(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
     """The run ends with an error; it is judged up to where the second simulator came in."""

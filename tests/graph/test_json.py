@@ -40,7 +40,9 @@ def test_time_is_exact_in_lockstep(children: Children, tmp_path: Path) -> None:
     assert (found["states"], found["doubts"]["late"]) == (101, None)
 
 
-def test_a_run_that_is_stopped_is_an_answer(children: Children, peer: Peer, tmp_path: Path) -> None:
+def test_a_stopped_run_still_gives_its_document(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
     run = children.trunk("run", "demo", "--duration", 3600, "--output", tmp_path / "a", "--json")
     peer.until_started(run)
     run.send(signal.SIGINT)

@@ -100,7 +100,7 @@ def test_the_plant_waits_for_an_inactive_controller(children: Children, peer: Pe
     assert pid.stop() == 0
 
 
-def test_held_by_deactivation(children: Children, peer: Peer) -> None:
+def test_deactivating_the_simulator_pauses_the_run(children: Children, peer: Peer) -> None:
     """While the simulator is inactive the run is paused: stamps stand still, then go on."""
     truth = peer.hear(topics.GROUND_TRUTH)
     pid = children.node("pid")
@@ -154,7 +154,7 @@ def test_a_swap_by_hand(children: Children, peer: Peer, tmp_path: Path) -> None:
     assert idle_ns.tolist() == truth_ns[(truth_ns > a) & (truth_ns <= b)].tolist()
 
 
-def test_one_that_joins_a_run_under_way(children: Children, peer: Peer, tmp_path: Path) -> None:
+def test_a_controller_joins_a_run_under_way(children: Children, peer: Peer, tmp_path: Path) -> None:
     """It is active from the first state that it receives, and the recording says so."""
     recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
     pid = children.node("pid")
@@ -174,7 +174,7 @@ def test_one_that_joins_a_run_under_way(children: Children, peer: Peer, tmp_path
     assert [turn.stamp_ns for turn in turns] == [-1, first - 1]
 
 
-def test_one_that_outlives_the_recorder_is_no_fault_of_the_run(
+def test_a_controller_that_outlives_the_recorder_is_not_held_against_the_run(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
     """It has not said how many commands it gave: that is not known, but nothing speaks against the run."""

@@ -49,7 +49,7 @@ LINKS = (
 
 @pytest.mark.parametrize("mode", ["lock-step", pytest.param("real time", marks=pytest.mark.long)])
 @pytest.mark.parametrize("given", [DRIVE, LINKS], ids=["drive", "links"])
-def test_the_nodes_do_as_the_offline_run_does(
+def test_the_nodes_match_the_offline_run(
     children: Children, tmp_path: Path, given: tuple[str, ...], mode: str
 ) -> None:
     settings = [word for one in given for word in ("--set", one)]

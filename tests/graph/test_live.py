@@ -37,7 +37,7 @@ def gateway_pid(child: Any) -> int:
     return until(found, "a gateway")
 
 
-def test_what_a_person_does_is_done_and_on_the_record(
+def test_what_a_person_does_takes_effect_and_is_recorded(
     children: Children, peer: Peer, browser: Any, tmp_path: Path
 ) -> None:
     pushed = peer.hear(f"/{topics.OPERATOR_PUSH}")
@@ -169,7 +169,7 @@ def test_in_lockstep_the_page_chooses_the_speed_and_who_acts(
     assert verdict.exit_code == VERIFIED, verdict
 
 
-def test_a_graph_that_runs_already_is_joined_and_left_alone(
+def test_a_running_graph_is_joined_and_keeps_running(
     children: Children, peer: Peer, browser: Any, tmp_path: Path
 ) -> None:
     run = children.trunk("run", "demo", "--duration", 36000, "--rate", 200, "--output", "run")

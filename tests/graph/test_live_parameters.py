@@ -78,7 +78,7 @@ def pid(children: Children, peer: Peer) -> Child:
     assert "Traceback" not in node.stderr
 
 
-def test_described(pid: Child, peer: Peer) -> None:
+def test_parameters_are_described(pid: Child, peer: Peer) -> None:
     gain, low, high, rate, mode, values = Services(peer, "pid").describe(
         "gains.p",
         "u_clamp_min",

@@ -76,7 +76,7 @@ def test_same_bits_everywhere(
         assert f"states of the plant: {steps} steps checked, all equal" in verified(run)
 
 
-def test_same_bits_on_a_path_of_ones_own(children: Children, tmp_path: Path) -> None:
+def test_same_bits_on_a_custom_hip_path(children: Children, tmp_path: Path) -> None:
     options = ["fig8", "--controller", "computed_torque", "--duration", "0.4"]
     for prefix in ("simulator.path.", "computed_torque.model.path_"):
         options += [

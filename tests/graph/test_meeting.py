@@ -72,9 +72,7 @@ def test_the_plant_begins_when_it_has_discovered_the_ready_node(
     assert simulator.stop() == 0, simulator.stderr
 
 
-def test_who_hears_nothing_says_for_what_it_waits_and_how_to_start_it(
-    children: Children, domain: int
-) -> None:
+def test_a_node_that_hears_nothing_says_what_it_waits_for(children: Children, domain: int) -> None:
     nodes = [children.node("recorder", "output:=run.mcap"), children.node("pid")]
     told = (
         "waiting for states on /joint_states: "
@@ -92,7 +90,7 @@ def test_who_hears_nothing_says_for_what_it_waits_and_how_to_start_it(
         assert node.stop() == 0, node.stderr
 
 
-def test_a_plant_that_waits_says_for_whom_and_how_to_start_it(
+def test_a_waiting_plant_names_the_nodes_and_how_to_start_them(
     children: Children, domain: int
 ) -> None:
     simulator = children.node(

@@ -138,7 +138,7 @@ def test_a_push_moves_the_trunk_and_is_recomputed_and_repeated(
     assert "disturbance: trunk torque" in explained
 
 
-def test_who_falls_silent_lets_go_and_what_is_malformed_spoils_nothing(
+def test_a_silent_hand_lets_go_and_malformed_requests_do_no_harm(
     children: Children, pushed_run: Callable[..., tuple[Child, RecordedRun]], tmp_path: Path
 ) -> None:
     def once(hand: Hand) -> None:
@@ -155,7 +155,7 @@ def test_who_falls_silent_lets_go_and_what_is_malformed_spoils_nothing(
     verified(tmp_path / "run" / "run.mcap")
 
 
-def test_a_stranger_s_pushes_make_a_recording_incomplete(
+def test_a_strangers_pushes_make_a_recording_incomplete(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
     child = children.trunk("run", "demo", "--duration", 2, "--output", "run")

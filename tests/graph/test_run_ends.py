@@ -97,7 +97,7 @@ def test_a_run_that_was_stopped_takes_no_more_steps(arguments: Any, lockstep: st
 
 
 @MODES
-def test_a_simulator_that_was_told_to_end_begins_no_run(arguments: Any, lockstep: str) -> None:
+def test_a_simulator_asked_to_end_begins_no_run(arguments: Any, lockstep: str) -> None:
     arguments(f"lockstep.enabled:={lockstep}", "wait_for:=[]")
     node = SimulatorNode()
     node.autostart()
@@ -110,7 +110,7 @@ def test_a_simulator_that_was_told_to_end_begins_no_run(arguments: Any, lockstep
 
 @MODES
 @pytest.mark.parametrize("end", ["finished", "stopped"])
-def test_nothing_that_is_asked_after_the_end_changes_the_record(
+def test_no_request_after_the_end_changes_the_record(
     arguments: Any, lockstep: str, end: str
 ) -> None:
     arguments(f"lockstep.enabled:={lockstep}", "wait_for:=[effort_command]", "duration:=0.05")
@@ -154,7 +154,7 @@ def test_a_run_that_failed_fails_once(arguments: Any, lockstep: str) -> None:
     node.destroy_node()
 
 
-def test_an_end_that_does_not_say_how_many_states_there_are(arguments: Any, tmp_path: Path) -> None:
+def test_an_end_without_a_count_of_states_is_malformed(arguments: Any, tmp_path: Path) -> None:
     arguments(f"output:={tmp_path / 'run.mcap'}")
     node = RecorderNode()
     node.autostart()

@@ -60,7 +60,7 @@ def test_idle_node(children: Children, peer: Peer, tmp_path: Path, number: int) 
     ],
     ids=["SIGINT before the end", "SIGTERM to an endless run"],
 )
-def test_in_a_run(
+def test_nodes_of_a_run(
     children: Children,
     peer: Peer,
     tmp_path: Path,
@@ -96,7 +96,9 @@ def test_in_a_run(
 
 
 @pytest.mark.parametrize("node", ["pid", "recorder"])
-def test_told_again_and_again_to_stop(children: Children, peer: Peer, node: str) -> None:
+def test_a_node_signalled_repeatedly_ends_cleanly(
+    children: Children, peer: Peer, node: str
+) -> None:
     """As when a terminal's Ctrl-C and ros2 launch both signal it: the last signal must not kill it."""
     child = children.node(node, "output:=run.mcap")
     peer.until_up(node)

@@ -32,7 +32,7 @@ def test_a_quarter_of_a_minute(children: Children) -> None:
     assert soak.stdout.splitlines()[-1] == "check_soak: 0.25 min at 1000 Hz passed"
 
 
-def test_a_run_that_cannot_be_is_one_line(children: Children) -> None:
+def test_an_impossible_run_fails_in_one_line(children: Children) -> None:
     soak = children.start("soak", sys.executable, SCRIPT, "--rate", 0)
     assert soak.wait() == 1
     (line,) = soak.stderr.splitlines()

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.graph
         (topics.JOINT_STATES, "402 messages of 401 states: another node publishes there too"),
     ],
 )
-def test_a_stranger_publishes_a_state_of_the_far_future(
+def test_a_stranger_publishes_a_state_from_the_far_future(
     children: Children, peer: Peer, tmp_path: Path, topic: str, says: str
 ) -> None:
     run = children.trunk("run", "demo", "--duration", 2, "--output", "run")

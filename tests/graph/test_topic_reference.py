@@ -76,7 +76,7 @@ def test_it_ends_with_its_profile(command: Callable[[], float], peer: Peer) -> N
     told(0.25)
 
 
-def test_one_for_this_controller_alone(command: Callable[[], float], peer: Peer) -> None:
+def test_a_reference_for_this_controller_alone(command: Callable[[], float], peer: Peer) -> None:
     to_all, to_pid = peer.speaker(topics.REFERENCE), peer.speaker("pid/reference")
     to_another = peer.node.create_publisher(JointState, "lqr/reference", 1)
     for tell, angle in ((to_pid, 0.5), (to_all, 0.25), (to_pid, 0.125)):

@@ -37,7 +37,7 @@ KINDS = [Quality(r, d, 5) for r, d in product((1, 2), (1, 2))]
 
 
 @pytest.mark.parametrize(("offered", "requested"), list(product(KINDS, KINDS)))
-def test_the_same_are_compatible(offered: Quality, requested: Quality) -> None:
+def test_the_same_qualities_are_compatible(offered: Quality, requested: Quality) -> None:
     found, _ = qos_check_compatible(profile(offered), profile(requested))
     assert compatible(offered, requested) == (found != QoSCompatibility.ERROR)
 

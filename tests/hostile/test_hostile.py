@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.slow
-def test_hostile_files_end_in_a_line_within_the_limits():
+def test_hostile_files_end_in_one_line_within_the_limits():
     # A process of its own: it forks, which a process with threads must not.
     done = subprocess.run(
         [sys.executable, "-m", "tests.hostile.check", "--selection"],

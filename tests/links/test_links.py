@@ -75,7 +75,7 @@ def test_compiled_code_has_the_same_links(tmp_path: Path) -> None:
         assert first_difference(plan, Batch()) is None
 
 
-def test_what_the_controller_sees_and_the_plant_is_told_is_late_lost_and_held(run: Path) -> None:
+def test_readings_and_commands_over_links_are_late_lost_and_held(run: Path) -> None:
     plan, found = bad(), RecordedRun.open(run)
     truth, seen = found.table("ground_truth/joint_states"), found.table("joint_states")
     assert truth.stamp_ns.tolist() == seen.stamp_ns.tolist()
@@ -90,7 +90,7 @@ def test_what_the_controller_sees_and_the_plant_is_told_is_late_lost_and_held(ru
 
 
 @pytest.mark.slow
-def test_its_branches_verify_and_without_a_change_are_the_run(run: Path, tmp_path: Path) -> None:
+def test_branches_verify_and_unchanged_ones_equal_the_run(run: Path, tmp_path: Path) -> None:
     for i, at in enumerate((0.0, 0.005, 0.3331, 0.7, 1.0)):
         assert check_branch(run, Branch(at), tmp_path / f"{i}.mcap") is None
     first = check_branch(run, Branch(0.5, controller="lqr"), tmp_path / "lqr.mcap")
@@ -128,7 +128,7 @@ def test_sensors_that_always_fail_hold_the_first_reading(tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_long_runs_are_skipped_over_in_stretches(tmp_path: Path) -> None:
+def test_long_runs_are_checked_in_stretches(tmp_path: Path) -> None:
     record_offline(bad(60.0), tmp_path / "long.mcap")
     assert judged(tmp_path / "long.mcap") == (VERIFIED, [])
     looked_at = list(PlantReplay(RecordedRun.open(tmp_path / "long.mcap")))
@@ -136,14 +136,14 @@ def test_long_runs_are_skipped_over_in_stretches(tmp_path: Path) -> None:
     assert len(looked_at) < 100
 
 
-def test_the_last_torque_is_of_the_command_that_the_link_brings(run: Path) -> None:
+def test_the_last_torque_is_from_the_command_that_the_link_delivers(run: Path) -> None:
     table = RunTable.of_run(RecordedRun.open(run))
     plan = bad(2.0)
     later = [step.truth.effort[1] for step in steps(plan)][1:202]
     assert table.torque.tolist() == later
 
 
-def test_counts_are_on_the_record_and_recomputed(run: Path, tmp_path: Path) -> None:
+def test_counts_are_recorded_and_recomputed(run: Path, tmp_path: Path) -> None:
     found = [one for one in RecordedRun.open(run).events if one.message == Event.PASSED_ON]
     assert [one.stamp_ns for one in found] == [1_000_000_000]
     values = found[0].values
@@ -189,7 +189,7 @@ def test_an_edited_reading_is_found(run: Path, tmp_path: Path) -> None:
     assert judged(path)[0] != VERIFIED
 
 
-def test_in_real_time_no_step_over_a_link_is_late_for_it(run: Path, tmp_path: Path) -> None:
+def test_in_real_time_a_link_makes_no_step_late(run: Path, tmp_path: Path) -> None:
     copied(run, tmp_path / "a.mcap", digests=ANEW, provenance={"mode": "real_time"})
     assert late_steps(RecordedRun.open(tmp_path / "a.mcap")) == Late(0, 200)
 

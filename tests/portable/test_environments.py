@@ -81,7 +81,7 @@ def test_c(folder):
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="Node.js: for the same bits in JavaScript")
-def test_the_programs_find_one_bit(folder, tmp_path):
+def test_the_programs_notice_one_wrong_bit(folder, tmp_path):
     vectors.write(tmp_path, 100)
     lines = (tmp_path / "vectors.txt").read_text().splitlines()
     digits = lines[57].split()

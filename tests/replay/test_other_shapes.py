@@ -41,7 +41,7 @@ def checked(run):
     return list(replay_controllers(run, driven_controllers(run)))
 
 
-def test_states_without_torques_are_looked_at_one_by_one(plain):
+def test_states_without_torques_are_checked_one_by_one(plain):
     run = reshaped(plain, "joint_states", lambda names, p, v, e: (names, p, v, ()))
     found = checked(run)
     assert [one.steps for one in found] == [1] * STATES

@@ -38,7 +38,7 @@ from .runs import (
 pytestmark = pytest.mark.slow
 
 
-def test_an_event_of_a_fall_is_found_missing_only_where_falls_are_told(tmp_path):
+def test_a_missing_fall_event_is_found_only_where_falls_are_recorded(tmp_path):
     """Recordings that do not know the parameter tell of no fall."""
     plan = planned()
     simulator = replace(plan.simulator, fall_angle=0.9, initial_position=(0.0, 1.0))
@@ -131,7 +131,7 @@ def test_a_simulation_goes_on_as_the_run_did(linked, pushed, alone, at):
 
 
 @pytest.mark.parametrize("provenance", [{}, REAL_TIME], ids=["exact", "real time"])
-def test_what_is_as_recorded_is_passed_over(pushed, alone, way, provenance):
+def test_states_as_recorded_are_passed_over(pushed, alone, way, provenance):
     """But for the last state, which no step follows."""
     longest = {"step by step": 1, "by windows": 7, "by stretches": STATES - 1}[way]
     path = copied(pushed, pushed.with_suffix(".whole"), digests=NONE, provenance=provenance).path

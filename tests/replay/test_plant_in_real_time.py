@@ -70,7 +70,7 @@ def test_in_real_time_a_disturbance_may_act_late(pushed, by):
     assert len({d.stamp_ns for d in found(exact)}) > 30
 
 
-def test_in_real_time_a_disturbance_may_act_late_in_what_a_link_brings_late(tmp_path):
+def test_in_real_time_a_disturbance_may_be_late_in_a_late_reading(tmp_path):
     """The sensors' offsets are of the step in which they were read, whatever acted there."""
     offset = (
         "disturbance.pulse.channel=trunk_position",
@@ -86,7 +86,7 @@ def test_in_real_time_a_disturbance_may_act_late_in_what_a_link_brings_late(tmp_
     assert len({d.stamp_ns for d in found(early)}) > 30
 
 
-def test_a_bit_of_a_real_time_torque_is_not_that_of_the_reading(pushed):
+def test_one_bit_of_a_real_time_torque_differs_from_the_reading(pushed):
     run = planted(pushed, TRUTH, 30, "effort", 1, provenance=REAL_TIME)
     assert [(d.stamp_ns, d.topic, d.field) for d in found(run)] == [
         (30 * MS, MEASURED, "effort[trunk]")
@@ -123,7 +123,7 @@ def test_no_disturbance_acts_again_after_another_one(tmp_path):
     ]
 
 
-def test_what_was_measured_acts_on_the_step_too(tmp_path):
+def test_a_reading_and_its_step_share_one_disturbance(tmp_path):
     """In real time: a measurement with the offset of 9 ms does not go with the torque of 10 ms."""
     settings = [
         "disturbance.pulse.channel=trunk_effort",
@@ -155,7 +155,7 @@ def test_what_was_measured_acts_on_the_step_too(tmp_path):
     assert {(d.stamp_ns, d.topic) for d in found(forged)} == {(11 * MS, TRUTH)}
 
 
-def test_where_a_command_is_missing_in_real_time_an_earlier_one_is_on_its_way(linked, tmp_path):
+def test_where_a_command_is_missing_in_real_time_the_one_before_is_used(linked, tmp_path):
     def edit(messages):
         messages.remove(of(messages, "effort_command")[33])
 

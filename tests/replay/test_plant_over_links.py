@@ -51,12 +51,12 @@ def test_links_and_pushes_follow_from_the_record(linked, pushed, way, provenance
     ],
 )
 @pytest.mark.parametrize("provenance", [{}, REAL_TIME], ids=["exact", "real time"])
-def test_one_bit_of_what_a_link_brings_is_found(linked, quantity, column, name, provenance):
+def test_one_bit_of_a_reading_over_a_link_is_found(linked, quantity, column, name, provenance):
     run = planted(linked, MEASURED, 35, quantity, column, provenance=provenance)
     assert [(d.stamp_ns, d.topic, d.field) for d in found(run)] == [(35 * MS, MEASURED, name)]
 
 
-def test_a_command_acts_where_its_link_brings_it(linked):
+def test_a_command_acts_when_its_link_delivers_it(linked):
     """One bit of a command shows in the states after the steps that used it."""
     run = planted(linked, "effort_command", 30, "effort", 0)
     differ = sorted({d.stamp_ns for d in found(run)})
@@ -67,7 +67,7 @@ def test_a_command_acts_where_its_link_brings_it(linked):
 
 
 @pytest.mark.parametrize(("number", "first"), [(0, 14), (1, 21)])
-def test_a_push_that_was_another_is_found(pushed, number, first):
+def test_an_edited_push_is_found(pushed, number, first):
     def edit(messages):
         message = of(messages, "operator/push")[number]
         (torque,) = struct.unpack("<d", message[2][-8:])
@@ -77,7 +77,7 @@ def test_a_push_that_was_another_is_found(pushed, number, first):
     assert min(d.stamp_ns for d in found(run)) == first * MS
 
 
-def test_without_the_state_that_a_link_brings_nothing_is_said_of_the_reading(linked):
+def test_a_reading_whose_state_is_missing_is_not_judged(linked):
     """Two rows of the truth are gone: neither what was read there, nor what followed, is judged by them."""
 
     def edit(messages):
@@ -108,7 +108,7 @@ def test_changes_before_the_first_state_act_on_it_and_those_at_it_on_the_next(tm
     assert follows(path, way)
 
 
-def test_a_reading_is_of_the_sensors_as_they_were_then(linked):
+def test_a_late_reading_uses_the_sensors_of_its_time(linked):
     """A link brings it after the sensors have changed: a forger takes them as they are now."""
     replayed = PlantReplay(RecordedRun.open(linked))
     assert found_by(replayed) == []

@@ -177,7 +177,7 @@ def without(topic, index):
     return edit
 
 
-def test_a_command_to_a_state_that_is_not_there_cannot_be_computed(whole, tmp_path):
+def test_a_command_without_its_state_cannot_be_computed(whole, tmp_path):
     copy = copied(whole, tmp_path / "p.mcap", without("joint_states", 25), digests=NONE)
     run = RecordedRun(copy)
     first = next(d for one in replay_controllers(run, driven_controllers(run)) for d in one.found)
@@ -220,7 +220,7 @@ def test_without_a_command_the_next_state_does_not_follow(whole, tmp_path):
     assert {d.stamp_ns for d in found} == {26 * MS}
 
 
-def test_without_its_message_nothing_disturbs(whole, tmp_path):
+def test_without_its_message_no_disturbance_acts(whole, tmp_path):
     copy = copied(whole, tmp_path / "p.mcap", without("disturbance", 12), digests=NONE)
     run = RecordedRun(copy)
     assert replay.acting_at(run.table("disturbance"), 12 * MS) == Disturbance()
@@ -239,7 +239,7 @@ def test_a_disturbance_is_read_by_its_channels(whole):
     assert acting.trunk_offset != 0.0
 
 
-def test_a_fall_that_is_marked_nowhere_or_elsewhere_is_found(whole, tmp_path):
+def test_a_fall_that_is_not_marked_is_found(whole, tmp_path):
     def edit(messages):
         messages[:] = [m for m in messages if m[0] != "/run/events" or b"fell" not in m[2]]
 

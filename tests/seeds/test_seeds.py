@@ -34,13 +34,13 @@ def test_whatever_happens_the_promises_hold(first: int) -> None:
     assert done.stdout.startswith("60 seeds, 0 failed")
 
 
-def test_what_was_found_stays_mended() -> None:
+def test_seeds_that_once_failed_pass_now() -> None:
     done = seeds(1, *(f"--seed={seed}" for seed in FOUND))
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.startswith(f"{len(FOUND)} seeds, 0 failed")
 
 
-def test_a_seed_plays_twice_alike() -> None:
+def test_a_seed_plays_the_same_twice() -> None:
     done = seeds(6, "--seed", 1000, "--twice")
     assert done.returncode == 0, done.stdout + done.stderr
     traces = [seeds("--seed", 7, "--trace").stdout.splitlines()[:-1] for _ in range(2)]

@@ -59,7 +59,7 @@ EDITS = {
 @pytest.mark.slow
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize("edit", EDITS.values(), ids=EDITS)
-def test_every_edit_with_new_digests_is_told_by_the_signature(signed, original, trunk, edit):
+def test_the_signature_detects_every_edit_with_new_digests(signed, original, trunk, edit):
     found = content(original)
     edit(found)
     write(found, signed, ANEW)
@@ -70,12 +70,12 @@ def test_every_edit_with_new_digests_is_told_by_the_signature(signed, original, 
     refused(trunk, "the content is not what it signed in run.mcap.sig", "diverges")
 
 
-def test_another_run_with_a_copied_signature_is_told(signed, trunk):
+def test_another_run_with_a_copied_signature_is_refused(signed, trunk):
     record_offline(make_plan("fig8", "lqr", everywhere={"duration": 0.05}), signed, overwrite=True)
     refused(trunk, "the content is not what it signed", "diverges")
 
 
-def test_a_truncated_run_is_told(signed, trunk):
+def test_a_truncated_run_is_refused(signed, trunk):
     signed.write_bytes(signed.read_bytes()[: signed.stat().st_size // 2])
     refused(trunk, "the content is not what it signed", "diverges")
 
@@ -107,14 +107,14 @@ def write_anew(source, path, then=lambda writer, channels: None, **options):
     ],
     ids=["small chunks", "one chunk of LZ4", "no chunks"],
 )
-def test_written_anew_with_the_same_content_the_signature_holds(signed, original, trunk, options):
+def test_the_signature_holds_for_the_same_content_written_anew(signed, original, trunk, options):
     write_anew(original, signed, **options)
     assert signed.read_bytes() != original.read_bytes()
     code, out, err = trunk("verify", "run.mcap", "--key", "alice.pub")
     assert code == 0, out + err
 
 
-def test_a_channel_described_anew_does_not_pass_under_the_signature(signed, original, trunk):
+def test_a_redescribed_channel_is_refused(signed, original, trunk):
     """Other readers would take true states for measured ones."""
 
     def swap(writer, channels):
@@ -139,7 +139,7 @@ def test_what_no_digest_covers_is_neither_verified_nor_signed(signed, original, 
     assert (code, "no digests of the attachments' content" in err) == (1, True)
 
 
-def test_a_topic_named_as_a_part_is_not_covered(signed, original):
+def test_a_topic_named_like_a_part_is_not_covered(signed, original):
     found = content(original)
     found.channels["/joint_states"].topic = "heads"
     recording = write(found, signed, ANEW)

@@ -69,7 +69,7 @@ def test_without_a_signature_nothing_is_said(run, trunk):
     assert json.loads(trunk("verify", "run.mcap", "--json")[1])["signature"] is None
 
 
-def test_the_result_for_programs(signed, trunk):
+def test_json_describes_the_signature(signed, trunk):
     def signature(*words):
         code, out, _ = trunk("verify", "run.mcap", "--json", *words)
         return code, json.loads(out)["verdict"], json.loads(out)["signature"]
@@ -138,7 +138,7 @@ def test_what_its_recorder_does_not_vouch_for_is_never_signed(run, original, tru
     assert not (run.parent / "run.mcap.sig").exists()
 
 
-def test_a_signature_is_replaced_only_by_force_and_nothing_else_ever(signed, trunk):
+def test_force_replaces_a_signature_and_nothing_else(signed, trunk):
     sidecar = signed.parent / "run.mcap.sig"
     before = sidecar.read_text()
     code, _, err = trunk("sign", "run.mcap", "--key", "mallory")
@@ -165,7 +165,7 @@ def test_a_signature_is_replaced_only_by_force_and_nothing_else_ever(signed, tru
         ("sign", "run.mcap", "--new-key", "k"),
     ],
 )
-def test_words_that_do_not_go_together_are_refused(run, trunk, words):
+def test_arguments_that_do_not_go_together_are_refused(run, trunk, words):
     assert trunk(*words)[0] == 2
     assert not (run.parent / "k").exists()
 

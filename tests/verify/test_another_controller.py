@@ -52,7 +52,7 @@ def test_another_command_leads_to_another_state(strangers, tmp_path):
     assert difference.stamp_ns == 101_000_000
 
 
-def test_an_altered_state_and_kept_digests_show(strangers, tmp_path):
+def test_an_altered_state_diverges_whatever_its_digests(strangers, tmp_path):
     def edit(messages):
         flip_last_bit(of(messages, TRUTH)[100])
 
@@ -62,7 +62,7 @@ def test_an_altered_state_and_kept_digests_show(strangers, tmp_path):
 
 
 @pytest.mark.parametrize("topic", [COMMAND, TRUTH])
-def test_a_missing_message_is_no_whole_run(strangers, tmp_path, topic):
+def test_a_run_that_lacks_a_message_is_never_verified(strangers, tmp_path, topic):
     def edit(messages):
         messages.remove(of(messages, topic)[100])
 

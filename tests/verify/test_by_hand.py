@@ -82,7 +82,7 @@ def again(messages):
     messages.insert(messages.index(first) + 1, list(first))
 
 
-def test_a_stranger_s_push_accuses_nobody(pushed, tmp_path):
+def test_a_strangers_push_accuses_nobody(pushed, tmp_path):
     """The recorder has marked the file as incomplete."""
     verdict = verify(copied(pushed, tmp_path / "stranger.mcap", again, ANEW, end=False))
     assert verdict.exit_code == UNJUDGED, verdict.reasons

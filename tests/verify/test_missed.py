@@ -50,7 +50,7 @@ def test_what_a_recorder_missed_is_judged_neither_right_nor_wrong(
 @pytest.mark.one_in(5)
 @pytest.mark.parametrize("topic", [COMMAND, "/fuzzy_pid/state"])
 @pytest.mark.parametrize("lost", [1, 2, 5])
-def test_the_last_answers_of_a_controller_that_was_killed_may_be_there_in_part(
+def test_the_last_answers_of_a_killed_controller_may_be_missing_in_part(
     whole, tmp_path, topic, lost
 ):
     """Commands and terms come by topics of their own: of either the recorder may lack several."""

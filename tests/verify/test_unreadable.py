@@ -28,14 +28,14 @@ def cut_references(messages):
         messages.append([REFERENCE, log_time_ns, data, log_time_ns, number])
 
 
-def test_the_obstacle_is_all_that_is_said(honest, tmp_path):
+def test_unreadable_messages_are_only_an_obstacle(honest, tmp_path):
     verdict = verify(copied(honest, tmp_path / "a.mcap", cut_references, digests=ANEW))
     assert verdict.exit_code == UNJUDGED, verdict.reasons
     assert not verdict.contradictions
     assert any(f"{REFERENCE}: 3 of 4 messages cannot be read" in line for line in verdict.reasons)
 
 
-def test_a_message_that_was_taken_out_shows_all_the_same(honest, tmp_path):
+def test_a_removed_message_is_still_noticed(honest, tmp_path):
     def edit(messages):
         cut_references(messages)
         del messages[-2]

@@ -187,7 +187,7 @@ def test_one_stamp_in_the_far_future_costs_no_more_than_any_other(whole, tmp_pat
         (COMMAND, []),  # in real time a command may be late: the plant goes on without it
     ],
 )
-def test_in_real_time_too_every_measured_state_has_to_be_there(whole, tmp_path, topic, obstacles):
+def test_real_time_too_needs_every_measured_state(whole, tmp_path, topic, obstacles):
     copy = copied(
         whole,
         tmp_path / "real_time.mcap",
@@ -232,7 +232,7 @@ def test_another_arithmetic_is_not_recomputed(whole, tmp_path, arithmetic, line)
 
 
 @pytest.mark.parametrize(("change", "excused"), [(1e-15, True), (10.0, False)])
-def test_another_arithmetic_excuses_rounding_alone(whole, tmp_path, change, excused):
+def test_another_arithmetic_excuses_only_rounding(whole, tmp_path, change, excused):
     def edit(messages):
         message = of(messages, COMMAND)[500]
         (value,) = struct.unpack("<d", message[2][-8:])

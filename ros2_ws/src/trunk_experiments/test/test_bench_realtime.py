@@ -65,6 +65,6 @@ def test_too_few_messages_are_refused(states, answers, message):
         ({"seconds": 0.0}, "seconds must be greater than 0 and at most 3600, not 0.0"),
     ],
 )
-def test_arguments(arguments, message):
+def test_wrong_arguments_are_refused(arguments, message):
     with pytest.raises(BenchError, match=message):
         bench.bench_realtime(**arguments)

@@ -142,7 +142,7 @@ def test_nothing_disturbed_the_past_of_a_run_without_disturbances(branch, tmp_pa
 
 
 @pytest.mark.slow
-def test_a_branch_ends_when_it_is_told_or_was_planned(branch, parent, plan, tmp_path):
+def test_a_branch_ends_when_asked_or_as_planned(branch, parent, plan, tmp_path):
     for end, states in ((0.75, 151), (2.0, 401)):
         run = branch(parent, tmp_path / f"{end}.mcap", "--duration", end)
         assert run.count("joint_states") == states
@@ -173,7 +173,7 @@ def twice(capsys, tmp_path, parent, first, second):
 
 
 @pytest.mark.slow
-def test_a_controller_that_has_given_no_command_yet_is_there(tmp_path, capsys):
+def test_a_controller_without_a_command_yet_is_kept(tmp_path, capsys):
     path = tmp_path / "swap.mcap"
     swap = make_plan("demo", "fuzzy_pid", everywhere={"duration": 1.0}, swaps=(Swap(2.0, "pid"),))
     record_offline(swap, path)
@@ -212,7 +212,7 @@ def test_changes_at_the_same_time_add_up(parent, plan, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_disturbance_that_joined_at_a_branch_is_there_in_the_next(tmp_path, capsys):
+def test_a_disturbance_that_joined_at_a_branch_is_kept_in_the_next(tmp_path, capsys):
     path = tmp_path / "quiet.mcap"
     record_offline(make_plan("fig6", "pid", everywhere={"duration": 0.9}), path)
     push = ("--push", "hip_effort=200N:0.05s")
@@ -238,7 +238,7 @@ def test_several_branches_and_a_fan_go_into_a_folder(parent, tmp_path, capsys):
     assert fanned([Branch(1.0)], ()) == [Branch(1.0)]
 
 
-def test_a_comparison_tells_whose_branch_a_run_is_and_ranks_no_pushed_one(branch, parent, tmp_path):
+def test_a_comparison_names_the_parent_and_ranks_no_pushed_branch(branch, parent, tmp_path):
     run = branch(parent, tmp_path / "b.mcap", "--push", "60Nm:0.1s")
     found = compare([RunView.read(RecordedRun.open(parent)), RunView.read(run)])
     assert found.branches[0] is None

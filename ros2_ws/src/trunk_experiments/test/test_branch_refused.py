@@ -51,7 +51,9 @@ def parent(short_run):
         (["--at", "0.5", "--at", "0.6"], "2 branches: name a folder"),
     ],
 )
-def test_what_cannot_be_branched_is_a_line(parent, tmp_path, command_says, words, said):
+def test_what_cannot_be_branched_is_refused_in_one_line(
+    parent, tmp_path, command_says, words, said
+):
     code, _, told = command_says("branch", parent, *words, "-o", tmp_path / "b.mcap")
     assert code == 2
     assert said in told
@@ -59,7 +61,7 @@ def test_what_cannot_be_branched_is_a_line(parent, tmp_path, command_says, words
     assert not (tmp_path / "b.mcap").exists()
 
 
-def test_nothing_is_left_of_branches_that_cannot_be(parent, tmp_path, command_says):
+def test_refused_branches_leave_nothing(parent, tmp_path, command_says):
     for words in (
         ("--at", 0.1, "--at", 5),
         ("--at", 0.1, "--grid", "simulator.max_effort=3,-4"),
@@ -100,7 +102,7 @@ def test_a_push_is_added_to_a_held_table_and_to_no_other():
         pushed(replace(drawn, pulse_start_times=(0.1,)), [push])
 
 
-def test_what_is_no_branch_says_so():
+def test_provenance_of_no_branch_gives_none():
     assert branch_of({}) is None
     told = {"branch_of": "a", "branch_parent": "b", "branch_at": "inf", "branch_changes": ""}
     assert branch_of(told) is None

@@ -191,7 +191,7 @@ def test_it_compiles_even_without_a_home(monkeypatch):
     assert compiled.compiled(saturate)(3.0, 2.0) == 2.0
 
 
-def test_compiled_code_that_nobody_used_for_long_is_deleted(tmp_path, monkeypatch):
+def test_compiled_code_long_unused_is_deleted(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     kept = tmp_path / "trunk"
     for name, days in (("0" * 16, 91), ("1" * 16, 89), ("somebody's", 91)):
@@ -204,7 +204,7 @@ def test_compiled_code_that_nobody_used_for_long_is_deleted(tmp_path, monkeypatc
     }
 
 
-def test_what_is_used_is_not_old(tmp_path, monkeypatch):
+def test_compiled_code_in_use_is_not_old(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     compiled.compiled(saturate)
     (kept,) = (tmp_path / "trunk").iterdir()

@@ -126,7 +126,7 @@ def test_a_file_that_is_not_a_recording(tmp_path):
 
 
 @pytest.mark.slow
-def test_what_has_no_level_is_not_said_to_never_settle(short_run):
+def test_a_run_without_a_level_is_not_said_to_never_settle(short_run):
     sine = ["pid.reference.profile=sine", "pid.reference.amplitude=0.5"]
     tracked = short_run("fig6", "pid", duration=3.0, settings=sine)
     swinging = short_run("fig6", "pid", duration=3.0, settings=["pid.gains.d=0.0"])
@@ -141,7 +141,7 @@ def test_what_has_no_level_is_not_said_to_never_settle(short_run):
     assert "not defined</td>" in report
 
 
-def test_a_folder_that_is_given_as_a_dot_has_its_name(runs, tmp_path, monkeypatch):
+def test_a_folder_given_as_a_dot_has_its_name(runs, tmp_path, monkeypatch):
     folder = tmp_path / "mine"
     folder.mkdir()
     (folder / "run.mcap").write_bytes(runs[0].read_bytes())
@@ -195,6 +195,6 @@ def test_another_disturbance_is_another_task(short_run, more):
 
 
 @pytest.mark.slow
-def test_how_finely_time_is_cut_is_no_task(short_run, runs):
+def test_substeps_do_not_make_another_task(short_run, runs):
     finer = short_run("fig6", "pid", duration=3.0, settings=("simulator.substeps=20",))
     assert compare([RunView.read(RecordedRun.open(p)) for p in (runs[0], finer)]).tasks == ()

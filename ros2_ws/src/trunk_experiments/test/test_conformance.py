@@ -33,7 +33,7 @@ def test_a_planted_fault_is_found_by_its_own_check(check: str, law: Law) -> None
 
 
 @pytest.mark.parametrize("check", ALONE, ids=lambda check: check.name)
-def test_an_honest_law_keeps_everything(check: LawCheck) -> None:
+def test_an_honest_law_passes_every_check(check: LawCheck) -> None:
     assert [one for one in check.run(HONEST) if not one.note] == []
 
 
@@ -51,7 +51,7 @@ def test_an_honest_law_keeps_everything(check: LawCheck) -> None:
         for name, check in product(CONTROLLERS, CHECKS)
     ],
 )
-def test_the_shipped_laws_keep_everything(name: str, check: LawCheck) -> None:
+def test_the_shipped_laws_pass_every_check(name: str, check: LawCheck) -> None:
     assert conformance(name, [check]) == []
 
 

@@ -58,7 +58,7 @@ def planned(path, *settings, controller="pid"):
     return RecordedRun.open(path)
 
 
-def test_only_what_should_be_equal_is_told_in_ulps(tmp_path):
+def test_only_runs_of_the_same_plan_are_compared_in_ulps(tmp_path):
     first = planned(tmp_path / "a.mcap")
     again = planned(tmp_path / "b.mcap", "simulator.command_timeout=0.3", "simulator.duration=0.05")
     assert diff(first, again).same_plan

@@ -48,7 +48,7 @@ TYPOS = [
 
 
 @pytest.mark.parametrize(("words", "hint"), TYPOS, ids=lambda one: str(one)[:40])
-def test_a_typo_is_told_what_was_meant(words, hint, tmp_path, monkeypatch, capsys):
+def test_a_typo_gets_a_suggestion(words, hint, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["trunk", *words])
     with pytest.raises(SystemExit) as stop:
@@ -84,7 +84,7 @@ def parameters(folder: Path, *nodes: str) -> str:
     return str(path)
 
 
-def test_a_file_that_changes_nothing_is_told(tmp_path):
+def test_a_file_that_changes_nothing_gets_a_warning(tmp_path):
     path = parameters(tmp_path, "pid", "lqr")
     (warning,) = make_plan("fig8", "fuzzy_pid", [path]).warnings
     assert warning.startswith(
@@ -94,13 +94,13 @@ def test_a_file_that_changes_nothing_is_told(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["pid", "/robot1/pid", "/*/pid", "/**"])
-def test_a_file_for_a_namespace_is_taken(tmp_path, name):
+def test_a_file_for_a_namespace_gets_no_warning(tmp_path, name):
     path = parameters(tmp_path, name)
     assert make_plan("fig8", "pid", [path], namespace="/robot1").warnings == ()
 
 
 @pytest.mark.parametrize("name", ["PID", "/**/pidd", "/robot/Pid"])
-def test_a_misspelt_node_is_told(tmp_path, name):
+def test_a_misspelt_node_gets_a_warning(tmp_path, name):
     path = parameters(tmp_path, name, "pid")
     (warning,) = make_plan("fig8", "pid", [path]).warnings
     assert warning == f"{path}: no node is called {name.split('/')[-1]!r}; did you mean 'pid'?"
@@ -118,7 +118,7 @@ def test_nodes_of_other_projects_pass(tmp_path):
         ("pid.reference.initial=-20", "pid: reference.initial is -20 rad"),
     ],
 )
-def test_an_angle_of_more_than_a_turn_is_told(setting, told):
+def test_an_angle_of_more_than_a_turn_gets_a_warning(setting, told):
     (warning,) = make_plan("fig8", "pid", settings=[setting]).warnings
     assert warning.startswith(told)
 
@@ -132,16 +132,16 @@ def test_an_angle_of_more_than_a_turn_is_told(setting, told):
         "simulator.initial.velocity=[30, 30]",
     ],
 )
-def test_what_may_be_meant_is_not_told(setting):
+def test_what_may_be_meant_gets_no_warning(setting):
     assert make_plan("fig8", "pid", settings=[setting]).warnings == ()
 
 
-def test_a_swap_after_the_end_is_told():
+def test_a_swap_after_the_end_gets_a_warning():
     plan = make_plan("fig8", "pid", swaps=[Swap(40.0, "lqr")])
     assert plan.warnings == ("--swap-at 40:lqr: the run ends at 10 s, before that",)
 
 
-def test_like_takes_nothing_that_it_would_ignore(short_run, tmp_path, monkeypatch, capsys):
+def test_like_refuses_what_it_would_ignore(short_run, tmp_path, monkeypatch, capsys):
     run = short_run("fig6", "pid")
     for words in (
         ("--controller", "pid"),

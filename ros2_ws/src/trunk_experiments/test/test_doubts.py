@@ -137,7 +137,7 @@ def fallen(path):
 
 
 @pytest.mark.slow
-def test_a_fall_stands_first(tmp_path, told):
+def test_a_fall_comes_first(tmp_path, told):
     path = fallen(tmp_path / "fallen.mcap")
     assert doubts_of(RecordedRun.open(path)).fell_at_s == 0.0
     for verb in ("metrics", "info"):
@@ -150,7 +150,7 @@ def test_a_fall_stands_first(tmp_path, told):
 
 
 @pytest.mark.slow
-def test_such_runs_are_never_the_best(short_run, tmp_path, told):
+def test_doubtful_runs_are_never_the_best(short_run, tmp_path, told):
     sound = short_run("fig6", "lqr")
     late = in_real_time(short_run("fig6", "pid"), tmp_path / "late.mcap", [7])
     cut = in_real_time(short_run("fig6", "pid"), tmp_path / "cut.mcap", complete=False)
@@ -179,7 +179,7 @@ def test_only_sound_runs_can_be_best():
     assert best_of([1.0, None], [False, True]) == ()
 
 
-def test_words():
+def test_words_and_values():
     found = Doubts("the disk is full", 0.5, 10.0, 1.06, -93.2, 35, 10_000, 140.2)
     moved = "in lock-step the angle differs by up to 140 degrees"
     assert found.lines == [
@@ -235,7 +235,7 @@ SAID = "the recorder did not finish this file; ends at 0.625 of 1.3 s"
 
 
 @pytest.mark.parametrize("verb", ["metrics", "info"])
-def test_that_a_run_is_incomplete_is_said_first_and_once(short_run, tmp_path, told, verb):
+def test_an_incomplete_run_is_said_to_be_so_first_and_once(short_run, tmp_path, told, verb):
     path = cut(short_run("fig6", "pid"), tmp_path / "cut.mcap")
     code, out, err = told(verb, path)
     assert code == 0
@@ -281,7 +281,7 @@ def test_verbs_without_metrics_say_it_first_and_once(short_run, tmp_path, told, 
     assert "did not shut down properly" not in err
 
 
-def test_a_bag_that_lacks_messages_is_not_incomplete_because_it_has_finished(short_run, tmp_path):
+def test_a_bag_that_lacks_messages_is_incomplete_for_that_reason(short_run, tmp_path):
     folder = tmp_path / "bag"
     folder.mkdir()
     (folder / "run.mcap").write_bytes(short_run("fig6", "pid").read_bytes())

@@ -22,7 +22,7 @@ class EndedError(Exception):
         ("numba.core.codegen", "sweep", executables._Interrupted),  # it has others to end
     ],
 )
-def test_no_exception_comes_out_of_nowhere_into_the_compiler(monkeypatch, inside, verb, expected):
+def test_no_signal_raises_inside_the_compiler(monkeypatch, inside, verb, expected):
     def end(number):
         raise EndedError
 
@@ -39,9 +39,7 @@ def test_no_exception_comes_out_of_nowhere_into_the_compiler(monkeypatch, inside
     ("verb", "code", "at_once"),
     [("params", 1, True), ("params", 0, True), ("params", "told", False), ("verify", 1, False)],
 )
-def test_params_leaves_with_its_code_and_does_not_wait_for_libraries(
-    monkeypatch, verb, code, at_once
-):
+def test_params_exits_with_its_code_without_waiting_for_libraries(monkeypatch, verb, code, at_once):
     def leave(number):
         assert number == code
         raise EndedError

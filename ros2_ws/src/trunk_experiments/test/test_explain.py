@@ -94,7 +94,7 @@ def test_between_updates_the_held_command_is_explained(short_run):
     assert found.agrees
 
 
-def test_a_handover_has_limits_of_its_own(tmp_path):
+def test_a_handover_has_its_own_limits(tmp_path):
     """Without an integral, which could take the torque over, the command moves step by step."""
     settings = ["simulator.duration=1.5", "pid.gains.i=0.0"]
     plan = make_plan("demo", "fuzzy_pid", settings=settings, swaps=[Swap(1.02, "pid")])

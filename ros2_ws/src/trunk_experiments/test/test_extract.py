@@ -67,7 +67,7 @@ def test_a_part_is_copied_byte_for_byte(run, tmp_path):
         (-inf, inf, ("joint_states",), ", 1 topics"),
     ],
 )
-def test_nothing_is_said_of_an_open_end(run, tmp_path, start, end, topics, said):
+def test_an_open_end_is_not_mentioned(run, tmp_path, start, end, topics, said):
     write_mcap(run, tmp_path / "part.mcap", start, end, topics)
     reason = Recording.open(tmp_path / "part.mcap").end["reason"]
     assert reason == f"exported from {run.path.name}{said}"

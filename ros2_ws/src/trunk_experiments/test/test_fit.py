@@ -28,7 +28,7 @@ def points(count=71, begin=0.2):
     return x, 0.9 + y
 
 
-def test_the_coefficients_that_made_the_points_come_back():
+def test_the_coefficients_that_made_the_points_are_recovered():
     fit = fit_path(*points(), harmonics=4)
     assert fit.wavenumber == pytest.approx(K, rel=1e-12)
     assert fit.cosines == pytest.approx((*COSINES, 0.0), abs=1e-12)
@@ -102,7 +102,7 @@ def test_the_units_of_the_header_count(tmp_path, header):
     assert y == pytest.approx([1.0, -0.2], rel=1e-15)
 
 
-def test_a_file_that_is_not_there_is_said_so(tmp_path):
+def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(PlanError, match="no such file: give a CSV file of x and y"):
         read_points(tmp_path / "no.csv")
 
@@ -112,7 +112,7 @@ def test_columns_the_wrong_way_round_are_refused_with_a_hint():
         fit_path(np.linspace(0.0, 0.002, 71), points()[0], 3)
 
 
-def test_the_file_walks_for_the_plant_and_the_model(tmp_path):
+def test_the_fitted_file_sets_the_plant_and_the_model(tmp_path):
     x, y = points()
     text = "x (m), y (m)\r\n" + "".join(
         f"{a!r}, {b!r}\r\n\r\n" for a, b in zip(x.tolist(), y.tolist(), strict=True)

@@ -43,7 +43,7 @@ def test_the_page_is_served_with_headers_that_let_nothing_in():
         "/\x00",
     ],
 )
-def test_paths_that_are_none_of_the_page_do_not_exist(path):
+def test_paths_outside_the_page_do_not_exist(path):
     async def test(served):
         reader, writer = await asyncio.open_connection("127.0.0.1", served.port)
         writer.write(
@@ -93,7 +93,7 @@ def test_pages_of_another_origin_do_not_get_in(origin):
     serving(test)
 
 
-def test_a_page_for_watching_sees_everything_and_does_nothing():
+def test_a_watching_page_sees_everything_and_controls_nothing():
     async def test(served):
         page = await served.connect(served.tokens.watch)
         assert not (await words(page, "hello"))["control"]
@@ -107,7 +107,7 @@ def test_a_page_for_watching_sees_everything_and_does_nothing():
     serving(test)
 
 
-def test_who_only_watches_leaves_places_for_who_controls():
+def test_watching_pages_leave_places_for_controlling_ones():
     async def test(served):
         while len(served.gateway.clients) < MOST_CLIENTS - 4:
             await served.connect(served.tokens.watch)
@@ -118,7 +118,7 @@ def test_who_only_watches_leaves_places_for_who_controls():
     serving(test)
 
 
-def test_there_is_room_for_so_many_pages_and_no_more():
+def test_the_number_of_pages_is_limited():
     async def test(served):
         pages = [await served.connect() for _ in range(MOST_CLIENTS)]
         with pytest.raises(HTTPClientError, match="503"):

@@ -37,7 +37,7 @@ def test_rows_keep_the_last_ones_and_number_them_all():
     assert rows.since(11, 5)[1].tolist() == []
 
 
-def test_rows_that_are_all_there_stay():
+def test_complete_rows_stay():
     rows = Rows.of(("t",), np.arange(5.0).reshape(-1, 1))
     assert rows.oldest == 0
     assert rows.since(0, 100)[1].ravel().tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
@@ -119,7 +119,7 @@ def test_only_our_own_names_and_origins_are_known():
     assert hosts.same(None)  # no browser
 
 
-def test_a_rate_allows_a_burst_and_then_so_many_a_second():
+def test_a_rate_allows_a_burst_and_then_a_number_each_second():
     now = [0.0]
     rate = Rate(10.0, lambda: now[0])
     assert [rate.allows() for _ in range(12)] == [True] * 10 + [False] * 2

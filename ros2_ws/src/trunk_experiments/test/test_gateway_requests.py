@@ -13,7 +13,7 @@ from trunk_experiments.gateway.protocol import LONGEST, NAME
 from .gateway_served import serving, words
 
 
-def test_requests_are_answered_in_the_words_of_who_refused_them():
+def test_requests_are_answered_and_refusals_passed_on_word_for_word():
     async def test(served):
         page = await served.connect()
         page.write_message('{"kind": "reset", "number": 1}')
@@ -30,7 +30,7 @@ def test_requests_are_answered_in_the_words_of_who_refused_them():
     serving(test)
 
 
-def test_a_run_that_was_started_from_here_is_stopped_from_the_page():
+def test_a_stoppable_run_is_stopped_from_the_page():
     async def test(served):
         page = await served.connect()
         page.write_message('{"kind": "stop", "number": 3}')
@@ -92,7 +92,7 @@ def test_nonsense_is_counted_and_the_page_stays(text):
     serving(test)
 
 
-def test_a_message_of_a_megabyte_ends_its_connection_alone():
+def test_a_message_of_a_megabyte_ends_only_its_connection():
     async def test(served):
         page, other = await served.connect(), await served.connect()
         await page.write_message("x" * 1_000_000)
@@ -122,7 +122,7 @@ def test_a_flood_is_cut_off():
     serving(test)
 
 
-def test_pushes_that_come_late_and_all_at_once_keep_nothing_from_being_done():
+def test_a_burst_of_late_pushes_does_not_block_other_requests():
     async def test(served):
         page = await served.connect()
         push = '{"kind": "push", "force": 0, "torque": 0, "stamp": 0}'
@@ -136,7 +136,7 @@ def test_pushes_that_come_late_and_all_at_once_keep_nothing_from_being_done():
     serving(test)
 
 
-def test_what_is_asked_for_too_fast_is_refused_and_not_left_unanswered():
+def test_requests_sent_too_fast_are_refused_with_an_answer():
     async def test(served):
         page = await served.connect()
         push = '{"kind": "push", "force": 0, "torque": 0, "stamp": 0}'
@@ -151,7 +151,7 @@ def test_what_is_asked_for_too_fast_is_refused_and_not_left_unanswered():
     serving(test)
 
 
-def test_a_page_waits_for_what_it_has_asked_before():
+def test_a_page_has_to_wait_for_its_earlier_requests():
     async def test(served):
         page = await served.connect()
         served.feed.hold = asyncio.Event()

@@ -18,7 +18,7 @@ from trunk_msgs_util.recording.reader import Recording
 from .documents import SHARED, VERBS, checked, documents_of, jsonschema, strict, validator
 
 
-def test_every_verb_has_it():
+def test_every_verb_has_the_option():
     assert {words for words, verb in VERBS.items() if len(documents_of(verb)) != 1} == set()
     assert {("run",), ("list", "runs"), ("tune", "lqr"), ("bench", "core"), ("params",)} <= set(
         VERBS
@@ -26,7 +26,7 @@ def test_every_verb_has_it():
 
 
 @pytest.mark.parametrize("name", sorted(schemas()))
-def test_schemas_are_schemas(name):
+def test_the_schemas_are_valid(name):
     schema = json.loads(schemas()[name].read_text(encoding="utf-8"))
     jsonschema.Draft202012Validator.check_schema(schema)
     if name != SHARED:
@@ -69,7 +69,7 @@ def test_a_key_that_the_schema_does_not_know_is_found(recordings_here, command_s
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_a_mistake_is_a_line_and_a_document(recordings_here, command_says, words, code, says):
+def test_a_mistake_gives_a_line_and_a_document(recordings_here, command_says, words, code, says):
     plain_code, plain_out, plain_err = command_says(*words.split())
     found, out, err = command_says(*words.split(), "--json")
     document = checked(out, "error-1")
@@ -89,7 +89,7 @@ def test_an_interrupted_verb_has_no_document(recordings_here, command_says, monk
     assert out == ""
 
 
-def test_a_run_that_diverges_is_an_answer(recordings_here, command_says):
+def test_a_run_that_diverges_still_gives_its_document(recordings_here, command_says):
     unstable = ("--controller", "pid", "--set", "pid.gains.d=1e6")
     words = ("simulate", "fig6", *unstable, "-o", "new.mcap")
     code, out, err = command_says(*words, "--json")
@@ -167,7 +167,7 @@ class Gone(io.StringIO):
 @pytest.mark.parametrize(
     ("words", "code"), [(["list", "schemas"], 1), (["metrics", "nothing.mcap"], 2)]
 )
-def test_a_reader_that_goes_away_ends_quietly(monkeypatch, words, code):
+def test_a_reader_that_goes_away_ends_the_verb_quietly(monkeypatch, words, code):
     """As with ``trunk … --json | true``: also where the document tells an error."""
     monkeypatch.setattr(sys, "argv", ["trunk", *words, "--json"])
     monkeypatch.setattr(sys, "stdout", Gone())

@@ -71,7 +71,7 @@ def different(name, settings=(), count=LANES):
 @pytest.mark.slow
 @pytest.mark.parametrize("settings", [(), DISTURBED], ids=["undisturbed", "disturbed"])
 @pytest.mark.parametrize("name", CONTROLLERS)
-def test_every_lane_has_the_bits_of_its_own_run(batch, name, settings):
+def test_every_lane_has_the_bits_of_a_separate_run(batch, name, settings):
     plans = different(name, settings)
     runs = [regular_run(plan) for plan in plans]
     assert len({str(key_of(run)) for run in runs}) == 1
@@ -115,7 +115,7 @@ def test_a_fall_that_ends_its_run_leaves_the_others(batch):
     assert summaries(plans, batch) == [summary_of(plan, batch) for plan in plans]
 
 
-def test_a_law_that_holds_leaves(batch):
+def test_a_run_whose_law_holds_leaves_its_block(batch):
     plan = make_plan("fig8", "pid", settings=["pid.gains.p=1e9"], everywhere=EVERYWHERE)
     plan = replace(plan, simulator=replace(plan.simulator, initial_velocity=(0.0, 1e300)))
     assert run_block("pid", [regular_run(plan)]) == [None]

@@ -116,7 +116,7 @@ def test_a_folder_with_metadata_is_one_run(short_run, tmp_path, told):
     assert found["file"] == str(bag)
 
 
-def test_nothing_and_nowhere(tmp_path, told):
+def test_an_empty_folder_and_a_missing_one(tmp_path, told):
     assert told("runs", tmp_path)[:2] == (0, f"{tmp_path}: no recordings\n")
     code, _, err = told("runs", tmp_path / "no")
     assert (code, "there is no such folder" in err) == (2, True)

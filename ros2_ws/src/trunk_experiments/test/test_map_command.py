@@ -85,7 +85,7 @@ def test_a_picture_is_replaced_only_by_force(here):
 
 
 @pytest.mark.slow
-def test_giving_one_axis_leaves_the_other_variable_for_the_other(here):
+def test_one_given_axis_leaves_the_other_variable_to_the_other_axis(here):
     _, told = run("mine.yaml", "--y", "delay")
     assert "over gain and delay" in told
 

@@ -64,7 +64,7 @@ BAD = {
 @pytest.mark.slow
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize(("entry", "module", "told"), BAD.values(), ids=BAD)
-def test_a_bad_one_is_a_line_and_the_others_go_on(
+def test_a_bad_controller_gives_one_line_and_the_others_go_on(
     tmp_path: Path, entry: str, module: str, told: str
 ) -> None:
     install(tmp_path, entry.split(" = ")[1].split(":")[0], entry, module=module)
@@ -77,7 +77,7 @@ def test_a_bad_one_is_a_line_and_the_others_go_on(
     assert line.endswith("; the others can be used")
 
 
-def test_two_of_one_name_are_refused_by_both_packages_names(tmp_path: Path) -> None:
+def test_two_controllers_of_one_name_are_refused_naming_both_packages(tmp_path: Path) -> None:
     install(tmp_path, "first", "mine = first:LAW", module=ONE_OF_OURS)
     install(tmp_path, "second", "mine = second:LAW", module=ONE_OF_OURS)
     run = trunk(tmp_path, "check", "controller", "mine")
@@ -88,7 +88,7 @@ def test_two_of_one_name_are_refused_by_both_packages_names(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_one_that_numba_refuses_is_swept_by_cpython(tmp_path: Path) -> None:
+def test_a_law_that_numba_refuses_is_swept_by_cpython(tmp_path: Path) -> None:
     law = own_law(tmp_path, "    wanted = ", "    _ = {str(k): k for k in range(2)}\n    wanted = ")
     install(tmp_path, "mine", "mine = mine:LAW", module=law)
     run = trunk(tmp_path, "check", "controller", "mine")
@@ -105,7 +105,7 @@ def test_one_that_numba_refuses_is_swept_by_cpython(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_an_exception_of_a_law_is_a_line_with_its_place(tmp_path: Path) -> None:
+def test_an_exception_in_a_law_gives_one_line_with_its_place(tmp_path: Path) -> None:
     law = own_law(tmp_path, "    wanted = ", "    unknown, of_two = (1.0,)\n    wanted = ")
     install(tmp_path, "mine", "mine = mine:LAW", module=law)
     line = 1 + law.splitlines().index("    unknown, of_two = (1.0,)")
@@ -122,7 +122,7 @@ def test_an_exception_of_a_law_is_a_line_with_its_place(tmp_path: Path) -> None:
     assert f"update, line {line}: raises ValueError" in found[0]
 
 
-def test_a_node_whose_law_cannot_be_loaded_says_so_in_a_line(tmp_path: Path) -> None:
+def test_a_node_whose_law_cannot_be_loaded_says_so_in_one_line(tmp_path: Path) -> None:
     install(tmp_path, "mine", "mine = mine:LAW", module="import no_such_module\n")
     code = "from trunk_control.executables import of_law; of_law('mine')()"
     path = os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]])
@@ -160,7 +160,7 @@ def test_a_recording_names_the_package_and_its_sources(tmp_path: Path) -> None:
     assert "package mine" not in trunk(tmp_path, "verify", "pid.mcap").stdout
 
 
-def test_whoever_stands_beside_a_law_is_not_the_law(tmp_path: Path) -> None:
+def test_a_module_beside_a_law_is_not_the_law(tmp_path: Path) -> None:
     """In the folder of a law that is one module there are other packages."""
     install(tmp_path, "mine", "mine = mine:LAW", module=own_law(tmp_path))
     (tmp_path / "other.py").write_text("def divide():\n    return 1 / 0\n")

@@ -176,7 +176,7 @@ def test_texts_are_never_numbers():
     assert plan.recorder.output == "5 m"
 
 
-def test_the_ways_to_say_a_time_and_a_rate():
+def test_launch_arguments_and_swaps_take_units():
     given_arguments = {argument.name: argument.default for argument in ARGUMENTS}
     plan = launch_plan({**given_arguments, "rate": "1 kHz", "duration": "1 min"})
     assert (plan.simulator.update_rate, plan.simulator.duration) == (1000.0, 60.0)
@@ -240,7 +240,7 @@ def test_shipped_files_are_plain_for_nodes():
                 assert in_si(declared, values) == values
 
 
-def test_units_are_loaded_only_where_one_is_met():
+def test_units_are_loaded_only_where_one_is_used():
     code = (
         "import sys\n"
         "from trunk_experiments.cli import trunk\n"

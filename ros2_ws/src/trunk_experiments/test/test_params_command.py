@@ -30,7 +30,7 @@ def told(monkeypatch, capsys):
 
 @pytest.mark.parametrize("width", [None, 80, 40])
 @pytest.mark.parametrize("node", NODES)
-def test_every_name_is_whole_and_as_set_takes_it(told, node, width):
+def test_every_name_is_whole_and_valid_for_set(told, node, width):
     code, out, _ = told(node, width=width)
     assert code == 0
     words = {line.split()[0] for line in out.splitlines() if line.split()}
@@ -79,7 +79,7 @@ def test_a_scenario_is_shown_resolved(told):
     assert "1000.0    Hz" in told("show", "fig8")[1]
 
 
-def test_what_is_wrong_in_a_file_is_told(told, tmp_path):
+def test_a_mistake_in_a_file_gets_a_warning(told, tmp_path):
     mine = tmp_path / "mine.yaml"
     mine.write_text("pid:\n  ros__parameters: {gains.p: -1.0}\n")
     code, out, err = told("show", mine)
@@ -103,7 +103,7 @@ def test_what_is_wrong_in_a_file_is_told(told, tmp_path):
     ("words", "meant"),
     [(("show", "fuzzy_zhao"), "fuzzy_zhao_1993"), (("pdi",), "pid"), (("sho",), "show")],
 )
-def test_an_unknown_name_is_one_line(told, words, meant):
+def test_an_unknown_name_gives_one_line(told, words, meant):
     code, out, err = told(*words)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert err.endswith(f"; did you mean {meant!r}?\n")

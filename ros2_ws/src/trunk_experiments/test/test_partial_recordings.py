@@ -68,7 +68,7 @@ def without_the_last(source, path, topic, count, stopped=False):
     )
 
 
-def test_a_file_cut_between_a_command_and_its_terms_differs_in_nothing(whole, tmp_path):
+def test_a_file_cut_between_a_command_and_its_terms_does_not_diverge(whole, tmp_path):
     for cut, expected in ((1, UNJUDGED), (2, DIVERGES)):
         path = without_the_last(whole, tmp_path / f"{cut}.mcap", STATE, cut)
         with path.open("rb") as file:

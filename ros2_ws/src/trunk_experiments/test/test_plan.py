@@ -54,7 +54,7 @@ def test_both_gain_sets_are_shipped_and_never_mixed():
     assert (printed.p, printed.i, printed.d) == (60.0, 36.0, 400.0)
 
 
-def test_the_rule_tables_that_are_shipped():
+def test_the_shipped_rule_tables():
     printed = make_plan("fig6", "fuzzy_pid", ["fuzzy_zhao_1993", "fuzzy_as_printed"]).controller
     zhao = make_plan("fig6", "fuzzy_pid", ["fuzzy_zhao_1993"]).controller
     assert (printed.rules_kp, printed.rules_kd) == (KP_AS_PRINTED, KD_AS_PRINTED)
@@ -161,7 +161,7 @@ def test_a_controller_slower_than_the_plant_is_allowed():
 @pytest.mark.parametrize(
     "value", ["[1", "? [a]", "&a [*a]", "[" * 5000, "0x_", "2026-13-45", "!!int ''"], ids=repr
 )
-def test_a_value_that_is_not_yaml_is_one_short_line(value):
+def test_a_value_that_is_not_yaml_gives_one_short_line(value):
     with pytest.raises(
         PlanError, match=r"^--set .simulator\.seed=.*cannot be read: line 1: "
     ) as caught:
@@ -177,7 +177,7 @@ def test_infinity_may_be_written_without_a_dot(text):
     )
 
 
-def test_a_disturbance_is_told_a_step_of_the_plant_ahead(tmp_path):
+def test_a_disturbance_is_published_one_plant_step_ahead(tmp_path):
     plan = make_plan("demo", "pid", settings=["simulator.update_rate=1000", "simulator.duration=1"])
     assert plan.disturbance.update_rate == 1000.0
     record_offline(plan, tmp_path / "run.mcap")

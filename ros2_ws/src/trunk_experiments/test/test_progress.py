@@ -34,7 +34,7 @@ def test_short_work_says_nothing_and_no_line_comes_twice(capsys, of, steps, line
     assert len(capsys.readouterr().err.splitlines()) == lines
 
 
-def test_what_a_file_is_called_does_not_act_on_a_log(capsys):
+def test_control_characters_in_a_name_do_not_reach_the_log(capsys):
     with progress_bar("reading \x1b[2J") as tell:
         tell(1, 1)
     with steps_told() as say:

@@ -124,7 +124,7 @@ def test_packing_in_steps_keeps_extremes_gaps_and_what_an_eye_sees():
 
 
 @given(st.lists(st.floats(), max_size=20), st.sampled_from([16, 20, 24]))
-def test_packing_in_steps_keeps_the_range_of_whatever_comes(values, bits):
+def test_packing_in_steps_keeps_the_range_of_any_values(values, bits):
     array = np.array(values, np.float64)
     back = unpacked(packed(array, bits))
     assert np.array_equal(np.isnan(back), np.isnan(array))
@@ -307,7 +307,7 @@ def test_damage_is_reported(short_run, tmp_path):
     assert wanted[0] in words
 
 
-def test_what_is_doubtful_stands_first_and_nothing_else_is_said_of_a_sound_run(views, short_run):
+def test_doubts_come_first_and_a_sound_run_has_no_warnings(views, short_run):
     told = [section.warnings for section in make_report(views).runs]
     assert [len(lines) for lines in told] == [1, 1]
     assert all(lines[0].startswith("FELL: at t = 1.0") for lines in told)

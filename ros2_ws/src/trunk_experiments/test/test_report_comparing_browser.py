@@ -117,7 +117,7 @@ def test_a_run_is_hidden_and_shown_by_its_entry(opened, file):
     assert page.evaluate(shown, 1) == [True]
 
 
-def test_a_base_run_is_taken_from_the_others(opened, file, views):
+def test_a_base_run_is_subtracted_from_the_others(opened, file, views):
     page = opened(file)
     assert page.locator(".difference:visible").count() == 0
     page.select_option("#base", "0")
@@ -155,7 +155,7 @@ def test_the_wheel_zooms_with_ctrl_and_keys_zoom_about_the_time(opened, file):
     page.wait_for_function(f"() => ({RANGES})().every(([a, b]) => a === 0.25 && b === 0.9)")
 
 
-def test_what_happened_is_named_once_above_the_first_plot(opened, file):
+def test_events_are_named_once_above_the_first_plot(opened, file):
     page = opened(file)
     names = [
         text.strip() for text in page.locator("#plot-angle .annotation-text").all_text_contents()

@@ -21,7 +21,7 @@ def test_without_an_output_the_folder_is_made_below_runs(tmp_path, monkeypatch):
     assert files.folder.parts[0] == "runs"
 
 
-def test_where_that_is_not_possible_the_option_is_named(tmp_path, monkeypatch):
+def test_where_no_folder_can_be_made_the_option_is_named(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "runs").touch()  # as a read-only folder: no folder can be made
     with pytest.raises(PlanError, match=r"^runs/.*: give a folder with --output$"):
@@ -29,7 +29,7 @@ def test_where_that_is_not_possible_the_option_is_named(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["run.mcap", "params.yaml", "metadata.yaml", "logs"])
-def test_nothing_that_is_there_is_overwritten(tmp_path, name):
+def test_existing_files_are_not_overwritten(tmp_path, name):
     (tmp_path / name).write_text("mine")
     with pytest.raises(PlanError, match=f"there is a {name} in it: give another folder$"):
         RunFiles.for_run(make_plan("demo", "pid"), tmp_path)
@@ -50,7 +50,7 @@ def left_by_a_run(folder):
     return files
 
 
-def test_with_force_a_run_takes_the_place_of_an_earlier_one_and_of_nothing_else(tmp_path):
+def test_force_replaces_an_earlier_run_and_nothing_else(tmp_path):
     old = left_by_a_run(tmp_path / "run")
     with pytest.raises(PlanError, match=r"give another folder, or --force$"):
         RunFiles.for_run(PLAN, old.folder, force=False)
@@ -63,7 +63,7 @@ def test_with_force_a_run_takes_the_place_of_an_earlier_one_and_of_nothing_else(
     assert left == {"params.yaml", "logs", "logs/gateway.log", "notes.txt"}
 
 
-def test_what_is_no_runs_or_being_written_is_not_replaced(tmp_path):
+def test_other_files_and_open_recordings_are_not_replaced(tmp_path):
     (tmp_path / "a" / "run.mcap").mkdir(parents=True)
     with pytest.raises(PlanError, match=r"a run\.mcap in it that is no run's: give another folder"):
         RunFiles.for_run(PLAN, tmp_path / "a", force=True)
@@ -89,6 +89,6 @@ def test_a_run_is_not_written_over_its_own_scenario(tmp_path):
     assert files.parameters.read_text() == text
 
 
-def test_the_root_is_no_run_s_folder():
+def test_the_root_cannot_be_a_runs_folder():
     with pytest.raises(PlanError, match="the root of all files: give a folder below it"):
         RunFiles.for_run(make_plan("demo", "pid"), Path("/"))

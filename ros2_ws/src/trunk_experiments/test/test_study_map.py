@@ -71,7 +71,7 @@ def test_a_map_renders(path, tmp_path, more):
     assert "2 controllers over" in done.output
 
 
-def test_what_cannot_be_drawn_is_told(path, tmp_path):
+def test_what_cannot_be_drawn_is_refused(path, tmp_path):
     results = Results.read(path)
     with pytest.raises(StudyError, match="'angle' is not a grid variable; available: delay, gain"):
         panels(results, "iae", ("delay", "angle"), False)

@@ -117,7 +117,7 @@ def test_a_mistake_names_file_entry_value_and_what_is_allowed(vary, says):
     assert says in str(caught.value)
 
 
-def test_how_a_number_is_written_makes_no_other_study():
+def test_how_a_number_is_written_does_not_change_the_study():
     """Blocks of an interrupted sweep stay usable."""
     with_units, plain = (
         identity(*study_of(DELAY % f"values: [{values}]")) for values in ("0.0, 10 ms", "0.0, 0.01")

@@ -106,7 +106,7 @@ def test_a_row_that_is_not_the_run_is_refused(swept, tmp_path, command_says, nam
     assert not target.exists()
 
 
-def test_a_run_that_is_not_there_is_named(swept, tmp_path, command_says):
+def test_a_missing_run_is_named(swept, tmp_path, command_says):
     code, _, err = command_says("study", "show", swept, "--run", 4711, "-o", tmp_path / "x.mcap")
     assert code == 2
     assert err == f"trunk: error: {swept}: no run 4711: they are numbered 0 to 71\n"

@@ -61,7 +61,7 @@ def rows(path):
     return pq.read_table(path).to_pylist()
 
 
-def test_rows_are_in_order_and_all_there(undisturbed, study):
+def test_rows_are_in_order_and_complete(undisturbed, study):
     found = rows(undisturbed)
     assert [row["run"] for row in found] == list(range(study.total)) == list(range(30))
     assert {row["status"] for row in found} <= {"ok", "diverged"}

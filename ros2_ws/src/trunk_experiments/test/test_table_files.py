@@ -78,7 +78,7 @@ def test_hold_makes_a_sequence():
     assert (values["reference.profile"], values["reference.values"]) == ("sequence", DEGREES)
 
 
-def test_a_plan_has_numbers_that_nodes_take(here):
+def test_a_plan_has_numbers_that_nodes_accept(here):
     plan = planned(params=["mine/mine.yaml"])
     plan.write_parameters(here / "params.yaml")
     text = (here / "params.yaml").read_text()
@@ -97,7 +97,7 @@ def test_a_plan_has_numbers_that_nodes_take(here):
         ("disturbance", {"table.file": "push.csv"}, "table.file"),
     ],
 )
-def test_nodes_have_no_such_parameters(node, values, name):
+def test_nodes_have_no_file_parameters(node, values, name):
     config = NODES[node].config
     with pytest.raises(ParameterError) as caught:
         build(config, values)
@@ -171,7 +171,7 @@ BESIDES = {
 
 
 @pytest.mark.parametrize("setting", [*WRONG, *BESIDES])
-def test_a_mistake_is_one_line_that_names_its_place(setting):
+def test_a_mistake_gives_one_line_that_names_its_place(setting):
     before = [*OF_REFERENCE, *OF_PUSH] if setting in BESIDES else []
     with pytest.raises(ParameterFileError) as caught:
         planned([*before, setting])

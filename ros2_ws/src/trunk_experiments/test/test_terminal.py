@@ -53,7 +53,7 @@ def test_an_error_shows_the_name_that_was_given(monkeypatch):
     assert not set(said) & {"\x1b", "\x07"}
 
 
-def test_json_is_that_of_the_file(monkeypatch, evil):
+def test_json_has_the_content_of_the_file(monkeypatch, evil):
     said = says(monkeypatch, "info", evil, "--json")
     assert json.loads(said)["provenance"] == dict(Recording.open(evil).provenance)
     assert not set(said) & {"\x1b", "\x07"}

@@ -205,7 +205,7 @@ def test_a_mistake_gives_one_line(arguments, code, says, tmp_path):
     ],
     ids=lambda v: " ".join(v) if isinstance(v, tuple) else "",
 )
-def test_a_wrong_usage_is_one_line_that_says_what_to_do(arguments, says):
+def test_wrong_usage_gives_one_line_that_says_what_to_do(arguments, says):
     done = trunk(*arguments, code=2)
     assert (done.stdout, done.stderr) == ("", f"trunk: error: {says}\n")
 

@@ -124,7 +124,7 @@ def test_a_slow_loop_has_a_phase_margin():
     assert found.modulus < 2.0 * np.sin(np.radians(found.phase_deg) / 2.0) + 1e-9
 
 
-def test_margins_of_an_unstable_loop():
+def test_margins_of_an_unstable_loop_are_refused():
     with pytest.raises(ValueError, match="unstable"):
         margins(LinearLoop(PLANT, Gains(100.0, 0.0, 0.0), 0.001))
 
@@ -250,7 +250,7 @@ def test_a_file_is_not_overwritten(tmp_path):
         ("simulator.path.amplitude=2.0", "on level ground"),
     ],
 )
-def test_what_has_no_effect_is_told(setting, says):
+def test_a_setting_without_effect_gets_a_warning(setting, says):
     result = CliRunner().invoke(trunk, ["tune", "poles", "--set", setting])
     assert result.exit_code == 0
     (line,) = [one for one in result.stderr.splitlines() if setting in one]

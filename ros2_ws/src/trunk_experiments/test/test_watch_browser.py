@@ -117,7 +117,7 @@ def test_a_recording_is_played_sought_and_looped(watched, swapped):
     page.wait_for_function("() => view.time === known.recorded.last && !view.playing")
 
 
-def test_rules_are_away_while_their_parameters_are_not_known(watched, swapped):
+def test_rules_are_hidden_while_their_parameters_are_not_known(watched, swapped):
     """A gateway that is started again knows the nodes before it knows their parameters."""
     page = watched(swapped)
     hidden = "() => { rules.show(); return document.getElementById('rules').hidden; }"
@@ -152,7 +152,7 @@ def test_hostile_words_stay_text(watched, hostile_run):
     assert page.evaluate("() => document.scripts.length") == 13
 
 
-def test_what_is_no_recording_is_refused_before_anything_is_served(tmp_path):
+def test_a_broken_file_is_refused_before_anything_is_served(tmp_path):
     path = tmp_path / "none.mcap"
     path.write_bytes(b"nothing")
     done = subprocess.run(
@@ -166,7 +166,7 @@ def test_what_is_no_recording_is_refused_before_anything_is_served(tmp_path):
     assert done.stderr.count("\n") == 1
 
 
-def test_the_address_as_a_document(swapped):
+def test_json_gives_the_address(swapped):
     process = subprocess.Popen(
         [*TRUNK, "watch", str(swapped), "--no-browser", "--json"],
         stdout=subprocess.PIPE,
