@@ -1,4 +1,4 @@
-"""Every test knows, when its fixtures tidy up, whether it has failed; small recordings to read."""
+"""Fixtures that tidy up can see whether their test failed; small recordings to read."""
 
 from __future__ import annotations
 

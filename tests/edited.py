@@ -65,7 +65,7 @@ def content(source: Path) -> Content:
 
 
 def sum_up(found: Content) -> None:
-    """Let the summary fit the messages again, unless the edit was one of it, as a forger would."""
+    """Make the summary fit the messages again, as a forger would, unless the edit was to the summary."""
     counts = Counter(message[0] for message in found.messages)
     times = [message[1] for message in found.messages] or [0]
     told = []
@@ -74,12 +74,12 @@ def sum_up(found: Content) -> None:
         told.append(TopicCount(channel.topic, schema.name if schema else "", counts[topic]))
     for name, values in found.metadata:
         if name == RECORD and values == found.summed_up:
-            with suppress(ValueError):  # a type that there is not
+            with suppress(ValueError):  # there is no such type
                 values |= summary_record(BagSummary(tuple(told), min(times), max(times)))
 
 
 def write(found: Content, path: Path, digests: str = KEPT) -> Recording:
-    """Write it; ``digests`` are `KEPT` as they were, written `ANEW`, or there are `NONE`."""
+    """Write a recording; its digests are `KEPT` as they were, written `ANEW`, or left out (`NONE`)."""
     if digests == ANEW:
         sum_up(found)
     running = RunningDigests()
@@ -134,7 +134,7 @@ def write(found: Content, path: Path, digests: str = KEPT) -> Recording:
 def copied(source, path, edit=lambda messages: None, digests=KEPT, end=True, provenance=None):
     """Write ``source`` again with ``edit`` applied to its messages.
 
-    ``provenance``: values of the run's origin that are to be others.
+    ``provenance``: values of the run's origin to replace.
     """
     found = content(source)
     edit(found.messages)

@@ -1,4 +1,4 @@
-"""Modules of scripts/, which are no package, for tests."""
+"""Modules of scripts/, which is not a package, for tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A selection of a careless user's arguments, a few for each verb; scripts/check_careless.sh has them all."""
+"""A careless user's arguments, a few for each verb; scripts/check_careless.sh tries them all."""
 
 from __future__ import annotations
 

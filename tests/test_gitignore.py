@@ -1,4 +1,4 @@
-"""What the pages have their readers make in this folder, results and keys, never gets into the repository."""
+"""What the pages let their readers create in this folder, results and keys, never enters the repository."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-# Their commands are typed in a folder of the reader's own.
+# Their commands are typed in the reader's own folder.
 ELSEWHERE = {"controllers.md", "tutorial.md"}
 PAGES = [
     page

@@ -1,4 +1,4 @@
-"""A hip's path of one's own: every way to run it gives the same bits, and its recording verifies itself."""
+"""A user's own hip path: every way to run it gives the same bits, and its recording verifies."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_runs_share_blocks_by_their_number_of_harmonics(batch):
         for one in [walk()]
     ]
     assert len({key_of(regular_run(plan)) for plan in plans}) == 3, (
-        "a zero at the end is no harmonic"
+        "a zero at the end is not a harmonic"
     )
     found = summaries(plans, batch)
     assert found == [summary_of(plan, batch) for plan in plans]

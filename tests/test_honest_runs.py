@@ -1,4 +1,4 @@
-"""What `trunk verify` once accused wrongly, each as a run or a record of its own."""
+"""What `trunk verify` once accused wrongly, each as a separate run or record."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def test_in_a_long_real_time_run_a_pulse_may_begin_and_end_late(tmp_path, monkey
     def two_steps_late(messages):
         told = [m for m in messages if m[0] == "/disturbance"]
         for message, later in zip(told, told[2:], strict=False):
-            message[2] = message[2][:12] + later[2][12:]  # its own stamp, and what comes later
+            message[2] = message[2][:12] + later[2][12:]  # its own stamp with later values
 
     late = copied(
         tmp_path / "run.mcap",

@@ -1,4 +1,4 @@
-"""docs/json.md lists every verb with its document, and its examples are as the schemas say."""
+"""docs/json.md lists every verb with its document, and its examples follow the schemas."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ BLOCKS = re.findall(
 SCRIPT = "".join(BLOCKS)
 CHANGED = (
     "the public names or signatures of trunk_experiments.api are not those in docs/api.md. If that is "
-    "meant: run scripts/update_readme.sh, and tell users in CHANGELOG.md"
+    "intended: run scripts/update_readme.sh, and tell users in CHANGELOG.md"
 )
 
 

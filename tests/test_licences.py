@@ -1,4 +1,4 @@
-"""The licence check: what it reads, what it refuses, and whether the list by hand is true."""
+"""The licence check: what it reads, what it refuses, and whether the list kept by hand is right."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SHARE = Path(sys.prefix) / "share"
 IN_PACKAGE_XML = {
     "Apache License 2.0": "Apache-2.0",
     "Apache 2.0": "Apache-2.0",
-    "BSD": "BSD-3-Clause",  # said by the LICENSE beside it
+    "BSD": "BSD-3-Clause",  # said by the LICENSE next to it
     "BSD-3-Clause": "BSD-3-Clause",
     "MIT": "MIT",
     "zlib License": "Zlib",

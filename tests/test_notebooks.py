@@ -44,7 +44,7 @@ def test_a_notebook_runs_and_draws(name, expected, tmp_path, monkeypatch):
     work.mkdir()
     book = nbformat.read(EXAMPLES / name, as_version=4)
     resources = {"metadata": {"path": str(work)}}
-    # No limit of time but the suite's: a busy machine takes as long as it needs.
+    # No time limit but the suite's: a busy machine takes as long as it needs.
     client = nbclient.NotebookClient(book, timeout=None, startup_timeout=600, resources=resources)
     client.execute()
     outputs = [one for cell in book.cells if cell.cell_type == "code" for one in cell.outputs]

@@ -98,7 +98,7 @@ def test_what_rosdep_does_not_know_is_locked_and_used():
 
 
 def test_packages_do_not_depend_on_each_other_in_a_circle():
-    """Colcon puts them in order by what their tests need, too."""
+    """Colcon orders them by what their tests need, too."""
     left = {path.name: set().union(*declared_by(path)) & OWN for path in PACKAGES}
     while left:
         free = {name for name, needed in left.items() if not needed & set(left)}

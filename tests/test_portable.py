@@ -143,7 +143,7 @@ def files():
 
 
 def inexact(tree):
-    """Yield what a module uses of which the bits are not fixed."""
+    """Yield what a module uses whose bits are not fixed."""
     for node in ast.walk(tree):
         match node:
             case ast.ImportFrom(module="math"):

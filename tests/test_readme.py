@@ -1,4 +1,4 @@
-"""README.md and the pages: tables as declared, links that lead somewhere, and for whom each page is."""
+"""README.md and the pages: tables as declared, links that lead somewhere, and who each page is for."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_a_stale_table_is_noticed():
 def test_parameters_of_all_controllers_are_listed_once():
     text = text_of(ROOT / "docs" / "parameter_tables.md")
     assert text.count("| `reference.profile` |") == text.count("| `handover.max_step` |") == 1
-    assert text.count("| `gains.p` |") == 3  # pid, lqr, computed_torque: of different units
+    assert text.count("| `gains.p` |") == 3  # pid, lqr, computed_torque: in different units
 
 
 def test_each_metric_is_defined_with_its_unit():

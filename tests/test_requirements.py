@@ -97,7 +97,7 @@ def test_beside_ros_from_apt_numpy_is_left_out_with_all_its_hashes():
 
 @pytest.fixture
 def wheel(tmp_path):
-    """A package for pip, that needs another one which is nowhere."""
+    """A package for pip that needs another one, which does not exist."""
     file = tmp_path / "index" / "tiny_thing-1.0-py3-none-any.whl"
     file.parent.mkdir()
     about = "tiny_thing-1.0.dist-info"

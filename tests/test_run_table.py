@@ -46,7 +46,7 @@ def test_names_and_the_limit_come_from_the_parameters(run_file):
 
 def test_joints_may_be_in_any_order(run_file):
     swapped = table_of(run_file.write(3, joints=("trunk", "hip")))
-    assert swapped.theta.tolist() == [0, 1, 2, 3]  # what stands at "trunk"
+    assert swapped.theta.tolist() == [0, 1, 2, 3]  # what is at "trunk"
     renamed = table_of(run_file.write(3, joints=("a", "b")))
     assert renamed.theta.tolist() == [0.25, 1.25, 2.25, 3.25]
     with pytest.raises(RecordingError, match="no joint 'leg' but a, b"):

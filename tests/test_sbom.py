@@ -24,7 +24,7 @@ pytestmark = [
 
 @pytest.fixture
 def environment():
-    """What cyclonedx-py says of this environment, as far as it is used."""
+    """What cyclonedx-py says of this environment, as far as it is needed."""
     components = [
         {
             "type": "library",
@@ -58,7 +58,7 @@ def make(environment, tmp_path, capsys):
 
 
 def required():
-    """Return name -> (version, hashes) of the run-time locks, read in another way than sbom.py does."""
+    """Return name -> (version, hashes) of the run-time locks, read differently than by sbom.py."""
     found = {}
     for lock in ("runtime", "ros"):
         text = (ROOT / "requirements" / f"{lock}.txt").read_text(encoding="utf-8")

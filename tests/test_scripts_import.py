@@ -1,4 +1,4 @@
-"""What scripts and the checks beside the tests need is there: no test runs them all."""
+"""Everything that scripts and the checks among the tests import exists: no test runs them all."""
 
 from __future__ import annotations
 

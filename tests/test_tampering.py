@@ -1,4 +1,4 @@
-"""`trunk verify` refuses what is planted in an offline recording, or it is listed with its reason.
+"""Every edit of an offline recording is refused by `trunk verify`, or listed with the reason.
 
 A selection of scripts/check_tampering.sh, which edits recordings of the graph, too.
 """

@@ -1,4 +1,4 @@
-"""One version everywhere; wheels that say what they need, and that work beside no ROS and no checkout."""
+"""One version everywhere; wheels that declare what they need, and work without ROS and a checkout."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def wheels(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def trunk(wheels, tmp_path_factory):
-    """Return how to run ``trunk`` of an environment with the wheels alone, outside of the checkout.
+    """Return a function that runs ``trunk`` with the wheels alone, outside the checkout.
 
     Libraries are those of this environment, so that no network is needed; ROS 2 is blocked.
     """

@@ -1,8 +1,8 @@
-"""Branches without a change, at random times of varied runs: each is its parent, bit for bit.
+"""Branches without a change, at random times of different runs: each equals its parent, bit for bit.
 
     source scripts/env.sh && python scripts/check_branches.py [COUNT] [--seed N] [RUN.mcap ...]
 
-Ten runs are made: eight offline, two in lock-step by real nodes; RUN.mcap are taken besides.
+Ten runs are made: eight offline, two in lock-step by real nodes; each RUN.mcap is used as well.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def graph_parents(folder: Path) -> Iterator[Path]:
 
 
 def differences(path: Path, at: float, folder: Path) -> list[str]:
-    """Return in what a branch at a time, without a change, differs from its parent."""
+    """Return how a branch at a given time, without a change, differs from its parent."""
     run = RecordedRun.open(path)
     begun = resumed(run, state_at(run, at))
     branch = Branch(at)
@@ -139,7 +139,7 @@ def differences(path: Path, at: float, folder: Path) -> list[str]:
 
 
 def time_in(path: Path, random_: random.Random) -> float:
-    """Return a random time within a run, s; its ends are as likely as a hundredth of it."""
+    """Return a random time within a run, s; one time in fifty it is an end of the run."""
     last = seconds(int(RecordedRun.open(path).table(topics.GROUND_TRUTH).stamp_ns.max()))
     return random_.choice((0.0, last)) if random_.random() < 0.02 else random_.uniform(0.0, last)
 

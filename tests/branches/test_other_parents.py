@@ -1,4 +1,4 @@
-"""Parents that are not whole, or not what was recorded: branched as far as they verify, and no further."""
+"""Parents that are cut or edited: branched as far as they verify, and no further."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_a_branch_beyond_what_verifies_is_refused(parent: Path, tmp_path: Path, 
 
 
 def test_removed_disturbances_before_a_branch_are_noticed(parent: Path, tmp_path: Path) -> None:
-    """Whoever takes them out of a branch is found: their node was not quiet by its parameters."""
+    """By its parameters, their node was not silent there."""
 
     def edit(messages: list[list]) -> None:
         messages[:] = [m for m in messages if m[0] != "/disturbance" or m[1] >= AT]
@@ -81,7 +81,7 @@ def test_a_file_that_ends_early_is_branched_as_far_as_it_goes(parent: Path, tmp_
 
 
 def test_a_lagging_drive_makes_no_step_late(tmp_path: Path) -> None:
-    """In real time, the torque of a drive that lags is not the wanted one, however soon that came."""
+    """In real time, the torque of a lagging drive is not the command, however soon that came."""
     settings = ("simulator.actuator.time_constant=0.02",)
     plan = make_plan("demo", "pid", everywhere={"duration": 1.0}, settings=settings)
     record_offline(plan, tmp_path / "lags.mcap")

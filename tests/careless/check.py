@@ -26,9 +26,9 @@ from .verbs import VERBS, Verb, called, furnish
 _CPU_S = 60  # of one case: what takes longer was begun, not refused
 State = dict[str, tuple[int, int, int]]
 
-# Beside an error: warnings and progress.
+# Besides an error: warnings and progress.
 _ASIDE = re.compile(r"warning: |^trunk: [^:]+: \d+ %")
-# The whole machine's files are no case.
+# Listing the whole machine's files is not a case.
 _TOO_MANY = ("list runs", "/")
 # Right for these verbs, though careless for others: (verb, argument).
 FINE = {
@@ -68,7 +68,7 @@ def state_of(folder: Path) -> State:
 
 
 def outcome_of(words: tuple[str, ...], folder: Path, before: State) -> Outcome:
-    """Run a case in a process of its own."""
+    """Run a case in its own process."""
     out, err = (folder.parent / name for name in ("out", "err"))
     child = os.fork()
     if child == 0:

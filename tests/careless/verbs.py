@@ -21,7 +21,7 @@ class Verb(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The verb as one types it."""
+        """The verb as typed."""
         return " ".join(self.words)
 
 

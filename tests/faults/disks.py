@@ -1,4 +1,4 @@
-"""Small disks of a test's own, to be filled or made read-only."""
+"""Small disks for one test, to be filled or made read-only."""
 
 from __future__ import annotations
 

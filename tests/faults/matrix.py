@@ -131,10 +131,10 @@ def row_of(cell: Cell) -> Row:
 
 
 def selection() -> list[Cell]:
-    """Return the cells of every day: each process running with each kind of signal, and all pairs.
+    """Return the cells for every day: each process running with each kind of signal, and all pairs.
 
-    Of SIGINT and SIGTERM a running process gets one and a starting or stopping one the other, in turn;
-    so with the modes.
+    From process to process, SIGINT and SIGTERM alternate while it runs, and the other one is sent while it
+    starts or stops; the modes alternate likewise.
     """
     chosen = []
     for p, process in enumerate(PROCESSES):

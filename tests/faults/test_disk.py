@@ -1,4 +1,4 @@
-"""A disk that is full, read-only or gone: one clear line, a run that stops in order, no half results."""
+"""A disk that is full, read-only or gone: one clear line, a run that stops cleanly, no partial results."""
 
 from __future__ import annotations
 

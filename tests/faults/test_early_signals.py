@@ -1,4 +1,4 @@
-"""Signals to a program that is still being loaded, and Ctrl-C to ``trunk`` at any instant."""
+"""Signals to a program that is still loading, and Ctrl-C to ``trunk`` at any instant."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NODES = ("simulator", "disturbance", "fuzzy_pid", "recorder")
 
 
 def has_begun(children: Children, child: Child) -> bool:
-    """Return True once the child is its own program: no signal can be lost any more."""
+    """Return True once the child runs its own program: from then on no signal is lost."""
     return "python" in children.pids().get(child.process.pid, "").split(" ")[0]
 
 

@@ -1,4 +1,4 @@
-"""Processes that hang for good: the run ends, and says who it was."""
+"""Processes that hang for good: the run ends and names the process."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.graph
 def test_simulator_hangs_in_real_time(children: Children, peer: Peer, tmp_path: Path) -> None:
     run = children.trunk("run", "demo", "--duration", 60, "--output", "run")
     peer.until_started(run)
-    peer.until_recorded(3000)  # some seconds: the runner, too, has heard that it has started
+    peer.until_recorded(3000)  # some seconds: the runner, too, knows by then that it has started
     os.kill(children.pid_of("simulator"), signal.SIGSTOP)
     assert run.wait() == 1, run.stderr
     children.none_left()

@@ -63,7 +63,7 @@ def test_pulse_ends_with_its_node(children: Children, peer: Peer) -> None:
     assert int(peer.fresh_diagnostics("simulator")["steps without a fresh disturbance"]) > 0
     assert simulator.stop() == 0, simulator.stderr
 
-    # The last pulse that the simulator has may be one that the test hears only once the node goes
-    # on: which one it was is told by the state, and every stamp that the node gave is known now.
+    # The simulator's last pulse may be one that the test hears only after the node has resumed: the
+    # state shows which one it was, and every stamp that the node published is known by now.
     last_ns = first_unpushed_ns() - PERIOD_NS - TIMEOUT_NS
     assert last_ns in {stamp_from_ros(m.header.stamp) for m in told}

@@ -70,7 +70,7 @@ class Run:
         )
 
     def reach(self) -> Callable[[int], None]:
-        """Wait for the phase, and return what sends the cell's process a signal."""
+        """Wait for the phase; return a function that sends the cell's process a signal."""
         return {STARTING: self._starting, RUNNING: self._running, STOPPING: self._stopping}[
             self.cell.phase
         ]()
@@ -87,7 +87,7 @@ class Run:
         return self.child.process.pid if process == "runner" else self.children.pid_of(process)
 
     def _starting(self) -> Callable[[int], None]:
-        # Right behind its exec: a node's imports take far longer than this takes to see it. The runner
+        # Right after its exec: a node's imports take far longer than it takes to see this. The runner
         # has started all its nodes when the simulator, the last one, is there.
         self.children.pid_of("simulator" if self.cell.process == "runner" else self.cell.process)
         return self._kill(self._pid())

@@ -1,4 +1,4 @@
-"""A run shares its domain with no second node of the same name; what discovery lists does not count."""
+"""A run refuses a second node of the same name in its domain; what discovery lists does not count."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shared memory that is short or full, in a mount namespace of the test's own: no need, or one line."""
+"""Shared memory that is scarce or full, in the test's own mount namespace: not needed, or named in a line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MOUNT = "mount -t tmpfs -o size={size} trunk-test /dev/shm"
 def within(
     tmp_path: Path, domain: int, request: pytest.FixtureRequest
 ) -> Iterator[Callable[[str], Children]]:
-    """Return what makes children that have shared memory of a given size."""
+    """Return a function that makes `Children` with shared memory of a given size."""
     made: list[Children] = []
 
     def with_size(size: str) -> Children:
@@ -68,9 +68,9 @@ def test_full_shared_memory_is_named(within: Callable[[str], Children]) -> None:
 def test_no_message_goes_through_shared_memory(
     children: Children, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whoever opens a port there takes its owner for dead if it does not answer in time."""
+    """A process that opens a port there takes its owner for dead if it does not answer in time."""
     for name in (middleware.TRANSPORTS, middleware.PROFILES_FILE):
-        monkeypatch.delenv(name, raising=False)  # the processes are to choose themselves
+        monkeypatch.delenv(name, raising=False)  # the processes choose for themselves
     node = children.node("pid")
     asked = children.trunk("params", "set", "pid", "gains.p=70", name="asked")
     assert asked.wait() == 0, asked.stderr

@@ -1,4 +1,4 @@
-"""Real processes over real DDS: each test has a ROS domain of its own and leaves no process behind."""
+"""Real processes over real DDS: each test has its own ROS domain and leaves no process behind."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from .processes import Children
 
 _DOMAINS = 100  # beyond, DDS's ports run into those that the kernel hands out
 _DDS_PORT, _PORTS_PER_DOMAIN = 7410, 250
-_LOCK = "trunk-test-domain-{}"  # an abstract socket, which goes with its process
+_LOCK = "trunk-test-domain-{}"  # an abstract socket, which disappears with its process
 _PARTICIPANTS = 32  # of a domain on one machine that find each other
 
 
 class Domains:
-    """Hands out ROS domains in which nobody is: no other session of tests, nobody else."""
+    """Hands out ROS domains that nobody is in: no other test session, no other nodes."""
 
     def __init__(self) -> None:
-        """Begin with TRUNK_TEST_DOMAIN, else somewhere."""
+        """Begin with TRUNK_TEST_DOMAIN; without it, with a number from the process id."""
         self._next = int(os.environ.get("TRUNK_TEST_DOMAIN", os.getpid()))
         self._lock = socket.socket(socket.AF_UNIX)
 
@@ -65,7 +65,7 @@ def domains() -> Iterator[Domains]:
 
 @pytest.fixture(autouse=True)
 def domain(domains: Domains, monkeypatch: pytest.MonkeyPatch) -> int:
-    """Put this test, and all that it starts, into a domain of its own."""
+    """Put this test, and all that it starts, into its own domain."""
     number = domains.choose()
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")

@@ -26,7 +26,7 @@ class Simulators(Callbacks):
     def begin(self) -> None:
         ready = [KeyValue(key="answers", value=topics.EFFORT_COMMAND)]
         status = DiagnosticStatus(name="/fuzz", message="ready", values=ready)
-        # As if its publisher had been matched, and gone.
+        # As if its publisher had been matched and had gone.
         self.node._participants._met.add(topics.EFFORT_COMMAND)
         self.deliver(topics.RUN_EVENTS, DiagnosticArray(status=[status]))
         self.diagnose()

@@ -1,4 +1,4 @@
-"""`trunk live` in a headless Chromium, as a person has it: an address, a page, a mouse."""
+"""`trunk live` in a headless Chromium, as a person uses it: an address, a page, a mouse."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from .processes import Child, Children, until
 
 SMALL = {"width": 800, "height": 480}  # charts that are not in sight are not drawn
-# What the page says goes to the test's output: there it tells why a wait never ends.
+# What the page says goes to the test's output, where it shows why a wait never ends.
 _SAID = """addEventListener("DOMContentLoaded", () => {
   const alarm = document.getElementById("alarm-text");
   const say = () => console.log([...alarm.children].map((one) => one.textContent).join("; "));
@@ -53,10 +53,10 @@ class LivePage:
     def point(self, place: str) -> tuple[float, float] | None:
         """Return where something of the scene is on the screen: ``tip``, ``hip``, or the ``ring``.
 
-        None while it is out of sight, or something else is before it.
+        None while it is out of sight, or behind something else.
         """
         found = "scene.ring()" if place == "ring" else f"scene.places().{place}"
-        # In one go, for it moves.
+        # In one call, since it moves.
         x, y, seen = self.page.evaluate(
             f"""() => {{
                 const box = scene.canvas.getBoundingClientRect(), at = {found};
@@ -67,10 +67,10 @@ class LivePage:
         return (x, y) if seen else None
 
     def pull(self, place: str, right: float, up: float, while_: Callable[[], None]) -> None:
-        """Hold something of the scene and draw it away by so many pixels until ``while_`` returns."""
+        """Hold something of the scene and drag it by this many pixels until ``while_`` returns."""
         mouse = self.page.mouse
         self.page.locator("#scene").scroll_into_view_if_needed()
-        # It moves while the mouse comes: a hand tries again. What it got hold of instead is let go without
+        # It moves while the mouse approaches: a hand tries again. What it grabbed instead is released without
         # a tap, which would knock the trunk over, and without a click.
         x = y = 0.0
         while self.get("grip.held") != _HELD[place]:
@@ -86,7 +86,7 @@ class LivePage:
         mouse.up()
 
     def knob(self, node: str, name: str) -> Any:
-        """Return the field of a parameter, in sight."""
+        """Return the field of a parameter, its section unfolded."""
         self.page.locator("#knobs summary", has_text=re.compile(f"^{node}$")).evaluate(
             "summary => { summary.parentElement.open = true; }"
         )

@@ -18,7 +18,7 @@ from typing import Any
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.runs.processes import find_executable
 
-# A process that was told to end, directly or by what started it, may need so long on the busiest machine.
+# A process that was asked to end, directly or by its parent, may take this long on the busiest machine.
 _LEFT_S = 60.0
 _TOKEN = "TRUNK_TEST_TOKEN"
 

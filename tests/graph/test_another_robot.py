@@ -1,4 +1,4 @@
-"""A robot that is none of ours: balanced by our controller, recorded, its commands judged."""
+"""A robot that is not ours: balanced by our controller, recorded, its commands judged."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PERIOD = 0.005  # s
 
 
 class Robot:
-    """An arm on a hinge: other joints' names, the wall clock's stamps, no velocities, default QoS.
+    """An arm on a hinge: other joint names, wall-clock stamps, no velocities, default QoS.
 
     Two broadcasters share the topic, and an instant's stamp.
     """

@@ -1,6 +1,6 @@
 """Commands and states that must not be applied: counted in /diagnostics, with no effect.
 
-The test is the only controller, so that it decides to the bit what the plant may feel.
+The test is the only controller, so it decides to the bit what acts on the plant.
 """
 
 from __future__ import annotations

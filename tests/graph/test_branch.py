@@ -34,7 +34,7 @@ CHANGES = (
 
 
 def made(path: Path, branch: Branch, out: Path) -> RunDiff:
-    """Branch a run; return in what it differs from its parent. Whatever was changed, it verifies."""
+    """Branch a run; return how it differs from its parent. Whatever was changed, it verifies."""
     run = RecordedRun.open(path)
     begun = resumed(run, state_at(run, branch.at))
     record_branch(run, branch, branched(run, begun, branch, None), out, overwrite=True)

@@ -82,7 +82,7 @@ def test_the_commands_of_the_page_end_with_a_verified_file(
     params=[pytest.param(False, marks=pytest.mark.long), True], ids=["real time", "lock-step"]
 )
 def endless(request: pytest.FixtureRequest, children: Children, peer: Peer) -> dict[str, Child]:
-    """Start the page's three nodes without an end, and return them once something is recorded."""
+    """Start the page's three nodes for an endless run; return them once something is recorded."""
     shells = {}
     for name, line in commands().items():
         line = line.replace("duration:=10.0", "duration:=0.0")

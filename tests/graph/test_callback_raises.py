@@ -13,7 +13,7 @@ from .recordings import finished_file
 
 pytestmark = pytest.mark.graph
 
-# A composed process: the nodes of a run, one of which raises in a callback of its own.
+# A composed process: the nodes of a run, one of which raises in one of its callbacks.
 COMPOSED = """
 import sys
 from functools import partial

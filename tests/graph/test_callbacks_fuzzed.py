@@ -42,7 +42,7 @@ def node_of(law: str) -> Callable[[], TrunkNode[Any]]:
 def context(
     domain: int, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[None]:
-    # Each cleanup would wait for a recorder; here is none.
+    # Each cleanup would wait for a recorder; there is none here.
     monkeypatch.setenv("TRUNK_PATIENCE", "0.001")
     rclpy.init(
         args=["--ros-args", "--log-level", "fatal", *request.param],

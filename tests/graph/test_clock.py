@@ -34,7 +34,7 @@ def watcher(domain: int) -> Iterator[Node]:
 def test_the_clock_is_published_before_its_states(
     children: Children, watcher: Node, topic: str
 ) -> None:
-    """By the middleware's times of writing: a node that has both waiting may still take a state first."""
+    """By the middleware's write times: a node that has both waiting may still take a state first."""
     written: dict[str, dict[int, int]] = {"clock": {}, "state": {}}
 
     def on_clock(clock: Clock, info: dict[str, int]) -> None:

@@ -1,4 +1,4 @@
-"""The domains that tests are given are deserted, whatever earlier tests left alive."""
+"""The domains given to tests are empty, whatever earlier tests left running."""
 
 from __future__ import annotations
 

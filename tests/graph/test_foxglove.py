@@ -29,7 +29,7 @@ _MESSAGE, _SERVICE_REQUEST, _SERVICE_ANSWER = 1, 2, 3
 
 
 class Viewer:
-    """What a viewer is told, and what it asks."""
+    """What a viewer receives, and what it asks."""
 
     def __init__(self, connection: WebSocketClientConnection) -> None:
         self._connection = connection
@@ -116,14 +116,14 @@ def test_topics_parameters_and_services_are_there(children: Children, peer: Peer
         assert WireReader()(viewer.messages[0][0]).name == ("hip", "trunk")
         assert "kp" in WireReader()(viewer.messages[1][0]).name
 
-        # The answer tells what is known at that time.
+        # The answer has what is known at that time.
         d_min = "/fuzzy_pid.gains.d_min"
         while d_min not in await viewer.answer("getParameters", parameterNames=[]):
             pass
         change = [{"name": d_min, "value": 8.5}]
         while (await viewer.answer("setParameters", parameters=change)).get(d_min) != 8.5:
             pass
-        # Refused: the answer says what it still is.
+        # Refused: the answer has the value that is kept.
         wrong = [{"name": d_min, "value": 99.0}]
         assert await viewer.answer("setParameters", parameters=wrong) == {d_min: 8.5}
 

@@ -1,4 +1,4 @@
-"""Fuzzy-PID's gains alone: the bits of ``fuzzy_pid``; somebody else's PID holds the plant by them."""
+"""Fuzzy-PID's gains alone: the same bits as ``fuzzy_pid``; somebody else's PID holds the plant with them."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_the_pid_of_the_page_holds_the_trunk(
 ) -> None:
     (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
     heard = gains_heard(peer)
-    # All states, as the stranger adds them up: its match may be quicker than this test's.
+    # All states, since the stranger integrates over them: it may be matched sooner than this test.
     states, commands = peer.hear(topics.JOINT_STATES), peer.hear_live(topics.EFFORT_COMMAND)
     stranger = children.python(code, name="stranger")
     gains = "fuzzy_gains/gains"
@@ -85,7 +85,7 @@ def test_the_pid_of_the_page_holds_the_trunk(
     after = len(states) + 200
     peer.until(lambda: len(states) > after, "one more")
     assert simulator.stop() == 0, simulator.stderr
-    assert all(abs(state.position[1]) < 0.2 for state in states[-400:])  # it walks on
+    assert all(abs(state.position[1]) < 0.2 for state in states[-400:])  # it keeps walking
     assert gains_node.stop() == 0, gains_node.stderr
 
     assert stranger.stop(signal.SIGKILL) == -signal.SIGKILL

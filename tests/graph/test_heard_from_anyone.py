@@ -25,7 +25,7 @@ from .processes import Child, Children
 pytestmark = pytest.mark.graph
 
 COUNT = 100  # of each publisher
-# Messages at a time: some 270 fill what the kernel keeps for a recorder, and best effort is lost beyond it.
+# Messages at a time: some 270 fill the kernel's buffer for a recorder; beyond that, best effort is lost.
 LOT = 100
 DEFAULT = QoSProfile(depth=10)
 LAST = "/disturbance"
@@ -101,7 +101,7 @@ def test_another_node_that_repeats_our_messages_is_recorded_too(
     simulator = children.node(
         "simulator", "duration:=0.0", "wait_for:=[disturbance]", "autostart:=false"
     )
-    # To the simulator, whoever publishes disturbances is one: it begins when the node is there too.
+    # To the simulator, any publisher of disturbances will do: it begins once the node is there too.
     life = Life(peer, "simulator")
     assert life.change("configure")
     disturbance = children.node("disturbance")
@@ -175,7 +175,7 @@ def test_a_publisher_of_another_type_is_named(
 def test_a_late_viewer_of_a_live_topic_sees_only_the_present(
     children: Children, peer: Peer
 ) -> None:
-    """Tools ask for what is offered: the past only where it is kept, which is nowhere they look."""
+    """Tools request the QoS that is offered: the past only where it is kept, on no topic they look at."""
     simulator = children.node("simulator", "duration:=0.0", "wait_for:=[]")
     kept = peer.hear(topics.GROUND_TRUTH)
     peer.until(lambda: len(kept) > 100, "half a second is past")

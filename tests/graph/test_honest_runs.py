@@ -1,4 +1,4 @@
-"""Runs in which much is done to the nodes are honest all the same: `verify` does not accuse them."""
+"""Eventful runs are honest all the same: `verify` does not accuse them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.graph
 def test_turns_and_changes_while_the_simulator_is_inactive(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
-    """All of them carry the same stamp: what decides is their order."""
+    """All of them carry the same stamp: their order decides."""
     truth = peer.hear(topics.GROUND_TRUTH)
     recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
     pid = children.node("pid", "gains.i:=20.0")

@@ -144,7 +144,7 @@ def test_a_swap_by_hand(children: Children, peer: Peer, tmp_path: Path) -> None:
     states, commands = recording.joints("/joint_states"), recording.joints("/effort_command")
     acting = states.column("effort", "trunk")[states.stamp_ns == first]
     assert commands.column("effort", "trunk")[commands.stamp_ns == first] == pytest.approx(acting)
-    # Repeated offline, nobody commands between the two either.
+    # Repeated offline, no controller commands between the two either.
     said("simulate", "--like", tmp_path / "run.mcap", "-o", tmp_path / "again.mcap")
     repeated = Recording.open(tmp_path / "again.mcap")
     assert verify(repeated).exit_code == VERIFIED, verify(repeated)
@@ -177,7 +177,7 @@ def test_a_controller_joins_a_run_under_way(children: Children, peer: Peer, tmp_
 def test_a_controller_that_outlives_the_recorder_is_not_held_against_the_run(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
-    """It has not said how many commands it gave: that is not known, but nothing speaks against the run."""
+    """How many commands it gave is not on record: an obstacle, but nothing speaks against the run."""
     recorder = children.node("recorder", "output:=run.mcap")
     pid, fuzzy_pid = children.node("pid"), children.node("fuzzy_pid", "autostart:=false")
     peer.until_up("fuzzy_pid")
@@ -226,7 +226,7 @@ def test_a_swap_in_lockstep_has_the_offline_bits(
     assert "commands of fuzzy_pid: 100 steps" in text
 
     def ended(node: str, at_ns: int) -> Verdict:
-        """Judge the run as if a node had counted its messages, its last word, at another state."""
+        """Judge the run as if a node's final count of its messages had come at another state."""
 
         def edit(messages: list[list]) -> None:
             for message in messages:
@@ -302,7 +302,7 @@ def test_a_recorder_that_was_inactive_for_a_while(
         assert child.stop() == 0, child.stderr
     recording = Recording.open(tmp_path / "run.mcap")
     turns = [e.message for e in recording.events() if e.node == "/recorder"]
-    # On a busy machine it says only then that it is ready.
+    # On a busy machine it reports only then that it is ready.
     assert [turn for turn in turns if turn != "ready"][-2:] == ["deactivated", "activated"]
     verdict = verify(recording)
     assert verdict.exit_code == UNJUDGED, verdict

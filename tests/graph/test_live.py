@@ -21,7 +21,7 @@ from .processes import Children, until
 
 pytestmark = [pytest.mark.graph, pytest.mark.browser]
 
-MOST = 40.0  # N m, what `trunk live` lets a hand do
+MOST = 40.0  # N m, the most that `trunk live` lets a hand apply
 
 
 def gateway_pid(child: Any) -> int:
@@ -99,7 +99,7 @@ def test_what_a_person_does_takes_effect_and_is_recorded(
     asked = "known.control.value('reference', known.control.count - 1)"
     live.pull("ring", 60, 0, lambda: live.until(f"{asked} > 0.05"))
 
-    # Another page only watches; this one is loaded anew.
+    # Another page only watches; this one is reloaded.
     other = LivePage(browser, watch)
     other.until("known.gateway.clients === 2 && known.plant.count > 10")
     assert other.page.locator("#pause").is_hidden()

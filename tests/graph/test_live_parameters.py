@@ -116,7 +116,7 @@ def test_stored_is_active_and_published(pid: Child, peer: Peer) -> None:
         return commands[-1].effort[0]
 
     assert [answer() for _ in range(3)] == [-0.25 * 60.0] * 3
-    assert services.set(gains__p=80).successful  # an integer is taken for a double
+    assert services.set(gains__p=80).successful  # an integer is accepted as a double
     assert repr(services.get("gains.p")) == "[80.0]"
     assert answer() == -0.25 * 80.0
 

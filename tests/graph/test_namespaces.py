@@ -1,4 +1,4 @@
-"""Two node sets side by side, each in its namespace: neither receives anything of the other."""
+"""Two node sets side by side, each in its namespace: neither receives anything from the other."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .verbs import said, verified
 
 pytestmark = pytest.mark.graph
 
-# The same topics except for the namespace, but other bits: a message of one in the other would show.
+# The same topics but for the namespace, and different bits: a message that crossed over would show.
 SETS = {"robot1": ("fuzzy_pid", "0.5"), "left/robot2": ("pid", "0.25")}
 
 

@@ -1,4 +1,4 @@
-"""A person pushes the running trunk: it moves, it is on the record, and it can be recomputed and repeated."""
+"""A person pushes the running trunk: the push is recorded, and the run is recomputed and repeated."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Hand:
 def pushed_run(
     children: Children, peer: Peer, tmp_path: Path
 ) -> Callable[..., tuple[Child, RecordedRun]]:
-    """Return a function that runs while somebody does something, and gives the recording."""
+    """Return a function that makes a run while somebody does something, and returns its recording."""
 
     def run(do: Callable[[Hand], None], *given: object) -> tuple[Child, RecordedRun]:
         hand = Hand(peer, "somebody")

@@ -1,4 +1,4 @@
-"""A controller of one's own: the commands of docs/controllers.md, word for word, in a scratch folder."""
+"""A user's own controller: the commands of docs/controllers.md, word for word, in a scratch folder."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_the_pages_commands_work(children: Children, peer: Peer, tmp_path: Path)
     differences.wait()
     assert differences.stdout.count("identical: 10006 messages, bit for bit\n") == 2
 
-    # By another name than in the page's runs, whose last words may still come.
+    # By another name than in the page's runs, whose last messages may still arrive.
     alone = f"exec ros2 run {NAME} {NAME} --ros-args -r __node:=alone"
     node = children.start("node", "bash", "-c", in_workspace + alone)
     peer.until_event("alone", "activated")

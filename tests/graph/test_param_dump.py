@@ -1,4 +1,4 @@
-"""What `ros2 param dump` writes of a node, `ros2 param load` and this project's commands take."""
+"""`ros2 param load` and this project's commands read what `ros2 param dump` writes of a node."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ def start(children: Children, peer: Peer, *options: object) -> Child:
 
 
 def fails_with(children: Children, run: Child, *texts: str) -> None:
-    """Assert that the run ends with code 1, a last line that has these texts, and no process left."""
+    """Assert that the run ends with code 1, a last line with these texts, and no process left."""
     assert run.wait() == 1, run.stderr
     assert "Traceback" not in run.stderr
     line = run.stderr.splitlines()[-1]
@@ -62,7 +62,7 @@ def test_controller_hangs_in_lockstep(children: Children, peer: Peer, file: Path
 
 
 def test_recorder_is_killed(children: Children, peer: Peer, file: Path) -> None:
-    """What was written to the file is in it; it is written every half second or so."""
+    """What was written before is in the file, which is written every half second or so."""
     run = start(children, peer)
 
     def written() -> int:
@@ -79,7 +79,7 @@ def test_recorder_is_killed(children: Children, peer: Peer, file: Path) -> None:
 
 
 def test_a_second_set_of_nodes_is_refused(children: Children, peer: Peer, tmp_path: Path) -> None:
-    """Launched once more in the same namespace, both runs would be one in each recording."""
+    """Launched twice in one namespace, the two runs would be mixed in each recording."""
 
     def launch(number: int) -> tuple[Child, Child, Child]:
         lockstep, waits = "lockstep.enabled:=true", "wait_for:=[effort_command, recorder]"
@@ -93,8 +93,8 @@ def test_a_second_set_of_nodes_is_refused(children: Children, peer: Peer, tmp_pa
     first = launch(1)
     peer.until_event("simulator", "started")
     second = launch(2)
-    # What a simulator sees first may also be that two controllers answer. And the first set, which is told
-    # as well, may have ended before the second simulator came up: then nobody is left to refuse it.
+    # A simulator may first see that two controllers answer. And the first set, which notices as well, may
+    # have ended before the second simulator came up: then nobody is left to refuse it.
     for child, wanted in zip(
         second,
         (

@@ -1,4 +1,4 @@
-"""A recorder that is asked for a picture records it as it hears the run; the run stays verified."""
+"""A recorder that is asked for a picture records it as it hears the run; the run still verifies."""
 
 from __future__ import annotations
 

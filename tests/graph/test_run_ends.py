@@ -1,4 +1,7 @@
-"""A run that is over stays over, whatever its node still hears: by the callbacks of nodes in this process."""
+"""A run that is over stays over, whatever its node still hears.
+
+The tests call the callbacks of nodes in this process.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,7 @@ def arguments() -> Iterator[Any]:
 
     yield begin
     rclpy.try_shutdown()
-    # A node whose methods were replaced is a cycle: until it is collected, others see it in the graph.
+    # A node with replaced methods is a reference cycle: until it is collected, others see it in the graph.
     gc.collect()
 
 
@@ -62,7 +65,7 @@ def started(events: list[str]) -> SimulatorNode:
     node.autostart()
     for name, topic in (("/pid", topics.EFFORT_COMMAND), ("/recorder", "recorder")):
         node._participants.hear(name, "ready", {"answers": topic})
-        node._participants._met.add(topic)  # as if it had been matched, and gone
+        node._participants._met.add(topic)  # as if it had been matched and had gone
     node._try_start()
     assert events[-1] == "started"
     return node

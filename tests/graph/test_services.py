@@ -47,7 +47,7 @@ def test_reset_and_pause_in_a_run(children: Children, peer: Peer, tmp_path: Path
     assert angles()[after_ns] == pytest.approx(START, abs=0.01)
     assert abs(angles()[reset_ns] - START) > 0.2
 
-    # Pause: the last state stays the last until it is told to go on.
+    # Pause: no state follows the last one until the run is resumed.
     response = peer.call(SetBool, "/simulator/pause", data=True)
     assert (response.success, response.message) == (True, "paused")
     paused_ns = peer.until_event("simulator", "paused").stamp_ns
@@ -61,9 +61,9 @@ def test_reset_and_pause_in_a_run(children: Children, peer: Peer, tmp_path: Path
     assert peer.until_event("simulator", "resumed").stamp_ns == paused_ns
     peer.until(lambda: paused_ns + 20 * PERIOD_NS in angles(), "states go on")
     ahead_s = (max(angles()) - paused_ns) / 1e9
-    assert ahead_s <= time.monotonic() - resumed_s, "time of the pause was caught up with"
+    assert ahead_s <= time.monotonic() - resumed_s, "the time of the pause was made up for"
 
-    # The controller's reset: the integral starts anew from the next state on.
+    # The controller's reset: the integral starts afresh at the next state.
     peer.until(lambda: terms and abs(terms[-1].position[5]) > 0.5, "the integral has grown")
     response = peer.call(Trigger, "/pid/reset")
     assert response.success

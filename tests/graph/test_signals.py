@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM end every node in order: code 0, the recording finished and marked correctly."""
+"""SIGINT and SIGTERM end every node cleanly: code 0, the recording finished and marked correctly."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def stop(number: int, *children: Child) -> None:
     ids=lambda number: number.name,
 )
 def test_idle_node(children: Children, peer: Peer, tmp_path: Path, number: int) -> None:
-    # Each in a namespace of its own: they do not meet, and have nothing to do.
+    # Each in its own namespace: they do not meet and have nothing to do.
     started = {
         name: children.node(name, "output:=run.mcap", "-r", f"__ns:=/{name}")
         for name in EXECUTABLES
@@ -69,7 +69,7 @@ def test_nodes_of_a_run(
     complete: str,
     reason: str,
 ) -> None:
-    """A run with an end is incomplete when it is cut short; one without is whole when it is stopped."""
+    """A run with a planned end is incomplete when cut short; an endless one is complete when stopped."""
     early = children.node("recorder", "output:=early.mcap", "-r", "__node:=early", name="early")
     recorder = children.node("recorder", "output:=run.mcap")
     controller = children.node("pid")
@@ -99,7 +99,7 @@ def test_nodes_of_a_run(
 def test_a_node_signalled_repeatedly_ends_cleanly(
     children: Children, peer: Peer, node: str
 ) -> None:
-    """As when a terminal's Ctrl-C and ros2 launch both signal it: the last signal must not kill it."""
+    """As when a terminal's Ctrl-C and ros2 launch both signal it: later signals must not kill it."""
     child = children.node(node, "output:=run.mcap")
     peer.until_up(node)
 

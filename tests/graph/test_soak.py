@@ -1,6 +1,6 @@
 """A quarter of a minute of scripts/check_soak.py; by hand it runs for half an hour.
 
-At 1 kHz, so that the 5000 messages that a publisher keeps are there before its memory is looked at.
+At 1 kHz, so that a publisher already keeps its 5000 messages when its memory is first measured.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ SCRIPT = Path(__file__).parents[2] / "scripts" / "check_soak.py"
 
 @pytest.mark.long
 def test_a_quarter_of_a_minute(children: Children) -> None:
-    # On a busy machine a recorder may have up to 5000 messages of each topic to take in, half a minute or
-    # an hour after its start: a tenth of its memory, and no leak.
+    # On a busy machine a recorder may be up to 5000 messages of each topic behind, half a minute or an
+    # hour after its start: a tenth of its memory, and no leak.
     given = ("--minutes", 0.25, "--rate", 1000, "--growth", 0.15)
-    # Nodes that end on a machine so busy wait longer for those who are still to hear from them.
+    # On a machine that busy, nodes that end wait longer for those that have yet to hear from them.
     soak = children.start("soak", "env", "TRUNK_PATIENCE=4", sys.executable, SCRIPT, *given)
     assert soak.wait() == 0, soak.stdout + soak.stderr
     children.none_left()

@@ -19,7 +19,7 @@ _FEW, _ALL = 1, 60
 
 
 def sample() -> list[Story]:
-    """Return the first stories that something happens in, and that can be forced."""
+    """Return the first stories in which something happens and that can be forced."""
     stories = (draw(seed) for seed in range(1000))
     return list(islice((one for one in stories if one.faults and can_be_forced(one)), _ALL))
 

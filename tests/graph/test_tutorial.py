@@ -42,7 +42,7 @@ def test_the_commands_work_as_printed(
     (tmp_path / "biped-trunk").symlink_to(ROOT)
     script = tmp_path / "page.sh"
     script.write_text(f"set -e\n{commands()}", encoding="utf-8")
-    monkeypatch.setenv("BROWSER", "true")  # a person's browser opens; here nothing does
+    monkeypatch.setenv("BROWSER", "true")  # for a user a browser opens; here none does
     shell = children.start("page", "bash", script)
     until(
         lambda: "to watch only: http" in shell.stdout or shell.process.poll() is not None,

@@ -79,7 +79,7 @@ def real(peer: Peer, offered: Quality, requested: Quality, before: int, after: i
             lambda: publisher.get_subscription_count() and subscription.get_publisher_count(),
             "they have met",
         )
-        publisher.wait_for_all_acked()  # else the history would forget what is new to a late one
+        publisher.wait_for_all_acked()  # else the history would drop what is new to a late subscription
     for i in range(before, before + after):
         publisher.publish(Int32(data=i))
     marker = one.create_publisher(Int32, "last", 10)
@@ -99,7 +99,7 @@ def real(peer: Peer, offered: Quality, requested: Quality, before: int, after: i
 @pytest.mark.parametrize(
     ("offered", "requested", "before", "after", "expected"),
     [
-        (Quality(1, 1, 3), Quality(1, 1, 10), 5, 2, [2, 3, 4, 5, 6]),  # what is kept comes late
+        (Quality(1, 1, 3), Quality(1, 1, 10), 5, 2, [2, 3, 4, 5, 6]),  # kept messages come late
         (Quality(1, 1, 10), Quality(1, 2, 10), 5, 2, [5, 6]),  # volatile: nothing from before
         (Quality(1, 2, 10), Quality(1, 2, 3), 0, 7, [4, 5, 6]),  # the queue keeps the newest
         (Quality(1, 1, 10), Quality(1, 1, 3), 5, 0, [2, 3, 4]),

@@ -1,7 +1,7 @@
 """A seed's story with real processes: the same faults, as far as they can be forced from outside.
 
 Virtual runs last tenths of a second; here they last seconds, and the faults come as much later. In
-lock-step the plant is held to the clock's pace, so that a fault meets its step, give or take a few.
+lock-step the plant is held to the clock's pace, so that a fault hits its step, give or take a few.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _FORCED = {
 
 
 def can_be_forced(story: Story) -> bool:
-    """Return True if all of its faults can be had from outside; wall clock and disk cannot."""
+    """Return True if all of its faults can be caused from outside; wall clock and disk cannot."""
     return all(fault.kind in _FORCED for fault in story.faults)
 
 
@@ -80,9 +80,9 @@ class ToldStory:
         }
 
     def tell(self) -> None:
-        """Let it happen, then stop all that is left: the recorder last, as ``trunk run`` does."""
+        """Play it, then stop all that is left: the recorder last, as ``trunk run`` does."""
         wait_s = {f.node: f.value for f in self.story.faults if f.kind == "late"}
-        # Who is stalled from outside stays so until this process has its turn.
+        # A process stalled from outside stays so until this one gets its turn.
         paced = {"lockstep.speed": 1.0, "lockstep.timeout": 60.0} if self.story.lockstep else {}
         plan = self.story.plan(**paced)
         plan.write_parameters(self.folder / "params.yaml")
@@ -118,7 +118,7 @@ class ToldStory:
                 self._strike(fault)
         simulators = self.processes["simulator"]
         ended = bool(simulators) and not simulators[-1].alive
-        # What nothing keeps from its end comes to it, however busy the machine.
+        # A story that nothing keeps from its end reaches it, however busy the machine.
         given_up = not harmless(self.story) and not self._due and now - self._heard > _QUIET_S
         return ended or given_up
 
@@ -168,7 +168,7 @@ class ToldStory:
         for some in (["simulator"], names, ["recorder"]):
             left = [one for name in some for one in self.processes[name]]
             for process in left:
-                process.child.send(signal.SIGCONT)  # of what still stands still
+                process.child.send(signal.SIGCONT)  # to what is still stopped
                 process.child.send(signal.SIGINT)
             for process in left:
                 process.child.wait()

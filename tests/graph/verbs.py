@@ -1,4 +1,4 @@
-"""The verbs that need no process of their own: in this one, which has loaded them once."""
+"""Verbs that need no process of their own run in this one, which has loaded them once."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from trunk_experiments.cli import trunk
 def said(*arguments: object, code: int = 0) -> str:
     """Return what ``trunk`` with these arguments prints. Files are named with their folder.
 
-    Fails the test where its exit code is another one.
+    Fails the test if the exit code is another.
     """
     result = CliRunner().invoke(trunk, [str(argument) for argument in arguments])
     assert result.exit_code == code, result.output

@@ -2,7 +2,7 @@
 
     python -m tests.hostile.check [--selection] [NAME...]
 
-``--selection``: a few verbs and an eighth of the quicker files, for CI. Names: only files with one in theirs.
+``--selection``: a few verbs and an eighth of the quicker files, for CI. NAME: only files with it in theirs.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def _against_others(
         for line in oracle.wrong(path, info.out, told, table):
             print(line)
 
-    # What these libraries cannot read in so long, or at all, they do not say anything about.
+    # Files that these libraries cannot read in that time, or at all, are not compared.
     outcome = limited.call(compare, folder, _OTHERS_S)
     return ("", []) if outcome.code else (", compared", outcome.out.splitlines())
 

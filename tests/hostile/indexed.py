@@ -54,7 +54,7 @@ def indexes_that_overlap(path: Path, count: int = 10_000) -> Path:
 
 
 def damaged_everywhere(path: Path, count: int = 10_000) -> Path:
-    """Before each chunk stands a record that is not one: only the index finds the next chunk."""
+    """Before each chunk stands something that is no record: only the index finds the next chunk."""
     first = len(m.MAGIC + m.header())
     chunk = m.chunk(_DESCRIBED + _joints(1, 0, ["hip", "trunk"]), compression="")
     broken = m.record(0x70, b"", 2**40)

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 MEMORY = 2 << 30  # bytes of address space
-SECONDS = 30  # of the processor's time: a busy machine must not make a verb fail
-_HANGS = 20 * SECONDS  # by the clock
+SECONDS = 30  # of processor time: a busy machine must not make a verb fail
+_HANGS = 20 * SECONDS  # of wall-clock time
 TIME_OUT, TRACEBACK, NOISE, FINE = "time-out", "traceback", "noise", "fine"
 _CODES = (0, 1, 2)
 # What verbs import when they are called; a child then starts with it.

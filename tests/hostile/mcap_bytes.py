@@ -63,7 +63,7 @@ def metadata(name: str, values: Mapping[str, str]) -> bytes:
 def chunk(
     data: bytes, *, size: int | None = None, compression: str = "zstd", packed: bytes | None = None
 ) -> bytes:
-    """Return a chunk record of some records; ``packed``: what stands in it instead."""
+    """Return a chunk record of some records; ``packed``: what it holds instead."""
     if packed is None:
         packed = zstandard.compress(data) if compression == "zstd" else data
     head = struct.pack("<QQQI", 0, 0, len(data) if size is None else size, 0)

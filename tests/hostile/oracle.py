@@ -86,7 +86,7 @@ def _angles(truth: list[Any], told: tuple[str, ...]) -> list[tuple[int, float]]:
 
 
 def wrong(path: Path, info: str, metrics: str, table: Path | None) -> list[str]:
-    """Return in what `info --json`, `metrics --json` and a table of `export` differ from `read`.
+    """Return where `info --json`, `metrics --json` and a table of `export` differ from `read`.
 
     Raises UnreadableError if there is nothing to compare with.
     """

@@ -2,7 +2,7 @@
 
     python -m tests.hostile.signals [VERB...]
 
-The second that is promised is one of a machine that is otherwise idle.
+The promised second is for a machine that is otherwise idle.
 """
 
 from __future__ import annotations

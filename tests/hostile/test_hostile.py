@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.mark.slow
 def test_hostile_files_end_in_one_line_within_the_limits():
-    # A process of its own: it forks, which a process with threads must not.
+    # In a separate process: it forks, which a process with threads must not do.
     done = subprocess.run(
         [sys.executable, "-m", "tests.hostile.check", "--selection"],
         cwd=ROOT,
@@ -77,7 +77,7 @@ hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)  # hours, and no handler of P
 
 
 def computed(child: Child) -> int:
-    """Return a process's time of the processor, in ticks (10 ms)."""
+    """Return a process's processor time, in ticks (10 ms)."""
     about = Path(f"/proc/{child.process.pid}/stat").read_text().rpartition(")")[2].split()
     return int(about[11])
 

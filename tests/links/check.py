@@ -49,13 +49,13 @@ def random_plan(index: int, seed: int) -> RunPlan:
 
 
 def used(plan: RunPlan, states: int) -> tuple[list[int], list[int]]:
-    """Return whose reading is seen, and whose command is in use, in each state of a run."""
+    """Return which state's reading is seen, and which state's command is in use, at each state of a run."""
     traffic = Traffic(plan.simulator.network)
     return traffic.all_seen(states).tolist(), traffic.all_told(states).tolist()
 
 
 def differences(plan: RunPlan, folder: Path, compiled: bool, graphs: Sequence[bool]) -> list[str]:
-    """Return in what the ways to run a plan differ; ``graphs``: True for one process of all nodes."""
+    """Return where the ways to run a plan differ; ``graphs``: True for one process of all nodes."""
     path = folder / "cpython.mcap"
     found: list[str] = []
     try:

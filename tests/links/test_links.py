@@ -1,4 +1,4 @@
-"""Runs over bad links: verified, branched, doubted and counted as those without."""
+"""Runs over bad links: verified, branched, doubted and counted like runs without."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_readings_and_commands_over_links_are_late_lost_and_held(run: Path) -> N
     plan, found = bad(), RecordedRun.open(run)
     truth, seen = found.table("ground_truth/joint_states"), found.table("joint_states")
     assert truth.stamp_ns.tolist() == seen.stamp_ns.tolist()
-    # The hip's position is measured without noise: it tells which state is seen.
+    # The hip's position is measured without noise: it shows which state is seen.
     x = truth.values("position")[:, 0].tolist()
     ages = [k - x.index(value) for k, value in enumerate(seen.values("position")[:, 0].tolist())]
     assert ages == [k - j for k, j in enumerate(check.used(plan, len(x))[0])]

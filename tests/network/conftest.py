@@ -1,4 +1,4 @@
-"""Real processes on two hosts, which a test may part from one another."""
+"""Real processes on two hosts, which a test may cut off from each other."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .listener import Listener
 
 @pytest.fixture(scope="session")
 def namespaces() -> None:
-    """Skip where this machine lets us make none."""
+    """Skip where this machine does not let us make any."""
     if reason := why_not():
         pytest.skip(reason)
 
@@ -28,7 +28,7 @@ def hosts(
     monkeypatch: pytest.MonkeyPatch,
     request: pytest.FixtureRequest,
 ) -> Iterator[tuple[Host, ...]]:
-    """Make two hosts whose nodes look for one another on the subnet."""
+    """Make two hosts whose nodes look for each other on the subnet."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     with network(tmp_path, lambda: request.node.stash.get(FAILED, False)) as made:
         yield made

@@ -60,14 +60,14 @@ class Host:
             ip(*inside, "link", "set", interface, "up")
 
     def unplug(self) -> None:
-        """Let the switch drop all frames: the host's interface stays up and is told nothing."""
+        """Let the switch drop all frames: the host's interface stays up and notices nothing."""
         ip("-n", _SWITCH, "link", "set", self._port, "nomaster")
 
     def plug_in(self) -> None:
         ip("-n", _SWITCH, "link", "set", self._port, "master", "switch")
 
     def without_multicast(self) -> None:
-        """Let the switch keep multicast from this host, as many networks do."""
+        """Let the switch send no multicast to this host, as many networks do."""
         ip("-n", _SWITCH, "link", "set", self._port, "type", "bridge_slave", "mcast_flood", "off")
 
     def interface_down(self) -> None:

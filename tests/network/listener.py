@@ -1,6 +1,6 @@
 """What a node on the first host hears of a run.
 
-It is a process of its own: Fast DDS looks once in a process at the addresses of its host.
+It is a separate process: Fast DDS reads the addresses of its host once in a process.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ class Listener:
         return self._torques
 
     def until_states(self, number: int) -> None:
-        """Wait until so many states have been heard."""
+        """Wait until this many states have been heard."""
         until(lambda: len(self.torques) >= number, f"{number} states are heard")
 
     def fresh_diagnostics(self) -> dict[str, str]:
-        """Return what the simulator says from the second message after now."""
+        """Return what the simulator says in its second message from now."""
         self._read()
         seen = len(self._diagnostics)
 

@@ -32,7 +32,7 @@ class SpreadRun:
         return simulator.wait(), simulator.stderr
 
     def stop(self, name: str) -> None:
-        """Stop a node; it must end in order."""
+        """Stop a node; it must end cleanly."""
         node = self._running.pop(name)
         assert node.stop() == 0, f"{name}: {node.stderr}"
         assert "Traceback" not in node.stderr

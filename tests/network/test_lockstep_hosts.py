@@ -1,4 +1,4 @@
-"""Lock-step over two hosts: the bits of the offline run; a dead link ends it and names who is silent."""
+"""Lock-step over two hosts: the bits of the offline run; a dead link ends it with the silent node named."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .runs import SpreadRun
 pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 TIMEOUT_S = 2.5
-WINDOW_S = 0.5  # lockstep.window: a recorder that is cut off is missed so much later
+WINDOW_S = 0.5  # lockstep.window: a recorder that is cut off is missed this much later
 
 
 def plan_of(duration: float, **simulator: object) -> RunPlan:
@@ -38,11 +38,11 @@ def plan_of(duration: float, **simulator: object) -> RunPlan:
 
 
 def assert_same_bits(plan: RunPlan, run: Recording, folder: Path) -> None:
-    """Assert that a run was the offline run of its plan, bit by bit, and that it can be recomputed."""
+    """Assert that a run equals the offline run of its plan, bit by bit, and that it can be recomputed."""
     states = record_offline(plan, folder / "offline.mcap")
     found = diff(RecordedRun.open(folder / "offline.mcap"), RecordedRun(run))
     assert found.identical, found.first
-    assert found.compared == 5 * states + 1  # the disturbance is told one step ahead
+    assert found.compared == 5 * states + 1  # the disturbance is published one step ahead
     verdict = verify(run)
     assert verdict.word == "verified", verdict
     assert verdict.parts[0].steps == states
@@ -138,7 +138,7 @@ def test_dead_link_ends_the_run(
     line = said.splitlines()[-1]
     assert f"no answer from /{far} ({answers}) to the state at t = " in line
     assert f"lockstep.timeout = {TIMEOUT_S:g} s" in line
-    run.stop(far)  # nobody acknowledges its last words
+    run.stop(far)  # nobody acknowledges its last messages
     run.stop_all()
 
     recording = run.recording()

@@ -49,7 +49,7 @@ CONTROLLERS = (
 
 
 def fingerprints(steps: int) -> dict[str, str]:
-    """Return the SHA-256 of so many steps, a quarter of them with each controller."""
+    """Return the SHA-256 of this many steps, a quarter of them with each controller."""
     found = {name: sha256() for name in ("states", "commands", "noise")}
     for index, config in enumerate(CONTROLLERS):
         simulation = Simulation(replace(PLANT, seed=index), act)

@@ -30,7 +30,7 @@ class Translator:
         self.language = language
 
     def expression(self, node: ast.expr) -> str:
-        """Return an expression, with a bracket around each operation: the order stays."""
+        """Return an expression, with each operation in brackets: its order stays."""
         match node:
             case ast.Name(id=name):
                 return name

@@ -89,7 +89,7 @@ def arguments(name: str, count: int) -> Iterator[float]:
 
 
 def lines(count: int) -> Iterator[str]:
-    """Yield the file's lines, so many for each function."""
+    """Yield the file's lines, this many for each function."""
     for name, function in (("sincos", sincos), ("exp", exp), ("log", log)):
         for x in arguments(name, count):
             found = function(x)

@@ -1,4 +1,4 @@
-"""Each test of the replay goes every way; short runs to replay."""
+"""Each test of the replay runs in every way; short runs to replay."""
 
 from __future__ import annotations
 

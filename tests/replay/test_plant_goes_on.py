@@ -1,4 +1,4 @@
-"""The plant's replay of runs that fall, diverge or are left alone; simulations that go on as these did."""
+"""The plant's replay of runs that fall, diverge or are left alone; simulations that continue such runs."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_a_missing_fall_event_is_found_only_where_falls_are_recorded(tmp_path):
-    """Recordings that do not know the parameter tell of no fall."""
+    """Recordings without the parameter report no falls."""
     plan = planned()
     simulator = replace(plan.simulator, fall_angle=0.9, initial_position=(0.0, 1.0))
     path = recorded(replace(plan, simulator=simulator), tmp_path / "fallen.mcap")
@@ -77,7 +77,7 @@ def test_a_run_that_diverges_ends_with_its_last_state(tmp_path):
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory):
-    """Return a run in which nobody acts from 20 ms to 50 ms, for which a command holds 10 ms."""
+    """Return a run in which nobody acts from 20 ms to 50 ms, and in which a command holds for 10 ms."""
     plan = planned(command_timeout=0.01)
     second = make_plan("fig8", "lqr", everywhere={"update_rate": 1000.0}).controllers["lqr"]
     plan = replace(
@@ -115,7 +115,7 @@ def test_a_simulation_goes_on_as_the_run_did(linked, pushed, alone, at):
         ]
         for k in range(at, min(at + 8, STATES)):
             if any(change.stamp_ns == (k - 1) * MS and k > at for change in replayed.to_come):
-                break  # what happens then is for whoever goes on
+                break  # what happens then is left to the caller
             acting = replay.acting_at(run.table("disturbance"), k * MS)
             said, seen = simulation.truth(), simulation.measure(acting)
             for sample, table in ((said, truth), (seen, measured)):
@@ -132,7 +132,7 @@ def test_a_simulation_goes_on_as_the_run_did(linked, pushed, alone, at):
 
 @pytest.mark.parametrize("provenance", [{}, REAL_TIME], ids=["exact", "real time"])
 def test_states_as_recorded_are_passed_over(pushed, alone, way, provenance):
-    """But for the last state, which no step follows."""
+    """Except for the last state, which no step follows."""
     longest = {"step by step": 1, "by windows": 7, "by stretches": STATES - 1}[way]
     path = copied(pushed, pushed.with_suffix(".whole"), digests=NONE, provenance=provenance).path
     runs = [path] if provenance else [path, alone]
@@ -149,7 +149,7 @@ def test_states_as_recorded_are_passed_over(pushed, alone, way, provenance):
     ("substeps", "cost"), [(1, 1), (3, 1), (6, 3)], ids=["one", "three", "six"]
 )
 def test_when_stretches_are_worth_compiling(pushed, substeps, cost, monkeypatch):
-    """A state with two Runge-Kutta steps costs what an update of a law costs."""
+    """A state with two Runge-Kutta steps costs as much as an update of a law."""
     run = RecordedRun.open(pushed)
     replayed, plant = PlantReplay(run), run.config("simulator").plant._replace(substeps=substeps)
     for least, worth in ((cost * STATES, True), (cost * STATES + 1, False)):

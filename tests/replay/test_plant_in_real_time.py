@@ -37,7 +37,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.parametrize("provenance", [{}, REAL_TIME], ids=["exact", "real time"])
 def test_the_torque_of_a_weak_and_slow_drive_follows(tmp_path, way, provenance):
-    """Where time is exact, it is made of the command; in real time it is the recorded one."""
+    """Where time is exact, it is computed from the command; in real time it is the recorded one."""
     drive = ("simulator.actuator.time_constant=0.004", "simulator.max_effort=3.0")
     path = recorded(planned(*drive), tmp_path / "drive.mcap")
     torques = RecordedRun.open(path).table(TRUTH).values("effort")[:, 1]
@@ -61,7 +61,7 @@ def shifted_back(by):
 
 @pytest.mark.parametrize("by", [1, 4])
 def test_in_real_time_a_disturbance_may_act_late(pushed, by):
-    """Before the first message came, what acts here is not nothing: those states differ."""
+    """Here a disturbance acts already before the first message came: those states differ."""
     run = RecordedRun(
         copied(pushed, pushed.with_suffix(".late"), shifted_back(by), NONE, provenance=REAL_TIME)
     )
@@ -71,7 +71,7 @@ def test_in_real_time_a_disturbance_may_act_late(pushed, by):
 
 
 def test_in_real_time_a_disturbance_may_be_late_in_a_late_reading(tmp_path):
-    """The sensors' offsets are of the step in which they were read, whatever acted there."""
+    """A reading has the offsets of the step in which it was taken, whatever acted there."""
     offset = (
         "disturbance.pulse.channel=trunk_position",
         "disturbance.pulse.start_times=[0.010]",

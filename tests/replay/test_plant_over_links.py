@@ -109,7 +109,7 @@ def test_changes_before_the_first_state_act_on_it_and_those_at_it_on_the_next(tm
 
 
 def test_a_late_reading_uses_the_sensors_of_its_time(linked):
-    """A link brings it after the sensors have changed: a forger takes them as they are now."""
+    """A link delivers it after the sensors have changed; a forger would take them as they are now."""
     replayed = PlantReplay(RecordedRun.open(linked))
     assert found_by(replayed) == []
     row = next(k for k in range(26, STATES) if replayed._wire.seen_ns(k * MS) == 25 * MS)

@@ -100,7 +100,7 @@ def test_stretches_are_passed_over_in_one(whole, way):
         assert set(longest.values()) == {1}
     elif way == "by windows":
         assert longest == {"commands": 7, "disturbances": 7, "plant": 7}
-    else:  # up to the changes, which are told after 12, 15, 20, 30, 33, 40 and 45 ms
+    else:  # up to the changes, which come after 12, 15, 20, 30, 33, 40 and 45 ms
         assert longest == {"commands": 21, "disturbances": 34, "plant": 30}
 
 
@@ -185,7 +185,7 @@ def test_a_command_without_its_state_cannot_be_computed(whole, tmp_path):
 
 
 def test_terms_at_another_time_are_missing_and_unexpected(tmp_path):
-    """The controller updates every 2 ms: of what it gave at 10 ms, the stamp says 11 ms."""
+    """The controller updates every 2 ms: its output of 10 ms is stamped 11 ms."""
     path = tmp_path / "slow.mcap"
     rates = {"simulator.update_rate": 1000.0, "pid.update_rate": 500.0}
     settings = [f"{name}={rate}" for name, rate in rates.items()]

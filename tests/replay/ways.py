@@ -10,7 +10,7 @@ WAYS = ("step by step", "by stretches", "by windows")
 
 
 def replay_this_way(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let all replays go this way."""
+    """Make all replays go this way."""
     if way == "by windows":
         monkeypatch.setattr(stretches, "LONGEST", 7)
     if way == "step by step":

@@ -3,7 +3,7 @@
     scripts/check_ros2.sh
 
 It needs the real `ros2` command, from apt or from an environment that has ros2cli, launch and launch_ros.
-Nodes run in a ROS domain of their own, on this machine alone.
+Nodes run in their own ROS domain, on this machine alone.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ def check_launch(folder: Path) -> None:
 
 
 def check_one_is_ended(folder: Path, name: str) -> None:
-    """One node of a launched run is told to end: the others end too, and the run does not pass for whole."""
+    """One node of a launched run is asked to end: the others end too, and the run is not complete."""
     run = folder / f"without_{name}"
     words = (*LAUNCH, "scenario:=demo", "controller:=pid", "duration:=3600.0", f"output:={run}")
     with running(*words) as launched:

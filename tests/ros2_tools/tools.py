@@ -55,7 +55,7 @@ def check_verified(what: str, recording: Path) -> None:
 
 @contextmanager
 def daemon_of_ours() -> Iterator[None]:
-    """End the daemon that `ros2` starts meanwhile; one that runs already is somebody's, and stays."""
+    """End the daemon that `ros2` starts meanwhile; one already running is not ours, and stays."""
     was_there = "is running" in ros2("daemon", "status").stdout
     try:
         yield
@@ -65,7 +65,7 @@ def daemon_of_ours() -> Iterator[None]:
 
 
 def until(condition: Callable[[], object]) -> bool:
-    """Wait until a condition holds, or patience is at its end."""
+    """Wait until a condition holds, or patience runs out."""
     end = time.monotonic() + PATIENCE_S
     while not condition() and time.monotonic() < end:
         time.sleep(0.1)

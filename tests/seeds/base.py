@@ -1,4 +1,4 @@
-"""What the virtual library stands on: the world that runs, handles, contexts, nodes and names."""
+"""What the virtual library is built on: the world that runs, handles, contexts, nodes and names."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _pointers = count(1)
 
 
 class _State:
-    """What the virtual library stands on; one world runs at a time."""
+    """What the virtual library is built on; one world runs at a time."""
 
     world: World | None = None
     real: Any = None

@@ -63,7 +63,7 @@ class Subscription(_Side):
         self.reader: Reader = self.endpoint
 
     def take_message(self, kind: Any, raw: bool) -> tuple[Any, dict[str, int]] | None:
-        """Return the oldest message and what is told of it, or None."""
+        """Return the oldest message and what is known of it, or None."""
         if not self.reader.queue:
             return None
         message = self.reader.queue.popleft()

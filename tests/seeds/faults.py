@@ -115,7 +115,7 @@ class Run:
 
     @property
     def complaints(self) -> str:
-        """What the processes have written to stderr beside their logs."""
+        """What the processes have written to stderr apart from their logs."""
         return self.stderr.getvalue()
 
     def alive(self) -> list[Process]:

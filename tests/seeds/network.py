@@ -1,9 +1,9 @@
 """The virtual network: who knows whom, and which message reaches whom when, by DDS's rules.
 
-- Discovery is in each direction on its own, and takes its time: a publisher sends to the subscriptions that
+- Discovery runs in each direction separately, and takes time: a publisher sends to the subscriptions that
   it knows; a subscription takes nothing before it knows the publisher; a name may come after its endpoint.
 - Reliable: in order per publisher, never lost within the history's depth. Best effort: may be lost.
-- Transient local: whoever is matched late gets what is kept, up to the depth; volatile: nothing from before.
+- Transient local: a late match gets what is kept, up to the depth; volatile: nothing from before.
 - A subscription's queue keeps as many messages as its depth; the oldest is dropped for a newer one.
 - A publisher that offers less than a subscription requests is not matched with it.
 """
@@ -98,21 +98,21 @@ class Network:
         self._told: dict[tuple[int, int, str], int] = {}  # when the last of them comes
 
     def writer(self, *values: Any) -> Writer:
-        """Add a publisher, of which the others learn by and by."""
+        """Add a publisher, which the others discover little by little."""
         one = Writer(*values, next(self._numbers))
         self.writers.append(one)
         self._announce(one)
         return one
 
     def reader(self, *values: Any) -> Reader:
-        """Add a subscription, of which the others learn by and by."""
+        """Add a subscription, which the others discover little by little."""
         one = Reader(*values, next(self._numbers))
         self.readers.append(one)
         self._announce(one)
         return one
 
     def joined(self, process: Process) -> None:
-        """Tell a new process, one by one, of all who are there."""
+        """Tell a new process, one by one, of all endpoints that are there."""
         for one in (*self.writers, *self.readers):
             if one.there and one.process is not process:
                 self._tell(one, process)
@@ -127,7 +127,7 @@ class Network:
     def _tell(self, one: Endpoint, process: Process) -> None:
         """Let a process learn of an endpoint; those of a kind and of a process come in the order of creation.
 
-        So are the names of their nodes, which come on their own.
+        So do the names of their nodes, which arrive separately.
         """
         pair = one.process.number, process.number, type(one).__name__
         at_ns = self.world.now_ns + self.world.delay(*_NOTICE_NS)
@@ -148,7 +148,7 @@ class Network:
         if named:
             one.named.add(process.number)
         self.world.note("learns", process.name, "of", one.node[0], type(one).__name__, one.topic)
-        # Its own of the other kind, or, where it learns of its own, all of them.
+        # With the process's own of the other kind; one of its own with all of that kind.
         for writer in [one] if isinstance(one, Writer) else self.writers:
             for reader in [one] if isinstance(one, Reader) else self.readers:
                 other: Endpoint = reader if one is writer else writer
@@ -195,14 +195,14 @@ class Network:
         self.world.at(self.world.delay(*_LATENCY_NS), lambda: self._arrive(writer, reader, message))
 
     def _arrive(self, writer: Writer, reader: Reader, message: Message) -> None:
-        """Deliver a message and, as order is kept, those before it, to who knows the writer."""
+        """Deliver a message and, as order is kept, those before it, to a reader that knows the writer."""
         if not reader.there or writer.number not in reader.publishers:
             return
         waiting = writer.under_way.get(reader.number)
         if waiting is None or message not in waiting:
             return
         if writer.process.crashed and self.world.random.random() < 0.5:
-            return  # who would send it again is gone
+            return  # the process that would send it again is gone
         while waiting:
             first = waiting.popleft()
             if len(reader.queue) == reader.queue.maxlen:

@@ -79,7 +79,7 @@ def new_world(seed: int) -> World:
 
 
 def _as(function: Callable[..., Any], virtual: Callable[..., Any]) -> None:
-    """Let every module of ours that has taken a function by its name take a virtual one."""
+    """Replace a function by a virtual one in every module of ours that has imported it by name."""
     for module in list(sys.modules.values()):
         if module.__name__.startswith("trunk_"):
             for name, value in list(vars(module).items()):
@@ -110,7 +110,7 @@ HeldUp.between = lambda self, pids, wall_ns: 0  # type: ignore[method-assign]
 
 
 def call(world: World, *asked: Request) -> None:
-    """Ask a service soon, and then the others, each a while after the one before."""
+    """Call a service soon, and then the others, each a while after the one before."""
     if not asked:
         return
     (service, kind, fields), *then = asked

@@ -84,7 +84,7 @@ BUGS = (
 
 
 def copy_with(bug: Bug, folder: Path) -> None:
-    """Copy the packages' modules and plant a bug. Raises ValueError where the sources are others."""
+    """Copy the packages' modules and plant a bug. Raises ValueError if the sources have changed."""
     for package in _SOURCES.iterdir():
         if (package / package.name).is_dir():
             shutil.copytree(package / package.name, folder / package.name)

@@ -16,11 +16,11 @@ from trunk_msgs_util.recording.reader import Recording
 
 from .story import Story
 
-# After these the run is no longer the one of its plan, or not of our nodes alone.
+# After these the run no longer follows its plan, or no longer has our nodes alone.
 _OTHERWISE = {"gains", "reset", "deactivate", "activate", "cleanup", "second", "pause", "restart"}
-# These are on the record, or none of its business: the recording is whole all the same.
+# These are on record, or do not concern the recording: it is complete all the same.
 _HARMLESS = {"gains", "reset", "pause", "clock", "late", "stall"}
-_HARMLESS_STALL_S = 1.0  # nodes wait so long for one another at any time
+_HARMLESS_STALL_S = 1.0  # nodes wait this long for each other at any time
 
 
 class Ended(Protocol):
@@ -50,7 +50,7 @@ class Run(Protocol):
 
     @property
     def complaints(self) -> str:
-        """What all have written to stderr beside their logs."""
+        """What all have written to stderr apart from their logs."""
 
     def published(self, topic: str) -> tuple[int, int] | None:
         """Return how many messages there were at least and at most; None if nobody has counted."""
@@ -124,7 +124,7 @@ def harmless(story: Story) -> bool:
 
 
 def _stopped(run: Run, found: RecordedRun) -> Iterator[str]:
-    """Yield that a simulator that was told to stop did not say so, where nothing else was done."""
+    """Yield a simulator that was asked to stop and did not report it, where nothing else was done."""
     others = [f for f in run.story.faults if (f.kind, f.node) != ("stop", "simulator")]
     ended_well = all(one.exit_code == 0 for one in run.processes["simulator"])
     harmless = all(fault.kind in {"gains", "reset", "pause", "clock"} for fault in others)

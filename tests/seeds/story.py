@@ -43,7 +43,7 @@ class Story(NamedTuple):
     faults: tuple[Fault, ...]
 
     def plan(self, **more: object) -> RunPlan:
-        """Return the plan of the nodes; ``more``: parameters of whichever has them."""
+        """Return the plan of the nodes; ``more``: parameters for each node that has them."""
         everywhere: dict[str, object] = {"duration": self.duration, **more}
         if self.lockstep:
             everywhere["lockstep.enabled"] = True
@@ -81,7 +81,7 @@ def draw(seed: int) -> Story:
         node = chance.choice(some)
         node = controller if node == "controller" else node
         running = chance.random() < 0.6
-        # Else before it begins, or some time.
+        # If not running: before it begins, or at any time.
         at = chance.choice((chance.uniform(0.0, 0.6), chance.uniform(0.3, 3.0)))
         at_ns = round((chance.uniform(0.0, 1.5 * duration) if running else at) * NS)
         value = {

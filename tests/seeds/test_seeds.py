@@ -1,4 +1,4 @@
-"""Seeds of the virtual world keep their promises, each plays twice alike, and planted bugs are found."""
+"""Seeds of the virtual world keep their promises, each plays the same twice, and planted bugs are found."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FOUND = (
 
 
 def seeds(*words: object) -> subprocess.CompletedProcess[str]:
-    """Run the script in a process of its own: rclpy is another one in it."""
+    """Run the script in its own process, since it loads another rclpy."""
     script = [sys.executable, str(ROOT / "scripts" / "check_seeds.py"), *map(str, words)]
     return subprocess.run(script, capture_output=True, text=True, check=False)
 

@@ -1,7 +1,7 @@
 """A virtual world for real nodes: one clock, one network and a scheduler, all driven by a seed.
 
 Each process of nodes is a greenlet that runs the real `run_nodes` with the real executor. Where it would wait
-for the middleware, sleep, or wait for acknowledgements, it comes back to the scheduler, which takes the next
+for the middleware, sleep, or wait for acknowledgements, it returns to the scheduler, which takes the next
 event: a message arrives, somebody is discovered, a process wakes, a fault strikes. Time goes on from event to
 event alone.
 """
@@ -55,7 +55,7 @@ class Process:
 
     @property
     def identity(self) -> str:
-        """By what its nodes say they are known."""
+        """The identity that its nodes report."""
         return f"virtual.{self.number}.0"
 
 
@@ -189,7 +189,7 @@ class World:
         raise HungError(f"not over after {_MOST_EVENTS} events")
 
     def bury(self) -> None:
-        """End what still runs, without a word."""
+        """End what still runs, silently."""
         for process in self.processes:
             if process.run is not None and not process.run.dead:
                 process.crashed = True

@@ -1,4 +1,4 @@
-"""A signature tells every change of a recording's content, and none of how it is stored."""
+"""A signature detects every change of a recording's content, and ignores how it is stored."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ EDITS = {
     "a message": edit_message,
     "a publish time": edit_time,
     "the order of topics": edit_order,
-    "a message less": lambda found: found.messages.pop(),
+    "one message fewer": lambda found: found.messages.pop(),
     "the origin": lambda found: found.values(PROVENANCE).update(host="elsewhere"),
     "the end": lambda found: found.values(END).update(reason="another"),
-    "a record more": lambda found: found.metadata.insert(1, ("note", {"by": "mallory"})),
+    "one more record": lambda found: found.metadata.insert(1, ("note", {"by": "mallory"})),
     "a channel": lambda found: found.channels["/joint_states"].metadata.update(a="b"),
     "a schema": lambda found: setattr(next(iter(found.schemas.values())), "data", b"# other"),
     "the header": lambda found: setattr(found, "library", "other"),
@@ -147,7 +147,7 @@ def test_a_topic_named_like_a_part_is_not_covered(signed, original):
 
 
 def test_the_recorded_digests_are_not_what_is_signed(signed, original, trunk):
-    """A change to the recorded digests alone changes no content: verify tells, not the signature."""
+    """A change to the recorded digests alone changes no content: verify notices it, not the signature."""
     found = content(original)
     found.values(DIGESTS)["heads"] = "00" * 32
     write(found, signed)

@@ -1,4 +1,4 @@
-"""`trunk sign` and `trunk verify --key`: whose a recording is, and what cannot be told or is not allowed."""
+"""`trunk sign` and `trunk verify --key`: who signed a recording, and what is not known or not allowed."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ def test_arguments_that_do_not_go_together_are_refused(run, trunk, words):
         (("sign", "--new-key", "none/key"), "none/key: No such file"),
     ],
 )
-def test_a_wrong_key_is_one_line(run, trunk, words, why):
+def test_a_wrong_key_gives_one_line(run, trunk, words, why):
     code, out, err = trunk(*words)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert why in err

@@ -47,7 +47,7 @@ def _part(base: str, path: str, number: int) -> list[tuple[str, str, str, int | 
 
 
 def _wrong(one: Outcome) -> str:
-    """Return what is wrong; what happened when in a graph differs, so that there a pattern may match more."""
+    """Return what is wrong; the timing in a graph varies, so there a pattern may match more."""
     listed = one.reason and one.base != OFFLINE and not one.raised
     return "" if listed else one.wrong
 

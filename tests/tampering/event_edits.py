@@ -1,4 +1,4 @@
-"""Edits of what the nodes tell: each kind of event of each node, and events that nobody sent."""
+"""Edits of what the nodes report: each kind of event of each node, and events that nobody sent."""
 
 from __future__ import annotations
 

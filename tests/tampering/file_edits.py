@@ -123,7 +123,7 @@ def _records() -> Iterator[Edit]:
 
 
 def set_mode(found: Content, mode: str, deep: bool) -> None:
-    """Say another mode in the run's origin and, if ``deep``, in the nodes' parameters too."""
+    """Set another mode in the run's origin and, if ``deep``, in the nodes' parameters too."""
     found.values(PROVENANCE)["mode"] = mode
     if not deep:
         return

@@ -62,7 +62,7 @@ def transition(stamp_ns: int, node: str, label: str) -> Action:
 
 
 def run(plan: RunPlan, path: Path, actions: Sequence[Action] = ()) -> bool:
-    """Run the plan's nodes and record them; return True if the simulator has finished in order."""
+    """Run the plan's nodes and record them; return True if the simulator has finished normally."""
     middleware.prepare()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     for name in ("rcl", "rcl_lifecycle"):

@@ -23,7 +23,7 @@ DIGESTS = (KEPT, ANEW, NONE)
 
 
 class Outcome(NamedTuple):
-    """What was made of one edit."""
+    """What became of one edit."""
 
     base: str
     edit: Edit

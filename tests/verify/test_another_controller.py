@@ -71,7 +71,7 @@ def test_a_run_that_lacks_a_message_is_never_verified(strangers, tmp_path, topic
 
 
 def test_a_run_in_which_our_controller_is_known_is_not_a_strangers(tmp_path):
-    """Whose parameters are on record is judged by them, whatever its terms are called."""
+    """A controller whose parameters are on record is judged by them, whatever its terms are called."""
     ours = tmp_path / "ours.mcap"
     record_offline(PLAN, ours)
     taken = (step._replace(controller="stranger") for step in steps(PLAN))

@@ -1,4 +1,4 @@
-"""An operator's pushes on record: of nobody who may, too strong, at no time, or altered."""
+"""An operator's pushes on record: by a stranger, too strong, between two states, or altered."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_what_was_altered_diverges(pushed, tmp_path, edit):
 
 
 def again(messages):
-    """Say the first push twice, as a stranger's node may."""
+    """Repeat the first push, as a stranger's node may."""
     first = next(iter(of(messages, PUSH)))
     messages.insert(messages.index(first) + 1, list(first))
 

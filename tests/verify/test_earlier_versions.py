@@ -14,7 +14,7 @@ from ..edited import ANEW, copied
 from .messages import of
 
 GROUPS = [(node, group) for node in ("simulator", "disturbance") for group in _LATER[node]]
-# All that the first recordings of this format have; what is added to a node's parameters belongs to _LATER.
+# How many parameters the first recordings of this format have; those added later belong in _LATER.
 FIRST = {"simulator": 32, "disturbance": 17}
 
 

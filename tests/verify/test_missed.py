@@ -26,7 +26,7 @@ from .messages import COMMAND, DISTURBANCE, STATE, TRUTH, of
 def test_what_a_recorder_missed_is_judged_neither_right_nor_wrong(
     whole, tmp_path, first, last, judged
 ):
-    """A recorder that comes late, after more than publishers keep, or that cannot keep up for a while."""
+    """A recorder that starts after more messages than publishers keep, or that cannot keep up for a while."""
 
     def miss(messages):
         for topic in (COMMAND, STATE, TRUTH, DISTURBANCE, "/fuzzy_pid/state"):
@@ -53,7 +53,7 @@ def test_what_a_recorder_missed_is_judged_neither_right_nor_wrong(
 def test_the_last_answers_of_a_killed_controller_may_be_missing_in_part(
     whole, tmp_path, topic, lost
 ):
-    """Commands and terms come by topics of their own: of either the recorder may lack several."""
+    """Commands and terms come on separate topics: the recorder may lack several of either."""
 
     def kill(messages):
         for message in of(messages, topic)[-lost:]:

@@ -36,7 +36,7 @@ VERBS = dict(leaves(trunk, None))
 
 
 def validator(name):
-    """Return the checker of a document; ``common-1.json`` lies beside the schema, as in the package."""
+    """Return the checker of a document; ``common-1.json`` is next to the schema, as in the package."""
 
     def beside(uri):
         text = schemas()[uri.removesuffix(".json")].read_text(encoding="utf-8")
@@ -48,7 +48,7 @@ def validator(name):
 
 
 def strict(text: str) -> dict[str, Any]:
-    """Return the one document of a text, without what JSON does not have."""
+    """Return the one document of a text; NaN and infinities, which JSON does not have, fail."""
 
     def refuse(word):
         raise AssertionError(f"{word} is not JSON")
@@ -58,7 +58,7 @@ def strict(text: str) -> dict[str, Any]:
 
 
 def checked(text: str, name: str) -> dict[str, Any]:
-    """Return the document of a text after holding it against its schema."""
+    """Return the document of a text after checking it against its schema."""
     document = strict(text)
     assert document["schema"] == f"trunk/{name}"
     validator(name).validate(document)

@@ -1,4 +1,4 @@
-"""A gateway that serves in the test's own process, with a feed that the test fills."""
+"""A gateway that serves in the test's process, with a feed that the test fills."""
 
 from __future__ import annotations
 

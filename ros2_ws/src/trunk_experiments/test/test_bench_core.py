@@ -66,7 +66,7 @@ def test_simple_pid_must_agree(monkeypatch):
         ),
     ],
 )
-def test_a_missing_library_is_one_clear_line(monkeypatch, library, line):
+def test_a_missing_library_gives_one_clear_line(monkeypatch, library, line):
     for name in LIBRARIES:
         monkeypatch.setitem(sys.modules, name, sys)  # installed, whatever it is
     monkeypatch.setitem(sys.modules, library, None)

@@ -41,7 +41,7 @@ def test_scikit_fuzzy_has_our_rules():
 
 
 @pytest.mark.parametrize(("module", "package"), [("mujoco", "MuJoCo"), ("skfuzzy", "scikit-fuzzy")])
-def test_a_missing_library_is_one_clear_line(monkeypatch, module, package):
+def test_a_missing_library_gives_one_clear_line(monkeypatch, module, package):
     for name in ("mujoco", "skfuzzy"):
         monkeypatch.setitem(sys.modules, name, sys)
     monkeypatch.setitem(sys.modules, module, None)

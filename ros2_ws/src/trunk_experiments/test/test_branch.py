@@ -42,7 +42,7 @@ def parent(plan, tmp_path_factory):
 
 
 def cli(capsys, *words):
-    """Return what the command prints, its mistakes and its exit code."""
+    """Return the command's output, errors and exit code."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sys.argv", ["trunk", *map(str, words)])
         with pytest.raises(SystemExit) as ended:
@@ -91,7 +91,7 @@ def same(run, plan, tmp_path):
                 "pid": [Change(AT - STEP, {"reference.amplitude": 0.08726646259971647})],
             },
         ),
-        (["--set", "pid.gains.p=60"], {}),  # what it is anyway
+        (["--set", "pid.gains.p=60"], {}),  # its value anyway
     ],
 )
 def test_what_follows_is_what_a_run_with_the_change_does(

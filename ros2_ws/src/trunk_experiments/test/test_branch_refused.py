@@ -1,4 +1,4 @@
-"""What cannot be branched is refused in a line, and nothing is left of it; where pushes can be told."""
+"""What cannot be branched is refused in one line and leaves no file; where pushes can be added."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def refused(code, out, err, path):
 
 
 def judge(trunk, path, whole):
-    """Judge what metrics says of a broken copy; return if it passed for complete, and the words."""
+    """Judge what metrics says of a broken copy; return whether it passed for complete, and stderr."""
     code, out, err = trunk("metrics", "--json", path)
     lines = err.splitlines()
     if code:
@@ -201,7 +201,7 @@ def test_a_bag_without_our_topics(trunk, tmp_path):
     assert "no messages on /ground_truth/joint_states" in err
 
 
-def test_our_topic_with_another_type_is_one_line(trunk, tmp_path):
+def test_our_topic_with_another_type_gives_one_line(trunk, tmp_path):
     path = foreign(tmp_path / "a.mcap", topics=(TRUTH, "/run/parameters"))
     code, out, err = trunk("metrics", path)
     assert (code, out) == (2, "")

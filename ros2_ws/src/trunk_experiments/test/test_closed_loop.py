@@ -118,7 +118,7 @@ def test_controllers_that_take_over_have_the_same_bits(batch, others):
 
 @pytest.fixture(scope="module")
 def half_rate():
-    """Return a plan whose periods fit by a rounding: 2 * 1428571 ns are 1 ns less than 2857143 ns."""
+    """Return a plan whose periods fit by rounding: 2 * 1428571 ns are 1 ns less than 2857143 ns."""
     return make_plan(
         "fig8",
         "pid",

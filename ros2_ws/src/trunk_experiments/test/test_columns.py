@@ -22,7 +22,7 @@ def flat(runs):
 
 
 def records(parts):
-    """Return named tuples of runs of numbers and of other parts, and plain tuples that are no tables."""
+    """Return named tuples of runs of numbers and of other parts, and plain tuples that are not tables."""
     runs = st.integers(1, 9).map(lambda count: [0.0] * count) | st.lists(parts, min_size=1)
     return st.lists(runs, min_size=1, max_size=4).map(flat).map(named) | st.lists(
         parts, min_size=1, max_size=3

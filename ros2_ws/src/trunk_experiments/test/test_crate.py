@@ -1,4 +1,4 @@
-"""A crate names every file with its hash, the code with its version, and holds verified recordings alone."""
+"""A crate names every file with its hash, the code with its version, and holds only verified recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two runs that differ only in how often a stamp appears."""
+"""`diff`: stamps that appear more than once, and whether differences are in ULPs or in units."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ MS = 1_000_000
 
 
 def write_run(path, stamps=range(20), value=float, end=True, provenance=True, parameters=True):
-    """A run whose true states have some stamps in ms; the value of each is by its stamp."""
+    """Write a run whose true states have these stamps in ms and values computed from them."""
     writer = RecordingWriter(path, "none", overwrite=True)
     if provenance:
         writer.add_metadata(PROVENANCE, {"mode": "offline", "scenario": "fig6"})

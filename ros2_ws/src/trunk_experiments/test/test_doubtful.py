@@ -1,4 +1,4 @@
-"""What a user most likely did not mean is refused or warned of, by name."""
+"""What a user most likely did not mean is refused, or gets a warning that names it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Falls, incomplete files and late steps stand first, in words and in JSON; such a run is never the best."""
+"""Falls, incomplete files and late steps come first, in words and in JSON; such a run is never the best."""
 
 from __future__ import annotations
 
@@ -212,7 +212,7 @@ def test_words_and_values():
 
 
 def cut(source: Path, path: Path) -> Path:
-    """Copy a run of 1.3 s as far as a recorder had written it that was killed after 0.625 s."""
+    """Copy a run of 1.3 s as far as a recorder killed after 0.625 s had written it."""
     writer = RecordingWriter(path)
     with source.open("rb") as file:
         channels: dict[str, int] = {}

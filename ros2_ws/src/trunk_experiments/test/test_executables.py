@@ -1,4 +1,4 @@
-"""What a signal does to a verb, by where it finds it."""
+"""What a signal does to a verb, by what it interrupts; how `params` exits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class EndedError(Exception):
         ("trunk_experiments.replay", "verify", executables._Interrupted),
         ("numba.core.codegen", "verify", EndedError),
         ("llvmlite.binding.ffi", "simulate", EndedError),
-        ("numba.core.codegen", "sweep", executables._Interrupted),  # it has others to end
+        ("numba.core.codegen", "sweep", executables._Interrupted),  # it has workers to end
     ],
 )
 def test_no_signal_raises_inside_the_compiler(monkeypatch, inside, verb, expected):

@@ -95,7 +95,7 @@ def test_between_updates_the_held_command_is_explained(short_run):
 
 
 def test_a_handover_has_its_own_limits(tmp_path):
-    """Without an integral, which could take the torque over, the command moves step by step."""
+    """Without an integral, which could take over the torque, the command moves step by step."""
     settings = ["simulator.duration=1.5", "pid.gains.i=0.0"]
     plan = make_plan("demo", "fuzzy_pid", settings=settings, swaps=[Swap(1.02, "pid")])
     path = tmp_path / "run.mcap"

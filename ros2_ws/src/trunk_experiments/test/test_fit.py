@@ -1,4 +1,4 @@
-"""Coefficients of a measured path: those that made the points come back, and what points cannot tell."""
+"""Coefficients of a measured path: recovered from points made by them, and what points do not determine."""
 
 from __future__ import annotations
 

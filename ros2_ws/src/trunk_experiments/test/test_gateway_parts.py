@@ -143,7 +143,7 @@ def test_the_board_skips_what_has_been_replaced():
     run = board.after(node[0])
     assert json.loads(run[1])["a"] == 2
     assert board.after(run[0]) is None
-    # Who comes late reads each piece once.
+    # A late reader reads each piece once.
     late, version = [], 0
     while (piece := board.after(version)) is not None:
         version, text = piece

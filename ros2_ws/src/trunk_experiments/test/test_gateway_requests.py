@@ -71,7 +71,7 @@ def test_one_client_pushes_at_a_time():
         second.write_message(push % 3.0)
         await served.until(lambda: len(served.feed.asked) == 3)
         assert [client for client, _ in served.feed.asked] == [names[0], names[0], names[1]]
-        second.close()  # and who leaves lets go
+        second.close()  # and leaving lets go
         await served.until(lambda: len(served.gateway.clients) == 1)
         first.write_message(push % 1.0)
         await served.until(lambda: len(served.feed.asked) == 4)
@@ -126,7 +126,7 @@ def test_a_burst_of_late_pushes_does_not_block_other_requests():
     async def test(served):
         page = await served.connect()
         push = '{"kind": "push", "force": 0, "torque": 0, "stamp": 0}'
-        for _ in range(100):  # what a page sends in a second in which the gateway had no processor
+        for _ in range(100):  # a second of pushes while the gateway got no processor time
             page.write_message(push)
         page.write_message('{"kind": "reset", "number": 1}')
         answer = await words(page, "answer")
@@ -140,7 +140,7 @@ def test_requests_sent_too_fast_are_refused_with_an_answer():
     async def test(served):
         page = await served.connect()
         push = '{"kind": "push", "force": 0, "torque": 0, "stamp": 0}'
-        for _ in range(1200):  # not yet sent away
+        for _ in range(1200):  # not yet disconnected
             page.write_message(push)
         page.write_message('{"kind": "reset", "number": 1}')
         answer = await words(page, "answer")

@@ -1,4 +1,4 @@
-"""A run that goes on by compiled code has the states that CPython gives it, bit for bit."""
+"""A run continued by compiled code has the states that CPython gives it, bit for bit."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_both_give_the_same_states(monkeypatch, parents, parent, branch, compile
 
 
 def joined(some):
-    """Return the states of consecutive stretches, as one can be compared."""
+    """Return the states of consecutive stretches in a form that can be compared."""
     width = max(part.table.shape[1] for part in some)
     rows = [np.pad(part.table, ((0, 0), (0, width - part.table.shape[1]))) for part in some]
     acts: list[tuple[int, str]] = []

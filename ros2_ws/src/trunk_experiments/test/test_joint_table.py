@@ -1,4 +1,4 @@
-"""A table that was filled in passing is the one that is read whole; its values may be read in windows."""
+"""A table filled in passing equals one that is read whole; its values may be read in windows."""
 
 from __future__ import annotations
 

@@ -168,7 +168,7 @@ class Gone(io.StringIO):
     ("words", "code"), [(["list", "schemas"], 1), (["metrics", "nothing.mcap"], 2)]
 )
 def test_a_reader_that_goes_away_ends_the_verb_quietly(monkeypatch, words, code):
-    """As with ``trunk … --json | true``: also where the document tells an error."""
+    """As with ``trunk … --json | true``: also where the document reports an error."""
     monkeypatch.setattr(sys, "argv", ["trunk", *words, "--json"])
     monkeypatch.setattr(sys, "stdout", Gone())
     monkeypatch.setattr(sys, "stderr", io.StringIO())

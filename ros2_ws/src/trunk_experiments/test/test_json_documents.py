@@ -1,4 +1,4 @@
-"""Every verb's ``--json``: one document on stdout, as its schema says, whatever the verb finds."""
+"""Every verb's ``--json``: one document on stdout that fits its schema, whatever the verb finds."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ ELSEWHERE = {"run-1", "params-apply-1", "page-1"}
 
 
 class Case:
-    """A command, the document that it writes, its exit code, and what has to be done before.
+    """A command, the document that it writes, its exit code, and the commands to run first.
 
-    Where the code is None, it tells how fast this machine is.
+    The code is None where it depends on the speed of this machine.
     """
 
     def __init__(self, name, words, code=0, before=(), marks=()):
@@ -104,7 +104,7 @@ CASES = [
 
 @pytest.fixture
 def short(monkeypatch):
-    """Let benchmarks and the paper be as short as can be: each has tests of its own."""
+    """Make benchmarks and the paper as short as possible: each has its own tests."""
     row = core.BenchRow("x", 1e-6, inf, nan, "", None)
     monkeypatch.setattr(core, "bench_core", lambda rounds: [row])
     side = rates.RateRow("x", 2.0, 1.0, 2.0, ">= 1", True)
@@ -136,7 +136,7 @@ def reproduced():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", [case.param for case in CASES])
-def test_one_document_as_its_schema_says(case, recordings_here, command_says, short):
+def test_one_document_that_fits_its_schema(case, recordings_here, command_says, short):
     for words in case.before:
         assert command_says(*words.split())[0] == 0
     code, out, err = command_says(*case.words, "--json")

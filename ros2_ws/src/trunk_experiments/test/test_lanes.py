@@ -1,4 +1,4 @@
-"""Runs in lanes have the bits of runs of their own; the loops over lanes are vector code."""
+"""Runs in lanes have the bits of separate runs; the loops over lanes are vector code."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def batch():
 
 
 def different(name, settings=(), count=LANES):
-    """Return plans of so many different trunks, references, disturbances and noises."""
+    """Return this many plans with different trunks, references, disturbances and noises."""
     slow = [f"{name}.update_rate=200.0", f"{name}.reference.profile=sine"]
     plan = make_plan("fig8", name, settings=[*slow, *settings], everywhere=EVERYWHERE)
     rng = np.random.default_rng(5)

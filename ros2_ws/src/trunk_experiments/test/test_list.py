@@ -58,7 +58,7 @@ def test_runs(short_run, tmp_path, told, monkeypatch):
 
 
 def with_another_command(source, path):
-    """Copy a run with the last bit of one torque turned."""
+    """Copy a run with the last bit of one torque flipped."""
     with source.open("rb") as file, RecordingWriter(path) as writer:
         writer.add_metadata(PROVENANCE, dict(Recording.open(source).provenance))
         channels, commands = {}, 0

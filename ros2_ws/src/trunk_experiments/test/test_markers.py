@@ -51,7 +51,7 @@ def test_the_arrow_turns_with_the_torque(x, theta, torque):
 
 @given(ANY, ANY, ANY, st.none() | ANY)
 @example(9e307, 0.0, 0.0, None)
-@example(823546.0, 0.0, 0.0, None)  # as far along the path as its sine is not known
+@example(823546.0, 0.0, 0.0, None)  # so far along the path that its sine is not known
 def test_all_shapes_are_present_and_finite_for_any_input(x, theta, torque, reference):
     found = shapes(GEOMETRY, Scene(x, theta, torque, reference, True, True))
     assert [s.name for s in found] == [s.name for s in shapes(GEOMETRY, Scene(0.0, 0.0))]

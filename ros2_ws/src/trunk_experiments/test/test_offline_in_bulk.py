@@ -1,4 +1,4 @@
-"""What is written in bulk, from CPython or compiled code, is what is written message by message."""
+"""Files written in bulk, from CPython or compiled code, equal those written message by message."""
 
 from __future__ import annotations
 
@@ -84,12 +84,12 @@ PLANS = {
         "fig8 pid", settings=["simulator.fall.angle=0.53", "simulator.fall.stop=true"], duration=2.0
     ),
     "divergence": lambda: plan_of("fig8 pid", settings=["pid.gains.d=5000"], duration=2.0),
-    "less updates": with_less_updates,
+    "fewer updates": with_less_updates,
     **{f"random {i}": (lambda i=i: random_plan(i)) for i in (3, 6, 9, 15, 26)},
 }
 # All the others are of one scenario each, one law each, or drawn.
 FEW = ("pictures", "noise and delay", "a fall", "an end by a fall", "divergence")
-FEW += ("less updates", "fig6 pid", "fig7 fuzzy_pid", "fig9 computed_torque", "random 3")
+FEW += ("fewer updates", "fig6 pid", "fig7 fuzzy_pid", "fig9 computed_torque", "random 3")
 SOME = [pytest.param(name, marks=() if name in FEW else pytest.mark.long) for name in PLANS]
 BY_HAND = {
     "changes and pictures": lambda: with_pictures(with_changes()),
@@ -208,7 +208,7 @@ def test_compiled_states_make_the_same_file(name, tmp_path, monkeypatch):
     monkeypatch.setattr(quick, "worth_compiling", lambda simulator: True)
     monkeypatch.setattr(quick, "longest", lambda substeps: 70)
     if not str(expected[0]).startswith("PlanError"):
-        monkeypatch.setattr(quick, "steps", None)  # CPython's must not be asked
+        monkeypatch.setattr(quick, "steps", None)  # CPython's must not be called
     assert outcome(plan, tmp_path / "compiled.mcap") == expected
 
 

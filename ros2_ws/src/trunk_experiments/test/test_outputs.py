@@ -17,7 +17,7 @@ from trunk_experiments.errors import PlanError
 
 @pytest.fixture
 def told(monkeypatch, capsys):
-    """Return a function that runs the command and returns its exit code and what it says of errors."""
+    """Return a function that runs the command and returns its exit code and its error output."""
 
     def run(words):
         monkeypatch.setattr(sys, "argv", ["trunk", *map(str, words)])
@@ -38,7 +38,7 @@ def hashes(folder: Path):
 
 @pytest.fixture
 def here(tmp_path, monkeypatch, short_run):
-    """A folder of one's own: two recordings, one of them in a run's folder, and a parameter file."""
+    """A separate folder: two recordings, one of them in a run's folder, and a parameter file."""
     monkeypatch.chdir(tmp_path)
     recording = short_run("fig8", "pid")
     shutil.copy(recording, "a.mcap")

@@ -153,7 +153,7 @@ def test_a_recording_names_the_package_and_its_sources(tmp_path: Path) -> None:
         r"package mine: recorded with 0\.1, sources (\w{12}); here 0\.1, sources (?!\1)\w{12}$",
         line,
     )
-    # With our controllers alone nobody needs the package.
+    # A run with our controllers alone does not need the package.
     ours = ("simulate", "fig8", "--controller", "pid", "--duration", "0.2", "-o", "pid.mcap")
     assert trunk(tmp_path, *ours).returncode == 0
     (tmp_path / "mine.py").write_text(law)
@@ -161,7 +161,7 @@ def test_a_recording_names_the_package_and_its_sources(tmp_path: Path) -> None:
 
 
 def test_a_module_beside_a_law_is_not_the_law(tmp_path: Path) -> None:
-    """In the folder of a law that is one module there are other packages."""
+    """A law that is a single module shares its folder with other packages."""
     install(tmp_path, "mine", "mine = mine:LAW", module=own_law(tmp_path))
     (tmp_path / "other.py").write_text("def divide():\n    return 1 / 0\n")
     code = (

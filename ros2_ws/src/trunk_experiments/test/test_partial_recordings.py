@@ -61,7 +61,7 @@ def without_parameters_of(node):
 
 
 def without_the_last(source, path, topic, count, stopped=False):
-    """Copy a run without so many of the last messages of a topic."""
+    """Copy a run without the last messages of a topic, ``count`` of them."""
     first = Recording.open(source).topics[f"/{topic}"].count - count
     return copy(
         source, path, lambda name, data, index: name != topic or index < first, stopped=stopped
@@ -152,7 +152,7 @@ PARTS = {
 
 
 def edited(topic, change):
-    """Return an edit that makes another sample of each of a topic's."""
+    """Return an edit that changes each sample of a topic."""
 
     def edit(name, data):
         if name != topic:

@@ -1,4 +1,4 @@
-"""How far work is: a bar on a terminal, else a line for each tenth of what takes long."""
+"""How far the work is: a bar on a terminal, else a line for each tenth of long work."""
 
 from __future__ import annotations
 

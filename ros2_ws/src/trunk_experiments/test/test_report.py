@@ -38,7 +38,7 @@ def view_of(path):
 
 
 def unpacked(column, columns=None):
-    """Return a column's doubles, decoded apart from the page and from what wrote it."""
+    """Return a column's doubles, decoded independently of the page and of what wrote it."""
     if "same" in column:
         return unpacked(columns[column["same"]])
     if "constant" in column:
@@ -140,7 +140,7 @@ def test_equal_columns_are_written_once_and_times_are_always_exact():
     assert unpacked(columns["t"]).tobytes() == t.tobytes()
 
 
-def test_a_smooth_curve_is_a_third_of_its_size():
+def test_a_smooth_curve_packs_to_less_than_half_its_size():
     wave = np.sin(np.arange(10_000) / 1e3)
     assert len(packed(wave)["packed"]) < len(base64.b64encode(wave.tobytes())) / 2
     assert len(packed(wave, 24)["packed"]) < len(base64.b64encode(wave.tobytes())) / 10

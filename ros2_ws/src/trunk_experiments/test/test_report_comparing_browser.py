@@ -75,7 +75,7 @@ def test_thin_curves_keep_every_extreme_and_zoomed_in_every_state(opened, file):
     )
     assert found.pop("count") <= 4000
     assert found.pop("plane") < 20000
-    assert found.pop("near") >= 1000  # each of the second's
+    assert found.pop("near") >= 1000  # every state of that second
     assert found == {
         "sorted": True,
         "real": True,

@@ -44,5 +44,5 @@ def test_metrics_import_numpy_and_neither_plan_nor_plant_nor_law(short_run):
 @pytest.mark.parametrize("words", [("params", "pid"), ("params", "--json")], ids=" ".join)
 def test_a_list_of_parameters_imports_no_middleware(words):
     found = imported(*words)
-    used = {"yaml", "importlib.metadata", "email"}  # laws are found among what is installed
+    used = {"yaml", "importlib.metadata", "email"}  # laws are found among the installed packages
     assert not found & (HEAVY - used | {"trunk_experiments.plans.plan"})

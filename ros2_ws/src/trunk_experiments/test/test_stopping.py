@@ -1,4 +1,4 @@
-"""The order in which a run's processes are stopped, and how long that takes; the clock is the test's own."""
+"""The order in which a run's processes are stopped, and how long that takes, by a clock of the test."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Clock:
 
 
 class Process:
-    """Ends so many s after SIGINT; at once when it is killed."""
+    """Ends ``takes_s`` after SIGINT, and at once when it is killed."""
 
     pid = 0
 

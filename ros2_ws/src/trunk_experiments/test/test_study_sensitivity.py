@@ -1,4 +1,4 @@
-"""Sobol indices: known ones are found; what fell is told; what gives none is refused in one line."""
+"""Sobol indices: known ones are found; falls are counted; a study without any is refused in one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`trunk study`: the report, and a run again, bit by bit; what cannot be shown is refused by name."""
+"""`trunk study`: the report, and a run repeated bit by bit; what cannot be shown is refused by name."""
 
 from __future__ import annotations
 

@@ -261,7 +261,7 @@ def test_a_study_varies_files_beside_it_and_draws_the_pulses(here):
     assert [plan.controller.reference_values for plan in plans] == [DEGREES] * 2 + [(0.25,)] * 2
     assert {plan.disturbance.table_values for plan in plans} == {(0.0, 4.0, 0.0)}
     starts = [plan.disturbance.signals.pulse_starts for plan in plans]
-    assert starts[:2] == starts[2:]  # of two draws
+    assert starts[:2] == starts[2:]  # the same two draws
     assert starts[0] != starts[1]
 
 

@@ -1,4 +1,4 @@
-"""No verb lets what a file says act on the terminal; an ASCII terminal ends none."""
+"""No verb lets the text of a file act on the terminal; an ASCII terminal makes no verb fail."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`trunk watch` as a reader has it: a recording in the live page, played, sought, looped."""
+"""`trunk watch` as a user sees it: a recording in the live page, played, sought, looped."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_a_recording_is_played_sought_and_looped(watched, swapped):
     truth = RecordedRun.open(swapped).joints(topics.GROUND_TRUTH).by_stamp()
     page.wait_for_function(f"() => known.plant.count === {len(truth)}")
     assert page.evaluate(THETA) == truth.position[:, 1].tolist()
-    # What several controllers told is one sequence, whoever's rows come first.
+    # The rows of several controllers form one sequence, whichever come first.
     told = RecordedRun.open(swapped)
     stamps = [told.joints(f"{name}/state").stamp_ns for name in ("pid", "fuzzy_pid")]
     page.wait_for_function(f"() => known.control.count === {sum(map(len, stamps))}")
@@ -118,7 +118,7 @@ def test_a_recording_is_played_sought_and_looped(watched, swapped):
 
 
 def test_rules_are_hidden_while_their_parameters_are_not_known(watched, swapped):
-    """A gateway that is started again knows the nodes before it knows their parameters."""
+    """A restarted gateway knows the nodes before it knows their parameters."""
     page = watched(swapped)
     hidden = "() => { rules.show(); return document.getElementById('rules').hidden; }"
     assert page.evaluate(hidden) is False
