@@ -106,7 +106,7 @@ def test_only_verified_runs_are_signed_unless_told_otherwise(run, original, trun
     code, out, err = trunk("sign", "run.mcap", "--key", "alice")
     assert (code, out) == (1, "")
     assert err.startswith("trunk: error: run.mcap: ")
-    assert "it is not signed; --unverified signs it all the same" in err
+    assert "it is not signed; --unverified signs it anyway" in err
     assert not (run.parent / "run.mcap.sig").exists()
     code, _, err = trunk("sign", "run.mcap", "--key", "alice", "--unverified")
     assert (code, err.startswith("trunk: warning: run.mcap: ")) == (0, True)

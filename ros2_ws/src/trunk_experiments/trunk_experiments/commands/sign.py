@@ -40,15 +40,15 @@ from ..replay.verify import VERIFIED, Verdict, verify
 @click.argument("run", required=False, type=click.Path(path_type=Path))
 @file_option(
     "--key",
-    help="Your private Ed25519 key: PEM, or OpenSSH's as ssh-keygen -t ed25519 makes it.",
+    help="Your private Ed25519 key: PEM, or OpenSSH as made by ssh-keygen -t ed25519.",
 )
 @file_option(
     "-o",
     "--output",
-    help="The signature to write; otherwise RUN.sig, beside the recording.",
+    help="The signature to write.  [default: RUN.sig, beside the recording]",
 )
 @click.option("--force", is_flag=True, help="Replace a signature that exists.")
-@click.option("--unverified", is_flag=True, help="Sign although trunk verify does not verify it.")
+@click.option("--unverified", is_flag=True, help="Sign even if trunk verify does not verify it.")
 @file_option(
     "--new-key",
     help="Make a key pair, FILE and FILE.pub, instead of signing.",
@@ -63,7 +63,7 @@ def command(
     new_key: Path | None,
     as_json: bool,
 ) -> None:
-    """Sign a recording's content with an Ed25519 key, into a file beside it.
+    """Sign a recording's content with an Ed25519 key; the signature is a file beside it.
 
     The signature covers the content (messages, their times and order, channels, metadata), not its
     compression. The recording stays as it is. `trunk verify RUN --key PUBLIC` checks the signature.
@@ -126,20 +126,20 @@ def _check_target(target: Path, force: bool, run: Path, key: Path) -> None:
 
 
 def _check_content(recording: Recording) -> None:
-    """Raise NotSignedError for content that no signature may vouch for, whoever asks."""
+    """Raise NotSignedError for content that is not signed even with --unverified."""
     if recording.damage:
         raise NotSignedError(
-            f"{recording.path} is not signed, it is damaged: {recording.damage[0]}: "
+            f"{recording.path} is not signed because it is damaged: {recording.damage[0]}: "
             "record the run again, or restore the file"
         )
     if uncovered := recording.undigested():
         raise NotSignedError(
-            f"{recording.path} is not signed, it has no digests of {', '.join(uncovered)}: "
+            f"{recording.path} is not signed because it has no digests of {', '.join(uncovered)}: "
             "give a recording as the recorder or trunk simulate wrote it"
         )
     if altered := recording.alterations():
         raise NotSignedError(
-            f"{recording.path} is not signed, it is not as its recorder wrote it, "
+            f"{recording.path} is not signed because it is not as its recorder wrote it, "
             f"by the digests of {', '.join(altered)}: restore the file"
         )
 
@@ -149,8 +149,8 @@ def _check_verdict(run: Path, verdict: Verdict, unverified: bool) -> None:
         return
     why = f"{run}: {verdict.word}: {'; '.join(verdict.reasons) or 'nothing was recomputed'}"
     if not unverified:
-        raise NotSignedError(f"{why}: it is not signed; --unverified signs it all the same")
-    click.echo(f"trunk: warning: {why}: signed all the same", err=True)
+        raise NotSignedError(f"{why}: it is not signed; --unverified signs it anyway")
+    click.echo(f"trunk: warning: {why}: signed anyway", err=True)
 
 
 def _write(target: Path, recording: Recording, key: Ed25519PrivateKey, force: bool) -> Signature:
