@@ -197,5 +197,5 @@ def test_a_folder_that_exists_is_left_as_it_is(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     run = trunk(tmp_path, "new", "controller", "mine")
     assert run.returncode == 2
-    assert "exists: choose another name or --path, nothing was written" in run.stderr
+    assert "exists, and nothing was written: choose another name or --path" in run.stderr
     assert list((tmp_path / "mine").iterdir()) == []

@@ -244,7 +244,7 @@ def test_a_file_is_not_overwritten(tmp_path):
 @pytest.mark.parametrize(
     ("setting", "says"),
     [
-        ("pid.gains.p=4", "this computes the gains"),
+        ("pid.gains.p=4", "this verb computes the gains"),
         ("recorder.output=a.mcap", "nothing is run"),
         ("simulator.initial.position=[0,0.3]", "linearised about the upright"),
         ("simulator.path.amplitude=2.0", "on level ground"),

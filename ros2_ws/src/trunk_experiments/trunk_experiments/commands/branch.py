@@ -29,10 +29,10 @@ _NAME = 120  # characters of a file's name
 
 
 class _InOrder(click.Command):
-    """Keeps in which order the options were given: each ``--at`` begins a branch."""
+    """Keeps the order in which the options were given: each ``--at`` begins a branch."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse as click does, once more for the order."""
+        """Parse as click does, and once more for the order."""
         _, _, order = self.make_parser(ctx).parse_args(list(args))
         ctx.meta[__name__] = [parameter.name for parameter in order]
         return super().parse_args(ctx, args)
@@ -47,21 +47,21 @@ class _InOrder(click.Command):
     required=True,
     type=Number("s"),
     metavar="T",
-    help="Where it branches, s; repeatable: what follows belongs to this branch.",
+    help="When to branch, s; repeatable: the options after it belong to this branch.",
 )
 @click.option(
     "--set",
     "settings",
     multiple=True,
     metavar="NODE.PARAM=VALUE",
-    help="A parameter's value from there on; repeatable.",
+    help="A parameter's new value from then on; repeatable.",
 )
 @click.option(
     "--controller",
     "controllers",
     multiple=True,
     type=ControllerName(),
-    help="Who acts from there on, from the torque that acts.",
+    help="The controller from then on; it continues from the torque that acts.",
 )
 @click.option(
     "--push",
@@ -74,13 +74,13 @@ class _InOrder(click.Command):
     "--grid",
     multiple=True,
     metavar="NODE.PARAM=A,B,C",
-    help="A branch for each of these values, and combination of them; repeatable.",
+    help="A branch for each value; repeatable: for each combination of values.",
 )
 @click.option(
     "--duration",
     type=Number("s"),
     metavar="S",
-    help="When the branches end, s; as planned, if not given.",
+    help="When the branches end, s.  [default: as planned]",
 )
 @output_options("The MCAP file to write; for several branches, a folder.", required=True)
 @json_option("branch-1")
@@ -98,8 +98,8 @@ def command(
 ) -> None:
     """Branch a recorded run: as recorded up to T s, then simulated with a change.
 
-    Disturbances, references, noise and what happened later stay as they were. The branch names its parent,
-    and verifies.
+    Disturbances, references, noise and later events stay as recorded. The branch names its parent, and
+    verifies.
     """
     branches = fanned(list(_branches(ctx)), grid)
     paths = _paths(branches, run, output, force)
@@ -128,7 +128,7 @@ def command(
 
 
 def _branches(ctx: click.Context) -> Iterator[Branch]:
-    """Yield the branches that the options ask for. Raises PlanError for one before ``--at``."""
+    """Yield the branches that the options ask for. Raises PlanError for an option before ``--at``."""
     names = {"settings": "--set", "controllers": "--controller", "pushes": "--push"}
     values = {name: iter(ctx.params[name]) for name in ("times", *names)}
     branch: Branch | None = None
@@ -141,10 +141,10 @@ def _branches(ctx: click.Context) -> Iterator[Branch]:
                 yield branch
             branch = Branch(value)
         elif branch is None:
-            raise PlanError(f"{names[name]} {value}: give --at T first: what follows belongs to it")
+            raise PlanError(f"{names[name]} {value}: give --at T first; the options after it belong to it")
         elif name == "controllers":
             if branch.controller:
-                raise PlanError(f"--controller {value}: one for each --at")
+                raise PlanError(f"--controller {value}: give only one for each --at")
             branch = branch._replace(controller=value)
         elif name == "settings":
             branch = branch._replace(settings=(*branch.settings, value))
@@ -180,7 +180,7 @@ def _name(branch: Branch) -> str:
 
 
 def _branched(parent: RecordedRun, branch: Branch, duration: float | None) -> Branched:
-    """Return a branch before it is run. Raises PlanError and RecordingError for one that cannot be."""
+    """Return a branch that is ready to run. Raises PlanError and RecordingError if it cannot be run."""
     from ..branching.change import branched
     from ..branching.resume import resumed, state_at
 
@@ -194,7 +194,7 @@ def _branched(parent: RecordedRun, branch: Branch, duration: float | None) -> Br
 def _recorded(
     parent: RecordedRun, branch: Branch, made: Branched, path: Path, force: bool
 ) -> tuple[int, DivergedError | None]:
-    """Write a branch, telling how far it is; return the number of states, or why it diverged."""
+    """Write a branch, showing progress; return the number of states, or why it diverged."""
     from ..branching.record import record_branch
     from ..console.progress import progress_bar
 

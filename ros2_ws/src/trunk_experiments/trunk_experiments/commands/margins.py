@@ -1,4 +1,4 @@
-"""The margins of a sampled loop, as ``trunk tune`` tells them."""
+"""The margins of a sampled loop, as ``trunk tune`` prints them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class LoopMargins(NamedTuple):
 def margins_of(plan: RunPlan, config: Any, plant: Linear | None = None) -> list[LoopMargins]:
     """Return the margins of a controller's configuration around a plan's plant, or another linear one.
 
-    Of a fuzzy gain box corner by corner; a law without gains has no margins of this kind.
+    For a fuzzy gain box, corner by corner; a law without gains has no margins of this kind.
     """
     if not (hasattr(config, "gains") or hasattr(config, "alpha_centers")):
         return []
@@ -59,13 +59,13 @@ def margins_of(plan: RunPlan, config: Any, plant: Linear | None = None) -> list[
 def print_margins(plan: RunPlan, found: Sequence[LoopMargins]) -> None:
     """Print margins as a table."""
     if not found:
-        click.echo(f"no margins: {plan.controller_name} tells no gains to linearise with")
+        click.echo(f"no margins: {plan.controller_name} has no gains to linearise with")
         return
     if plan.simulator.actuator is not None:
-        told = "trunk: warning: margins are those of a drive without lag, limits and friction"
+        told = "trunk: warning: the margins are for a drive without lag, limits and friction"
         click.echo(f"{told}; trunk map draws the multipliers with its lag", err=True)
     if plan.simulator.network is not None:
-        click.echo("trunk: warning: margins are those of a loop without links", err=True)
+        click.echo("trunk: warning: the margins are for a loop without links", err=True)
     rows = []
     for one in found:
         m = one.margins

@@ -1,4 +1,4 @@
-"""``trunk new``: a package to begin with."""
+"""``trunk new``: a package to start from."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def command() -> None:
     "--path",
     type=click.Path(path_type=Path),
     default=Path(),
-    help="The folder to make it in; otherwise this one.",
+    help="The folder to make it in.  [default: the current one]",
 )
 @json_option("new-1")
 def controller(name: str, path: Path, as_json: bool) -> None:
@@ -39,17 +39,17 @@ def controller(name: str, path: Path, as_json: bool) -> None:
 
     if not _NAME.fullmatch(name) or "__" in name:
         raise PlanError(
-            f"{name!r} is not a valid name for a package and a node: two or more small letters, digits "
-            "and single underscores, a letter first"
+            f"{name!r} is not a valid name for a package and a node: use two or more lower-case letters, "
+            "digits and single underscores, starting with a letter"
         )
     spec = find_spec(name)
     if iskeyword(name) or (spec is not None and spec.origin is not None):
-        raise PlanError(f"{name!r} is Python's own or an installed package: choose another name")
+        raise PlanError(f"{name!r} belongs to Python or to an installed package: choose another name")
     if name in (*REGISTERED, *OTHERS):
         raise PlanError(f"{name!r} is taken by another node: choose another name")
     folder = path / name
     if folder.exists():
-        raise PlanError(f"{folder} exists: choose another name or --path, nothing was written")
+        raise PlanError(f"{folder} exists, and nothing was written: choose another name or --path")
     if not path.is_dir():
         raise PlanError(f"{path}: there is no such folder: make it, or give another --path")
     files, law, readme = [], folder / name / "law.py", folder / "README.md"
@@ -60,4 +60,4 @@ def controller(name: str, path: Path, as_json: bool) -> None:
     if as_json:
         write_json("new-1", {"folder": folder, "files": files, "law": law, "readme": readme})
     else:
-        click.echo(f"next: see {readme}; the law is {law}")
+        click.echo(f"next: see {readme}; the law is in {law}")

@@ -93,7 +93,7 @@ def command() -> None:
     multiple=True,
     type=FiniteRange(-1e6, 0.0, max_open=True, unit="1/s"),
     metavar="1/S",
-    help="Two or three, distinct, negative.",
+    help="A pole; give two or three, distinct and negative.",
 )
 def poles_command(controller: str, poles: tuple[float, ...], **options: Any) -> None:
     """Place the poles of the loop, by default at -12, -8 and -2."""
@@ -178,7 +178,7 @@ def optimise_command(
     """Search for the smallest mean of a metric over scenarios, by seeded differential evolution.
 
     For pid it searches the gains; for fuzzy_pid the ranges of the gains, both universes and all three
-    rule tables, symmetric in e and its rate; for any other controller all numbers of its own.
+    rule tables, symmetric in e and its rate; for any other controller, all of its own numbers.
     """
     from ..tuning.search import search
 
@@ -219,11 +219,11 @@ def _linear(controller: str, options: dict[str, Any]) -> tuple[RunPlan, Linear]:
 
 
 def _without_effect(controller: str, settings: Sequence[str]) -> Iterator[str]:
-    """Yield what is set and does not enter gains of the linearised trunk."""
+    """Yield a warning for each setting that has no effect on the gains of the linearised trunk."""
     for setting in settings:
         node, _, rest = setting.partition("=")[0].partition(".")
         if node == controller and rest.startswith("gains."):
-            yield f"--set {setting}: no effect: this computes the gains"
+            yield f"--set {setting}: no effect: this verb computes the gains"
         elif node in ("recorder", "disturbance") or rest.startswith(("initial.", "path.")):
             yield (
                 f"--set {setting}: no effect: nothing is run; the trunk is linearised about the upright, on "

@@ -1,4 +1,4 @@
-"""What ``trunk tune`` tells of its result, and the parameter file that it writes."""
+"""What ``trunk tune`` prints of its result, and the parameter file that it writes."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def finish_values(
     plant: Linear | None = None,
     how: dict[str, object] | None = None,
 ) -> None:
-    """Tell the gains and their margins and write the file; refuse what the node would refuse.
+    """Print the gains and their margins and write the file; refuse what the node would refuse.
 
-    ``how``: what a document says of the method's own results, under its name.
+    ``how``: the method's own results in the JSON document, under the method's name.
     """
     name = plan.controller_name
     config = build(NODES[name].config, {**values_of(plan.controller), **values})
