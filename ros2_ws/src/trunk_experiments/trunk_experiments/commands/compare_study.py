@@ -43,7 +43,7 @@ _BINS = ("where it stood", "from", "runs", "to")
 
 @dataclass(frozen=True)
 class Compared:
-    """All that is said of a study's controllers, in the order in which it is said."""
+    """All that is shown of a study's controllers, in the order in which it is shown."""
 
     falls: list[Falls]
     distributions: dict[str, list[Distribution]]
@@ -51,7 +51,7 @@ class Compared:
 
     @classmethod
     def of(cls, results: Results) -> Compared:
-        """Return what a sweep says, and tell how far it is. Raises StudyError as `compare_study` does."""
+        """Compare a sweep's controllers, showing progress. Raises StudyError as `compare_study` does."""
         rows, controllers = len(results.table), len(results.controllers)
         estimates = len(METRICS) * controllers + (len(METRICS) + 1) * comb(controllers, 2)
         with progress_bar("resampling", lines_from=_LONG) as tell:
@@ -144,7 +144,7 @@ def _markdown(title: str, lines: Sequence[Row]) -> str:
 def _tables(found: Compared) -> list[tuple[str, list[Row]]]:
     """Return titles and lines; the first line of each table is its header."""
     stood = f"mean and median of |quantity| [95 %: percentile bootstrap, {RESAMPLES} resamples]"
-    pairs = "first minus second, same grid point and draw, both stood [95 %: the same]"
+    pairs = "first minus second, same grid point and draw, both stood [95 %: as above]"
     by_metric: dict[str, list[PairedDifference]] = {}
     for one in found.differences:
         if one.metric != FELL:

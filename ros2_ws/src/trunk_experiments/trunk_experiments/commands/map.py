@@ -49,11 +49,11 @@ def command(
     no_floquet: bool,
     as_json: bool,
 ) -> None:
-    """Draw a sweep's results over two of its grid's variables, a panel per controller.
+    """Draw a sweep's results over two of its grid's variables, one panel per controller.
 
-    A study that has not been swept is swept first, into STUDY.parquet here. Grey: more than half of the
-    draws fell. The line of the Floquet multipliers is for the loop linearised about the upright trunk,
-    with the hip driven at its initial speed and no torque limit.
+    A study that has not been swept is swept first, into STUDY.parquet in the current folder. Grey: more than
+    half of the draws fell. The line of the Floquet multipliers is for the loop linearised about the upright
+    trunk, with the hip driven at its initial speed and no torque limit.
     """
     from ..study.map import draw, panels
     from ..study.results import Results

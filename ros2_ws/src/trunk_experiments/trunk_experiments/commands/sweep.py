@@ -81,7 +81,7 @@ def ended(sweep: Sweep, outcomes: Mapping[str, int]) -> str:
 def run_sweep(
     sweep: Sweep, jobs: int | None = None, scheduler: str | None = None
 ) -> dict[str, int]:
-    """Run a sweep, or the rest of an interrupted one, telling how far it is; return how many ended how."""
+    """Run a sweep, or the rest of an interrupted one, showing progress; return the count of each outcome."""
     from ..study.sweep import outcome_counts, processes
 
     total = sweep.study.total

@@ -12,7 +12,7 @@ from .show import show
 
 @click.group("study", cls=Verbs)
 def command() -> None:
-    """Read a study: as a page, run by run, and by which parameter matters."""
+    """Read a study: a report, one of its runs, which parameter matters."""
 
 
 for _command in (report, show, sensitivity):

@@ -21,9 +21,9 @@ from ...console.outputs import check_output, output_options
     "--metric",
     default="iae",
     show_default=True,
-    help="By which the worst runs are chosen, and which the map shows.",
+    help="The metric that picks the worst runs, and that the map shows.",
 )
-@click.option("--no-floquet", is_flag=True, help="Leave out the map's line of the multipliers.")
+@click.option("--no-floquet", is_flag=True, help="Leave out the map's line of the Floquet multipliers.")
 @json_option("study-report-1")
 def report(
     results: Path,
@@ -35,7 +35,7 @@ def report(
 ) -> None:
     """Write one HTML file on a sweep: falls, map, distributions, differences, the worst ten runs.
 
-    It needs no network and runs no script. Each of the worst runs has the command that makes it again.
+    It needs no network and runs no script. Each of the worst runs comes with the command that repeats it.
     """
     from trunk_msgs_util.whole_file import whole_file
 

@@ -29,7 +29,7 @@ _HEADER = ("parameter", "first order [95 %]", "total [95 %]")
     type=int,
     default=256,
     show_default=True,
-    help="Base points, a power of two; the runs are n times (entries + 2) for each controller.",
+    help="Base points, a power of two; each controller takes n times (entries + 2) runs.",
 )
 @click.option(
     "--metric",
@@ -46,10 +46,10 @@ _HEADER = ("parameter", "first order [95 %]", "total [95 %]")
 def sensitivity(
     study: str, n: int, metrics: tuple[str, ...], jobs: int | None, as_json: bool
 ) -> None:
-    """Tell which drawn parameter of STUDY matters: Sobol indices over its distributions.
+    """Show which drawn parameter of STUDY matters: Sobol indices over its distributions.
 
-    First order: the share of a metric's variance that a parameter makes alone. Total: with all others, too.
-    A run that fell counts as the worst of those that stood; how many there are is said first.
+    First order: the share of a metric's variance due to a parameter alone. Total: its interactions with all
+    others included. A run that fell counts as the worst of those that stood; how many fell is shown first.
     """
     from ...study.bases import make_bases
     from ...study.file import read_study
@@ -108,7 +108,7 @@ def _show(one: Sensitivity) -> None:
     if one.doubtful:
         title += ": doubtful"
     if not one.indices:
-        click.echo(f"{title}: the same in all runs, nothing matters\n")
+        click.echo(f"{title}: the same in all runs: no parameter matters\n")
         return
     rows = [(i.parameter, _text(i.first), _text(i.total)) for i in one.indices]
     print_table(title, _HEADER, rows)

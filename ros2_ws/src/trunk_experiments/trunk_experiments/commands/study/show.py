@@ -26,14 +26,14 @@ _LONG = 100_000  # states, which take seconds
     required=True,
     type=click.IntRange(min=0),
     metavar="N",
-    help="Which: the column run of the results.",
+    help="The run's number, from the column run of the results.",
 )
 @output_options("The MCAP file to write.", required=True)
 @click.option(
     "--report",
     type=click.Path(path_type=Path),
     metavar="FILE.html",
-    help="Also write the report on the run.",
+    help="Also write a report on the run.",
 )
 @json_option("study-show-1")
 def show(
@@ -46,7 +46,7 @@ def show(
 ) -> None:
     """Run one of a sweep's runs again, offline, as a recording that verifies.
 
-    Its metrics have the bits of its row, or nothing is written and the line says what differs.
+    Its metrics equal its row bit for bit; otherwise nothing is written, and the error says what differs.
     """
     from ...console.progress import progress_bar
     from ...console.reading import written_values
@@ -57,7 +57,7 @@ def show(
     if report is not None:
         check_output(report, (".html", ".htm"), force, [results], "--report")
         if report.resolve() == output.resolve():
-            raise PlanError(f"--report {report}: it is the output: give another name")
+            raise PlanError(f"--report {report}: it is also the output: give another name")
     one = study_run(Results.read(results), number)
     with progress_bar(f"simulating run {number}", _LONG) as tell:
         diverged = record_again(one, output, force, tell)
@@ -87,7 +87,7 @@ def show(
     drawn = ", ".join(f"{name} {_text(value)}" for name, value in one.varied.items())
     click.echo(f"{output}: run {number}, {controller}, {told['states']} states; {drawn}")
     if diverged is None:
-        click.echo(f"{output}: the metrics have the bits of the row in {results}")
+        click.echo(f"{output}: the metrics equal the row in {results}, bit for bit")
     if size is not None:
         click.echo(f"{report}: 1 run, {size / 1e6:.1f} MB")
 
