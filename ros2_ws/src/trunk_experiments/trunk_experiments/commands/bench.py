@@ -1,4 +1,4 @@
-"""``trunk bench``: speed as ratios, both sides measured in one run."""
+"""``trunk bench``: speed as ratios, both sides measured in the same run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..console.verbs import Verbs
 
 @click.group("bench", cls=Verbs)
 def command() -> None:
-    """Measure speed, as ratios in one run."""
+    """Measure speed as ratios, both sides in the same run."""
 
 
 def _rounds(default: int) -> Callable[[Any], Any]:
@@ -27,7 +27,7 @@ def _rounds(default: int) -> Callable[[Any], Any]:
         type=click.IntRange(1, 1000),
         default=default,
         show_default=True,
-        help="Rounds, of which the median counts.",
+        help="Number of rounds; their median is shown.",
     )
 
 
@@ -38,7 +38,7 @@ def _show(
     header: tuple[str, ...],
     cells: Callable[[Any], tuple[str, ...]],
 ) -> None:
-    """Print rows of a benchmark, each with its goal; end with exit code 1 where one was missed."""
+    """Print rows of a benchmark, each with its goal; end with exit code 1 if one was missed."""
     if as_json:
         benchmark = click.get_current_context().info_name
         write_json("bench-1", {"benchmark": benchmark, "rows": [asdict(row) for row in rows]})
@@ -151,11 +151,11 @@ def realtime(rounds: int, rate: float, seconds: float, as_json: bool) -> None:
     help="Length of each measurement.",
 )
 @click.option(
-    "--pages", type=click.IntRange(1, 16), default=4, show_default=True, help="Pages that are open."
+    "--pages", type=click.IntRange(1, 16), default=4, show_default=True, help="Number of open pages."
 )
 @json_option("bench-1")
 def live(rounds: int, rate: float, seconds: float, pages: int, as_json: bool) -> None:
-    """Latency and missed steps of a loop while pages show it, against those without."""
+    """Latency and missed steps of a loop while pages show it, against the same loop without pages."""
     from ..bench.live import bench_live
 
     rows = bench_live(rate, seconds, rounds, pages)
@@ -194,11 +194,11 @@ def core(rounds: int, as_json: bool) -> None:
     type=FiniteRange(0.1, 1e5, unit="s"),
     default=20.0,
     show_default=True,
-    help="Length of the run without RUN, s.",
+    help="Length of the simulated run if RUN is not given, s.",
 )
 @json_option("bench-1")
 def read(run: Path | None, rounds: int, duration: float, as_json: bool) -> None:
-    """Compare reading RUN, or a simulated run, with rosbags; the arrays must be equal."""
+    """Compare our reader with rosbags on RUN, or on a simulated run; the arrays must be equal."""
     from ..bench.read import bench_read
 
     rows = bench_read(rounds, duration, run)
@@ -231,7 +231,7 @@ def sweep(rounds: int, as_json: bool) -> None:
 )
 @json_option("bench-1")
 def gym(rounds: int, envs: int, as_json: bool) -> None:
-    """Compare our Gymnasium environment's steps per second and core with CartPole's."""
+    """Compare our Gymnasium environment's steps per second per core with CartPole's."""
     from ..bench.gym import bench_gym
 
     rows = bench_gym(rounds, envs)

@@ -1,4 +1,4 @@
-"""``trunk check``: whether a controller of one's own keeps what every controller promises."""
+"""``trunk check``: whether a controller of your own does what every law promises."""
 
 from __future__ import annotations
 

@@ -33,9 +33,9 @@ _LONGEST = 20  # values of an array that are listed
 def command(runs: tuple[Path, ...], study: Path | None, form: str | None, as_json: bool) -> None:
     """Compare recorded runs: metrics, parameters, and where each diverges from the first.
 
-    The best of a row, the smallest in magnitude, is marked; what never happened ranks last. A run that
-    fell, is incomplete, or did not keep real time is told first and is never the best. Of runs whose plant,
-    start, reference, disturbances or length differ none is.
+    The best value of each row, the smallest in magnitude, is marked; what never happened ranks last. A run
+    that fell, is incomplete, or did not keep real time is reported first and never marked. If plant, start,
+    reference, disturbances or length differ between the runs, none is marked.
     """
     if study is None and not runs:
         raise click.UsageError("give RUN..., or --study OUT.parquet")
@@ -134,7 +134,7 @@ def as_markdown(found: Comparison) -> str:
 
 
 def branched(found: Comparison) -> list[tuple[str, str]]:
-    """Return the name of each run that is a branch, and whose."""
+    """Return the name of each run that is a branch, and of which run it is one."""
     return [
         (name, one.describe())
         for name, one in zip(found.names, found.branches, strict=True)

@@ -24,15 +24,15 @@ from ..replay.explain import Explanation, explain
     type=Number("s"),
     required=True,
     metavar="S",
-    help="The instant, s; of another robot, since its first state.",
+    help="The instant, s; for another robot, counted from its first state.",
 )
 @json_option("explain-1")
 @click.pass_context
 def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
     """Explain why the controller of a recorded run commanded this torque at this instant.
 
-    Exit code 0: the recomputed command equals the recorded one, or differs by the rounding of the other
-    arithmetic in which it was recorded; 1: it differs.
+    Exit code 0: the recomputed command equals the recorded one, or differs only by rounding, because it was
+    recorded in another arithmetic; 1: it differs.
     """
     recorded = open_run(run)
     show_damage(recorded)
@@ -78,7 +78,7 @@ def as_values(found: Explanation) -> dict[str, Any]:
 
 
 def _shares(found: Explanation) -> list[tuple[str, str, str]]:
-    """Return the rows of what a law of the PID's kind adds up."""
+    """Return the rows of the terms that a law of the PID's kind adds up."""
     terms = found.terms
     return [
         ("P: Kp e", f"{terms.p_term:.6g}", "N m"),
@@ -195,5 +195,5 @@ def _show(found: Explanation) -> None:
         "recomputed: equal to the recorded command, bit for bit"
         if found.agrees
         else f"recomputed: {terms.effort!r}, but {found.recorded!r} N m is recorded"
-        + (", by another arithmetic" if found.rounded_otherwise else "")
+        + (", in another arithmetic" if found.rounded_otherwise else "")
     )

@@ -52,7 +52,7 @@ def command(
     if not (csv or parquet or npz or mcap):
         raise click.UsageError("give at least one of --csv, --parquet, --npz, --mcap")
     if topics and not mcap:
-        raise click.UsageError("--topics is for --mcap; tables have their columns")
+        raise click.UsageError("--topics is for --mcap only; tables have fixed columns")
     if not start <= end:
         raise click.UsageError(f"--from {start:g} must not be after --to {end:g}")
     for output, suffix in ((csv, "csv"), (parquet, "parquet"), (npz, "npz"), (mcap, "mcap")):

@@ -1,4 +1,4 @@
-"""``trunk fit``: parameters from what was measured."""
+"""``trunk fit``: parameters from measurements."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..console.verbs import Verbs
 
 @click.group("fit", cls=Verbs)
 def command() -> None:
-    """Compute parameters from what was measured."""
+    """Compute parameters from measurements."""
 
 
 @command.command("path")
@@ -29,13 +29,13 @@ def command() -> None:
     default=5,
     show_default=True,
     metavar="N",
-    help=f"Up to which harmonic, 1 to {MOST_HARMONICS}.",
+    help=f"The highest harmonic, 1 to {MOST_HARMONICS}.",
 )
 @click.option(
     "--period",
     type=FiniteRange(0.007, 1e6, unit="m"),
     metavar="M",
-    help="The path's period; otherwise from the first x to the last.",
+    help="The path's period.  [default: from the first x to the last]",
 )
 @output_options("The ROS 2 parameter file to write, for --params or --params-file.")
 @json_option("fit-path-1")
@@ -49,8 +49,9 @@ def path_command(
 ) -> None:
     """Fit the hip's path to measured points.
 
-    GAIT.csv has x and y of the hip in m, a point a line, over one period or more. The least-squares Fourier
-    series becomes path.wavenumber, path.cosines and path.sines, and the same for computed_torque's model.
+    GAIT.csv has x and y of the hip in m, one point per line, over one period or more. The least-squares
+    Fourier series becomes path.wavenumber, path.cosines and path.sines, and the same for computed_torque's
+    model.
     """
     from ..tuning.gait import fit_path, read_points
 

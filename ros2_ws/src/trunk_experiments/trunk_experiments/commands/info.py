@@ -1,4 +1,4 @@
-"""``trunk info``: what is in a recording, and whether it is whole."""
+"""``trunk info``: what is in a recording, and whether it is complete."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def summary(recording: Recording) -> dict[str, Any]:
 
 
 def links(recording: Recording) -> dict[str, str]:
-    """Return what became of the messages of a run's links, as it says at its end; empty without links."""
+    """Return what became of the messages on a run's links, as counted at its end; empty without links."""
     told = (event for event in recording.events() if event.message == Event.PASSED_ON)
     return next((dict(event.values) for event in told), {})
 
@@ -130,7 +130,7 @@ def _state(found: dict[str, Any]) -> str:
 @click.argument("run", type=click.Path(path_type=Path))
 @json_option("info-1")
 def command(run: Path, as_json: bool) -> None:
-    """Show what is in a recording, an MCAP file or a rosbag2 folder, and whether it is whole.
+    """Show what is in a recording, an MCAP file or a rosbag2 folder, and whether it is complete.
 
     Long files are judged by their indexes, in an instant.
     """

@@ -18,7 +18,7 @@ from ..errors import PlanError
 if TYPE_CHECKING:
     from ..replay.doubts import Doubts
 
-# Of the metrics, as docs/paper.md judges by them: how a column is headed.
+# Column headings of the metrics by which docs/paper.md judges.
 _SHOWN = {
     "overshoot_deg": "overshoot, °",
     "settling_time_6deg_s": "settles ±6°, s",
@@ -69,7 +69,7 @@ def command() -> None:
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """Return the recordings below a folder: a run's folder as one. Raises PlanError without a folder."""
+    """Return the recordings below a folder; a run's folder is one. Raises PlanError without a folder."""
     if not folder.is_dir():
         raise PlanError(f"{folder}: there is no such folder: give one with recordings")
     found: dict[Path, None] = {}
@@ -80,7 +80,7 @@ def recordings_in(folder: Path) -> list[Path]:
 
 
 def listed(path: Path, judge: bool = False) -> ListedRun:
-    """Return what a list says of a recording; what cannot be read is listed, too.
+    """Return the list's entry for a recording; one that cannot be read is listed, too.
 
     ``judge``: recompute it, as trunk verify does; otherwise it is unjudged.
     """
@@ -127,13 +127,13 @@ def _verdict(path: Path) -> str:
 
 @command.command("runs")
 @click.argument("folder", type=click.Path(path_type=Path), default=Path())
-@click.option("--verify", "judge", is_flag=True, help="Judge each, as trunk verify does.")
+@click.option("--verify", "judge", is_flag=True, help="Judge each run, as trunk verify does.")
 @json_option("list-runs-1")
 @click.pass_context
 def runs(ctx: click.Context, folder: Path, judge: bool, as_json: bool) -> None:
-    """List the recordings below FOLDER (by default this one), the newest first, with their main metrics.
+    """List the recordings below FOLDER (default: the current one), newest first, with their main metrics.
 
-    What makes a run doubtful stands before its numbers: FELL, LATE, INCOMPLETE. The verdict is "unjudged"
+    FELL, LATE or INCOMPLETE before a run's numbers says why it is doubtful. The verdict is "unjudged"
     without --verify; with it, the exit code is 1 if a run diverges.
     """
     found = [listed(path, judge) for path in recordings_in(folder)]

@@ -31,7 +31,7 @@ from .run import show_run
 
 _REPORT = "report.html"
 _OF_THE_PAGE = ("attach", "foxglove", "host", "port", "browser", "as_json")
-# How much a hand may do, unless a file or --set says something else: the trunk's controllers can stand it.
+# Limits of a push by hand, unless a file or --set gives others: the trunk's controllers can stand these.
 _HAND = {"operator.force": 100.0, "operator.torque": 40.0}
 
 
@@ -71,7 +71,7 @@ def command(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Run SCENARIO in the ROS 2 graph, in a browser: push the trunk, tune and swap its controllers.
+    """Run SCENARIO in the ROS 2 graph with a page in a browser: push the trunk, tune, swap controllers.
 
     SCENARIO is fig6, fig7, fig8, fig9, demo, or the path of a parameter file.  [default: demo]
 
@@ -111,7 +111,7 @@ def command(
     gateway = GatewayProcess(files.logs / "gateway.log", host, port, shown)
     with closing(gateway), serving_foxglove(foxglove, "", files.logs) as viewer:
         show_address(gateway, browser, files.recording, viewer, as_json=as_json)
-        click.echo(f"{plan.scenario}, {plan.turns}: until it is stopped, here with Ctrl-C")
+        click.echo(f"{plan.scenario}, {plan.turns}: runs until it is stopped, here with Ctrl-C")
         heard: list[str] = []
         shown_page = True
 
@@ -134,7 +134,7 @@ def command(
 
 
 def _check_alone() -> None:
-    """Raise PlanError for what plans a run, where one is joined."""
+    """Raise PlanError for an option that plans a run: --attach joins one that is planned."""
     context = click.get_current_context()
     for option in context.command.params:
         name = str(option.name)
@@ -147,7 +147,7 @@ def _attach(
     namespace: str, host: str, port: int, browser: bool, foxglove: int | None, as_json: bool
 ) -> None:
     if find_spec("rclpy") is None:
-        raise ModuleNotFoundError(name="rclpy")  # said by the command, before a page is opened
+        raise ModuleNotFoundError(name="rclpy")  # reported by the command, before a page is opened
     with tempfile.TemporaryDirectory(prefix="trunk_live_") as folder:
         log = Path(folder) / "gateway.log"
         gateway = GatewayProcess(log, host, port, {"namespace": namespace})
@@ -157,7 +157,7 @@ def _attach(
             serving_foxglove(foxglove, namespace, Path(folder)) as viewer,
         ):
             show_address(gateway, browser, None, viewer, as_json=as_json)
-            click.echo(f"the graph in {namespace or '/'}: until Ctrl-C, which ends the page alone")
+            click.echo(f"the graph in {namespace or '/'}: until Ctrl-C, which ends only the page")
             serve(gateway, interrupt)
 
 

@@ -96,8 +96,8 @@ def set_values(
 ) -> None:
     """Set parameters of the running NODE: all at once, or none.
 
-    NODE is a node's name, such as pid or /robot2/pid; VALUE is written as in a parameter file. What the node
-    refuses it says in its own words, and nothing has changed.
+    NODE is a node's name, such as pid or /robot2/pid; VALUE is written as in a parameter file. If the
+    node refuses, its own message is printed, and nothing has changed.
     """
     from trunk_msgs_util.parameters.files import Layer, Section
 

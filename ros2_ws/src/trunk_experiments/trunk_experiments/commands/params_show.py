@@ -30,9 +30,9 @@ class Shown(NamedTuple):
 @click.argument("name", shell_complete=names_or_files(parameter_files))
 @json_option("params-show-1")
 def show(name: str, as_json: bool) -> None:
-    """Print what the parameter file NAME sets, by shipped name or path: paths, values, units, rule tables.
+    """Print what a parameter file sets: paths, values, units, rule tables.
 
-    A scenario is shown with the profile that it builds on; later files win.
+    NAME is a shipped name or a path. A scenario is shown with the profile that it builds on; later files win.
     """
     from trunk_msgs_util.parameters.files import ParameterFileError, check_names, read
 
@@ -88,7 +88,7 @@ def _refused(found: Iterable[Shown]) -> Iterable[str]:
     found = list(found)
     for one in found:
         if one.declaration is not None:
-            # What chooses its unit may stand beside it.
+            # The parameter that chooses its unit may be in the same section.
             beside = {other.name: other.value for other in found if other.nodes == one.nodes}
             try:
                 values = in_si({one.name: one.declaration}, {one.name: one.value}, beside)

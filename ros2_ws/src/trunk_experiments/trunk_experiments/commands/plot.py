@@ -14,13 +14,13 @@ from ..console.reading import open_views, run_values, show_warnings, show_warnin
 @click.command("plot")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path))
 @output_options(
-    "The picture: .png, .svg or .pdf; default RUN.png, after a run's folder, or figN.png with --fig."
+    "The picture: .png, .svg or .pdf.  [default: RUN.png, named after the run's folder; figN.png with --fig]"
 )
 @click.option(
     "--fig",
     "number",
     type=click.IntRange(6, 9),
-    help="Lay it out like the paper's figure: only the angles, in one axes.",
+    help="Lay it out like the paper's figure: only the angles, in one plot.",
 )
 @json_option("plot-1")
 def command(

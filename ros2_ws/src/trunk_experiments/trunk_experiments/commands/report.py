@@ -13,12 +13,12 @@ from ..console.reading import open_views, run_values, show_warnings_of
 
 @click.command("report")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path))
-@output_options("The page to write; default RUN.html, after a run's folder.")
+@output_options("The page to write.  [default: RUN.html, named after the run's folder]")
 @json_option("report-1")
 def command(runs: tuple[Path, ...], output: Path | None, force: bool, as_json: bool) -> None:
     """Write one HTML file that shows recorded runs: animated, plotted, judged.
 
-    It needs no network and no server; several runs stand side by side on the same clock.
+    It needs no network and no server; several runs are shown side by side on the same clock.
     """
     from ..views.report import make_report
     from ..views.report_page import write

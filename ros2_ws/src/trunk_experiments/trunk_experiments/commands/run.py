@@ -77,7 +77,7 @@ def command(
     plan = plan_of(**options, extra=everywhere)
     if not plan.simulator.duration:
         raise PlanError("simulator: duration is 0: a recorded run needs an end; give --duration S")
-    # What ROS 2 cannot use, and a second run, is refused before a folder is made.
+    # Settings that ROS 2 cannot use, and a second run, are refused before a folder is made.
     middleware.prepare()
     click.get_current_context().with_resource(claimed_domain())
     if output is not None:
@@ -127,7 +127,7 @@ def _values(run: RecordedRun) -> dict[str, object]:
 def show_run(files: RunFiles, run: RecordedRun, interrupted: bool = False) -> None:
     """Print a run's metrics, and where its files are.
 
-    One that was ``interrupted`` may be too short for metrics; of others, raises RecordingError.
+    One that was ``interrupted`` may be too short for metrics; for any other, raises RecordingError.
     """
     try:
         show_metrics(run, "metrics of the run (true error)")
@@ -136,7 +136,7 @@ def show_run(files: RunFiles, run: RecordedRun, interrupted: bool = False) -> No
             raise
         show_warnings([f"stopped before there was anything to measure: {line_of(error)}"])
     states, commands = run.count(topics.GROUND_TRUTH), run.count(topics.EFFORT_COMMAND)
-    whole = "complete: " if run.recording.complete else ""  # what is missing stands first
+    whole = "complete: " if run.recording.complete else ""  # what is missing was printed first
     click.echo(f"{whole}{states} states, {commands} commands recorded")
     click.echo(f"recording: {files.recording}")
     click.echo(f"parameters: {files.parameters}")

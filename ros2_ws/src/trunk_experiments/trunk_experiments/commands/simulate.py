@@ -92,7 +92,7 @@ def _check_alone(context: click.Context) -> None:
 
 
 def recorded(plan: RunPlan, output: Path, force: bool) -> tuple[int, DivergedError | None]:
-    """Run a plan into a file, telling how far it is; return the number of states, or why it diverged."""
+    """Run a plan into a file, showing progress; return the number of states, or why it diverged."""
     from ..console.progress import progress_bar
     from ..runs.offline_recording import record_offline
 

@@ -66,7 +66,7 @@ def judged(run: Path, key: Path | None, signature: Path | None) -> tuple[Recordi
     """
     trusted = None if key is None else public_key(read_key(key), str(key))
     if signature and not signature.exists() and not key:
-        raise PlanError(f"--signature {signature}: it does not exist: give a file of trunk sign")
+        raise PlanError(f"--signature {signature}: it does not exist: give a file written by trunk sign")
     with reading(run) as tell:
         recording = Recording.open(run, tell)
     with progress_bar(f"recomputing {real_path(run).name}"):
@@ -84,7 +84,7 @@ def judged(run: Path, key: Path | None, signature: Path | None) -> tuple[Recordi
 )
 @file_option(
     "--signature",
-    help="The signature; otherwise RUN.sig, beside the recording.",
+    help="The signature.  [default: RUN.sig, beside the recording]",
 )
 @json_option("verify-1")
 @click.pass_context
@@ -94,7 +94,7 @@ def command(
     """Recompute every command of a recorded run and, where time was exact, every state.
 
     Exit code 0: verified; 1: something diverges, was altered, contradicts itself or is not signed by
-    --key; 2: the run cannot be judged as a whole. What no check looks at is listed.
+    --key; 2: the run cannot be judged as a whole. What no check covers is listed.
     """
     recording, verdict = judged(run, key, signature)
     if as_json:
