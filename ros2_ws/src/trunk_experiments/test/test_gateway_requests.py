@@ -145,7 +145,7 @@ def test_requests_sent_too_fast_are_refused_with_an_answer():
         page.write_message('{"kind": "reset", "number": 1}')
         answer = await words(page, "answer")
         assert (answer["number"], answer["ok"]) == (1, False)
-        assert answer["text"] == "busy: too much was asked at once; ask again"
+        assert answer["text"] == "busy: too many requests at once; ask again"
         assert served.gateway.refused["messages faster than a page sends them"] > 1
 
     serving(test)
@@ -158,7 +158,7 @@ def test_a_page_has_to_wait_for_its_earlier_requests():
         for number in range(20):
             page.write_message(f'{{"kind": "reset", "number": {number + 1}}}')
         refused = [await words(page, "answer") for _ in range(12)]
-        assert {answer["text"] for answer in refused} == {"busy: wait for what was asked before"}
+        assert {answer["text"] for answer in refused} == {"busy: wait for the earlier requests"}
         served.feed.hold.set()
         done = [await words(page, "answer") for _ in range(8)]
         assert all(answer["ok"] for answer in done)

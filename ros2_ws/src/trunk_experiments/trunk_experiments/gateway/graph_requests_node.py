@@ -165,7 +165,7 @@ class GraphRequests:
             raise RefusedRequestError(f"no controller {to!r} is known here")
         acting = [n for n in self._graph.controllers if nodes[n].state == "active" and n != to]
         if nodes[to].state == "active" and not acting:
-            return f"{to} acts already"
+            return f"{to} already acts"
         scheduled = [n for n in (to, *acting) if nodes[n].values.get("active.times")]
         if scheduled:
             raise RefusedRequestError(

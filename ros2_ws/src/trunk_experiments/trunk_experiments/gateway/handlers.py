@@ -91,7 +91,7 @@ class PageSocket(_Checked, WebSocketHandler):
             raise HTTPError(403)
         most = MOST_CLIENTS - (0 if self.may == "control" else _FOR_CONTROL)
         if len(gateway.clients) >= most:
-            gateway.refuse("connections beyond the most")
+            gateway.refuse("connections beyond the limit")
             raise HTTPError(503)
         await super().get(*args, **kwargs)
 

@@ -62,7 +62,7 @@ class GatewayProcess:
                 self._restarts = 0
             if self._restarts == _RESTARTS:
                 last = self._log.read_text("utf-8", "replace").strip().splitlines()[-1:]
-                raise GatewayError(f"the gateway ends each time it is started: {''.join(last)}")
+                raise GatewayError(f"the gateway exits each time it is started: {''.join(last)}")
             self._restarts += 1
             self._close_pipes()
             self._process = self._start()

@@ -58,18 +58,18 @@ def asked(text: str | bytes) -> Asked:
     try:
         found = json.loads(text, parse_constant=_no_number)
     except (ValueError, RecursionError):
-        raise BadMessageError("a message that is no JSON") from None
+        raise BadMessageError("a message that is not JSON") from None
     if not isinstance(found, dict):
-        raise BadMessageError("a message that is no JSON object")
+        raise BadMessageError("a message that is not a JSON object")
     kind, number = found.pop("kind", None), found.pop("number", 0)
     if not isinstance(kind, str) or kind not in _CARRIES:
-        raise BadMessageError(f"a message of another kind than {', '.join(KINDS)}")
+        raise BadMessageError(f"a message of a kind other than {', '.join(KINDS)}")
     if type(number) is not int:
-        raise BadMessageError(f"{kind}: its number is no integer")
+        raise BadMessageError(f"{kind}: its number is not an integer")
     carries = _CARRIES[kind]
     if found.keys() != carries.keys():
         raise BadMessageError(
-            f"{kind}: it carries {', '.join(carries) or 'nothing'}, all and alone"
+            f"{kind}: it must carry exactly {', '.join(carries) or 'nothing'}"
         )
     return Asked(kind, number, {n: _value(kind, n, t, found[n]) for n, t in carries.items()})
 
@@ -81,7 +81,7 @@ def _value(kind: str, name: str, wanted: type, value: object) -> object:
             return number
     elif type(value) is wanted:
         return value
-    raise BadMessageError(f"{kind}: {name} is no finite {wanted.__name__}")
+    raise BadMessageError(f"{kind}: {name} is not a finite {wanted.__name__}")
 
 
 def _no_number(text: str) -> float:

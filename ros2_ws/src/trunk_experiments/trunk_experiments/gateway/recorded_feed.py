@@ -68,7 +68,7 @@ class RecordedFeed:
     async def ask(self, client: str, asked: Asked) -> str:
         """Refuse whatever it is. Raises RefusedRequestError."""
         raise RefusedRequestError(
-            "this is a recording: trunk branch tries out what else could have been"
+            "this is a recording: trunk branch tries out what would have happened with a change"
         )
 
     def close(self) -> None:

@@ -131,7 +131,7 @@ class Gateway:
         if not client.rate.allows():
             self.refuse("messages faster than a page sends them")
             if found is not None and found.kind not in UNANSWERED:
-                client.answer(found.number, False, "busy: too much was asked at once; ask again")
+                client.answer(found.number, False, "busy: too many requests at once; ask again")
             client.too_many()
             return
         if found is None:
@@ -145,8 +145,8 @@ class Gateway:
         # Those that come with each picture are done at once: after a pause they arrive in bursts.
         lasting = found.kind not in UNANSWERED
         if lasting and client.unfinished >= _UNFINISHED:
-            self.refuse("requests of a page that waits for many others")
-            client.answer(found.number, False, "busy: wait for what was asked before")
+            self.refuse("requests of a page that still waits for many others")
+            client.answer(found.number, False, "busy: wait for the earlier requests")
             return
         client.unfinished += lasting
         task = asyncio.get_running_loop().create_task(self._do(client, found))
