@@ -49,7 +49,7 @@ def test_a_branch_beyond_what_verifies_is_refused(parent: Path, tmp_path: Path, 
     path = tmp_path / "edited.mcap"
     copied(parent, path, edit, ANEW)
     assert verdict_on(branch(path, 0.29, tmp_path / "a.mcap")).exit_code == VERIFIED
-    why = "it cannot be branched at t = 0.5 s, it does not verify up to there: t = 0.3 s"
+    why = "it cannot be branched at t = 0.5 s: it does not verify up to there: t = 0.3 s"
     with pytest.raises(RecordingError, match=why):
         branch(path, 0.5, tmp_path / "b.mcap")
     assert not (tmp_path / "b.mcap").exists()

@@ -22,8 +22,8 @@ def parent(short_run):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--at", "1.5"], "--at 1.5: outside of the run, t = 0 to 1 s"),
-        (["--at", "-1"], "--at -1: outside of the run"),
+        (["--at", "1.5"], "--at 1.5: outside the run, t = 0 to 1 s"),
+        (["--at", "-1"], "--at -1: outside the run"),
         (["--at", "nan"], "nan"),
         (["--set", "pid.gains.p=1", "--at", "0.5"], "--set pid.gains.p=1: give --at T first"),
         (["--at", "0.5", "--set", "pid.update_rate=100"], "--set pid.update_rate: it is fixed"),
@@ -31,9 +31,9 @@ def parent(short_run):
             ["--at", "0.5", "--set", "simulator.duration=3"],
             "--duration gives the branch another end",
         ),
-        (["--at", "0.5", "--set", "lqr.gains.p=3"], "--controller makes one act"),
+        (["--at", "0.5", "--set", "lqr.gains.p=3"], "--controller adds a controller"),
         (["--at", "0.5", "--set", "pid.gain.p=3"], "did you mean"),
-        (["--at", "0.5", "--controller", "pid"], "it acts at t = 0.5 s anyway"),
+        (["--at", "0.5", "--controller", "pid"], "it already acts at t = 0.5 s"),
         (["--at", "0.5", "--controller", "lqr", "--controller", "lqr"], "give only one for each --at"),
         (["--at", "0.5", "--push", "60"], "VALUE:DURATION"),
         (["--at", "0.5", "--push", "60Nm:-1s"], "above 0 s"),

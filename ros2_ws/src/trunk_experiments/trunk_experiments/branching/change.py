@@ -118,8 +118,8 @@ def _config(plan: RunPlan, node: str, layers: Sequence[Layer], stamp_ns: int) ->
     """Return a node's configuration after a stamp with the settings for it."""
     if node not in plan.configs:
         raise PlanError(
-            f"--set {node}: it is not in the run: there are {', '.join(plan.configs)}"
-            + ("; --controller makes one act" if node in CONTROLLERS else "")
+            f"--set {node}: it is not in the run, which has {', '.join(plan.configs)}"
+            + ("; --controller adds a controller" if node in CONTROLLERS else "")
         )
     now = Layer("the recording", (Section(node, dict(values_of(_in_force(plan, node, stamp_ns)))),))
     return config_from(node, [now, *layers], "").config
@@ -135,8 +135,8 @@ def _changed(plan: RunPlan, node: str, layers: Sequence[Layer], stamp_ns: int) -
     if fixed:
         more = "; --duration gives the branch another end" if fixed == ["duration"] else ""
         raise PlanError(
-            f"--set {node}.{fixed[0]}: it is fixed when a run starts: a branch changes what can be changed "
-            f"while the graph runs{more}"
+            f"--set {node}.{fixed[0]}: it is fixed when a run starts: a branch can change only what "
+            f"can be changed while the graph runs{more}"
         )
     return changed
 
@@ -156,7 +156,7 @@ def _with_controller(
             )
     acting = [n for n, one in resumed.begun.controllers.items() if one.active]
     if acting == [name]:
-        raise PlanError(f"--controller {name}: it acts at t = {seconds(at_ns):g} s anyway")
+        raise PlanError(f"--controller {name}: it already acts at t = {seconds(at_ns):g} s")
     changes = {
         node: [c for c in some if c.values is not None or c.event not in _TURNS]
         for node, some in plan.changes.items()

@@ -85,7 +85,7 @@ def pushed(config: DisturbanceConfig, pushes: Sequence[Push]) -> Mapping[str, Va
     raise PlanError(
         f"--push: {'one channel' if len(channels) > 1 else pushes[0].channel}: the disturbance has one table "
         f"({'free' if free else f'{config.table_interpolation} on {config.table_channel}'}) and one kind of "
-        f"pulse ({'free' if no_pulses else 'in use'}): give pushes on one channel, or alike"
+        f"pulse ({'free' if no_pulses else 'in use'}): give pushes on one channel, or identical ones"
     )
 
 

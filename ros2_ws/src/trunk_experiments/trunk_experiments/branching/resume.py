@@ -56,7 +56,7 @@ def state_at(run: RecordedRun, at: float) -> int:
     stamps = run.table(topics.GROUND_TRUTH).stamp_ns
     first, last = (seconds(int(stamps[i])) for i in (0, -1))
     if not (first <= at <= last):
-        raise PlanError(f"--at {at:g}: outside of the run, t = {first:g} to {last:g} s")
+        raise PlanError(f"--at {at:g}: outside the run, t = {first:g} to {last:g} s")
     period_ns: int = run.config("simulator").period_ns
     return -(-nanoseconds(at) // period_ns)
 
@@ -97,7 +97,7 @@ def resumed(run: RecordedRun, first: int) -> Resumed:
 
 def _refused(run: RecordedRun, stamp_ns: int, reason: str) -> RecordingError:
     return RecordingError(
-        f"{run.path}: it cannot be branched at t = {seconds(stamp_ns):g} s, it does not verify up to there: "
+        f"{run.path}: it cannot be branched at t = {seconds(stamp_ns):g} s: it does not verify up to there: "
         f"{reason}"
     )
 
@@ -108,7 +108,7 @@ def _unsound(run: RecordedRun, stamp_ns: int) -> str:
         return f"altered: {altered[0]}"
     recorded_ns = recorded_until_ns(run)
     for what, from_ns in (
-        ("two simulators or controllers, or one started anew", shared_from_ns(run)),
+        ("two simulators or controllers, or one that was restarted", shared_from_ns(run)),
         ("states or answers are missing", missed_from_ns(run)),
         ("the end is cut off", cut_off_ns(run)),
         ("the recorder was inactive", None if recorded_ns is None else recorded_ns + 1),
