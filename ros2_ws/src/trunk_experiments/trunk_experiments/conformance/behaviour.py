@@ -165,6 +165,6 @@ def quick(law: Law) -> Iterator[LawFinding]:
         yield LawFinding(
             "quick",
             name_of(law.update),
-            f"an update takes {best * 1e6:.0f} us at best, {SLOWEST_US:.0f} us are allowed",
+            f"an update takes {best * 1e6:.0f} us at best, {SLOWEST_US:.0f} us is allowed",
             "move what does not depend on the sample into the configuration's constants",
         )

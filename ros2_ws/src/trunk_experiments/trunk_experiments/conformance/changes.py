@@ -53,7 +53,7 @@ def takes_over(law: Law) -> Iterator[LawFinding]:
                 yield LawFinding(
                     "takeover",
                     name_of(law.take_over),
-                    f"from {last:g} N m its command is {answer.effort!r} N m, a step is {step:g} N m",
+                    f"from {last:g} N m its command is {answer.effort!r} N m, one step may be {step:g} N m",
                     "keep to the limits given, which are narrowed while a controller takes over",
                 )
                 return
@@ -73,7 +73,7 @@ def retunes(law: Law) -> Iterator[LawFinding]:
         yield LawFinding(
             "retune",
             where,
-            f"constants that stay change the memory from {driven.memory!r} to {same!r}",
+            f"unchanged constants change the memory from {driven.memory!r} to {same!r}",
             "return the memory",
         )
         return

@@ -46,7 +46,7 @@ def named(law: Law) -> Iterator[LawFinding]:
             yield LawFinding(
                 "names",
                 name_of(law.terms),
-                f"has a field {name!r}, which every record has already",
+                f"has a field {name!r}, which every record already has",
                 "leave it out or rename it",
             )
     missing = [name for name in law.terms._fields[:-3] if name not in law.units]

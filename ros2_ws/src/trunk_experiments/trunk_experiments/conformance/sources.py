@@ -134,14 +134,14 @@ def _of_value(node: ast.expr, function: FunctionType, where: str) -> Iterator[La
             "source",
             where,
             f"calls {shown} of {module or type(value).__module__}",
-            "no clock, no chance, no files: a law computes from what it is given",
+            "no clock, no randomness, no files: a law computes from what it is given",
         )
     elif isinstance(value, FunctionType) and value not in reached(function):
         yield LawFinding(
             "source",
             where,
             f"calls {shown} of {value.__module__}, which is not checked",
-            "no clock, no chance, no files: a law computes from what it is given",
+            "no clock, no randomness, no files: a law computes from what it is given",
         )
 
 
