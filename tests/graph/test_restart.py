@@ -57,4 +57,4 @@ def test_a_controller_that_takes_the_place_of_one_that_ended(
     assert not any(part.wrong_steps for part in verdict.parts)
     assert verdict.parts[0].name == "commands of pid"
     assert verdict.parts[0].steps > 0
-    assert any("one that was started anew" in line for line in verdict.obstacles)
+    assert any("one that was restarted" in line for line in verdict.obstacles)

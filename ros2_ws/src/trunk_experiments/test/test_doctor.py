@@ -281,9 +281,9 @@ def renamed(run, path, topic, names=None, without=()):
         ("/joint_states", {"without": ["velocity"]}, "no velocity in any message"),
         (TRUTH, {"without": ["position"]}, "no position in any message"),
         ("/effort_command", {"without": ["effort"]}, "no effort in any message"),
-        ("/joint_states", {"names": ("a", "b")}, "no joint 'trunk', which pid names, but a, b"),
-        (TRUTH, {"names": ("a", "b")}, "no joint 'hip', which simulator names, but a, b"),
-        ("/effort_command", {"names": ("elbow",)}, "no joint 'trunk', which pid names, but elbow"),
+        ("/joint_states", {"names": ("a", "b")}, "no joint 'trunk', which pid names, only a, b"),
+        (TRUTH, {"names": ("a", "b")}, "no joint 'hip', which simulator names, only a, b"),
+        ("/effort_command", {"names": ("elbow",)}, "no joint 'trunk', which pid names, only elbow"),
     ],
 )
 def test_what_cannot_be_recomputed_is_named(tmp_path, short_run, topic, change, says):

@@ -119,7 +119,7 @@ def _parameters(run: RecordedRun) -> Iterator[str]:
     for change in run.recording.parameter_messages():
         node = run.recording.relative(change.node)
         if node not in NODES:
-            yield f"run/parameters: parameters of {change.node}, which is none of our nodes"
+            yield f"run/parameters: parameters of {change.node}, which is not one of our nodes"
             continue
         declared = declarations(NODES[node].config)
         if change.new:
@@ -129,17 +129,17 @@ def _parameters(run: RecordedRun) -> Iterator[str]:
             whole = tuple(name for name in declared if name not in lacking)
             if tuple(change.new) != whole:
                 odd = ", ".join(sorted(set(whole) ^ set(change.new))) or "their order"
-                yield f"run/parameters: the set of {node} is not this version's: {odd}"
+                yield f"run/parameters: the parameter set of {node} is not that of this version: {odd}"
             if change.stamp_ns:
-                yield f"run/parameters: the set of {node} is stamped {change.stamp_ns} ns, not 0"
+                yield f"run/parameters: the parameter set of {node} is stamped {change.stamp_ns} ns, not 0"
         if bool(change.new) == bool(change.changed):
-            yield f"run/parameters: a message of {node} that neither begins nor changes"
+            yield f"run/parameters: a message of {node} that is neither a first set nor a change"
         fixed = [name for name in change.changed if name in declared and declared[name].fixed]
         if fixed:
-            yield f"run/parameters: {node} changes {', '.join(fixed)}, fixed at start"
+            yield f"run/parameters: {node} changes {', '.join(fixed)}, which is fixed at start"
     for node, count in sets.items():
         if count > 1:
-            yield f"run/parameters: {count} sets of {node}: it was started again"
+            yield f"run/parameters: {count} parameter sets of {node}: it was restarted"
 
 
 def _origin(run: RecordedRun) -> Iterator[str]:

@@ -54,13 +54,13 @@ def _acting(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
         if active == (event.message == Event.ACTIVATED):
             yield (
                 f"run/events: {event.message!r} of {node} at t = {seconds(event.stamp_ns):g} s, "
-                "which it was already"
+                "which it already was"
             )
         active = event.message == Event.ACTIVATED
     there = acting(stamps, _turns(turns), begins)
     if not there.all():
         at = seconds(int(stamps[np.flatnonzero(~there)[0]]))
-        yield f"{node}: an update at t = {at:g} s, although it was inactive by run/events"
+        yield f"{node}: an update at t = {at:g} s, although by run/events it was inactive"
     yield from _schedule(run, node, turns)
 
 
@@ -99,7 +99,7 @@ def _passed_on(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
             yield f"run/events: {str(Event.PASSED_ON)!r}, but there are no links"
         return
     if ends != len(counted):
-        yield f"run/events: {str(Event.PASSED_ON)!r} {len(counted)} times, {ends} ends of a run with links"
+        yield f"run/events: {str(Event.PASSED_ON)!r} {len(counted)} times, but the run ended {ends} times"
     truth = run.table(topics.GROUND_TRUTH).stamp_ns
     for event in counted:
         what = f"run/events: {str(Event.PASSED_ON)!r}"
@@ -138,7 +138,7 @@ def _still(run: RecordedRun, node: str, told: list[RunEvent], relative: str) -> 
             if event.message == Event.ACTIVATED and since not in (None, event.stamp_ns):
                 yield (
                     f"run/events: {node} inactive at t = {seconds(since or 0):g} s, active again at "
-                    f"t = {seconds(event.stamp_ns):g} s: it stands still in between"
+                    f"t = {seconds(event.stamp_ns):g} s: it must stand still in between"
                 )
             since = None
     last = run.table(relative).stamp_ns.max(initial=-1)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..recorded.run import RecordedRun
 
 
-SHARED = "two simulators or controllers, or one that was started anew: what follows t = {:g} s is not judged"
+SHARED = "two simulators or controllers, or one that was restarted: what follows t = {:g} s is not judged"
 
 _LAST_WORDS = (Event.PUBLISHED, Event.FAILED)
 

@@ -71,13 +71,13 @@ def _names(run: RecordedRun) -> Iterator[str]:
         if table.names != names:
             yield (
                 f"{relative} names {', '.join(table.names) or 'nothing'}; "
-                f"by the parameters it is {', '.join(names)}"
+                f"by the parameters it must be {', '.join(names)}"
             )
         for quantity in _JOINTS:
             width = table.widths[quantity]
             wanted = len(table.names) if quantity in quantities else 0
             if width != wanted:
-                yield f"{relative}: {width} values of {quantity} in a message, {wanted} are written"
+                yield f"{relative}: {width} values of {quantity} in a message, a node writes {wanted}"
     if len(joints) > 1:
         yield f"the controllers command different joints: {', '.join(joints)}"
 
@@ -98,8 +98,8 @@ def _ends(run: RecordedRun) -> Iterator[str]:
             yield f"run/events: started at {event.values.get('rate')} Hz, by the parameters {rate} Hz"
     ends = [place for place, event in enumerate(told) if event.message in ENDS]
     if not ends or told[ends[0]].message != Event.FINISHED:
-        how = str(told[ends[0]].message) if ends else "not at all"
-        yield f"marked as complete, but by run/events the run ended {how}"
+        how = f"ended as {told[ends[0]].message!s}" if ends else "did not end"
+        yield f"marked as complete, but by run/events the run {how}"
         return
     if len(ends) > 1:
         yield f"run/events: the run ends {len(ends)} times: {', '.join(told[i].message for i in ends)}"
@@ -171,12 +171,12 @@ def _mode(run: RecordedRun) -> Iterator[str]:
         if any(event.message == Event.CONFIGURED for event in run.events):
             yield "mode offline, but nodes were configured"
     else:
-        yield f"mode {run.mode!r}: there are real_time, lockstep and offline"
+        yield f"mode {run.mode!r}: the modes are real_time, lockstep and offline"
     planned = run.recording.provenance.get("controller", "").split()
     known = {*planned, *(run.joined if planned else run.controllers)}
     if not set(run.controllers) <= known:
         yield (
-            f"recorded of {', '.join(run.controllers)}, but the run's origin names "
+            f"recorded with {', '.join(run.controllers)}, but the run's origin names "
             f"{', '.join(planned)}"
         )
 

@@ -139,7 +139,7 @@ def _evidence(run: RecordedRun) -> Iterator[Finding]:
             yield Finding(WARNING, text, topic)
         for node, joint in _told_joints(run, relative):
             if joint not in table.names:
-                text = f"no joint {joint!r}, which {node} names, but {', '.join(table.names[:9])}"
+                text = f"no joint {joint!r}, which {node} names, only {', '.join(table.names[:9])}"
                 yield Finding(WARNING, f"{text}: the run cannot be recomputed", topic)
 
 

@@ -124,7 +124,7 @@ def _stamps(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[str]:
         # What an offline run was to do after its end has no effect.
         never = run.mode == "offline" and event.message in _FROM_OUTSIDE
         if at < -1 or (at > last and not never):
-            yield f"{what} at t = {seconds(at):g} s, outside of the run"
+            yield f"{what} at t = {seconds(at):g} s, outside the run"
         if run.mode != "offline":
             if event.message == Event.CONFIGURED:
                 before = min(before, at)

@@ -202,7 +202,7 @@ def _unjudged(run: RecordedRun) -> list[str]:
         for name in sorted(set(run.parameters) & set(CONTROLLERS) - set(run.controllers))
     ]
     if not run.exact:
-        found.append("when commands and disturbances arrived: the wall clock decides it")
+        found.append("when commands and disturbances arrived: the wall clock decides that")
     if pictures(run):
         found.append(f"the picture ({', '.join(topics.PICTURES)}): covered by digests alone")
     if run.another_controller:
