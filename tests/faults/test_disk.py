@@ -151,7 +151,7 @@ def test_another_file_in_place_of_the_recording_is_noticed(recorded: Path, tmp_p
     process = subprocess.Popen(["true"])
     own = NodeProcess("recorder", process, tmp_path / "log", BytesIO(), process_id())
     process.wait()
-    with pytest.raises(RunError, match="another file has been put in the place of this run's"):
+    with pytest.raises(RunError, match="another file has replaced this run's"):
         _own_recording(recorded, own)
     file = tmp_path / "own.mcap"
     with RecordingWriter(file) as writer:

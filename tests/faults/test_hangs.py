@@ -26,7 +26,7 @@ def test_simulator_hangs_in_real_time(children: Children, peer: Peer, tmp_path: 
     assert run.wait() == 1, run.stderr
     children.none_left()
     line = run.stderr.splitlines()[-1]
-    assert line == "trunk: error: the run ended because simulator has said nothing for 5 s"
+    assert line == "trunk: error: the run ended because simulator has sent nothing for 5 s"
     assert finished_file(tmp_path / "run" / "run.mcap")["/joint_states"] > 20
     assert not Recording.open(tmp_path / "run" / "run.mcap").complete
 

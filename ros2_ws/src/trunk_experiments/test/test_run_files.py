@@ -65,7 +65,7 @@ def test_force_replaces_an_earlier_run_and_nothing_else(tmp_path):
 
 def test_other_files_and_open_recordings_are_not_replaced(tmp_path):
     (tmp_path / "a" / "run.mcap").mkdir(parents=True)
-    with pytest.raises(PlanError, match=r"a run\.mcap in it that is no run's: give another folder"):
+    with pytest.raises(PlanError, match=r"a run\.mcap in it that does not belong to a run: give another folder"):
         RunFiles.for_run(PLAN, tmp_path / "a", force=True)
     (tmp_path / "b").mkdir()
     with (
@@ -90,5 +90,5 @@ def test_a_run_is_not_written_over_its_own_scenario(tmp_path):
 
 
 def test_the_root_cannot_be_a_runs_folder():
-    with pytest.raises(PlanError, match="the root of all files: give a folder below it"):
+    with pytest.raises(PlanError, match="the root folder: give a folder below it"):
         RunFiles.for_run(make_plan("demo", "pid"), Path("/"))

@@ -39,7 +39,7 @@ def main() -> None:
     unknown = [name for name in names if name not in NODES]
     if unknown or not names:
         print(
-            f"composed: error: give nodes, of {', '.join(NODES)}; not {', '.join(unknown) or 'none'}",
+            f"composed: error: give nodes from {', '.join(NODES)}, not {', '.join(unknown) or 'none'}",
             file=sys.stderr,
         )
         sys.exit(2)

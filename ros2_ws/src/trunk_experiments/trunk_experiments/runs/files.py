@@ -52,7 +52,7 @@ class RunFiles:
         if os.path.lexists(folder) and not folder.is_dir():
             raise PlanError(f"output {folder}: it is not a folder: give another")
         if folder.absolute() == Path(folder.absolute().anchor):
-            raise PlanError(f"output {folder}: it is the root of all files: give a folder below it")
+            raise PlanError(f"output {folder}: it is the root folder: give a folder below it")
         for file in files.all:
             if os.path.lexists(file):
                 files._check_replaceable(file, "" if force is None else ", or --force")
@@ -69,7 +69,7 @@ class RunFiles:
         if not self.replaces:
             raise PlanError(f"{told}: give another folder{way_out}")
         if file.is_dir() != (file == self.logs):
-            raise PlanError(f"{told} that is no run's: give another folder")
+            raise PlanError(f"{told} that does not belong to a run: give another folder")
         if file == self.recording and is_being_written(file):
             raise PlanError(f"{told} that is being written: give another folder, or stop that run")
 

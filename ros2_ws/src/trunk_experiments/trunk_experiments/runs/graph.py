@@ -113,7 +113,7 @@ def _watch(
         if silence.lasts(monitor):
             simulator.signal(signal.SIGKILL)  # it would not hear anything else
             raise RunError(
-                f"the run ended because {simulator.name} has said nothing for {SILENCE_S:g} s"
+                f"the run ended because {simulator.name} has sent nothing for {SILENCE_S:g} s"
             )
         if doubled := monitor.doubled(own):
             raise RunError(
@@ -216,7 +216,7 @@ def _own_recording(file: Path, recorder: NodeProcess) -> Recording:
     """Open the recording. Raises RunError where this run's recorder has not written it."""
     recording = Recording.open(file)
     if recording.provenance.get("process", "") != recorder.identity:
-        raise RunError(f"{file}: another file has been put in the place of this run's recording")
+        raise RunError(f"{file}: another file has replaced this run's recording")
     return recording
 
 

@@ -38,9 +38,9 @@ ARGUMENTS = (
     ),
     LaunchArgument("speed", "", "pace of a lock-step run, as a multiple of real time; empty: none"),
     LaunchArgument(
-        "params", "", "parameter files by path or shipped name, between commas; later win"
+        "params", "", "parameter files by path or shipped name, separated by commas; later ones win"
     ),
-    LaunchArgument("swap_at", "", "T:CONTROLLER takes over at T s; several between commas"),
+    LaunchArgument("swap_at", "", "T:CONTROLLER takes over at T s; several are separated by commas"),
     LaunchArgument("rate", "", "update_rate of simulator and controller, Hz; empty: the files'"),
     LaunchArgument("duration", "", "simulated time, s; 0: until Ctrl-C; empty: the files'"),
     LaunchArgument("namespace", "", "of all nodes, so that several sets run side by side"),
@@ -102,7 +102,7 @@ def launch_plan(given: Mapping[str, str]) -> RunPlan:
     )
     if given["speed"] and not plan.simulator.lockstep:
         raise PlanError(
-            f"speed:={given['speed']}: only a lock-step run can be paced: lockstep:=true"
+            f"speed:={given['speed']}: only a lock-step run can be paced: give lockstep:=true"
         )
     return plan
 
