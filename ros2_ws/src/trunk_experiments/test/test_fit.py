@@ -56,7 +56,7 @@ def test_several_periods_in_any_order_with_the_period_given():
     ("x", "harmonics", "says"),
     [
         (np.linspace(0.0, 0.7, 6), 3, "6 points: 3 harmonics have 7 coefficients"),
-        (np.zeros(9), 1, "the first x is the last"),
+        (np.zeros(9), 1, "the first x equals the last"),
         (np.linspace(0.0, 0.7, 7), 3, "determine 6 of the 7 coefficients"),
         (np.linspace(0.0, 0.001, 9), 1, "path.wavenumber"),
     ],
@@ -79,7 +79,7 @@ def test_coefficients_beyond_the_parameters_are_refused():
         ("x,y\n0.1,0.2\n0.2;0.3\n", "line 3: '0.2;0.3': give x and y in m"),
         ("0.1,0.2\n0.2,nan\n", "line 2: '0.2,nan'"),
         ("0,1\n" + "9" * 5000 + "\n", "line 2: '9999"),
-        (b"\xff\xfe1,2\n", "not a text in UTF-8"),
+        (b"\xff\xfe1,2\n", "not UTF-8 text"),
         ("x [kg],y\n1,2\n", "line 1: 'x [kg]': it is a mass"),
         ("0.1,0.2 m\n1,2\n", "line 1: '0.1,0.2 m': give x and y in m"),
         ("x [],y\n1,2\n", "line 1: 'x []'"),

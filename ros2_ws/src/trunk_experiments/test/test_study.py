@@ -103,7 +103,7 @@ MISTAKES = {
     ),
     "mixed": (
         vary("parameter: simulator.hip.mode, values: [passive, 2]"),
-        "all numbers, all texts or all bools",
+        "all numbers, all strings or all bools are needed",
     ),
     "no end": (HEAD + "set: {simulator.duration: 0.0}\n" + DELAY, "duration is 0"),
 }

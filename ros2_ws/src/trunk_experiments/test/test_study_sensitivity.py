@@ -108,7 +108,7 @@ def test_a_refused_run_ends_it_in_one_line():
             "values: [1.0]",
             8,
             "iae",
-            "entries that are drawn: 0;",
+            "two or more drawn entries are needed, not 0",
         ),
         ("distribution: uniform", "from: 1.0, to: 2.0, steps: 3", 8, "iae", "a grid of 3 values"),
     ],

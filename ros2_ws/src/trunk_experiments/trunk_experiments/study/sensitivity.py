@@ -74,7 +74,7 @@ def check_sensitivity(study: Study, n: int, metrics: tuple[str, ...]) -> None:
             )
     if len(_drawn(study)) < 2:
         raise StudyError(
-            f"{study.source}: vary: entries that are drawn: {len(_drawn(study))}; two or more are needed"
+            f"{study.source}: vary: two or more drawn entries are needed, not {len(_drawn(study))}"
         )
     if n < 2 or n & (n - 1):
         raise StudyError(f"--n is {n}: a power of two from 2 is needed, such as {_near(n)}")

@@ -35,14 +35,14 @@ class TreeReader:
     def text(self, value: object, place: str, choices: tuple[str, ...] = ()) -> str:
         if not isinstance(value, str) or (choices and value not in choices):
             raise self.error(
-                place, f"is {shown(value)}: {', '.join(choices) or 'a text'} is needed"
+                place, f"is {shown(value)}: {', '.join(choices) or 'text'} is needed"
             )
         return value
 
     def texts(self, value: object, place: str) -> tuple[str, ...]:
         items = [value] if isinstance(value, str) else value
         if not isinstance(items, list) or not all(isinstance(item, str) for item in items):
-            raise self.error(place, f"is {shown(value)}: a list of texts is needed")
+            raise self.error(place, f"is {shown(value)}: a list of strings is needed")
         return tuple(items)
 
     def number(self, value: object, place: str, units: Units = ()) -> float:
@@ -79,7 +79,7 @@ class TreeReader:
         found = tuple(self.scalar(value, place, units) for value in values)
         kinds = {type(value) if isinstance(value, bool | str) else float for value in found}
         if len(kinds) > 1:
-            raise self.error(place, f"is {shown(values)}: all numbers, all texts or all bools")
+            raise self.error(place, f"is {shown(values)}: all numbers, all strings or all bools are needed")
         return found
 
     def scalar(self, value: object, place: str, units: Units) -> Scalar:

@@ -73,7 +73,7 @@ def read_points(path: Path) -> tuple[Floats, Floats]:
                 if len(points) > MOST_POINTS:
                     raise PlanError(f"{path}: more than {MOST_POINTS} points: give fewer")
     except UnicodeDecodeError:
-        raise PlanError(f"{path}: not a text in UTF-8: give a CSV file of x and y") from None
+        raise PlanError(f"{path}: not UTF-8 text: give a CSV file of x and y") from None
     x, y = np.array(points).reshape(-1, 2).T * np.array([scales]).T
     return x, y
 
@@ -120,7 +120,7 @@ def fit_path(x: Floats, y: Floats, harmonics: int, period: float | None = None) 
         )
     length = abs(float(x[-1] - x[0])) if period is None else period
     if not 0.0 < length < float("inf"):
-        raise PlanError("the first x is the last: give the path's --period in m")
+        raise PlanError("the first x equals the last: give the path's --period in m")
     k = 2.0 * pi / length
     try:
         build(SimulatorConfig, {"path.wavenumber": k})
@@ -135,7 +135,7 @@ def fit_path(x: Floats, y: Floats, harmonics: int, period: float | None = None) 
     if rank < columns.shape[1]:
         raise PlanError(
             f"the points determine {rank} of the {columns.shape[1]} coefficients of {harmonics} harmonics: "
-            "give points all over the period, or fewer --harmonics"
+            "give points over the whole period, or fewer --harmonics"
         )
     cosines, sines = found[1 : harmonics + 1].tolist(), found[harmonics + 1 :].tolist()
     fit = PathFit(k, tuple(cosines), tuple(sines), 0.0, 0.0)
