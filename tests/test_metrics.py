@@ -147,7 +147,7 @@ def test_non_finite_data_are_named(column, value):
 
 
 def test_without_a_reference_from_the_start_there_are_no_metrics():
-    with pytest.raises(ValueError, match="no controller of ours has told its reference"):
+    with pytest.raises(ValueError, match="no controller of ours has published its reference"):
         metrics(table(np.zeros(9), np.array([np.nan] + [0.0] * 8)))
 
 

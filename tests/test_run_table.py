@@ -49,7 +49,7 @@ def test_joints_may_be_in_any_order(run_file):
     assert swapped.theta.tolist() == [0, 1, 2, 3]  # what is at "trunk"
     renamed = table_of(run_file.write(3, joints=("a", "b")))
     assert renamed.theta.tolist() == [0.25, 1.25, 2.25, 3.25]
-    with pytest.raises(RecordingError, match="no joint 'leg' but a, b"):
+    with pytest.raises(RecordingError, match="no joint 'leg', only a, b"):
         table_of(run_file.write(3, joints=("a", "b"), parameters={"joints": ("a", "leg")}))
 
 

@@ -88,7 +88,7 @@ def test_a_file_that_changes_nothing_gets_a_warning(tmp_path):
     path = parameters(tmp_path, "pid", "lqr")
     (warning,) = make_plan("fig8", "fuzzy_pid", [path]).warnings
     assert warning.startswith(
-        f"{path}: no node of this run takes anything of it: it is for pid, lqr;"
+        f"{path}: no node of this run uses anything in it: it is for pid, lqr;"
     )
     assert make_plan("fig8", "lqr", [path]).warnings == ()
 

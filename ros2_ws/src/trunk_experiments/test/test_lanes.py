@@ -138,13 +138,13 @@ def test_runs_of_all_kinds_come_back_in_order(batch):
 
 def test_metrics_beyond_the_numbers_are_refused(monkeypatch, batch):
     def beyond(sums, begin):
-        raise ValueError("iae is beyond the numbers of a computer: no metrics")
+        raise ValueError("iae is too large for a floating-point number: no metrics")
 
     monkeypatch.setattr(block, "metrics_of", beyond)
     found = summaries(different("pid"), batch)
     assert (
         found
-        == [RunSummary(None, None, "iae is beyond the numbers of a computer: no metrics")] * LANES
+        == [RunSummary(None, None, "iae is too large for a floating-point number: no metrics")] * LANES
     )
 
 

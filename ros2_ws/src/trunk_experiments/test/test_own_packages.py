@@ -74,7 +74,7 @@ def test_a_bad_controller_gives_one_line_and_the_others_go_on(
     (line,) = run.stderr.splitlines()
     assert line.startswith("trunk: warning: ")
     assert told in line
-    assert line.endswith("; the others can be used")
+    assert line.endswith("; the other controllers can be used")
 
 
 def test_two_controllers_of_one_name_are_refused_naming_both_packages(tmp_path: Path) -> None:
@@ -114,7 +114,7 @@ def test_an_exception_in_a_law_gives_one_line_with_its_place(tmp_path: Path) -> 
     assert run.returncode == 1
     assert "Traceback" not in run.stderr
     assert said in run.stderr.splitlines()[-1]
-    assert run.stderr.splitlines()[-1].endswith("; trunk check controller mine tries it alone")
+    assert run.stderr.splitlines()[-1].endswith("; trunk check controller mine tests it alone")
     assert not (tmp_path / "a.mcap").exists()
     check = trunk(tmp_path, "check", "controller", "mine")
     found = [one for one in check.stdout.splitlines() if "ValueError" in one]

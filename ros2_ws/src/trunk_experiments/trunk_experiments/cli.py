@@ -38,7 +38,7 @@ _VERBS = {
     "doctor": ("doctor", "Report what is wrong with a recording, and where."),
     "recover": ("recover", "Write a valid file from a broken one."),
     "export": ("export", "Write a recorded run as CSV, Parquet, npz or a smaller MCAP."),
-    "params": ("params", "List every parameter that the nodes declare; change a running node's."),
+    "params": ("params", "List every parameter that the nodes declare; change those of a running node."),
     "new": ("new", "Make a package for a controller of your own."),
     "check": ("check", "Check that a controller does what every controller must."),
     "sweep": ("sweep", "Run a study: grids and draws over any parameter, compiled."),
@@ -50,7 +50,7 @@ _VERBS = {
         "Read a sweep: report it, repeat one of its runs, find which parameter matters.",
     ),
     "map": ("map", "Draw a study's stability and performance over two parameters."),
-    "bench": ("bench", "Measure speed, as ratios in one run."),
+    "bench": ("bench", "Measure speed as ratios, both sides in the same run."),
 }
 
 # Prefixes and suffixes of ROS 2's module names.
@@ -83,7 +83,7 @@ def _tell_unusable() -> None:
     """Say which controllers of other packages cannot be used, if the verb knows controllers at all."""
     nodes = sys.modules.get(f"{__package__}.plans.nodes")
     for reason in nodes.UNUSABLE.values() if nodes else ():
-        print(f"trunk: warning: {reason}; the others can be used", file=sys.stderr)
+        print(f"trunk: warning: {reason}; the other controllers can be used", file=sys.stderr)
 
 
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:

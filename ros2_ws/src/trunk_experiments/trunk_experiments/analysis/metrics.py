@@ -125,7 +125,7 @@ def metrics(table: RunTable, compiled: bool = False) -> Metrics:
 def _checked(found: Metrics) -> Metrics:
     for name, value in found.as_dict().items():
         if value is not None and not isfinite(value):
-            raise ValueError(f"{name} is beyond the numbers of a computer: no metrics")
+            raise ValueError(f"{name} is too large for a floating-point number: no metrics")
     return found
 
 
@@ -165,7 +165,7 @@ def _check(table: RunTable) -> None:
         raise ValueError("metrics need at least one state; the run has none")
     if np.isnan(table.reference[0]):
         raise ValueError(
-            "no controller of ours has told its reference by the first state: no metrics"
+            "no controller of ours has published its reference by the first state: no metrics"
         )
     for name in ("t", "theta", "reference", "torque"):
         bad = np.flatnonzero(~np.isfinite(getattr(table, name)))

@@ -207,8 +207,8 @@ def _joints(run: RecordedRun) -> tuple[str, str]:
     for name in joints:
         if name not in names:
             raise RecordingError(
-                f"{run.path}: {topic} has no joint {name!r} "
-                f"but {', '.join(names)}: set the parameter joints to its names"
+                f"{run.path}: {topic} has no joint {name!r}, "
+                f"only {', '.join(names)}: set the parameter joints to its names"
             )
     return joints
 

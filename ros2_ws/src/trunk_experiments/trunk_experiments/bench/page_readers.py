@@ -38,7 +38,7 @@ async def _until_input_ends(address: str, count: int) -> None:
     ends = asyncio.create_task(told.read())
     await asyncio.wait([ends, *readers], return_when=asyncio.FIRST_COMPLETED)
     if not ends.done():
-        sys.exit("a page is served no longer")
+        sys.exit("a page is no longer served")
     for reader in readers:
         reader.cancel()
 

@@ -138,7 +138,7 @@ def problems_of_steps(found: Steps, counted: Mapping[str, int], period_s: float)
     overdue_s = counted.get(OVERDUE, 0) * period_s
     if found.lost_s > overdue_s + _LOG_TOLERANCE_S:
         problems.append(
-            f"the run took {found.lost_s:.1f} s longer than its stamps say, the {OVERDUE} that "
+            f"the run took {found.lost_s:.1f} s longer than its stamps say; the {OVERDUE} that "
             f"/diagnostics counted explain {overdue_s:.1f} s"
         )
     return problems

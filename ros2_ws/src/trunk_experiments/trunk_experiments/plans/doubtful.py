@@ -42,8 +42,8 @@ def not_taken(files: Iterable[Layer], taking: Sequence[str], namespace: str = ""
                 yield f"{layer.source}: no node is called {name!r}; did you mean {meant!r}?"
         if not used:
             yield (
-                f"{layer.source}: no node of this run takes anything of it: it is for "
-                f"{', '.join(names)}; there are {', '.join(taking)}"
+                f"{layer.source}: no node of this run uses anything in it: it is for "
+                f"{', '.join(names)}; the run has {', '.join(taking)}"
             )
 
 
@@ -64,7 +64,7 @@ def large_angles(
                 if 2.0 * pi < abs(value) < 1e300 and values[name] != declared.default:
                     yield (
                         f"{node}: {name} is {value:g} rad, which is {degrees(value):.0f} degrees: "
-                        "plain angles are in radians (30 deg is read too)"
+                        "angles without a unit are in radians (30 deg is accepted, too)"
                     )
 
 

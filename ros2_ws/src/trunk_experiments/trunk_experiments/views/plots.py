@@ -243,7 +243,7 @@ def _say(axes: Axes, text: str) -> None:
 
 def _phase(axes: Axes, views: Sequence[RunView]) -> None:
     if all(np.isnan(view.table.theta_dot).all() for view in views):
-        _say(axes, "nobody measured velocities")
+        _say(axes, "no velocities were measured")
         return
     for i, view in enumerate(views):
         theta, rate = np.degrees(view.table.theta), view.table.theta_dot
