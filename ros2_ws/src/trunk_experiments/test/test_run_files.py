@@ -65,7 +65,8 @@ def test_force_replaces_an_earlier_run_and_nothing_else(tmp_path):
 
 def test_other_files_and_open_recordings_are_not_replaced(tmp_path):
     (tmp_path / "a" / "run.mcap").mkdir(parents=True)
-    with pytest.raises(PlanError, match=r"a run\.mcap in it that does not belong to a run: give another folder"):
+    odd = r"a run\.mcap in it that does not belong to a run: give another folder"
+    with pytest.raises(PlanError, match=odd):
         RunFiles.for_run(PLAN, tmp_path / "a", force=True)
     (tmp_path / "b").mkdir()
     with (
