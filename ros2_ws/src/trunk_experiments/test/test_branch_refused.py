@@ -34,7 +34,10 @@ def parent(short_run):
         (["--at", "0.5", "--set", "lqr.gains.p=3"], "--controller adds a controller"),
         (["--at", "0.5", "--set", "pid.gain.p=3"], "did you mean"),
         (["--at", "0.5", "--controller", "pid"], "it already acts at t = 0.5 s"),
-        (["--at", "0.5", "--controller", "lqr", "--controller", "lqr"], "give only one for each --at"),
+        (
+            ["--at", "0.5", "--controller", "lqr", "--controller", "lqr"],
+            "give only one for each --at",
+        ),
         (["--at", "0.5", "--push", "60"], "VALUE:DURATION"),
         (["--at", "0.5", "--push", "60Nm:-1s"], "above 0 s"),
         (["--at", "0.5", "--push", "nan:1s"], "VALUE:DURATION"),

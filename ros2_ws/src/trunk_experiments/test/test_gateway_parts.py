@@ -68,8 +68,14 @@ def test_a_frame_is_its_head_and_its_rows():
         ('{"kind": "reset", "number": "1"}', "its number is not an integer"),
         ('{"kind": "reset", "number": true}', "its number is not an integer"),
         ('{"kind": "push", "force": NaN, "torque": 0, "stamp": 0}', "not JSON"),
-        ('{"kind": "push", "force": 1e999, "torque": 0, "stamp": 0}', "force is not a finite float"),
-        (f'{{"kind": "push", "force": 1{"0" * 400}, "torque": 0, "stamp": 0}}', "not a finite float"),
+        (
+            '{"kind": "push", "force": 1e999, "torque": 0, "stamp": 0}',
+            "force is not a finite float",
+        ),
+        (
+            f'{{"kind": "push", "force": 1{"0" * 400}, "torque": 0, "stamp": 0}}',
+            "not a finite float",
+        ),
         ('{"kind": "push", "force": true, "torque": 0, "stamp": 0}', "force is not a finite float"),
         (b"\x00\x01", "binary"),
     ],

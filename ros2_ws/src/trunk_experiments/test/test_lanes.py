@@ -144,7 +144,8 @@ def test_metrics_beyond_the_numbers_are_refused(monkeypatch, batch):
     found = summaries(different("pid"), batch)
     assert (
         found
-        == [RunSummary(None, None, "iae is too large for a floating-point number: no metrics")] * LANES
+        == [RunSummary(None, None, "iae is too large for a floating-point number: no metrics")]
+        * LANES
     )
 
 

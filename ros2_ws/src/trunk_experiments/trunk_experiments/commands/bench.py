@@ -151,7 +151,11 @@ def realtime(rounds: int, rate: float, seconds: float, as_json: bool) -> None:
     help="Length of each measurement.",
 )
 @click.option(
-    "--pages", type=click.IntRange(1, 16), default=4, show_default=True, help="Number of open pages."
+    "--pages",
+    type=click.IntRange(1, 16),
+    default=4,
+    show_default=True,
+    help="Number of open pages.",
 )
 @json_option("bench-1")
 def live(rounds: int, rate: float, seconds: float, pages: int, as_json: bool) -> None:

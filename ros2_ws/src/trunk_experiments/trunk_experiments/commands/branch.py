@@ -141,7 +141,9 @@ def _branches(ctx: click.Context) -> Iterator[Branch]:
                 yield branch
             branch = Branch(value)
         elif branch is None:
-            raise PlanError(f"{names[name]} {value}: give --at T first; the options after it belong to it")
+            raise PlanError(
+                f"{names[name]} {value}: give --at T first; the options after it belong to it"
+            )
         elif name == "controllers":
             if branch.controller:
                 raise PlanError(f"--controller {value}: give only one for each --at")

@@ -44,7 +44,9 @@ def controller(name: str, path: Path, as_json: bool) -> None:
         )
     spec = find_spec(name)
     if iskeyword(name) or (spec is not None and spec.origin is not None):
-        raise PlanError(f"{name!r} belongs to Python or to an installed package: choose another name")
+        raise PlanError(
+            f"{name!r} belongs to Python or to an installed package: choose another name"
+        )
     if name in (*REGISTERED, *OTHERS):
         raise PlanError(f"{name!r} is taken by another node: choose another name")
     folder = path / name

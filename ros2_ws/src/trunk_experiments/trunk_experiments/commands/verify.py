@@ -66,7 +66,9 @@ def judged(run: Path, key: Path | None, signature: Path | None) -> tuple[Recordi
     """
     trusted = None if key is None else public_key(read_key(key), str(key))
     if signature and not signature.exists() and not key:
-        raise PlanError(f"--signature {signature}: it does not exist: give a file written by trunk sign")
+        raise PlanError(
+            f"--signature {signature}: it does not exist: give a file written by trunk sign"
+        )
     with reading(run) as tell:
         recording = Recording.open(run, tell)
     with progress_bar(f"recomputing {real_path(run).name}"):

@@ -40,7 +40,9 @@ ARGUMENTS = (
     LaunchArgument(
         "params", "", "parameter files by path or shipped name, separated by commas; later ones win"
     ),
-    LaunchArgument("swap_at", "", "T:CONTROLLER takes over at T s; several are separated by commas"),
+    LaunchArgument(
+        "swap_at", "", "T:CONTROLLER takes over at T s; several are separated by commas"
+    ),
     LaunchArgument("rate", "", "update_rate of simulator and controller, Hz; empty: the files'"),
     LaunchArgument("duration", "", "simulated time, s; 0: until Ctrl-C; empty: the files'"),
     LaunchArgument("namespace", "", "of all nodes, so that several sets run side by side"),

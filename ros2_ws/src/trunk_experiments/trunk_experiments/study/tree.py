@@ -34,9 +34,7 @@ class TreeReader:
 
     def text(self, value: object, place: str, choices: tuple[str, ...] = ()) -> str:
         if not isinstance(value, str) or (choices and value not in choices):
-            raise self.error(
-                place, f"is {shown(value)}: {', '.join(choices) or 'text'} is needed"
-            )
+            raise self.error(place, f"is {shown(value)}: {', '.join(choices) or 'text'} is needed")
         return value
 
     def texts(self, value: object, place: str) -> tuple[str, ...]:
@@ -79,7 +77,9 @@ class TreeReader:
         found = tuple(self.scalar(value, place, units) for value in values)
         kinds = {type(value) if isinstance(value, bool | str) else float for value in found}
         if len(kinds) > 1:
-            raise self.error(place, f"is {shown(values)}: all numbers, all strings or all bools are needed")
+            raise self.error(
+                place, f"is {shown(values)}: all numbers, all strings or all bools are needed"
+            )
         return found
 
     def scalar(self, value: object, place: str, units: Units) -> Scalar:

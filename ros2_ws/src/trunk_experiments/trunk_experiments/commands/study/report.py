@@ -23,7 +23,9 @@ from ...console.outputs import check_output, output_options
     show_default=True,
     help="The metric that picks the worst runs, and that the map shows.",
 )
-@click.option("--no-floquet", is_flag=True, help="Leave out the map's line of the Floquet multipliers.")
+@click.option(
+    "--no-floquet", is_flag=True, help="Leave out the map's line of the Floquet multipliers."
+)
 @json_option("study-report-1")
 def report(
     results: Path,
