@@ -41,8 +41,7 @@ def find_executable(package: str, executable: str) -> Path:
         )
     raise ExecutableError(
         f"executable {executable!r} of package {package!r} is not installed: "
-        "in the project's sources, run scripts/bootstrap.sh, then 'source scripts/env.sh': this installs "
-        "ROS 2"
+        "in the project's sources, run scripts/bootstrap.sh, which gets ROS 2, then 'source scripts/env.sh'"
     )
 
 
