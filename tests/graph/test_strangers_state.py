@@ -23,7 +23,7 @@ pytestmark = pytest.mark.graph
         pytest.param(  # from there on stamps go back
             topics.GROUND_TRUTH, "it holds 2 runs", marks=pytest.mark.long
         ),
-        (topics.JOINT_STATES, "402 messages of 401 states: another node publishes there too"),
+        (topics.JOINT_STATES, "402 messages for 401 states: another node publishes there too"),
     ],
 )
 def test_a_stranger_publishes_a_state_from_the_far_future(

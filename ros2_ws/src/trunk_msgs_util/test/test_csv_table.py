@@ -65,8 +65,8 @@ def test_a_number_without_a_unit_is_that_double(tmp_path_factory, number):
 
 
 BAD = {
-    "": f"no numbers in it: {WANTED}",
-    HEADER: f"no numbers in it: {WANTED}",
+    "": f"it has no numbers: {WANTED}",
+    HEADER: f"it has no numbers: {WANTED}",
     "0,1\n": f"line 1: '0,1' is not allowed: {WANTED}",
     "\n\nreference,t\n0,1\n": f"line 3: 'reference,t' is not allowed: {WANTED}",
     "t;reference\n0;1\n": f"line 1: 't;reference' is not allowed: {WANTED}",

@@ -126,8 +126,11 @@ def two_joints(k, names=("a", "b"), count=2):
         (b"", "not a sensor_msgs/msg/JointState"),
         (two_joints(7, count=3), "3 values of position for 2 names"),
         (two_joints(7, names=("a", "a")), "a name appears twice"),
-        (two_joints(7, names=("a", "b" * 1025)), "1025 bytes, 1024 are read"),
-        (two_joints(7, names=tuple(map(str, range(1025))), count=0), "1025 names, 1024 are read"),
+        (two_joints(7, names=("a", "b" * 1025)), "1025 bytes, at most 1024 are read"),
+        (
+            two_joints(7, names=tuple(map(str, range(1025))), count=0),
+            "1025 names, at most 1024 are read",
+        ),
     ],
     ids=["garbage", "nothing", "three values", "one name", "a long name", "many names"],
 )
