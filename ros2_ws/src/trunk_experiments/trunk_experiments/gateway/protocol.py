@@ -68,7 +68,9 @@ def asked(text: str | bytes) -> Asked:
         raise BadMessageError(f"{kind}: its number is not an integer")
     carries = _CARRIES[kind]
     if found.keys() != carries.keys():
-        raise BadMessageError(f"{kind}: it must carry exactly {', '.join(carries) or 'nothing'}")
+        raise BadMessageError(
+            f"{kind}: it must carry these fields only: {', '.join(carries) or 'none'}"
+        )
     return Asked(kind, number, {n: _value(kind, n, t, found[n]) for n, t in carries.items()})
 
 

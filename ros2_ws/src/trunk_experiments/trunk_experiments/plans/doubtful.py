@@ -64,7 +64,7 @@ def large_angles(
                 if 2.0 * pi < abs(value) < 1e300 and values[name] != declared.default:
                     yield (
                         f"{node}: {name} is {value:g} rad, which is {degrees(value):.0f} degrees: "
-                        "angles without a unit are in radians (30 deg is accepted, too)"
+                        "angles are in radians, unless given with a unit, such as 30 deg"
                     )
 
 
