@@ -28,7 +28,7 @@ CHECKS = (
     LawCheck("portable", "the same bits on every machine", portable_source),
     LawCheck("pure", "the same inputs give the same outputs", pure),
     LawCheck("finite", "no input makes it non-finite", finite_always),
-    LawCheck("holds", "it holds its command if a sample is not usable", holds),
+    LawCheck("holds", "it holds memory and command if a sample is not usable", holds),
     LawCheck("limits", "its commands stay within the limits", within_limits),
     LawCheck("reset", "after a reset it behaves like new", reset),
     LawCheck("takeover", "it takes over without a jump", takes_over),
