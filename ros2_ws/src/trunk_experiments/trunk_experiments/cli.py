@@ -38,10 +38,7 @@ _VERBS = {
     "doctor": ("doctor", "Report what is wrong with a recording, and where."),
     "recover": ("recover", "Write a valid file from a broken one."),
     "export": ("export", "Write a recorded run as CSV, Parquet, npz or a smaller MCAP."),
-    "params": (
-        "params",
-        "List every parameter that the nodes declare; change those of a running node.",
-    ),
+    "params": ("params", "List the nodes' parameters; change those of a running node."),
     "new": ("new", "Make a package for a controller of your own."),
     "check": ("check", "Check that a controller does what every controller must."),
     "sweep": ("sweep", "Run a study: grids and draws over any parameter, compiled."),
