@@ -33,7 +33,7 @@ def test_the_bytes_are_those_of_single_messages(names, stamps, has, seed):
 
 def test_what_does_not_fit_is_refused():
     layout = JointStateLayout(("trunk",), 1)
-    with pytest.raises(ValueError, match=r"position of shape \(1, 2\): 1 values a message"):
+    with pytest.raises(ValueError, match=r"position of shape \(1, 2\): 1 values per message"):
         packed(layout, np.array([0]), position=np.zeros((1, 2)))
     with pytest.raises(ValueError, match="stamps beyond"):
         packed(layout, np.array([LAST_STAMP_NS + 1]), position=np.zeros((1, 1)))
