@@ -152,7 +152,7 @@ def test_options_that_make_no_environment_are_refused_in_one_line(options, says)
                 "num_envs": MOST_BYTES // 2001 // 16 + 1,
                 "settings": ["simulator.sensor.position_noise=1"],
             },
-            "their noise needs more than 2 GiB; give fewer",
+            "their noise and disturbances need more than 2 GiB; give fewer",
         ),
     ],
     ids=["none", "mode", "too many"],

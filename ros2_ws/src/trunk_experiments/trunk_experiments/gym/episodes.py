@@ -76,7 +76,7 @@ class Episodes:
         each = 2 * self._noisy + 4 * self.task.draws_disturbances
         if self.count * states * each * 8 > MOST_BYTES:
             raise PlanError(
-                f"{self.count} environments of {states} states: their noise needs more than "
+                f"{self.count} environments of {states} states: their noise and disturbances need more than "
                 f"{MOST_BYTES // 1024**3} GiB; give fewer, or a shorter duration"
             )
         acting: Floats = np.empty((0, states, 4))
