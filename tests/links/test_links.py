@@ -175,7 +175,9 @@ def test_counts_are_recorded_and_recomputed(run: Path, tmp_path: Path) -> None:
     none = copied(run, tmp_path / "none.mcap", leave_out, ANEW)
     verdict = verdict_on(RecordedRun(none))
     assert verdict.exit_code != VERIFIED
-    assert "'passed on' 0 times, but the run ended 1 times" in str([verdict.reasons, verdict.obstacles])
+    assert "'passed on' 0 times, but the run ended 1 times" in str(
+        [verdict.reasons, verdict.obstacles]
+    )
 
 
 def test_an_edited_reading_is_found(run: Path, tmp_path: Path) -> None:
