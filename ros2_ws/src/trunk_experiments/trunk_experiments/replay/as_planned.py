@@ -133,7 +133,7 @@ def _parameters(run: RecordedRun) -> Iterator[str]:
             if change.stamp_ns:
                 yield f"run/parameters: the parameter set of {node} is stamped {change.stamp_ns} ns, not 0"
         if bool(change.new) == bool(change.changed):
-            yield f"run/parameters: a message of {node} that must be a first set or a change: it is both, or neither"
+            yield f"run/parameters: a message of {node} that is not either a first set or a change"
         fixed = [name for name in change.changed if name in declared and declared[name].fixed]
         if fixed:
             yield f"run/parameters: {node} changes {', '.join(fixed)}, which is fixed at start"
