@@ -56,7 +56,7 @@ def with_references():
     return replace(plan, references={k * 10_000_000: 0.02 * k for k in range(30)})
 
 
-def with_less_updates():
+def with_fewer_updates():
     plan = plan_of("fig8 fuzzy_pid")
     config = plan.controllers["fuzzy_pid"]
     return plan.with_controller(replace(config, update_rate=config.update_rate / 3))
@@ -84,7 +84,7 @@ PLANS = {
         "fig8 pid", settings=["simulator.fall.angle=0.53", "simulator.fall.stop=true"], duration=2.0
     ),
     "divergence": lambda: plan_of("fig8 pid", settings=["pid.gains.d=5000"], duration=2.0),
-    "fewer updates": with_less_updates,
+    "fewer updates": with_fewer_updates,
     **{f"random {i}": (lambda i=i: random_plan(i)) for i in (3, 6, 9, 15, 26)},
 }
 # All the others are of one scenario each, one law each, or drawn.

@@ -64,7 +64,8 @@ class Plan:
     def save(self, path: AnyPath, *, overwrite: bool = False) -> None:
         """Write all parameters as one ROS 2 parameter file, for nodes that are started elsewhere.
 
-        Raises PlanError for a file that exists, unless ``overwrite``, or a name not ending in ``.yaml``.
+        Raises PlanError for a file that exists, unless ``overwrite``, or a name not ending in
+        ``.yaml`` or ``.yml``.
         """
         target = output_path(path, (".yaml", ".yml"), overwrite)
         with writing(target):

@@ -36,9 +36,9 @@ _SHOWN = ("iae", "steady_state_error_rms_deg", "peak_torque")
 class PairedDifference:
     """A metric of ``first`` minus that of ``second``, over the ``pairs`` draws in which both have it.
 
-    Made by `Sweep.compare`. ``left_out``: how many other draws there are, in which one of the two fell
-    or has no such metric. ``low`` and ``high`` are the mean's 95 % confidence interval, in the metric's unit;
-    low > high if there are too few pairs.
+    Made by `Sweep.compare`. ``left_out``: how many other draws there are, in which one of the two fell,
+    was refused or has no such metric. ``low`` and ``high`` are the mean's 95 % confidence interval, in the
+    metric's unit; low > high if there are too few pairs.
     ``smaller``: the fraction of the pairs in which the value of ``first`` is smaller; a tie counts as half.
     ``verdict``: what the interval shows, in words.
     """
