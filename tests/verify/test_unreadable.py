@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from click.testing import CliRunner
 
+from trunk_experiments.cli import trunk
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, verify
 from trunk_experiments.runs.offline_recording import record_offline
@@ -43,3 +45,18 @@ def test_a_removed_message_is_still_noticed(honest, tmp_path):
     verdict = verify(copied(honest, tmp_path / "a.mcap", edit, digests=ANEW))
     assert verdict.exit_code == DIVERGES
     assert any("the sequence number is not the next" in line for line in verdict.contradictions)
+
+
+def test_the_command_does_not_call_judged_what_it_cannot_judge(honest, tmp_path):
+    copied(honest, tmp_path / "a.mcap", cut_references, digests=ANEW)
+    done = CliRunner().invoke(trunk, ["verify", str(tmp_path / "a.mcap")])
+    first, *lines = done.output.splitlines()
+    assert first.endswith(": cannot be judged")
+    assert any(line.startswith("  recomputed all the same: t = 0 to 0.1 s") for line in lines)
+    assert not any(line.startswith("  judged: ") for line in lines)
+    (judged,) = [
+        line
+        for line in CliRunner().invoke(trunk, ["verify", str(honest)]).output.splitlines()
+        if "t = 0 to 0.1 s" in line
+    ]
+    assert judged.startswith("  judged: ")

@@ -22,6 +22,18 @@ def test_a_line_for_each_tenth(capsys):
     assert last == "trunk: runs: 100 %, best 0.5"
 
 
+def test_a_line_says_how_far_it_is_not_the_tenth(capsys):
+    with progress_bar("demo") as tell:
+        for done in (1.7, 1.9, 2.7, 8.8, 10.0):
+            tell(done, 10.0, f"{done:g} of 10 s")
+    assert capsys.readouterr().err.splitlines() == [
+        "trunk: demo: 17 %, 1.7 of 10 s",
+        "trunk: demo: 27 %, 2.7 of 10 s",
+        "trunk: demo: 88 %, 8.8 of 10 s",
+        "trunk: demo: 100 %, 10 of 10 s",
+    ]
+
+
 @pytest.mark.parametrize(
     ("of", "steps", "lines"),
     [(99.0, 10, 0), (100.0, 10, 10), (100.0, 3, 3), (100.0, 1, 1), (0.0, 1, 0)],

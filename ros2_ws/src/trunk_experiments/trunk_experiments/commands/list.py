@@ -143,7 +143,8 @@ def runs(ctx: click.Context, folder: Path, judge: bool, as_json: bool) -> None:
     else:
         for one in found:
             if one.error:
-                click.echo(f"{one.path}: {one.error}", err=True)
+                named = one.error.startswith(str(one.path))
+                click.echo(one.error if named else f"{one.path}: {one.error}", err=True)
         _show(folder, [one for one in found if not one.error])
     ctx.exit(int(any(one.verdict in _REFUTED for one in found)))
 

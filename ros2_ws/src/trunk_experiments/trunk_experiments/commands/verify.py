@@ -109,7 +109,8 @@ def command(
     for obstacle in verdict.obstacles:
         click.echo(f"  obstacle: {obstacle}")
     if verdict.judged:
-        click.echo(f"  judged: {verdict.judged}")
+        what = "recomputed all the same" if verdict.obstacles else "judged"
+        click.echo(f"  {what}: {verdict.judged}")
     for part in verdict.parts:
         outcome = f"{part.wrong_steps} diverge" if part.wrong_steps else "all equal to the last bit"
         checked = f"{part.steps} steps checked, {outcome}" if part.steps else "nothing checked"

@@ -75,8 +75,8 @@ class _Lines:
     def __call__(self, done: float, of: float, note: str = "") -> None:
         if of <= 0.0 or of < self._from:
             return
-        percent = _PER_LINE * int(100.0 / _PER_LINE * done / of)
-        if percent > self._told:
+        percent = int(100.0 * done / of)
+        if percent // _PER_LINE > self._told // _PER_LINE:
             self._told = percent
             more = f", {note}" if note else ""
             _say(f"trunk: {self._what}: {percent} %{more}")

@@ -186,7 +186,8 @@ def of_every_node(name: str) -> bool:
 def unknown_name(name: str, known: Iterable[str]) -> str:
     """Return the message for a name that nothing declares."""
     close = get_close_matches(name, list(known), n=1)
-    return f"no such parameter; did you mean {close[0]!r}?" if close else "no such parameter"
+    advice = f"did you mean {close[0]!r}?" if close else "trunk params lists them all"
+    return f"no such parameter; {advice}"
 
 
 def build(config: type[Config], values: Mapping[str, object]) -> Config:
