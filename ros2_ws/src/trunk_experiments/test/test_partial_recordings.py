@@ -77,6 +77,21 @@ def test_a_file_cut_between_a_command_and_its_terms_does_not_diverge(whole, tmp_
         assert verify(Recording.open(path)).exit_code == expected
 
 
+def test_a_file_cut_before_its_first_state_is_called_damaged(whole, tmp_path, monkeypatch, capsys):
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(whole.read_bytes()[:10_000])
+    monkeypatch.setattr(sys, "argv", ["trunk", "metrics", str(path)])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "error" in line]
+    assert stop.value.code != 0
+    assert line.startswith(
+        f"trunk: error: {path} is damaged, and no messages on /ground_truth/joint_states can be read: "
+        "ends at byte 10000"
+    )
+    assert line.endswith("; record the run again")
+
+
 @pytest.mark.parametrize("topic", [STATE, topics.EFFORT_COMMAND])
 def test_a_recorder_that_is_stopped_between_a_command_and_its_terms_accuses_nobody(
     whole, tmp_path, topic

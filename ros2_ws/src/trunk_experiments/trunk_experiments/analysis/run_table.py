@@ -194,6 +194,11 @@ def _joints(run: RecordedRun) -> tuple[str, str]:
     if run.another_robot:
         raise RecordingError(f"{run.path}: a robot that is not ours: its true states are not known")
     if not run.count(topics.GROUND_TRUTH):
+        if run.recording.damage:
+            what = run.recording.damage[0].removeprefix(f"{run.path.name}: ")
+            raise RecordingError(
+                f"{run.path} is damaged, and no messages on {topic} can be read: {what}; record the run again"
+            )
         raise RecordingError(
             f"{run.path} has no messages on {topic}: record a run with the simulator in it"
         )
