@@ -73,23 +73,30 @@ def test_scrubbing_moves_everything(opened, file, views):
 
 
 def test_playing_moves_cursor_picture_and_slider(opened, file):
+    """The page's time is the test's: on a busy machine the run would end between two looks."""
     page = opened(file)
+    page.clock.install(time=0)
+    page.clock.pause_at(1000)
     picture = "() => document.getElementById('stage-0').toDataURL()"
     before = page.evaluate(picture)
     page.click("#play")
     assert page.get_attribute("#play", "aria-label") == "Pause"
-    page.wait_for_function("() => clock.time > 0.2")
+    page.clock.run_for(300)
     page.click("#play")
     stopped = page.evaluate(T)
+    assert stopped == pytest.approx(0.3, abs=0.05)
     assert page.get_attribute("#play", "aria-label") == "Play"
     assert page.evaluate(picture) != before
     assert cursor_times(page) == pytest.approx([stopped] * 7, abs=0.002)
     assert float(page.input_value("#scrub")) == pytest.approx(stopped, abs=0.01)
-    page.wait_for_timeout(150)
+    page.clock.run_for(150)
     assert page.evaluate(T) == stopped
     page.select_option("#speed", "4")
     page.click("#play")
-    page.wait_for_function("() => clock.time === report.end && !clock.playing")
+    page.clock.run_for(200)
+    assert page.evaluate(T) == pytest.approx(stopped + 0.8, abs=0.2)
+    page.clock.run_for(200)
+    assert page.evaluate("() => clock.time === report.end && !clock.playing")
 
 
 def test_hovering_shows_the_data_and_moves_the_clock(opened, file, views):
