@@ -51,7 +51,8 @@ def test_an_index_of_more_messages_than_there_are_is_refused(tmp_path, monkeypat
         read_series(glanced, WANTED)
 
 
-def test_a_file_that_has_more_messages_since_it_was_opened_is_refused(tmp_path):
+def test_a_file_that_has_more_messages_since_it_was_opened_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_KEPT", 0)  # as if it were too long to be kept in memory
     path = uncompressed(tmp_path / "a.mcap")
     whole = path.read_bytes()
     path.write_bytes(without_one(whole))
@@ -59,3 +60,11 @@ def test_a_file_that_has_more_messages_since_it_was_opened_is_refused(tmp_path):
     path.write_bytes(whole)
     with pytest.raises(RecordingError, match=r"a\.mcap: /a has 300 messages, 299 were counted"):
         read_series(recording, WANTED)
+
+
+def test_a_short_file_is_read_as_it_was_when_it_was_opened(tmp_path):
+    path = uncompressed(tmp_path / "a.mcap")
+    recording = Recording.open(path)
+    before = read_series(Recording.open(path), WANTED)["/a"]
+    path.write_bytes(without_one(path.read_bytes()))
+    assert len(read_series(recording, WANTED)["/a"]) == len(before) == COUNT

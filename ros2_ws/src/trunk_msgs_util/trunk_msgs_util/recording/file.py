@@ -74,15 +74,22 @@ class RecordingFile:
         ] = {}  # by block: where messages begin that cannot be read
         self._described_by = 0  # bytes of our metadata
 
-    def scan(self, progress: Callable[[int], None] = lambda _: None) -> None:
-        """Read the file; ``progress`` is called with the bytes read. Raises RecordingError and OSError."""
+    def scan(
+        self,
+        progress: Callable[[int], None] = lambda _: None,
+        keep: Callable[[int, Content], None] = lambda _at, _content: None,
+    ) -> None:
+        """Read the file; ``progress`` is called with the bytes read, ``keep`` with each block's content.
+
+        Raises RecordingError and OSError.
+        """
         size = size_of(self.path)
         budget = Budget(size)
         with self.path.open("rb") as file:
             check_magic(self.path, file, size)
             try:
                 for record in records(file, size):
-                    self._take(record, budget)
+                    self._take(record, budget, keep)
                     progress(record.end)
             except ChecksumError as error:
                 self.sound = False
@@ -90,12 +97,13 @@ class RecordingFile:
             except DamageError as error:
                 self.warning = str(error)
 
-    def _take(self, record: Record, budget: Budget) -> None:
+    def _take(self, record: Record, budget: Budget, keep: Callable[[int, Content], None]) -> None:
         if record.opcode in BLOCKS:
             content = content_of(record, budget)
             for opcode, body in content.others:
                 self._take_other(Record(record.offset, opcode, body, record.end))
             self.take_content(content, record)
+            keep(record.offset, content)
         else:
             self._take_other(record)
 

@@ -30,6 +30,16 @@ _ORIGIN = len(_ENCAPSULATION)  # alignment counts from here
 MAX_TRAILING = 16
 
 
+def _words(piece: bytes) -> list[tuple[int, NDArray[Any]]]:
+    """Return bytes as a few words, with where they begin; the last may overlap others."""
+    width = next(width for width in (8, 4, 2, 1) if width <= len(piece))
+    many, last = len(piece) // width, len(piece) - width
+    found = [(0, np.frombuffer(piece, f"<u{width}", many))]
+    if len(piece) % width:
+        found.append((last, np.frombuffer(piece[last:], f"<u{width}")))
+    return [(at, words if len(words) > 1 else words.reshape(())) for at, words in found]
+
+
 class _Plan:
     """The struct format of a layout, written field by field, and its constant pieces."""
 
@@ -122,8 +132,12 @@ class JointStateLayout:
         )
 
     @cached_property
-    def _constant_spans(self) -> list[tuple[int, NDArray[np.uint8]]]:
-        """Offsets and values of all bytes that are the same in every message of this layout."""
+    def _constant_words(self) -> tuple[np.dtype[Any], dict[str, NDArray[Any]]]:
+        """All bytes that are the same in every message of this layout, as whole numbers.
+
+        They are the fields of a type over the whole message, and their values; fields may overlap.
+        NumPy compares columns of such words several times faster than the same bytes one by one.
+        """
         pieces = [piece for group in self._pieces for piece in group]
         # The two option bytes of the encapsulation header may hold anything.
         spans = [(0, _ENCAPSULATION[:2]), *zip(self._plan.piece_offsets, pieces, strict=True)]
@@ -133,7 +147,17 @@ class JointStateLayout:
                 joined[-1] = (joined[-1][0], joined[-1][1] + piece)
             else:
                 joined.append((at, piece))
-        return [(at, np.frombuffer(piece, np.uint8)) for at, piece in joined]
+        words = [(at + begin, words) for at, piece in joined for begin, words in _words(piece)]
+        values = {f"byte {at}": value for at, value in words}
+        dtype = np.dtype(
+            {
+                "names": list(values),
+                "formats": [(value.dtype, value.shape) for value in values.values()],
+                "offsets": [at for at, _ in words],
+                "itemsize": self.size,
+            }
+        )
+        return dtype, values
 
     def pack(self, sample: JointSample) -> bytes:
         """Return the message. Raises ValueError if the sample does not have this layout."""
@@ -192,11 +216,12 @@ class JointStateLayout:
 
         Raises ValueError if one would go beyond the data.
         """
-        whole = self._whole(data, start)
-        octets = self._octets(whole)
-        fits = np.ones(len(whole), np.bool_)
-        for at, values in self._constant_spans:
-            fits &= (octets[:, at : at + len(values)] == values).all(axis=1)
+        dtype, values = self._constant_words
+        words = self._whole(data, start).view(dtype)
+        fits = np.ones(len(words), np.bool_)
+        for name, value in values.items():
+            same = words[name] == value
+            fits &= same if same.ndim == 1 else same.all(axis=1)
         return fits
 
     def _whole(self, data: bytes, start: NDArray[np.int64]) -> NDArray[np.void]:
@@ -211,18 +236,11 @@ class JointStateLayout:
         )
         return everywhere[start]
 
-    def _octets(self, whole: NDArray[np.void]) -> NDArray[np.uint8]:
-        return np.lib.stride_tricks.as_strided(
-            whole.view(np.dtype([("first", "u1"), ("", f"V{self.size - 1}")]))["first"],
-            (len(whole), self.size),
-            (*whole.strides, 1),
-        )
-
     def _checked(self, whole: NDArray[np.void]) -> NDArray[Any]:
-        octets = self._octets(whole)
-        for at, values in self._constant_spans:
-            if not (octets[:, at : at + len(values)] == values).all():
-                raise ValueError("messages of different layouts")
+        dtype, values = self._constant_words
+        words = whole.view(dtype)
+        if any(np.count_nonzero(words[name] != value) for name, value in values.items()):
+            raise ValueError("messages of different layouts")
         return whole.view(self.dtype)
 
     @classmethod

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .messages import Messages
     from .split import Content
 
-# Decompressed chunks kept for the next topic: a one-minute run is decompressed once.
+# Decompressed chunks kept for the next pass: a one-minute run is decompressed once.
 _KEPT = 64 << 20
 # A larger file need not be read whole at a glance; smaller ones are scanned in no time.
 _GLANCE = 32 << 20
@@ -62,7 +62,8 @@ class RecordedFiles:
                 self.checked = False
             file = glanced or RecordingFile(path, self.topics)
             if glanced is None:
-                file.scan(partial(_tell, progress, sum(sizes[:i]), sum(sizes)))
+                told = partial(_tell, progress, sum(sizes[:i]), sum(sizes))
+                file.scan(told, partial(self._keep_scanned, i))
             self._files.append(file)
             self._sound &= file.sound
             self.provenance.update(file.metadata[PROVENANCE])
@@ -225,6 +226,11 @@ class RecordedFiles:
                     content = self._kept.get(key) or file.content(stream, block)
                     self._keep(key, content)
                     yield file, block, every, content
+
+    def _keep_scanned(self, number: int, offset: int, content: Content) -> None:
+        """Keep the first blocks of a scan, as many as fit: the next pass begins with them."""
+        if self._kept_bytes + _cost(content) <= _KEPT:
+            self._keep((number, offset), content)
 
     def _keep(self, key: tuple[int, int], content: Content) -> None:
         if key not in self._kept:
