@@ -11,6 +11,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-_ENCAPSULATION = b"\x00\x01\x00\x00"  # CDR, little-endian, no options
-_ORIGIN = len(_ENCAPSULATION)  # alignment counts from here
+_CDR = b"\x00\x01"  # little-endian; two bytes of options follow
+_ORIGIN = 4  # alignment counts from here
 # rmw_serialize leaves such a tail: room for alignment that empty arrays do not need.
 MAX_TRAILING = 16
 
@@ -44,7 +45,8 @@ class _Plan:
     """The struct format of a layout, written field by field, and its constant pieces."""
 
     def __init__(self) -> None:
-        self.format = "<4siI"
+        # The two option bytes of the encapsulation header may hold anything; zeros are written.
+        self.format = [f"<{len(_CDR)}s{_ORIGIN - len(_CDR)}x", "iI"]
         self.at = 8  # from the origin, after the stamp
         self.pieces: list[list[bytes]] = [[]]  # what precedes each group of doubles
         self.piece_offsets: list[int] = []
@@ -52,13 +54,19 @@ class _Plan:
 
     def align(self, size: int) -> None:
         padding = -self.at % size
-        self.format += f"{padding}x"
+        if padding:
+            self.format.append(f"{padding}x")
         self.at += padding
 
     def constant(self, data: bytes) -> None:
-        self.format += f"{len(data)}s"
-        self.pieces[-1].append(data)
-        self.piece_offsets.append(_ORIGIN + self.at)
+        group = self.pieces[-1]
+        if group and self.format[-1].endswith("s"):  # one piece with what is right before it
+            group[-1] += data
+            self.format[-1] = f"{len(group[-1])}s"
+        else:
+            group.append(data)
+            self.format.append(f"{len(data)}s")
+            self.piece_offsets.append(_ORIGIN + self.at)
         self.at += len(data)
 
     def count(self, value: int) -> None:
@@ -74,7 +82,7 @@ class _Plan:
         self.count(count)
         if count:  # an empty sequence is not aligned
             self.align(8)
-        self.format += f"{count}d"
+            self.format.append(f"{count}d")
         self.double_offsets.append(_ORIGIN + self.at)
         self.pieces.append([])
         self.at += 8 * count
@@ -103,7 +111,7 @@ class JointStateLayout:
 
     @cached_property
     def _struct(self) -> struct.Struct:
-        return struct.Struct(self._plan.format)
+        return struct.Struct("".join(self._plan.format))
 
     @cached_property
     def _pieces(self) -> tuple[tuple[bytes, ...], ...]:
@@ -112,6 +120,23 @@ class JointStateLayout:
     @cached_property
     def _counts(self) -> tuple[int, int, int]:
         return self.position, self.velocity, self.effort
+
+    @cached_property
+    def _constants(self) -> tuple[bytes, ...]:
+        return _CDR, *(piece for group in self._pieces for piece in group)
+
+    @cached_property
+    def _places(self) -> tuple[itemgetter[Any], slice, slice, slice]:
+        """Where constants, positions, velocities and efforts are among the struct's fields."""
+        at = 3  # after the encapsulation and the stamp
+        constants, values = [0], []
+        for pieces, count in zip(self._pieces, self._counts, strict=False):
+            constants += range(at, at + len(pieces))
+            at += len(pieces)
+            values.append(slice(at, at + count))
+            at += count
+        position, velocity, effort = values
+        return itemgetter(*constants), position, velocity, effort
 
     @property
     def size(self) -> int:
@@ -139,15 +164,8 @@ class JointStateLayout:
         NumPy compares columns of such words several times faster than the same bytes one by one.
         """
         pieces = [piece for group in self._pieces for piece in group]
-        # The two option bytes of the encapsulation header may hold anything.
-        spans = [(0, _ENCAPSULATION[:2]), *zip(self._plan.piece_offsets, pieces, strict=True)]
-        joined: list[tuple[int, bytes]] = []
-        for at, piece in spans:
-            if joined and joined[-1][0] + len(joined[-1][1]) == at:
-                joined[-1] = (joined[-1][0], joined[-1][1] + piece)
-            else:
-                joined.append((at, piece))
-        words = [(at + begin, words) for at, piece in joined for begin, words in _words(piece)]
+        spans = [(0, _CDR), *zip(self._plan.piece_offsets, pieces, strict=True)]
+        words = [(at + begin, words) for at, piece in spans for begin, words in _words(piece)]
         values = {f"byte {at}": value for at, value in words}
         dtype = np.dtype(
             {
@@ -168,7 +186,7 @@ class JointStateLayout:
         before_position, before_velocity, before_effort, _ = self._pieces
         try:
             return self._struct.pack(
-                _ENCAPSULATION,
+                _CDR,
                 sec,
                 nanosec,
                 *before_position,
@@ -183,17 +201,15 @@ class JointStateLayout:
 
     def unpack(self, data: bytes) -> JointSample:
         """Return the sample. Raises ValueError if the message does not have this layout."""
-        if not self.size <= len(data) <= self.size + MAX_TRAILING or data[:2] != b"\x00\x01":
+        layout = self._struct
+        if not layout.size <= len(data) <= layout.size + MAX_TRAILING:
             raise ValueError(f"a message of {len(data)} bytes does not have the layout {self!r}")
-        _, sec, nanosec, *rest = self._struct.unpack_from(data)
-        values: list[tuple[float, ...]] = []
-        for pieces, count in zip(self._pieces, self._counts, strict=False):
-            end = len(pieces)
-            if tuple(rest[:end]) != pieces:
-                raise ValueError(f"the message does not have the layout {self!r}")
-            values.append(tuple(rest[end : end + count]))
-            del rest[: end + count]
-        return JointSample(sec * NANOSECONDS + nanosec, self.name, *values)
+        fields = layout.unpack_from(data)
+        constants, position, velocity, effort = self._places
+        if constants(fields) != self._constants:
+            raise ValueError(f"the message does not have the layout {self!r}")
+        stamp_ns = fields[1] * NANOSECONDS + fields[2]
+        return JointSample(stamp_ns, self.name, fields[position], fields[velocity], fields[effort])
 
     def decode(self, messages: Sequence[bytes]) -> NDArray[Any]:
         """Return messages as an array of `dtype`. Raises ValueError unless all have this layout."""
@@ -246,7 +262,7 @@ class JointStateLayout:
     @classmethod
     def parse(cls, data: bytes) -> JointStateLayout:
         """Return a message's layout. Raises ValueError if it is malformed or big-endian."""
-        if data[:2] != b"\x00\x01":
+        if data[:2] != _CDR:
             raise ValueError("not a little-endian CDR message")
         cursor = _Cursor(data)
         cursor.take(8, 4)  # the stamp
