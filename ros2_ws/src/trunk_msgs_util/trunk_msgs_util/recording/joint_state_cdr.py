@@ -18,15 +18,14 @@ import numpy as np
 
 from ..samples import JointSample
 from ..units import NANOSECONDS
-from .limits import MAX_JOINTS, MAX_NAME
+from .joint_state_fields import CDR, ORIGIN, FieldCursor, FieldPlan
+from .limits import MAX_JOINTS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-_CDR = b"\x00\x01"  # little-endian; two bytes of options follow
-_ORIGIN = 4  # alignment counts from here
 # rmw_serialize leaves such a tail: room for alignment that empty arrays do not need.
 MAX_TRAILING = 16
 
@@ -41,53 +40,6 @@ def _words(piece: bytes) -> list[tuple[int, NDArray[Any]]]:
     return [(at, words if len(words) > 1 else words.reshape(())) for at, words in found]
 
 
-class _Plan:
-    """The struct format of a layout, written field by field, and its constant pieces."""
-
-    def __init__(self) -> None:
-        # The two option bytes of the encapsulation header may hold anything; zeros are written.
-        self.format = [f"<{len(_CDR)}s{_ORIGIN - len(_CDR)}x", "iI"]
-        self.at = 8  # from the origin, after the stamp
-        self.pieces: list[list[bytes]] = [[]]  # what precedes each group of doubles
-        self.piece_offsets: list[int] = []
-        self.double_offsets: list[int] = []
-
-    def align(self, size: int) -> None:
-        padding = -self.at % size
-        if padding:
-            self.format.append(f"{padding}x")
-        self.at += padding
-
-    def constant(self, data: bytes) -> None:
-        group = self.pieces[-1]
-        if group and self.format[-1].endswith("s"):  # one piece with what is right before it
-            group[-1] += data
-            self.format[-1] = f"{len(group[-1])}s"
-        else:
-            group.append(data)
-            self.format.append(f"{len(data)}s")
-            self.piece_offsets.append(_ORIGIN + self.at)
-        self.at += len(data)
-
-    def count(self, value: int) -> None:
-        self.align(4)
-        self.constant(struct.pack("<I", value))
-
-    def string(self, text: str) -> None:
-        data = text.encode() + b"\x00"
-        self.count(len(data))
-        self.constant(data)
-
-    def doubles(self, count: int) -> None:
-        self.count(count)
-        if count:  # an empty sequence is not aligned
-            self.align(8)
-            self.format.append(f"{count}d")
-        self.double_offsets.append(_ORIGIN + self.at)
-        self.pieces.append([])
-        self.at += 8 * count
-
-
 @dataclass(frozen=True)
 class JointStateLayout:
     """What is constant in a stream of JointState messages: names and numbers of values."""
@@ -99,8 +51,8 @@ class JointStateLayout:
     frame_id: str = ""
 
     @cached_property
-    def _plan(self) -> _Plan:
-        plan = _Plan()
+    def _plan(self) -> FieldPlan:
+        plan = FieldPlan()
         plan.string(self.frame_id)
         plan.count(len(self.name))
         for name in self.name:
@@ -123,7 +75,7 @@ class JointStateLayout:
 
     @cached_property
     def _constants(self) -> tuple[bytes, ...]:
-        return _CDR, *(piece for group in self._pieces for piece in group)
+        return CDR, *(piece for group in self._pieces for piece in group)
 
     @cached_property
     def _places(self) -> tuple[itemgetter[Any], slice, slice, slice]:
@@ -151,7 +103,7 @@ class JointStateLayout:
             {
                 "names": ["sec", "nanosec", "position", "velocity", "effort"],
                 "formats": ["<i4", "<u4", *doubles],
-                "offsets": [_ORIGIN, _ORIGIN + 4, *self._plan.double_offsets],
+                "offsets": [ORIGIN, ORIGIN + 4, *self._plan.double_offsets],
                 "itemsize": self.size,
             }
         )
@@ -164,7 +116,7 @@ class JointStateLayout:
         NumPy compares columns of such words several times faster than the same bytes one by one.
         """
         pieces = [piece for group in self._pieces for piece in group]
-        spans = [(0, _CDR), *zip(self._plan.piece_offsets, pieces, strict=True)]
+        spans = [(0, CDR), *zip(self._plan.piece_offsets, pieces, strict=True)]
         words = [(at + begin, words) for at, piece in spans for begin, words in _words(piece)]
         values = {f"byte {at}": value for at, value in words}
         dtype = np.dtype(
@@ -186,7 +138,7 @@ class JointStateLayout:
         before_position, before_velocity, before_effort, _ = self._pieces
         try:
             return self._struct.pack(
-                _CDR,
+                CDR,
                 sec,
                 nanosec,
                 *before_position,
@@ -262,9 +214,9 @@ class JointStateLayout:
     @classmethod
     def parse(cls, data: bytes) -> JointStateLayout:
         """Return a message's layout. Raises ValueError if it is malformed or big-endian."""
-        if data[:2] != _CDR:
+        if data[:2] != CDR:
             raise ValueError("not a little-endian CDR message")
-        cursor = _Cursor(data)
+        cursor = FieldCursor(data)
         cursor.take(8, 4)  # the stamp
         frame_id = cursor.string()
         name = cursor.strings(MAX_JOINTS)
@@ -272,45 +224,6 @@ class JointStateLayout:
         if len(data) - cursor.at > MAX_TRAILING:
             raise ValueError(f"{len(data) - cursor.at} bytes too many")
         return cls(name, position, velocity, effort, frame_id)
-
-
-class _Cursor:
-    """Reads the parts of a message that determine its layout, never past its end."""
-
-    def __init__(self, data: bytes) -> None:
-        self.data = data
-        self.at = _ORIGIN
-
-    def take(self, size: int, alignment: int) -> bytes:
-        start = self.at + (_ORIGIN - self.at) % alignment
-        self.at = start + size
-        if self.at > len(self.data):
-            raise ValueError(f"a message of {len(self.data)} bytes ends before byte {self.at}")
-        return self.data[start : self.at]
-
-    def count(self) -> int:
-        return int.from_bytes(self.take(4, 4), "little")
-
-    def string(self) -> str:
-        data = self.take(self.count(), 1)
-        if data[-1:] != b"\x00":
-            raise ValueError("a string without its terminator")
-        if len(data) > MAX_NAME + 1:
-            raise ValueError(f"a name of {len(data) - 1} bytes, at most {MAX_NAME} are read")
-        return data[:-1].decode()
-
-    def strings(self, limit: int) -> tuple[str, ...]:
-        count = self.count()
-        if count > limit:
-            self.take(4 * count, 4)  # no more than can be there
-            raise ValueError(f"{count} names, at most {limit} are read")
-        return tuple(self.string() for _ in range(count))
-
-    def doubles(self) -> int:
-        count = self.count()
-        if count:
-            self.take(8 * count, 8)
-        return count
 
 
 @lru_cache(maxsize=256)
