@@ -100,6 +100,53 @@ def test_another_layout_is_refused(other):
             refused()
 
 
+@pytest.mark.parametrize("frame_id", ["", "base_of_the_trunk"])
+@pytest.mark.parametrize(
+    "name", [("trunk",), ("hip", "trunk"), ("a" * 40, "b"), ("left_hip_joint", "knee", "c")]
+)
+def test_every_reader_notices_every_altered_byte_that_the_layout_fixes(name, frame_id):
+    values = tuple(1.0 + i for i in range(len(name)))
+    sample = JointSample(1_500_000_000, name, values, (), values)
+    layout = JointStateLayout(name, len(name), 0, len(name), frame_id)
+    packed = layout.pack(sample)
+    free = {2, 3, *range(4, 12)}  # options of the encapsulation, stamp
+    for field in ("position", "effort"):
+        at = layout.dtype.fields[field][1]
+        free |= set(range(at, at + 8 * len(name)))
+    refused = 0
+    for at in set(range(len(packed))) - free:
+        altered = bytearray(packed)
+        altered[at] ^= 0x01
+        readers = (
+            layout.unpack,
+            lambda data: layout.decode([packed, data]),
+            lambda data: layout.decode_at(packed + data, np.array([0, len(packed)])),
+        )
+        fits = layout.fits(packed + bytes(altered), np.array([0, len(packed)])).tolist()
+        if says_the_same(bytes(altered), packed):  # padding
+            assert fits == [True, True]
+            for read in readers:
+                read(bytes(altered))
+            continue
+        refused += 1
+        assert fits == [True, False]
+        for read in readers:
+            with pytest.raises(ValueError, match="layout"):
+                read(bytes(altered))
+    assert refused >= sum(map(len, name)) + len(frame_id)
+
+
+def says_the_same(data, other):
+    """Return True if rosbags reads the same of both messages; it looks at the byte order alone."""
+    if data[:2] != other[:2]:
+        return False
+    try:
+        one, two = (STORE.deserialize_cdr(each, TYPE) for each in (data, other))
+    except Exception:  # whatever it raises on an altered message
+        return False
+    return bytes(STORE.serialize_cdr(one, TYPE)) == bytes(STORE.serialize_cdr(two, TYPE))
+
+
 @given(samples, st.data())
 def test_a_cut_or_altered_message_raises_nothing_but_value_error(sample, data):
     packed = layout_of(sample).pack(sample)
