@@ -27,6 +27,7 @@ from ..runs.domain_claim import claimed_domain
 from ..runs.files import BESIDE, RunFiles
 from ..runs.graph import run_graph
 from ..runs.interrupt import Interrupt
+from ..runs.processes import check_nodes_installed
 from .run import show_run
 
 _REPORT = "report.html"
@@ -83,6 +84,7 @@ def command(
         _check_alone()
         _attach(checked_namespace(attach), host, port, browser, foxglove, as_json)
         return
+    check_nodes_installed()
     click.get_current_context().with_resource(claimed_domain())
     everywhere: dict[str, object] = {"duration": 0.0}
     if lockstep:

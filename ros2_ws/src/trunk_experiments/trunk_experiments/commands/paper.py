@@ -50,7 +50,10 @@ def command(
     from ..paper.report import write_report
     from ..paper.reproduction import as_json as paper_values
     from ..paper.reproduction import reproduce
+    from ..runs.processes import check_nodes_installed
 
+    if graph:
+        check_nodes_installed()
     if crate:
         check_installed()
     begun = provenance.gather()

@@ -29,6 +29,7 @@ from ..recorded.run import RecordedRun
 from ..runs.domain_claim import claimed_domain
 from ..runs.files import RunFiles
 from ..runs.graph import run_graph
+from ..runs.processes import check_nodes_installed
 from .metrics import metrics_values, show_metrics
 
 
@@ -77,8 +78,9 @@ def command(
     plan = plan_of(**options, extra=everywhere)
     if not plan.simulator.duration:
         raise PlanError("simulator: duration is 0: a recorded run needs an end; give --duration S")
-    # Settings that ROS 2 cannot use, and a second run, are refused before a folder is made.
+    # Settings that ROS 2 cannot use, no ROS 2, and a second run are refused before a folder is made.
     middleware.prepare()
+    check_nodes_installed()
     click.get_current_context().with_resource(claimed_domain())
     if output is not None:
         for file in RunFiles(output).all:

@@ -45,6 +45,11 @@ def find_executable(package: str, executable: str) -> Path:
     )
 
 
+def check_nodes_installed() -> None:
+    """Raise ExecutableError if there are no nodes to run, as in a pip installation without ROS 2."""
+    find_executable("trunk_sim", "simulator")
+
+
 def _child_of(parent: int, enlist: Callable[[], None]) -> Callable[[], None]:
     def prepare() -> None:
         # System calls, which take no lock: safe between fork and exec.
