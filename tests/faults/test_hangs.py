@@ -47,11 +47,29 @@ def test_simulator_is_killed_while_all_others_hang(children: Children, peer: Pee
 def test_all_nodes_hang_and_the_runner_gets_sigterm(children: Children, peer: Peer) -> None:
     run = children.trunk("run", "demo", "--duration", 60, "--output", "run")
     peer.until_started(run)
+    # The runner as well: on a busy machine it would first notice that the simulator is silent.
+    os.kill(run.process.pid, signal.SIGSTOP)
     for name in ("simulator", "disturbance", "fuzzy_pid", "recorder"):
         os.kill(children.pid_of(name), signal.SIGSTOP)
-    assert run.stop(signal.SIGTERM) == 1
+    for number in (signal.SIGTERM, signal.SIGCONT):
+        os.kill(run.process.pid, number)
+    assert run.wait() == 1
     children.none_left()
     assert run.stderr.splitlines()[-1].startswith("trunk: error: stopped by SIGTERM")
+
+
+def test_ctrl_c_comes_before_a_runner_that_hung_knows_of_the_start(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
+    run = children.trunk("live", "--no-browser", "--output", "run")
+    children.pid_of("simulator")
+    os.kill(run.process.pid, signal.SIGSTOP)
+    peer.until_event("simulator", "started")
+    peer.until_recorded(200)
+    for number in (signal.SIGINT, signal.SIGCONT):
+        os.kill(run.process.pid, number)
+    assert run.wait() == 0, run.stderr
+    assert Recording.open(tmp_path / "run" / "run.mcap").complete
 
 
 @pytest.mark.long

@@ -72,7 +72,8 @@ def test_no_message_goes_through_shared_memory(
     for name in (middleware.TRANSPORTS, middleware.PROFILES_FILE):
         monkeypatch.delenv(name, raising=False)  # the processes choose for themselves
     node = children.node("pid")
-    asked = children.trunk("params", "set", "pid", "gains.p=70", name="asked")
+    patient = ("set", "--timeout", 600)
+    asked = children.trunk("params", *patient, "pid", "gains.p=70", name="asked")
     assert asked.wait() == 0, asked.stderr
     mapped = Path(f"/proc/{children.pid_of('pid')}/maps").read_text()
     assert "librmw_fastrtps" in mapped

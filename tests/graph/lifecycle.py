@@ -20,12 +20,16 @@ class Life:
         return label
 
     def change(self, label: str) -> bool:
-        """Ask for a transition by its number, as ``ros2 lifecycle set`` does."""
+        """Ask for a transition by its number, as ``ros2 lifecycle set`` does.
+
+        If the first answer is lost, the peer asks again, and is refused what has been done.
+        """
+        before = self.state()
         request = Transition(id=getattr(Transition, f"TRANSITION_{label.upper()}"))
         success: bool = self._peer.call(
             ChangeState, f"/{self._node}/change_state", transition=request
         ).success
-        return success
+        return success or self.state() != before
 
     def available(self) -> set[str]:
         found = self._peer.call(

@@ -60,9 +60,12 @@ def test_the_plant_begins_when_it_has_discovered_the_ready_node(
 ) -> None:
     seen = witness.hear_live(states)
     simulator = children.node("simulator", f"wait_for:=[{answers}]")
-    peer.node.create_publisher(JointState, answers, qos.evidence())
+    # In this order: a publisher of answers that for a second is not known to be ready passes for a stranger.
     say = peer.node.create_publisher(DiagnosticArray, topics.RUN_EVENTS, qos.run_information())
+    peer.until(say.get_subscription_count, "the simulator hears events")
     say.publish(status_to_ros(0, "/peer", "ready", {"answers": answers}, b"\0"))
+    peer.until_received(say)
+    peer.node.create_publisher(JointState, answers, qos.evidence())
     peer.fresh_diagnostics("simulator")
     witness.fresh_diagnostics("simulator")
     assert not seen

@@ -93,6 +93,7 @@ def test_a_second_set_of_nodes_is_refused(children: Children, peer: Peer, tmp_pa
     first = launch(1)
     peer.until_event("simulator", "started")
     second = launch(2)
+    codes = []
     # A simulator may first see that two controllers answer. And the first set, which notices as well, may
     # have ended before the second simulator came up: then nobody is left to refuse it.
     for child, wanted in zip(
@@ -110,12 +111,14 @@ def test_a_second_set_of_nodes_is_refused(children: Children, peer: Peer, tmp_pa
             ),
             "it is refused, or the first ones have ended",
         )
-        if child.stop():
+        codes.append(child.stop())
+        if codes[-1]:
             assert re.search(wanted, child.stderr)
     for child in (first[2], second[2]):
         child.stop()
-    for child in first[:2]:
-        assert child.wait() == 1, child.stderr
+    # A recorder that is held up may find that the other one has ended: then only that one has noticed.
+    assert 1 in (first[0].stop(), codes[0]), first[0].stderr
+    assert first[1].wait() == 1, first[1].stderr
 
 
 @pytest.mark.parametrize("when", [pytest.param("before", marks=pytest.mark.long), "during"])

@@ -23,13 +23,13 @@ pytestmark = pytest.mark.graph
         pytest.param(  # from there on stamps go back
             topics.GROUND_TRUTH, "it holds 2 runs", marks=pytest.mark.long
         ),
-        (topics.JOINT_STATES, "402 messages for 401 states: another node publishes there too"),
+        (topics.JOINT_STATES, "802 messages for 801 states: another node publishes there too"),
     ],
 )
 def test_a_stranger_publishes_a_state_from_the_far_future(
     children: Children, peer: Peer, tmp_path: Path, topic: str, says: str
 ) -> None:
-    run = children.trunk("run", "demo", "--duration", 2, "--output", "run")
+    run = children.trunk("run", "demo", "--duration", 4, "--output", "run")
     speak = peer.speaker(topic)
     peer.until_started(run)
     speak(JointSample((2**31 - 1) * 10**9, ("hip", "trunk"), (0.0, 0.1), (0.0, 0.0), (0.0, 0.0)))

@@ -103,5 +103,5 @@ def network(folder: Path, failed: Callable[[], bool]) -> Iterator[tuple[Host, ..
                 host.children.close(failed())
         finally:
             for line in ip("netns", "list").splitlines():
-                if line.startswith(_PREFIX):
+                if line.startswith(f"{_PREFIX}-"):
                     ip("netns", "del", line.split()[0])
