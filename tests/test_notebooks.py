@@ -45,7 +45,9 @@ def test_a_notebook_runs_and_draws(name, expected, tmp_path, monkeypatch):
     book = nbformat.read(EXAMPLES / name, as_version=4)
     resources = {"metadata": {"path": str(work)}}
     # No time limit but the suite's: a busy machine takes as long as it needs.
-    client = nbclient.NotebookClient(book, timeout=None, startup_timeout=600, resources=resources)
+    client = nbclient.NotebookClient(
+        book, timeout=None, startup_timeout=3600, iopub_timeout=3600, resources=resources
+    )
     client.execute()
     outputs = [one for cell in book.cells if cell.cell_type == "code" for one in cell.outputs]
     data = [one.get("data", {}) for one in outputs]

@@ -11,6 +11,10 @@ import pytest
 from trunk_experiments.analysis.metrics import QUANTITIES
 from trunk_experiments.readme import refreshed
 
+from .graph.conftest import domain, domains
+
+__all__ = ["domain", "domains"]
+
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 TABLES = {"topics": 1, "parameter_tables": 2, "recording": 1, "api": 1}  # generated parts of each
@@ -86,7 +90,7 @@ def block(language):
 
 @pytest.mark.graph
 @pytest.mark.slow
-def test_the_examples_run_as_printed(tmp_path):
+def test_the_examples_run_as_printed(tmp_path, domain):
     """As in a fresh clone: nothing is there but the scripts."""
     (tmp_path / "scripts").symlink_to(ROOT / "scripts")
     python = f"cat > example.py <<'END'\n{block('python')}END\npython example.py\n"

@@ -22,6 +22,7 @@ from trunk_experiments.errors import RunError
 from trunk_experiments.runs.domain_claim import claimed_domain
 
 ROOT = Path(__file__).parents[1]
+DOMAIN = str(101 + os.getpid() % 132)  # none that a test with nodes is in
 PACKAGES = sorted(path.parent for path in ROOT.glob("ros2_ws/src/*/package.xml"))
 NAMES = {path.name for path in PACKAGES}
 
@@ -86,6 +87,7 @@ def trunk(wheels, tmp_path_factory):
 
     def run(*words: str) -> subprocess.CompletedProcess[str]:
         clean = {"PATH": os.defpath, "HOME": str(folder), "MPLBACKEND": "agg"}
+        clean["ROS_DOMAIN_ID"] = DOMAIN
         command = [python.with_name("trunk"), *words]
         return subprocess.run(
             command, cwd=folder, env=clean, capture_output=True, text=True, check=False
@@ -155,7 +157,7 @@ def test_the_wheels_alone_simulate_and_verify(trunk):
     ids=lambda words: words[0],
 )
 def test_a_verb_that_needs_ros_says_so_in_one_line(trunk, words, monkeypatch):
-    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    monkeypatch.setenv("ROS_DOMAIN_ID", DOMAIN)
     with ExitStack() as held:
         with suppress(RunError):  # another run holds it already
             held.enter_context(claimed_domain())

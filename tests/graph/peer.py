@@ -150,6 +150,13 @@ class Peer:
             f"{node} publishes its parameters",
         )
 
+    def last_diagnostics(self, node: str) -> dict[str, str]:
+        """Return a node's last message on /diagnostics so far; wait for one if there is none."""
+        name = f"/{node.lstrip('/')}"
+        return self.until(
+            lambda: [v for n, v in self.diagnostics if n == name], f"{node} diagnoses"
+        )[-1]
+
     def fresh_diagnostics(self, node: str) -> dict[str, str]:
         """Return a node's second message on /diagnostics from now on."""
         seen, name = len(self.diagnostics), f"/{node.lstrip('/')}"

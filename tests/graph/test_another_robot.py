@@ -77,12 +77,16 @@ def test_commands_to_another_robot_are_judged(
     )
     pid = children.node("pid", "joint:=arm", *gains)
     peer.until(lambda: robot.states.get_subscription_count() == 2, "the controller listens too")
-    for _ in range(400):
+    peer.until_event("pid", "ready")
+    for k in range(400):
+        if k % 4 == 0:
+            peer.until_received(robot.states)  # they are kept ten messages deep
         before = robot.commands
         robot.step()
         peer.until(lambda: robot.commands > before, "the controller answers")  # noqa: B023
     assert abs(robot.angle) < 0.05, robot.angle
     peer.until_received(robot.states)
+    peer.until_recorded(4 * 400)  # two messages, a command and its terms for each step
     assert [pid.stop(), recorder.stop()] == [0, 0]
 
     path = tmp_path / "run.mcap"

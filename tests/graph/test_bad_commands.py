@@ -76,7 +76,8 @@ def test_real_time(children: Children, peer: Peer) -> None:
 
 def test_lockstep(children: Children, peer: Peer) -> None:
     truth = peer.hear(topics.GROUND_TRUTH)
-    simulator = children.node("simulator", "lockstep.enabled:=true", "duration:=0.025")
+    patient = ("lockstep.enabled:=true", "lockstep.timeout:=3600.0")
+    simulator = children.node("simulator", *patient, "duration:=0.025")
     say = peer.speaker(topics.EFFORT_COMMAND)
     peer.until_event("simulator", "started")
     for k in range(5):

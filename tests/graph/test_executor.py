@@ -53,8 +53,7 @@ def test_a_timer_keeps_its_rate(loop: Loop) -> None:
     loop.every(0.01, lambda: calls.append(time.monotonic()))
     loop.spin_until(lambda: len(calls) >= 30)
     # As many calls as periods or, on a busy machine, fewer: a timer that is late does not catch up.
-    assert calls[-1] - began > 0.295
-    assert len(calls) == 30
+    assert calls[-1] - began > 0.01 * len(calls) - 0.005
 
 
 def test_a_cancelled_timer_rests_until_it_is_reset(loop: Loop) -> None:

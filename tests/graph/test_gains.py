@@ -48,20 +48,19 @@ def test_same_bits_as_the_controller(
     controller = children.node("fuzzy_pid", LOCKSTEP)
     for node in ("recorder", "fuzzy_pid"):
         peer.until_up(node)
-    pushed = ("initial.position:=[0.0, 0.3]", "duration:=1.0")
-    simulator = children.node(
-        "simulator", LOCKSTEP, *pushed, "wait_for:=[effort_command, recorder]"
-    )
-    assert simulator.wait() == 0, simulator.stderr
+    given = ("initial.position:=[0.0, 0.3]", "duration:=0.0")
+    simulator = children.node("simulator", LOCKSTEP, *given, "wait_for:=[effort_command, recorder]")
+    # Nothing waits for the node of the gains: it may begin late.
+    peer.until(lambda: len(heard) > 100, "gains come")
+    assert simulator.stop() == 0, simulator.stderr
     assert [one.stop() for one in (controller, recorder)] == [0, 0]
     recording = Recording.open(tmp_path / "run.mcap")
     assert verify(recording).exit_code == VERIFIED, verify(recording)
     terms = recording.joints("/fuzzy_pid/state")
     columns = (terms.column("position", name).tolist() for name in ("kp", "ki", "kd"))
     wanted = list(zip(*columns, strict=True))
-    peer.until(lambda: heard and tuple(heard[-1].data) == wanted[-1], "the last gains come")
     assert len(set(wanted)) > 100
-    # Nothing waits for this node: it may begin late, and on a busy machine it may miss states.
+    # On a busy machine it may miss states.
     left = iter(wanted)
     assert all(tuple(one.data) in left for one in heard)
     assert gains_node.stop() == 0, gains_node.stderr
@@ -77,10 +76,8 @@ def test_the_pid_of_the_page_holds_the_trunk(
     stranger = children.python(code, name="stranger")
     gains = "fuzzy_gains/gains"
     peer.until(lambda: peer.node.count_subscribers(gains) == 2, "the stranger asks for the gains")
-    pushed = "initial.position:=[0.0, 0.3]"
-    simulator = children.node(
-        "simulator", LOCKSTEP, pushed, "duration:=0.0", "wait_for:=[effort_command]"
-    )
+    given = ("initial.position:=[0.0, 0.3]", "duration:=0.0", "lockstep.timeout:=3600.0")
+    simulator = children.node("simulator", LOCKSTEP, *given, "wait_for:=[effort_command]")
     peer.until(lambda: len(states) > 1000 and len(heard) > 200, "five seconds have passed")
     after = len(states) + 200
     peer.until(lambda: len(states) > after, "one more")

@@ -80,8 +80,12 @@ def test_every_message_is_recorded_once(
 
 @pytest.mark.parametrize(
     "profile",
-    [DEFAULT, pytest.param(qos.evidence(), marks=pytest.mark.long)],
-    ids=["default", "latched"],
+    # Deep: a recorder that is held up still gets all of them.
+    [
+        QoSProfile(depth=qos.EVIDENCE_DEPTH),
+        pytest.param(qos.evidence(), marks=pytest.mark.long),
+    ],
+    ids=["volatile", "latched"],
 )
 def test_another_node_that_repeats_our_messages_is_recorded_too(
     children: Children, peer: Peer, tmp_path: Path, profile: QoSProfile
@@ -140,6 +144,7 @@ def test_a_controller_of_ten_lines_is_recorded_in_lockstep(
     simulator = children.node(
         "simulator",
         "lockstep.enabled:=true",
+        "lockstep.timeout:=3600.0",
         "duration:=1.0",
         "wait_for:=[effort_command, recorder]",
     )

@@ -57,7 +57,8 @@ def test_a_stopped_run_still_gives_its_document(
 def test_parameters_of_a_running_node(children: Children, peer: Peer) -> None:
     pid = children.node("pid")
     peer.until_up("pid")
-    words = ("pid", "pid_as_printed", "--json")
+    patient = ("--timeout", 3600)
+    words = ("pid", "pid_as_printed", "--json", *patient)
     for count, applied in enumerate((False, True)):
         dry = () if applied else ("--dry-run",)
         child = children.trunk("params", "apply", *words, *dry, name=f"apply-{count}")
@@ -66,10 +67,12 @@ def test_parameters_of_a_running_node(children: Children, peer: Peer) -> None:
         assert (found["node"], found["applied"]) == ("/pid", applied)
         changes = {change["name"]: change for change in found["changes"]}
         assert (changes["gains.d"]["old"], changes["gains.d"]["new"]) == (9.0, 400.0)
-    child = children.trunk("params", "--json", "apply", "pid", "pid_as_printed", name="again")
+    again = ("apply", *patient, "pid", "pid_as_printed")
+    child = children.trunk("params", "--json", *again, name="again")
     assert child.wait() == 0, child.stderr
     assert document(child, "params-apply-1")["changes"] == []
-    child = children.trunk("params", "set", "pid", "gains.p=50", "--json", name="set")
+    changed = ("set", *patient, "pid", "gains.p=50", "--json")
+    child = children.trunk("params", *changed, name="set")
     assert child.wait() == 0, child.stderr
     (change,) = document(child, "params-apply-1")["changes"]
     assert change == {"name": "gains.p", "old": 60.0, "new": 50.0, "fixed": False}

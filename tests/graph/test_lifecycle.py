@@ -109,6 +109,8 @@ def test_deactivating_the_simulator_pauses_the_run(children: Children, peer: Pee
     life = Life(peer, "simulator")
     assert life.change("deactivate")
     held_ns = peer.until_event("simulator", "paused").stamp_ns
+    peer.until(lambda: stamp_from_ros(truth[-1].header.stamp) >= held_ns, "all states came")
+    peer.until(lambda: peer.last_diagnostics("simulator")["state"] == "paused", "it says so")
     assert peer.fresh_diagnostics("simulator")["state"] == "paused"
     assert stamp_from_ros(truth[-1].header.stamp) == held_ns
     assert life.change("activate")

@@ -50,7 +50,7 @@ def test_what_a_person_does_takes_effect_and_is_recorded(
     live = LivePage(browser, address)
     page = live.page
     live.until("known.run.started && known.run.acting.join() === 'fuzzy_pid'")
-    assert live.get("known.control.columns.has('w11')")
+    live.until("known.control.columns.has('w11')")
 
     # Pull: a torque on the topic, within its limit, and the trunk follows.
     def until_it_leans() -> None:
@@ -60,7 +60,7 @@ def test_what_a_person_does_takes_effect_and_is_recorded(
     live.pull("tip", 150, 0, until_it_leans)
     peer.until(lambda: pushed[-1].effort[1] == 0.0, "the hand lets go")
     assert max(abs(message.effort[1]) for message in pushed) <= MOST
-    assert {message.effort[0] for message in pushed} == {0.0}
+    assert all(message.effort[0] == 0.0 for message in pushed if message.effort[1])
     # A key is a small push.
     page.focus("#scene")
     page.keyboard.down("ArrowLeft")
@@ -114,8 +114,9 @@ def test_what_a_person_does_takes_effect_and_is_recorded(
     live.until("known.run.paused")
     page.click("#pause")
     live.until("!known.run.paused")
+    name = live.get("known.client")  # of this page; each gateway gives other names
     os.kill(gateway_pid(child), signal.SIGKILL)
-    live.until("document.getElementById('link').dataset.state === 'closed'")
+    live.until(f"known.client !== {name!r}")
     live.until("document.getElementById('link').dataset.state === 'open'")
     t = live.get("known.plant.last")
     live.until(f"known.plant.last > {t} + 0.5")
@@ -153,7 +154,7 @@ def test_in_lockstep_the_page_chooses_the_speed_and_who_acts(
         *("--output", "run", "--set", "simulator.lockstep.timeout=60"),
     )
     live = LivePage(browser, address)
-    live.until("known.run.started && known.nodes.get('pid').state === 'inactive'")
+    live.until("known.run.started && known.nodes.get('pid')?.state === 'inactive'")
     live.page.select_option("#lockstep-speed", "2")
     live.until("known.nodes.get('simulator').parameters['lockstep.speed'] === 2")
     live.page.click("#controllers input[value=pid]")  # checked once it acts

@@ -111,7 +111,7 @@ def test_incommensurate_rate_is_refused_by_the_node(
     files = ("--params-file", tmp_path / "params.yaml")
     controller = children.node("fuzzy_pid", *files, "fuzzy_pid:update_rate:=300.0")
     peer.until_up("fuzzy_pid")
-    simulator = children.node("simulator", *files)
+    simulator = children.node("simulator", *files, "simulator:lockstep.timeout:=3600.0")
     others = [
         simulator,
         children.node("disturbance", *files),

@@ -62,6 +62,7 @@ def test_reset_and_pause_in_a_run(children: Children, peer: Peer, tmp_path: Path
     assert (response.success, response.message) == (True, "paused")
     paused_ns = peer.until_event("simulator", "paused").stamp_ns
     peer.until(lambda: paused_ns in angles(), "the last state before the pause")
+    peer.until(lambda: peer.last_diagnostics("simulator")["state"] == "paused", "it says so")
     assert peer.fresh_diagnostics("simulator")["state"] == "paused"  # more than a second later
     assert max(angles()) == paused_ns
 

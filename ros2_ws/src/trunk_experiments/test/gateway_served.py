@@ -19,6 +19,8 @@ from trunk_experiments.gateway.protocol import NAME
 from trunk_experiments.gateway.rows import Rows
 from trunk_experiments.gateway.server import Gateway
 
+NO_LIMIT = {"connect_timeout": 0.0, "request_timeout": 0.0}  # tornado: 20 s
+
 
 class Feed:
     """A stream to which the test adds, and requests that are noted."""
@@ -64,11 +66,11 @@ class Served:
         self.turns = asyncio.get_running_loop().create_task(self.gateway.serve())
 
     async def get(self, path, **headers):
-        request = HTTPRequest(f"http://127.0.0.1:{self.port}{path}", headers=headers)
+        request = HTTPRequest(f"http://127.0.0.1:{self.port}{path}", headers=headers, **NO_LIMIT)
         return await AsyncHTTPClient().fetch(request, raise_error=False)
 
     async def connect(self, token=None, **headers) -> WebSocketClientConnection:
-        request = HTTPRequest(f"ws://127.0.0.1:{self.port}/live", headers=headers)
+        request = HTTPRequest(f"ws://127.0.0.1:{self.port}/live", headers=headers, **NO_LIMIT)
         offered = [NAME] if token == "" else [NAME, token or self.tokens.control]
         self._connected.append(await websocket_connect(request, subprotocols=offered))
         return self._connected[-1]

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from types import SimpleNamespace
 
 import pytest
 
+from trunk_experiments.gateway import server
+from trunk_experiments.gateway.clients import Rate
 from trunk_experiments.gateway.page_files import PageFile
 from trunk_experiments.gateway.protocol import LONGEST, NAME
 
@@ -56,7 +59,10 @@ def test_a_stoppable_run_is_stopped_from_the_page():
     serving(with_report, stoppable=True)
 
 
-def test_one_client_pushes_at_a_time():
+def test_one_client_pushes_at_a_time(monkeypatch):
+    still = SimpleNamespace(monotonic=lambda: 0.0)  # however long there is between two pushes
+    monkeypatch.setattr(server, "time", still)
+
     async def test(served):
         first, second = await served.connect(), await served.connect()
         names = [(await words(page, "hello"))["client"] for page in (first, second)]
@@ -104,10 +110,17 @@ def test_a_message_of_a_megabyte_ends_only_its_connection():
     serving(test)
 
 
+def without_more_tokens(served):
+    """Let no time pass for the limits of the pages' requests, however slow this process is."""
+    for client in served.gateway.clients:
+        client.rate = Rate(300.0, lambda: 0.0)
+
+
 @pytest.mark.slow
 def test_a_flood_is_cut_off():
     async def test(served):
         page, other = await served.connect(), await served.connect()
+        without_more_tokens(served)
         for _ in range(10_000):
             page.write_message('{"kind": "reset", "number": 1}')
         await served.until(lambda: len(served.gateway.clients) == 1)
@@ -140,6 +153,7 @@ def test_requests_sent_too_fast_are_refused_with_an_answer():
     async def test(served):
         page = await served.connect()
         push = '{"kind": "push", "force": 0, "torque": 0, "stamp": 0}'
+        without_more_tokens(served)
         for _ in range(1200):  # not yet disconnected
             page.write_message(push)
         page.write_message('{"kind": "reset", "number": 1}')
@@ -169,7 +183,9 @@ def test_a_page_has_to_wait_for_its_earlier_requests():
 
 
 @pytest.mark.slow
-def test_a_page_that_does_not_read_has_no_queue_and_the_others_go_on():
+def test_a_page_that_does_not_read_has_no_queue_and_the_others_go_on(monkeypatch):
+    monkeypatch.setattr(server, "_PING_S", 0.0)  # it would answer no ping
+
     async def test(served):
         rows = served.feed.streams[0].rows
         own = socket.socket()

@@ -190,6 +190,7 @@ def test_the_page_asks_for_nothing_and_fits_a_phone(browser, page, tmp_path):
     file = tmp_path / "page.html"
     file.write_text(page, encoding="utf-8")
     context = browser.new_context(viewport={"width": 390, "height": 844})
+    context.set_default_timeout(0)
     asked, complaints = [], []
     view = context.new_page()
     view.on("request", lambda request: asked.append(request.url.split(",")[0]))

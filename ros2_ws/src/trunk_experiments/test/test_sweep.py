@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
-import time
 
 import pyarrow.parquet as pq
 import pytest
@@ -120,24 +118,38 @@ def test_provenance_and_study_are_in_the_file(undisturbed):
     assert told[b"grid"] == b'["delay"]'
 
 
+KILLED_AFTER_FOUR_BLOCKS = """
+import os, signal
+from trunk_experiments.cli import main
+from trunk_experiments.study.sweep import Sweep
+
+keep, kept = Sweep.keep, []
+
+def killed(self, index, table):
+    keep(self, index, table)
+    kept.append(index)
+    if len(kept) == 4:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+Sweep.keep = killed
+main()
+"""
+
+
 @pytest.mark.slow
 def test_sigkill_loses_no_finished_block(tmp_path):
     text = STUDY.replace("duration: 3.0", "duration: 20.0").replace("runs: 5", "runs: 12")
     file = tmp_path / "study.yaml"
     file.write_text(text.replace("block: 7", "block: 3"))
     output = tmp_path / "out.parquet"
-    command = [sys.executable, "-c", "from trunk_experiments.cli import main; main()", "sweep"]
+    command = [sys.executable, "-c", KILLED_AFTER_FOUR_BLOCKS, "sweep"]
     command += [str(file), "-o", str(output), "--jobs", "2"]
-    started = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    quiet = {"stderr": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}
+    assert subprocess.run(command, check=False, **quiet).returncode == -signal.SIGKILL
     folder = tmp_path / "out.parquet.blocks"
-    while len(list(folder.glob("0*.parquet"))) < 4:
-        assert started.poll() is None
-        time.sleep(0.02)
-    os.kill(started.pid, signal.SIGKILL)
-    started.wait()
     assert not output.exists()
     kept = {path.name: path.stat().st_mtime_ns for path in folder.glob("0*.parquet")}
-    assert 4 <= len(kept) < 24
+    assert len(kept) == 4
     study = read_study(str(file))
     sweep = Sweep(study, output)
     assert sweep.start() == 3 * len(kept)

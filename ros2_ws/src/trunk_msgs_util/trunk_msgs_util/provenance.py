@@ -102,7 +102,7 @@ def _commit() -> str:
             ["git", "-C", str(here.parent), *arguments],
             capture_output=True,
             text=True,
-            timeout=5.0,
+            timeout=60.0,
             check=True,
         ).stdout.strip()
 
