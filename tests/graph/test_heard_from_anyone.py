@@ -132,6 +132,8 @@ def test_a_controller_of_ten_lines_is_recorded_in_lockstep(
     """With rclpy's default quality of service; the plant waits for it and for the recorder."""
     recorder = children.node("recorder", "output:=run.mcap", "lockstep.enabled:=true")
     command = peer.node.create_publisher(JointState, topics.EFFORT_COMMAND, 10)
+    # This publisher keeps no past: the plant would wait for what the recorder has missed.
+    peer.until(command.get_subscription_count, "the recorder listens to commands")
 
     def on_state(state: JointState) -> None:
         answer = JointState(header=state.header, name=["trunk"])
