@@ -13,7 +13,7 @@ from trunk_msgs_util.node import middleware
 from trunk_msgs_util.recording.reader import Recording
 
 from ..failed import FAILED
-from ..graph.processes import Children
+from ..graph.processes import PATIENT, Children
 
 pytestmark = pytest.mark.graph
 
@@ -72,8 +72,7 @@ def test_no_message_goes_through_shared_memory(
     for name in (middleware.TRANSPORTS, middleware.PROFILES_FILE):
         monkeypatch.delenv(name, raising=False)  # the processes choose for themselves
     node = children.node("pid")
-    patient = ("set", "--timeout", 600)
-    asked = children.trunk("params", *patient, "pid", "gains.p=70", name="asked")
+    asked = children.trunk("params", "set", *PATIENT, "pid", "gains.p=70", name="asked")
     assert asked.wait() == 0, asked.stderr
     mapped = Path(f"/proc/{children.pid_of('pid')}/maps").read_text()
     assert "librmw_fastrtps" in mapped

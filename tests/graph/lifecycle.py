@@ -7,6 +7,13 @@ from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 
 from .peer import Peer
 
+_GOALS = {
+    "configure": "inactive",
+    "cleanup": "unconfigured",
+    "activate": "active",
+    "deactivate": "inactive",
+}
+
 
 class Life:
     """The lifecycle services of one node."""
@@ -29,7 +36,8 @@ class Life:
         success: bool = self._peer.call(
             ChangeState, f"/{self._node}/change_state", transition=request
         ).success
-        return success or self.state() != before
+        goal = _GOALS.get(label)
+        return success or (goal is not None and before != goal and self.state() == goal)
 
     def available(self) -> set[str]:
         found = self._peer.call(

@@ -10,7 +10,7 @@ import pytest
 from ros2_ws.src.trunk_experiments.test.documents import checked
 
 from .peer import Peer
-from .processes import Child, Children
+from .processes import PATIENT, Child, Children
 
 pytestmark = pytest.mark.graph
 
@@ -57,8 +57,7 @@ def test_a_stopped_run_still_gives_its_document(
 def test_parameters_of_a_running_node(children: Children, peer: Peer) -> None:
     pid = children.node("pid")
     peer.until_up("pid")
-    patient = ("--timeout", 3600)
-    words = ("pid", "pid_as_printed", "--json", *patient)
+    words = ("pid", "pid_as_printed", "--json", *PATIENT)
     for count, applied in enumerate((False, True)):
         dry = () if applied else ("--dry-run",)
         child = children.trunk("params", "apply", *words, *dry, name=f"apply-{count}")
@@ -67,11 +66,11 @@ def test_parameters_of_a_running_node(children: Children, peer: Peer) -> None:
         assert (found["node"], found["applied"]) == ("/pid", applied)
         changes = {change["name"]: change for change in found["changes"]}
         assert (changes["gains.d"]["old"], changes["gains.d"]["new"]) == (9.0, 400.0)
-    again = ("apply", *patient, "pid", "pid_as_printed")
+    again = ("apply", *PATIENT, "pid", "pid_as_printed")
     child = children.trunk("params", "--json", *again, name="again")
     assert child.wait() == 0, child.stderr
     assert document(child, "params-apply-1")["changes"] == []
-    changed = ("set", *patient, "pid", "gains.p=50", "--json")
+    changed = ("set", *PATIENT, "pid", "gains.p=50", "--json")
     child = children.trunk("params", *changed, name="set")
     assert child.wait() == 0, child.stderr
     (change,) = document(child, "params-apply-1")["changes"]

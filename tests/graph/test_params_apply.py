@@ -10,11 +10,9 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter, parameter_value_to_python
 
 from .peer import Peer
-from .processes import Children
+from .processes import PATIENT, Children
 
 pytestmark = pytest.mark.graph
-
-PATIENCE = 600  # s
 
 Apply = Callable[..., tuple[int, list[str], list[str]]]
 
@@ -26,9 +24,8 @@ def apply(children: Children) -> Apply:
     def run(*arguments: object) -> tuple[int, list[str], list[str]]:
         nonlocal count
         count += 1
-        # The last one counts: on a busy machine the node may not be found within the default limit.
-        patient = ("apply", "--timeout", PATIENCE, *arguments)
-        child = children.trunk("params", *patient, name=f"apply-{count}")
+        # Of two limits the last counts.
+        child = children.trunk("params", "apply", *PATIENT, *arguments, name=f"apply-{count}")
         code = child.wait()
         assert "Traceback" not in child.stderr
         return code, child.stdout.splitlines(), child.stderr.splitlines()
@@ -115,9 +112,8 @@ def test_mistakes_are_reported_in_one_line(
         for text in texts:
             assert text in line
     limit_s, line = 3, ""
-    while (
-        not line or "none in this ROS domain" in line
-    ):  # found no node at all: held up for so long
+    # It may find no node at all if one was held up for so long.
+    while not line or "none in this ROS domain" in line:
         found, said, (line,) = apply("pid", "pid_as_printed", "--timeout", limit_s)
         assert (found, said) == (1, [])
         assert f"no node /pid within {limit_s} s" in line

@@ -10,11 +10,9 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter, parameter_value_to_python
 
 from .peer import Peer
-from .processes import Children
+from .processes import PATIENT, Children
 
 pytestmark = pytest.mark.graph
-
-PATIENCE = 600  # s
 
 Set = Callable[..., tuple[int, list[str], list[str]]]
 
@@ -26,9 +24,8 @@ def set_values(children: Children) -> Set:
     def run(*arguments: object) -> tuple[int, list[str], list[str]]:
         nonlocal count
         count += 1
-        # The last one counts: on a busy machine the node may not be found within the default limit.
-        patient = ("set", "--timeout", PATIENCE, *arguments)
-        child = children.trunk("params", *patient, name=f"set-{count}")
+        # Of two limits the last counts.
+        child = children.trunk("params", "set", *PATIENT, *arguments, name=f"set-{count}")
         code = child.wait()
         assert "Traceback" not in child.stderr
         return code, child.stdout.splitlines(), child.stderr.splitlines()
@@ -85,9 +82,8 @@ def test_a_node_in_a_namespace_and_none(children: Children, peer: Peer, set_valu
     assert set_values("pid", "gains.p=61", "--namespace", "robot2")[0] == 0
     assert set_values("robot2/pid", "gains.p=62")[1] == ["gains.p: 61.0 -> 62.0"]
     limit_s, line = 3, ""
-    while (
-        not line or "none in this ROS domain" in line
-    ):  # found no node at all: held up for so long
+    # It may find no node at all if one was held up for so long.
+    while not line or "none in this ROS domain" in line:
         misspelt = ("pdi", "gains.p=1", "--namespace", "robot2", "--timeout", limit_s)
         code, said, (line,) = set_values(*misspelt)
         assert (code, said) == (1, [])
@@ -115,8 +111,7 @@ def test_a_running_node_gets_the_numbers_of_a_csv_file(
     assert said[::2] == (0, [])
     found = values(peer, "/pid", *names)
     assert [found[0], *map(list, found[1:])] == ["interpolated", *numbers]
-    patient = ("apply", "--timeout", PATIENCE)
-    apply = children.trunk("params", *patient, "pid", "mine.yaml", name="apply")
+    apply = children.trunk("params", "apply", *PATIENT, "pid", "mine.yaml", name="apply")
     assert (apply.wait(), apply.stdout) == (0, "reference.profile: interpolated -> sequence\n")
     code, said, (line,) = set_values("pid", "reference.file=none.csv", "reference.profile=file")
     assert (code, said) == (2, [])

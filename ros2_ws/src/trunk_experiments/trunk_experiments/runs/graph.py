@@ -106,9 +106,7 @@ def _watch(
         ends = interrupt.name or (over() and "request")
         if ends and simulator.exit_code is None:
             if not (monitor.started or plan.simulator.duration):
-                _hear_last_words(
-                    monitor
-                )  # if it was held up, the start may be among what it has not heard
+                _hear_last_words(monitor)  # held up, we may not have heard of the start
             if monitor.started and not plan.simulator.duration:
                 _end_first(simulator, monitor)
                 return False
