@@ -13,6 +13,7 @@ anything that can be zero.
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import re
@@ -63,6 +64,7 @@ def compiled(function: Function) -> Function:
         config.CACHE_DIR = str(kept)
         twin: Function = numba.njit(function, cache=True, **_OPTIONS)
         os.utime(kept)
+        _save_alone(twin, kept / "lock")
         if is_new:
             _delete_unused(kept.parent)
     except (RuntimeError, OSError):
@@ -131,6 +133,23 @@ def cache_folder() -> Path:
     """Return the folder of compiled code: ``$XDG_CACHE_HOME/trunk``, else ``~/.cache/trunk``."""
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "trunk"
+
+
+def _save_alone(twin: Any, path: Path) -> None:
+    """Let one process at a time add to numba's index of a function's machine code.
+
+    numba reads the index, adds an entry and writes it back without a lock: of two processes that
+    compile a function for different arguments at once, one could leave an entry that names the
+    other's machine code.
+    """
+    save = twin._cache.save_overload
+
+    def alone(*given: object) -> None:
+        with path.open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            save(*given)
+
+    twin._cache.save_overload = alone
 
 
 def _delete_unused(folder: Path) -> None:
