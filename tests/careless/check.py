@@ -140,9 +140,11 @@ def main() -> int:
         for verb in verbs:  # import what the verbs need, once
             outcome_of((*verb.words, "--help"), folder, {})
         before = state_of(folder)
-        for i, verb in enumerate(verbs):
-            for k, case in enumerate(cases()):
-                if (i + k) % every or (verb.name, *case.arguments) == _TOO_MANY:
+        number = 0
+        for verb in verbs:
+            for case in cases():
+                number += 1
+                if number % every or (verb.name, *case.arguments) == _TOO_MANY:
                     continue
                 words_ = words_of(verb, case)
                 outcome = outcome_of(words_, folder, before)
