@@ -23,6 +23,7 @@ from trunk_experiments.replay.replay import (
 from trunk_experiments.replay.replay_plant import PlantReplay
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
+from trunk_msgs_util.recording.topic import RecordingError
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.topics import STATE_NAMES
 from trunk_sim.disturbances import Disturbance
@@ -285,3 +286,21 @@ def test_when_a_replay_is_compiled(stamps, worth, monkeypatch):
     assert worth_compiling(np.array(stamps)) is worth
     assert worth_compiling(np.arange(50), cost=2)
     assert not worth_compiling(np.arange(49), cost=2)
+
+
+def test_a_command_with_two_efforts_is_refused(whole, tmp_path):
+    """Compiled code would look at the first alone."""
+    table = RecordedRun.open(whole).table("effort_command")
+
+    def edit(messages):
+        for message in messages:
+            if message[0] == "/effort_command":
+                (effort,) = table.get(message[1], "effort", 1)
+                sample = JointSample(message[1], ("trunk", "spare"), (), (), (effort, 0.0))
+                message[2] = layout_of(sample).pack(sample)
+
+    run = RecordedRun(copied(whole, tmp_path / "p.mcap", edit, digests=NONE))
+    with pytest.raises(
+        RecordingError, match=r"/effort_command: 2 values of effort .* 1 are needed"
+    ):
+        list(replay_controllers(run, driven_controllers(run)))
