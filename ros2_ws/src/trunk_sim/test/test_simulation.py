@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import fcntl
 import sys
 from dataclasses import replace
 from math import inf, nan
 
 import pytest
-from numba.core.caching import IndexDataCacheFile
 
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_sim import quick
@@ -204,24 +202,6 @@ def test_the_cache_of_compiled_code_may_be_damaged(monkeypatch, tmp_path):
     for path in kept:
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2 * (path.suffix == ".nbc")])
     assert list(trail(Simulation(long))) == expected
-
-
-@pytest.mark.slow
-def test_one_process_at_a_time_adds_to_the_cache_of_compiled_code(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    save = IndexDataCacheFile.save
-    saved = []
-
-    def watched(file, key, data):
-        (path,) = tmp_path.rglob("lock")
-        with path.open() as lock, pytest.raises(BlockingIOError):
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        saved.append(key)
-        save(file, key, data)
-
-    monkeypatch.setattr(IndexDataCacheFile, "save", watched)
-    list(trail(Simulation(SimulatorConfig(duration=1e6))))
-    assert saved
 
 
 def test_angles_beyond_the_largest_are_named():
