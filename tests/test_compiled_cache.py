@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
+import shutil
 
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
+from trunk_msgs_util.compiled import compiled
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.simulation import Simulation
@@ -28,3 +31,27 @@ def test_one_process_at_a_time_adds_to_the_cache_of_compiled_code(monkeypatch, t
     monkeypatch.setattr(IndexDataCacheFile, "save", watched)
     Simulation(SimulatorConfig(duration=1e6)).step(0.0, Disturbance())
     assert saved
+
+
+def half(number: float) -> float:
+    return number / 2.0
+
+
+def test_the_folder_may_go_before_the_code_is_kept(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    twin = compiled(half)
+    shutil.rmtree(tmp_path / "trunk")
+    assert twin(3.0) == 1.5
+    assert list(tmp_path.rglob("*.nbi"))
+
+
+def test_without_locks_nothing_is_kept(monkeypatch, tmp_path):
+    """Some network file systems have none."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+
+    def none(file, how):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", none)
+    assert compiled(half)(3.0) == 1.5
+    assert not list(tmp_path.rglob("*.nbi"))

@@ -86,9 +86,8 @@ def test_short_cut_changes_no_bit(
     hosts: tuple[Host, Host], listener: Listener, tmp_path: Path
 ) -> None:
     a, b = hosts
-    plan = plan_of(
-        1.5, speed=0.2, timeout=600.0
-    )  # neither over nor given up before the cut is mended
+    # Neither over nor given up before the cut is mended.
+    plan = plan_of(1.5, speed=0.2, timeout=600.0)
     run = SpreadRun(plan, tmp_path)
     run.start(b, "fuzzy_pid", "disturbance")
     run.start(a, "recorder", "simulator")

@@ -140,14 +140,16 @@ def _save_alone(twin: Any, path: Path) -> None:
 
     numba reads the index, adds an entry and writes it back without a lock: of two processes that
     compile a function for different arguments at once, one could leave an entry that names the
-    other's machine code.
+    other's machine code. Where the file system has no locks, nothing is kept.
     """
     save = twin._cache.save_overload
 
     def alone(*given: object) -> None:
-        with path.open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            save(*given)
+        with suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("w") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+                save(*given)
 
     twin._cache.save_overload = alone
 
