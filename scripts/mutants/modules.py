@@ -72,6 +72,6 @@ MODULES = {
     ),
     **{
         name: Module(EXPERIMENTS + f"trunk_experiments/replay/{name}.py", _REPLAYS)
-        for name in ("replay_plant", "plant_states", "plant_torques", "plant_windows")
+        for name in ("replay_plant", "plant_states", "plant_torques", "plant_windows", "windows")
     },
 }

@@ -17,6 +17,7 @@ from ..plans.timeline import Timeline, begins_active
 from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
 from . import stretches
+from .windows import Windows
 
 
 class DrivenController:
@@ -75,12 +76,29 @@ class DrivenController:
         effort = np.where(np.isfinite(effort), effort, 0.0)
         return np.column_stack([position, velocity, *hip, effort])
 
-    def record(self, commands: JointTable, stamps: Integers) -> CommandWindows:
+    def record(self, commands: JointTable, stamps: Integers) -> Windows[stretches.CommandRecord]:
         """Return the record for `pass_over`, a row for each of the commands with these stamps."""
-        rows = (table.rows_of(stamps) for table in (commands, self.states, self.terms))
-        return CommandWindows(self, commands, stamps, *rows)
+        # Which row of each table a command belongs to, -1 for none.
+        rows, state_rows, terms_rows = (
+            table.rows_of(stamps) for table in (commands, self.states, self.terms)
+        )
 
-    def pass_over(self, record: CommandWindows, first: int, last: int) -> int:
+        def record(window: slice) -> stretches.CommandRecord:
+            states, terms = state_rows[window], terms_rows[window]
+            told = terms[terms >= 0]
+            first, stop = (int(told.min()), int(told.max()) + 1) if len(told) else (0, 0)
+            return stretches.CommandRecord(
+                stamps[window],
+                commands.values("effort")[rows[window], 0],
+                np.where(states >= 0, np.arange(len(states)), -1),
+                np.where(terms >= 0, terms - first, -1),
+                self.states_at(np.maximum(states, 0)),
+                np.ascontiguousarray(self.terms.positions(first, stop)),
+            )
+
+        return Windows(record)
+
+    def pass_over(self, record: Windows[stretches.CommandRecord], first: int, last: int) -> int:
         """Skip commands that are as recorded; return the first row that needs a closer look."""
         controller = self.controller
         begin, window = record.around(first)
@@ -121,47 +139,6 @@ class DrivenController:
 def driven_controllers(run: RecordedRun) -> dict[str, DrivenController]:
     """Return all controllers of a run by name. Raises as `DrivenController` does."""
     return {node: DrivenController(run, node) for node in run.controllers}
-
-
-class CommandWindows:
-    """The record of a controller's commands for compiled code, so many rows at a time."""
-
-    def __init__(
-        self,
-        driven: DrivenController,
-        commands: JointTable,
-        stamps: Integers,
-        rows: Integers,
-        state_rows: Integers,
-        terms_rows: Integers,
-    ) -> None:
-        """``rows``, ``state_rows`` and ``terms_rows`` [N] are those of each command, -1 for none."""
-        self._driven, self._commands, self._stamps = driven, commands, stamps
-        self._rows, self._state_rows, self._terms_rows = rows, state_rows, terms_rows
-        self._begin = -1
-        self._window: stretches.CommandRecord
-
-    def around(self, row: int) -> tuple[int, stretches.CommandRecord]:
-        """Return where the window with a command begins, and its record."""
-        begin = row - row % stretches.LONGEST
-        if begin != self._begin:
-            self._begin, self._window = begin, self._record(slice(begin, begin + stretches.LONGEST))
-        return begin, self._window
-
-    def _record(self, window: slice) -> stretches.CommandRecord:
-        stamps, states, terms = (
-            array[window] for array in (self._stamps, self._state_rows, self._terms_rows)
-        )
-        told = terms[terms >= 0]
-        first, stop = (int(told.min()), int(told.max()) + 1) if len(told) else (0, 0)
-        return stretches.CommandRecord(
-            stamps,
-            self._commands.values("effort")[self._rows[window], 0],
-            np.where(states >= 0, np.arange(len(states)), -1),
-            np.where(terms >= 0, terms - first, -1),
-            self._driven.states_at(np.maximum(states, 0)),
-            np.ascontiguousarray(self._driven.terms.positions(first, stop)),
-        )
 
 
 def _finite(value: float) -> float:

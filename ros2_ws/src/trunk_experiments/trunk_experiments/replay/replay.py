@@ -22,7 +22,8 @@ from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
 from . import stretches
 from .bits import same
-from .driven import CommandWindows, DrivenController
+from .driven import DrivenController
+from .windows import Windows
 
 WORTH_COMPILING = 20_000  # steps: for fewer, loading compiled code takes longer than computing them
 # What a difference may be besides a value.
@@ -102,7 +103,6 @@ def replay_controllers(
         if name in records:
             change_ns = min(one.timeline.next_ns for one in driven.values())
             last = int(np.searchsorted(stamps, change_ns, side="right"))
-            last = min(last, row + stretches.LONGEST)
             passed = driven[name].pass_over(records[name], row, last) - row
             if passed:
                 row += passed
@@ -114,7 +114,7 @@ def replay_controllers(
 
 def _records(
     driven: Mapping[str, DrivenController], commands: JointTable, stamps: Integers
-) -> dict[str, CommandWindows]:
+) -> dict[str, Windows[stretches.CommandRecord]]:
     """Return the records for compiled code; none if that is not worthwhile or not possible."""
     if not worth_compiling(stamps):
         return {}
@@ -155,8 +155,7 @@ def replay_disturbance(run: RecordedRun, until_ns: int | None = None) -> Iterato
     stamps = judged(messages.stamp_ns, until_ns)
     whole = all(messages.widths[q] == 2 for q in ("position", "effort"))
     quick = whole and worth_compiling(stamps)
-    begin = -1
-    matrix: Floats = np.empty((0, 4))
+    windows = Windows(lambda rows: disturbances_matrix(messages, rows))
     row = 0
     while row < len(stamps):
         stamp_ns = int(stamps[row])
@@ -164,10 +163,8 @@ def replay_disturbance(run: RecordedRun, until_ns: int | None = None) -> Iterato
             signals = timeline.config.signals
         if quick:
             last = int(np.searchsorted(stamps, timeline.next_ns, side="right"))
-            if row - row % stretches.LONGEST != begin:
-                begin = row - row % stretches.LONGEST
-                matrix = disturbances_matrix(messages, slice(begin, begin + stretches.LONGEST))
-            last = min(last, begin + len(matrix)) - begin
+            begin, matrix = windows.around(row)
+            last = min(last - begin, len(matrix))
             found_row = stretches.compiled_disturbances()(
                 row - begin, last, with_arrays(signals), stamps[begin:], matrix
             )
