@@ -132,9 +132,11 @@ def test_a_pause_outlives_the_inactive_state(
     assert life.change("cleanup")
     over = peer.until_event("simulator", "finished")
     assert over.stamp_ns >= paused_ns
+    recorded = int(peer.fresh_diagnostics("recorder")["messages"])
     assert life.change("configure")
     assert life.change("activate")
     peer.until(lambda: stamp_from_ros(truth[-1].header.stamp) < over.stamp_ns, "time begins anew")
+    peer.until_recorded(recorded + 100)  # more than the events: states of the new run, too
     assert [simulator.stop(), pid.stop(), recorder.stop()] == [0, 0, 0]
     recording = Recording.open(tmp_path / "run.mcap")
     assert recording.warnings == ["incomplete: it holds 2 runs: the simulator was restarted"]

@@ -34,6 +34,10 @@ def test_a_whole_run(whole):
     ("change", "reason"),
     [
         (lambda t: setattr(t, "end", None), "the recorder was stopped before the run was finished"),
+        (
+            lambda t: t.hear(told("/plant", "started")),
+            "stopped before the run was finished",
+        ),  # anew
         (lambda t: t.hear(told("/plant", "failed", reason="diverged")), "diverged"),
         (lambda t: setattr(t, "runs", 2), "it holds 2 runs"),
         (lambda t: t.counts.subtract([topics.JOINT_STATES]), "joint_states: 2 of 3 messages"),

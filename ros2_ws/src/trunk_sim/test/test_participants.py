@@ -13,10 +13,13 @@ from trunk_sim.participants import Participants
 COMMAND = {"answers": "effort_command"}
 
 
-def participants(config=None, counts=None, controllers=()):
+def participants(config=None, counts=None, controllers=(), reporting=()):
     counts = {"effort_command": 1} if counts is None else counts
     return Participants(
-        config or SimulatorConfig(), lambda topic: counts.get(topic, 0), lambda: list(controllers)
+        config or SimulatorConfig(),
+        lambda topic: counts.get(topic, 0),
+        lambda: list(controllers),
+        lambda topic: set(reporting),
     )
 
 
@@ -39,6 +42,15 @@ def test_a_stranger_is_ready_when_it_has_been_matched_for_a_second():
     assert those.missing(12.0) == ["effort_command"]
     counts["effort_command"] = 1
     assert those.missing(12.5) == ["effort_command"]
+
+
+def test_a_node_whose_events_are_under_way_is_no_stranger():
+    those = participants(controllers=["/pid"], reporting=["/pid"])
+    assert those.missing(10.0) == those.missing(100.0) == ["effort_command"]
+    those.hear("/pid", "configured", {})
+    assert those.missing(101.0) == ["effort_command"]
+    those.hear("/pid", "activated", {})
+    assert those.missing(102.0) == []
 
 
 def test_strangers_are_nodes_that_say_nothing_about_themselves():
@@ -126,9 +138,9 @@ def test_rivals_are_judged_by_one_look_at_the_graph():
     named = ["/fuzzy_pid", "/pid"]
     looks = [named, ["/fuzzy_pid", f"/{UNKNOWN_NODE}"], ["/fuzzy_pid"]]
     for order in permutations(looks):
-        those = Participants(SimulatorConfig(), lambda _: 1, iter(order).__next__)
+        those = Participants(SimulatorConfig(), lambda _: 1, iter(order).__next__, lambda _: set())
         assert [those.rivals() for _ in order] == [look if look is named else [] for look in order]
-        those = Participants(SimulatorConfig(), lambda _: 1, iter(order).__next__)
+        those = Participants(SimulatorConfig(), lambda _: 1, iter(order).__next__, lambda _: set())
         assert [those.unsettled(5.0) for _ in order] == [len(look) > 1 for look in order]
 
 

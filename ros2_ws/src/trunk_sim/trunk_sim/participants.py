@@ -1,6 +1,6 @@
 """Who takes part in a run: who is ready, who is missing, and that one controller acts at a time.
 
-Pure: two functions passed in query the graph, and the time is an argument.
+Pure: the functions passed in query the graph, and the time is an argument.
 """
 
 from __future__ import annotations
@@ -28,11 +28,17 @@ class Participants:
         config: SimulatorConfig,
         matched: Callable[[str], int],
         controllers: Callable[[], Sequence[str]],
+        reporting: Callable[[str], Set[str]],
     ) -> None:
-        """Take ``matched``, the number of a topic's publishers, and ``controllers``, those of commands."""
+        """Take ``matched``, the number of a topic's publishers, and ``controllers``, those of commands.
+
+        ``reporting``: those of a topic's publishers that send events, too.
+        """
         self._config = config
         self._matched = matched
         self._controllers = controllers
+        self._reporting = reporting
+        self._heard: set[str] = set()  # nodes of which an event has arrived
         self._ready: dict[str, set[str]] = {}  # topic -> nodes that answer on it
         self._processes: dict[str, str] = {}  # node -> its process, as it reports it
         self._inactive: set[str] = set()
@@ -43,6 +49,7 @@ class Participants:
 
     def hear(self, node: str, message: str, values: Mapping[str, str]) -> None:
         """Process a node's event on ``run/events``."""
+        self._heard.add(node)
         if message == Event.CONFIGURED:
             self._processes[node] = values.get("process", "")
         if message == Event.READY and "answers" in values:
@@ -76,6 +83,8 @@ class Participants:
         turns = {name for name in ready if name.rsplit("/", 1)[-1] in self._config.controllers}
         if ready - self._inactive or turns:
             return True
+        if self._reporting(topic) - self._heard:
+            return False  # its events are under way, on a busy machine for longer
         if topic == topics.EFFORT_COMMAND:
             ready = set(self._controllers())
         return waited >= _MATCHED_S and not (ready and ready <= self._inactive)

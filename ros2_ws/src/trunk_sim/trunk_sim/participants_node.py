@@ -30,7 +30,7 @@ class GraphParticipants(Participants):
         self, node: TrunkNode[Any], config: SimulatorConfig, answers: Mapping[str, Subscription]
     ) -> None:
         """Take the node's subscriptions to the answers, by relative topic."""
-        super().__init__(config, self._publishers_of, self._command_givers)
+        super().__init__(config, self._publishers_of, self._command_givers, self._reporting)
         self._node = node
         self._answers = answers
         node.create_subscription(
@@ -65,6 +65,9 @@ class GraphParticipants(Participants):
 
     def _command_givers(self) -> list[str]:
         return meeting.names(self._node.get_publishers_info_by_topic(topics.EFFORT_COMMAND))
+
+    def _reporting(self, topic: str) -> set[str]:
+        return meeting.reporting(self._node, _ANSWERED[topic][0])
 
     def _on_event(self, message: DiagnosticArray) -> None:
         for status in message.status:

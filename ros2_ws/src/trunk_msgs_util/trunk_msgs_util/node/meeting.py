@@ -12,7 +12,11 @@ from collections.abc import Iterable
 from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from .. import topics
 from ..topics import UNKNOWN_NODE
+
+# Of an endpoint's GUID, the bytes that name its DDS participant.
+_PARTICIPANT = slice(12)
 
 
 def names(endpoints: Iterable[TopicEndpointInfo]) -> list[str]:
@@ -33,6 +37,23 @@ def publishers(node: Node, topic: str) -> set[str]:
 def listeners(node: Node, topic: str) -> set[str]:
     """Return the nodes that are known to subscribe to a topic."""
     return known(node.get_subscriptions_info_by_topic(topic))
+
+
+def reporting(node: Node, topic: str) -> set[str]:
+    """Return the publishers of a topic that publish events of the run, too: nodes of this project.
+
+    One whose name is not known yet is returned as such, if its process publishes events.
+    """
+    reports = node.get_publishers_info_by_topic(topics.RUN_EVENTS)
+    named = known(reports)
+    theirs = {bytes(found.endpoint_gid[_PARTICIPANT]) for found in reports}
+    endpoints = node.get_publishers_info_by_topic(topic)
+    return {
+        name
+        for name, found in zip(names(endpoints), endpoints, strict=True)
+        if name in named
+        or (name.endswith(UNKNOWN_NODE) and bytes(found.endpoint_gid[_PARTICIPANT]) in theirs)
+    }
 
 
 def met(node: Node, hears: str, answers: str) -> bool:

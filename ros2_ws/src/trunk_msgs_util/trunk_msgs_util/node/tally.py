@@ -42,6 +42,8 @@ class Tally:
             if event.message == Event.FINISHED and not event.values.get("states", "").isdecimal():
                 raise ValueError("a finished run without its number of states")
             self.end = event
+        if kind == "simulator" and event.message == Event.STARTED:
+            self.end = None  # the end of the run before is not this one's
 
     def meet(self, node: str) -> None:
         """Take note of a node that has published its parameters."""
