@@ -1,0 +1,47 @@
+"""Which publishers are known to send events: by their node's name, or by their process before it has one."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.node.meeting import reporting
+
+
+def endpoint(name, process):
+    space = topics.UNKNOWN_NODE if name == topics.UNKNOWN_NODE else "/"
+    return SimpleNamespace(
+        node_name=name, node_namespace=space, endpoint_gid=[process] * 12 + [0, 0, 0, 1]
+    )
+
+
+@pytest.mark.parametrize(
+    ("giver", "reports", "found"),
+    [
+        (endpoint("pid", 1), [endpoint("pid", 1)], {"/pid"}),
+        (endpoint("mine", 2), [endpoint("pid", 1)], set()),
+        (endpoint("mine", 1), [endpoint("pid", 1)], set()),  # a stranger in the same process
+        (endpoint("mine", 2), [], set()),
+    ],
+)
+def test_a_publisher_with_a_name(giver, reports, found):
+    node = SimpleNamespace(
+        get_publishers_info_by_topic={
+            topics.EFFORT_COMMAND: [giver],
+            topics.RUN_EVENTS: reports,
+        }.get
+    )
+    assert reporting(node, topics.EFFORT_COMMAND) == found
+
+
+@pytest.mark.parametrize("process", [1, 2])
+def test_a_publisher_without_a_name(process):
+    node = SimpleNamespace(
+        get_publishers_info_by_topic={
+            topics.EFFORT_COMMAND: [endpoint(topics.UNKNOWN_NODE, process)],
+            topics.RUN_EVENTS: [endpoint(topics.UNKNOWN_NODE, 1)],
+        }.get
+    )
+    assert bool(reporting(node, topics.EFFORT_COMMAND)) == (process == 1)
