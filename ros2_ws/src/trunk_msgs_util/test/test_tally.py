@@ -15,6 +15,12 @@ def told(node, message, **values):
     return RunEvent(0, node, message, values, LEVEL_OK)
 
 
+def begin_twice(tally):
+    """The recorder came after the first run: of that one, only events and commands were left to hear."""
+    for message, values in (("started", {}), ("started", {}), ("finished", {"states": "3"})):
+        tally.hear(told("/plant", message, **values))
+
+
 @pytest.fixture
 def whole():
     """Return the tally of a run of three states, each answered, that was recorded in full."""
@@ -40,6 +46,7 @@ def test_a_whole_run(whole):
         ),  # anew
         (lambda t: t.hear(told("/plant", "failed", reason="diverged")), "diverged"),
         (lambda t: setattr(t, "runs", 2), "it holds 2 runs"),
+        (begin_twice, "it holds 2 runs"),
         (lambda t: t.counts.subtract([topics.JOINT_STATES]), "joint_states: 2 of 3 messages"),
         (lambda t: t.counts.update([topics.GROUND_TRUTH]), "4 messages for 3 states: another node"),
         (lambda t: t.counts.subtract([topics.EFFORT_COMMAND]), "effort_command: 2 of 3 messages"),

@@ -27,6 +27,7 @@ class Tally:
         self._kinds: dict[str, str] = {}  # of nodes, as they report them
         self._claimed: Counter[str] = Counter()  # by the nodes that have ended
         self._anew = False  # was a node cleaned up? its count then restarts
+        self._begun = 0  # runs, as the simulator reports them
         self._silent: dict[str, bool] = {}  # known nodes: has none of their events arrived?
 
     def hear(self, event: RunEvent) -> None:
@@ -44,6 +45,8 @@ class Tally:
             self.end = event
         if kind == "simulator" and event.message == Event.STARTED:
             self.end = None  # the end of the run before is not this one's
+            # Of a run before the recorder came, events and commands may be all that the file holds.
+            self._begun += 1
 
     def meet(self, node: str) -> None:
         """Take note of a node that has published its parameters."""
@@ -75,8 +78,8 @@ class Tally:
         reason = self.end.values.get("reason", self.end.message)
         if self.end.message != Event.FINISHED:
             return False, reason
-        if self.runs > 1:
-            return False, f"it holds {self.runs} runs: the simulator was restarted"
+        if (runs := max(self.runs, self._begun)) > 1:
+            return False, f"it holds {runs} runs: the simulator was restarted"
         states = int(self.end.values["states"])
         for topic in self._of_each_state:
             if self.counts[topic] < states:
