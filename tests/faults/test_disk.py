@@ -37,7 +37,7 @@ def disk(tmp_path: Path) -> Iterator[Disk]:
 
 
 def start(children: Children, peer: Peer, folder: Path, *options: str) -> Child:
-    run = children.trunk("run", "demo", "--duration", 60, "--output", folder, *options)
+    run = children.trunk("run", "demo", "--duration", 3600, "--output", folder, *options)
     peer.until_event("simulator", "started")
     peer.until_recorded(400)
     return run

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.graph
 
 @pytest.mark.long
 def test_simulator_hangs_in_real_time(children: Children, peer: Peer, tmp_path: Path) -> None:
-    run = children.trunk("run", "demo", "--duration", 60, "--output", "run")
+    run = children.trunk("run", "demo", "--duration", 3600, "--output", "run")
     peer.until_started(run)
     peer.until_recorded(3000)  # some seconds: the runner, too, knows by then that it has started
     os.kill(children.pid_of("simulator"), signal.SIGSTOP)
@@ -33,7 +33,7 @@ def test_simulator_hangs_in_real_time(children: Children, peer: Peer, tmp_path: 
 
 @pytest.mark.long
 def test_simulator_is_killed_while_all_others_hang(children: Children, peer: Peer) -> None:
-    run = children.trunk("run", "demo", "--duration", 60, "--output", "run")
+    run = children.trunk("run", "demo", "--duration", 3600, "--output", "run")
     peer.until_started(run)
     for name in ("disturbance", "fuzzy_pid", "recorder"):
         os.kill(children.pid_of(name), signal.SIGSTOP)
@@ -45,7 +45,7 @@ def test_simulator_is_killed_while_all_others_hang(children: Children, peer: Pee
 
 
 def test_all_nodes_hang_and_the_runner_gets_sigterm(children: Children, peer: Peer) -> None:
-    run = children.trunk("run", "demo", "--duration", 60, "--output", "run")
+    run = children.trunk("run", "demo", "--duration", 3600, "--output", "run")
     peer.until_started(run)
     # The runner as well: on a busy machine it would first notice that the simulator is silent.
     os.kill(run.process.pid, signal.SIGSTOP)

@@ -29,7 +29,7 @@ from .matrix import CELLS, MODES, PHASES, PROCESSES, RUNNING, SIGNALS, STARTING,
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 PERIOD_NS = 5_000_000
 HOLD_S = 1.5  # between SIGSTOP and SIGCONT
-LONG_S = 60  # more than any test waits for: such a run ends by its fault
+LONG_S = 3600  # more than any test waits for: such a run ends by its fault
 OPTIONS = {"real time": (), "lock-step": ("--lockstep", "--speed", "1")}
 
 

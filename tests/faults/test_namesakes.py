@@ -24,7 +24,7 @@ def test_second_node_of_a_name_is_refused(
 ) -> None:
     other = children.node("disturbance")
     peer.until_event("disturbance", "configured")
-    run = children.trunk("run", "demo", "--duration", 60, "--output", "run", *options)
+    run = children.trunk("run", "demo", "--duration", 3600, "--output", "run", *options)
     assert run.wait() == 1
     assert run.stderr.splitlines()[-1].startswith(
         "trunk: error: another disturbance is running in this ROS domain: stop it"

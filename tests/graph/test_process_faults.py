@@ -25,8 +25,8 @@ def file(tmp_path: Path) -> Path:
 
 
 def start(children: Children, peer: Peer, *options: object) -> Child:
-    """Return a run of a minute that has begun and is partly recorded."""
-    run = children.trunk("run", "demo", "--duration", 60, "--output", "run", *options)
+    """Return a run that has begun, is partly recorded, and outlives what is late on a busy machine."""
+    run = children.trunk("run", "demo", "--duration", 3600, "--output", "run", *options)
     peer.until_started(run)
     peer.until_recorded(500)  # at most five a state, and a few of the run
     return run

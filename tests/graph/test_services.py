@@ -117,7 +117,7 @@ def test_a_pause_outlives_the_inactive_state(
     recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
     pid = children.node("pid")
     simulator = children.node("simulator", "duration:=0.0")
-    peer.until(lambda: len(truth) > 20, "the run goes on")
+    peer.until_recorded(100)  # a recorder that came after this run would hold none of its states
     assert peer.call(SetBool, "/simulator/pause", data=True).success
     paused_ns = peer.until_event("simulator", "paused").stamp_ns
     life = Life(peer, "simulator")
