@@ -21,7 +21,7 @@ from ..branches.check import differences
 from .lifecycle import Life
 from .peer import Peer
 from .processes import Children
-from .test_live_parameters import Services
+from .services import Services
 
 pytestmark = pytest.mark.graph
 

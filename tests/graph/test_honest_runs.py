@@ -14,7 +14,7 @@ from trunk_msgs_util.recording.reader import Recording
 from .lifecycle import Life
 from .peer import Peer
 from .processes import Children
-from .test_live_parameters import Services
+from .services import Services
 
 pytestmark = pytest.mark.graph
 

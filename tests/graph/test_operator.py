@@ -19,6 +19,7 @@ from trunk_sim.operator_input import Applied
 
 from .peer import Peer
 from .processes import Child, Children
+from .services import Services
 from .verbs import said, verified
 
 pytestmark = pytest.mark.graph
@@ -44,6 +45,10 @@ class Hand:
             lambda: self._requests.get_subscription_count() >= listeners,
             "somebody hears the operator",
         )
+
+    def taken(self) -> None:
+        """Wait until a push acts."""
+        self._peer.until(lambda: self._pushes, "a push acts")
 
     def now_ns(self) -> int:
         """Return the stamp of the latest state, once there is one."""
@@ -89,13 +94,18 @@ def pushed_run(
         peer.until_started(child)
         hand.ready(1)
         do(hand)
+        hand.taken()
+        if (
+            "--lockstep" in given
+        ):  # slow until here: however late the hand was, the run was not over
+            assert Services(peer, "simulator").set(lockstep__speed=0.0).successful
         assert child.wait() == 0, child.stderr
         return child, RecordedRun.open(tmp_path / "run" / "run.mcap")
 
     return run
 
 
-LOCKSTEP = ("--lockstep", "--set", "simulator.lockstep.speed=1.0")
+LOCKSTEP = ("--lockstep", "--set", "simulator.lockstep.speed=0.2")
 
 
 def same_bits(run: RecordedRun, other: Path) -> None:
@@ -155,7 +165,7 @@ def test_a_silent_hand_lets_go_and_malformed_requests_do_no_harm(
         hand.ask(30.0, velocity=[1.0])
         hand.ask(30.0, stamped=False)
 
-    _, run = pushed_run(once)
+    _, run = pushed_run(once, *LOCKSTEP)
     ((since_ns, applied),) = run.operated.pushes
     assert applied == Applied(0.0, 30.0)
     assert run.operated.at(since_ns + 2_000_000_000) == applied
