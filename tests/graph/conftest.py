@@ -85,3 +85,12 @@ def peer(domain: int) -> Iterator[Peer]:
     listener = Peer()
     yield listener
     listener.close()
+
+
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let nodes that end wait for a recorder longer than any busy machine holds it up.
+
+    For tests whose recorder is the last to end: without one, a node would wait for minutes.
+    """
+    monkeypatch.setenv("TRUNK_PATIENCE", "200")

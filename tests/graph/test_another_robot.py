@@ -56,6 +56,7 @@ class Robot:
 NAN = [math.nan, math.nan]
 
 
+@pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize(
     "unmeasured",
     [pytest.param({}, marks=pytest.mark.long), {"velocity": NAN, "effort": NAN}],

@@ -61,6 +61,7 @@ def test_a_run_of_the_real_nodes_is_branched(children: Children, tmp_path: Path,
             assert found.first is None or found.first.stamp_ns >= nanoseconds(at)
 
 
+@pytest.mark.usefixtures("patient")
 @pytest.mark.long
 def test_an_eventful_run_is_branched_at_any_time(
     children: Children, peer: Peer, tmp_path: Path

@@ -21,11 +21,11 @@ from .processes import Children, until
 pytestmark = pytest.mark.graph
 
 
+@pytest.mark.usefixtures("patient")
 def test_a_node_ends_when_its_evidence_is_recorded(
-    children: Children, peer: Peer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    children: Children, peer: Peer, tmp_path: Path
 ) -> None:
     """The node waits for a recorder that has not discovered anyone yet, as on a busy machine."""
-    monkeypatch.setenv("TRUNK_PATIENCE", "200")  # no busy machine may reach a limit
     updates = peer.hear("pid/state")
     pid = children.node("pid")
     say = peer.speaker(topics.JOINT_STATES)

@@ -40,6 +40,7 @@ def gains_heard(peer: Peer) -> list[Float64MultiArray]:
     return heard
 
 
+@pytest.mark.usefixtures("patient")
 def test_same_bits_as_the_controller(
     children: Children, peer: Peer, tmp_path: Path, gains_node: Child
 ) -> None:

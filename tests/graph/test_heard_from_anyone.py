@@ -78,6 +78,7 @@ def test_every_message_is_recorded_once(
         assert sorted(stamps) == sorted(told * len(profiles)), topic
 
 
+@pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize(
     "profile",
     # Deep: a recorder that is held up still gets all of them.
@@ -166,6 +167,7 @@ def test_a_controller_of_ten_lines_is_recorded_in_lockstep(
     assert counts == [201, 201, 201]
 
 
+@pytest.mark.usefixtures("patient")
 def test_a_publisher_of_another_type_is_named(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:

@@ -19,6 +19,7 @@ from .services import Services
 pytestmark = pytest.mark.graph
 
 
+@pytest.mark.usefixtures("patient")
 def test_turns_and_changes_while_the_simulator_is_inactive(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:

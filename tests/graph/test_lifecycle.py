@@ -118,6 +118,7 @@ def test_deactivating_the_simulator_pauses_the_run(children: Children, peer: Pee
     assert [simulator.stop(), pid.stop()] == [0, 0]
 
 
+@pytest.mark.usefixtures("patient")
 def test_a_swap_by_hand(children: Children, peer: Peer, tmp_path: Path) -> None:
     """One controller is deactivated, then another activated, while the plant moves in real time."""
     recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
@@ -156,6 +157,7 @@ def test_a_swap_by_hand(children: Children, peer: Peer, tmp_path: Path) -> None:
     assert idle_ns.tolist() == truth_ns[(truth_ns > a) & (truth_ns <= b)].tolist()
 
 
+@pytest.mark.usefixtures("patient")
 def test_a_controller_joins_a_run_under_way(children: Children, peer: Peer, tmp_path: Path) -> None:
     """It is active from the first state that it receives, and the recording says so."""
     recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
@@ -285,6 +287,7 @@ def test_a_run_whose_recorder_is_managed_by_hand(children: Children, peer: Peer)
     children.none_left()
 
 
+@pytest.mark.usefixtures("patient")
 def test_a_recorder_that_was_inactive_for_a_while(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:

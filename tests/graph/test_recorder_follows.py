@@ -16,6 +16,7 @@ from .processes import Child, Children
 pytestmark = pytest.mark.graph
 
 
+@pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("lockstep", ["false", "true"])
 def test_nodes_of_any_name_are_recorded_and_judged(
     children: Children, peer: Peer, tmp_path: Path, lockstep: str

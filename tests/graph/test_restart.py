@@ -36,6 +36,7 @@ def test_two_runs_with_the_same_others(children: Children, peer: Peer) -> None:
         assert node.stop() == 0, node.stderr
 
 
+@pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("second", [pytest.param("pid", marks=pytest.mark.long), "fuzzy_pid"])
 def test_a_controller_that_takes_the_place_of_one_that_ended(
     children: Children, peer: Peer, tmp_path: Path, second: str

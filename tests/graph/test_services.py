@@ -24,6 +24,7 @@ PERIOD_NS = 5_000_000
 START = pi / 6.0  # rad, the initial angle
 
 
+@pytest.mark.usefixtures("patient")
 def test_reset_and_pause_in_a_run(children: Children, peer: Peer, tmp_path: Path) -> None:
     truth = peer.hear("ground_truth/joint_states")
     terms = peer.hear("pid/state")
@@ -110,6 +111,7 @@ def test_pause_and_reset_before_the_start(children: Children, peer: Peer) -> Non
     assert simulator.stop() == 0
 
 
+@pytest.mark.usefixtures("patient")
 def test_a_pause_outlives_the_inactive_state(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:

@@ -52,6 +52,7 @@ def test_idle_node(children: Children, peer: Peer, tmp_path: Path, number: int) 
     }
 
 
+@pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize(
     ("number", "duration", "complete", "reason"),
     [

@@ -85,6 +85,7 @@ def test_a_reference_for_this_controller_alone(command: Callable[[], float], pee
         peer.until(lambda: command() == 60.0 * angle, f"{angle} rad acts")  # noqa: B023
 
 
+@pytest.mark.usefixtures("patient")
 def test_it_is_recorded_and_judged(children: Children, peer: Peer, tmp_path: Path) -> None:
     recorder = children.node("recorder", "output:=run.mcap", "lockstep.enabled:=true")
     peer.until_event("recorder", Event.ACTIVATED)
