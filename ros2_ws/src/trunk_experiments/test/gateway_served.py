@@ -16,7 +16,7 @@ from trunk_experiments.gateway.board import Board
 from trunk_experiments.gateway.feed import RefusedRequestError, put_stream
 from trunk_experiments.gateway.page_files import page_files
 from trunk_experiments.gateway.protocol import NAME
-from trunk_experiments.gateway.rows import Rows
+from trunk_experiments.gateway.rows import StreamRows
 from trunk_experiments.gateway.server import Gateway
 
 NO_LIMIT = {"connect_timeout": 0.0, "request_timeout": 0.0}  # tornado: 20 s
@@ -29,7 +29,7 @@ class Feed:
         self.board = Board()
         self.streams = []
         self.asked, self.hold = [], None
-        put_stream(self.board, self.streams, "plant", Rows(("t", "v"), 1000))
+        put_stream(self.board, self.streams, "plant", StreamRows(("t", "v"), 1000))
 
     async def begin(self):
         pass

@@ -15,7 +15,7 @@ from trunk_experiments.gateway.board import Board
 from trunk_experiments.gateway.graph import Graph
 from trunk_experiments.gateway.page_files import page_files
 from trunk_experiments.gateway.protocol import BadMessageError, asked, frame, plain
-from trunk_experiments.gateway.rows import Rows
+from trunk_experiments.gateway.rows import StreamRows
 from trunk_experiments.gateway.streams import PLANT_COLUMNS, columns_of, row_of, with_rules
 from trunk_msgs_util.parameters.declarations import values_of
 from trunk_msgs_util.samples import JointSample
@@ -23,7 +23,7 @@ from trunk_sim.config import SimulatorConfig
 
 
 def test_rows_keep_the_last_ones_and_number_them_all():
-    rows = Rows(("t", "v"), 3)
+    rows = StreamRows(("t", "v"), 3)
     assert rows.last() == {}
     assert rows.since(0, 10)[1].tolist() == []
     for i in range(11):
@@ -38,14 +38,14 @@ def test_rows_keep_the_last_ones_and_number_them_all():
 
 
 def test_complete_rows_stay():
-    rows = Rows.of(("t",), np.arange(5.0).reshape(-1, 1))
+    rows = StreamRows.of(("t",), np.arange(5.0).reshape(-1, 1))
     assert rows.oldest == 0
     assert rows.since(0, 100)[1].ravel().tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     assert rows.since(3, 100)[0] == 3
 
 
 def test_a_frame_is_its_head_and_its_rows():
-    rows = Rows(("t", "v"), 10)
+    rows = StreamRows(("t", "v"), 10)
     assert frame(3, rows, 0) == (b"", 0)
     rows.add((0.5, float("nan")))
     rows.add((0.6, 1.0))

@@ -7,7 +7,7 @@ from math import inf, nan
 
 import pytest
 
-from trunk_experiments.analysis.metrics import Metrics
+from trunk_experiments.analysis.metrics import RunMetrics
 from trunk_experiments.bench import core, gym, lockstep, rates, realtime, sweep
 from trunk_experiments.console.document import schemas
 from trunk_experiments.paper import report, reproduction
@@ -120,7 +120,7 @@ def short(monkeypatch):
 
 def reproduced():
     """Return results of the paper's runs: one diverged, and the graph's have the same bits."""
-    values = Metrics(**{f.name: 1.0 for f in fields(Metrics)})
+    values = RunMetrics(**{f.name: 1.0 for f in fields(RunMetrics)})
     runs = {case: PaperRun(case, values, 2.0) for case in cases()}
     first = next(iter(runs))
     runs[first] = PaperRun(first, None, inf, "diverged")

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trunk_experiments.analysis.metrics import Metrics
+from trunk_experiments.analysis.metrics import RunMetrics
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.paper import report as paper_report
 from trunk_experiments.paper.claims import CLAIMS, NOT, PARTLY, REPRODUCED, judge
@@ -19,7 +19,7 @@ from trunk_experiments.paper.errata import ERRATA, single_repairs
 from trunk_experiments.paper.reproduction import Reproduction, as_json
 from trunk_experiments.paper.runs import PROFILES, PaperRun, cases, undershoot
 
-NAMES = [f.name for f in fields(Metrics)]
+NAMES = [f.name for f in fields(RunMetrics)]
 
 
 def invented(seed):
@@ -35,7 +35,7 @@ def invented(seed):
         diverged = rng.random() < 0.1
         runs[case] = PaperRun(
             case,
-            None if diverged else Metrics(**values),
+            None if diverged else RunMetrics(**values),
             inf if diverged else float(rng.exponential()),
             "diverged" if diverged else "",
         )
@@ -76,7 +76,7 @@ def test_a_claim_flips_with_its_deciding_number():
         values = {**dict.fromkeys(NAMES, 1.0), "steady_state_error_rms_deg": rms}
         for case in runs:
             if case.contender in names:
-                runs[case] = PaperRun(case, Metrics(**values), 0.0)
+                runs[case] = PaperRun(case, RunMetrics(**values), 0.0)
         assert judge(steady, runs, PROFILES[0]).word == word
 
 

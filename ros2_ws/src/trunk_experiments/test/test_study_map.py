@@ -20,7 +20,7 @@ from trunk_experiments.study.intervals import mean_and_median, wilson
 from trunk_experiments.study.map import panels
 from trunk_experiments.study.results import Results
 from trunk_experiments.study.summary import Falls
-from trunk_experiments.study.sweep import Sweep, processes
+from trunk_experiments.study.sweep import SweepJob, processes
 
 STUDY = """
 scenario: fig6
@@ -39,7 +39,9 @@ vary:
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
-    sweep = Sweep(parse_study(STUDY, "study.yaml"), tmp_path_factory.mktemp("map") / "out.parquet")
+    sweep = SweepJob(
+        parse_study(STUDY, "study.yaml"), tmp_path_factory.mktemp("map") / "out.parquet"
+    )
     sweep.start()
     sweep.run(processes(1))
     sweep.finish()

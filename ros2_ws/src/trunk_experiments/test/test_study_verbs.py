@@ -17,7 +17,7 @@ from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.report import make_report, render
 from trunk_experiments.study.results import METRICS, Results
 from trunk_experiments.study.summary import falls
-from trunk_experiments.study.sweep import Sweep, processes
+from trunk_experiments.study.sweep import SweepJob, processes
 from trunk_experiments.study.worst import worst_runs
 
 STUDY = """
@@ -38,7 +38,7 @@ vary:
 
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory):
-    sweep = Sweep(parse_study(STUDY, "study.yaml"), tmp_path_factory.mktemp("s") / "out.parquet")
+    sweep = SweepJob(parse_study(STUDY, "study.yaml"), tmp_path_factory.mktemp("s") / "out.parquet")
     sweep.start()
     sweep.run(processes(1))
     sweep.finish()

@@ -18,7 +18,7 @@ from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.study.bases import make_bases, plan_of
 from trunk_experiments.study.design import design
 from trunk_experiments.study.file import parse_study, read_study, shipped_studies
-from trunk_experiments.study.sweep import METRICS, Sweep, processes, run_block
+from trunk_experiments.study.sweep import METRICS, SweepJob, processes, run_block
 
 STUDY = """
 scenario: fig8
@@ -41,7 +41,7 @@ def study():
 
 
 def make(study, path, count=1):
-    sweep = Sweep(study, path)
+    sweep = SweepJob(study, path)
     sweep.start()
     sweep.run(processes(count))
     sweep.finish()
@@ -121,9 +121,9 @@ def test_provenance_and_study_are_in_the_file(undisturbed):
 KILLED_AFTER_FOUR_BLOCKS = """
 import os, signal
 from trunk_experiments.cli import main
-from trunk_experiments.study.sweep import Sweep
+from trunk_experiments.study.sweep import SweepJob
 
-keep, kept = Sweep.keep, []
+keep, kept = SweepJob.keep, []
 
 def killed(self, index, table):
     keep(self, index, table)
@@ -131,7 +131,7 @@ def killed(self, index, table):
     if len(kept) == 4:
         os.kill(os.getpid(), signal.SIGKILL)
 
-Sweep.keep = killed
+SweepJob.keep = killed
 main()
 """
 
@@ -151,7 +151,7 @@ def test_sigkill_loses_no_finished_block(tmp_path):
     kept = {path.name: path.stat().st_mtime_ns for path in folder.glob("0*.parquet")}
     assert len(kept) == 4
     study = read_study(str(file))
-    sweep = Sweep(study, output)
+    sweep = SweepJob(study, output)
     assert sweep.start() == 3 * len(kept)
     sweep.run(processes(1))
     assert kept.items() <= {p.name: p.stat().st_mtime_ns for p in folder.glob("0*.parquet")}.items()
@@ -165,16 +165,16 @@ def test_sigkill_loses_no_finished_block(tmp_path):
 
 
 def test_blocks_of_another_study_are_refused(study, tmp_path):
-    Sweep(study, tmp_path / "out.parquet").start()
+    SweepJob(study, tmp_path / "out.parquet").start()
     other = parse_study(STUDY.replace("0.3]", "0.2]"), "study.yaml")
     with pytest.raises(
         StudyError, match="its finished blocks are another study's: its variables differ"
     ):
-        Sweep(other, tmp_path / "out.parquet").start()
+        SweepJob(other, tmp_path / "out.parquet").start()
 
 
 def test_a_worker_with_other_sources_is_refused(study, tmp_path):
-    sweep = Sweep(study, tmp_path / "out.parquet")
+    sweep = SweepJob(study, tmp_path / "out.parquet")
     sweep.start()
 
     def foreign(blocks):

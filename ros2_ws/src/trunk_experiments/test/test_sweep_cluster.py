@@ -16,7 +16,7 @@ from trunk_experiments.errors import StudyError
 from trunk_experiments.study import cluster as sweep_cluster
 from trunk_experiments.study.cluster import dask_runner
 from trunk_experiments.study.file import parse_study
-from trunk_experiments.study.sweep import Sweep, processes
+from trunk_experiments.study.sweep import SweepJob, processes
 
 distributed = pytest.importorskip("distributed")
 
@@ -78,7 +78,7 @@ def test_the_loss_of_a_worker_changes_nothing(study, cluster, tmp_path, monkeypa
     monkeypatch.setattr(sweep_cluster, "_CONNECT_S", HUNG_S)
     address, workers = cluster
     path = tmp_path / "cluster.parquet"
-    sweep = Sweep(study, path)
+    sweep = SweepJob(study, path)
     sweep.start()
     finished = []
 
@@ -91,7 +91,7 @@ def test_the_loss_of_a_worker_changes_nothing(study, cluster, tmp_path, monkeypa
     assert workers[0].wait() == -signal.SIGKILL
     assert sum(finished) == study.total == 200
     sweep.finish()
-    plain = Sweep(study, tmp_path / "plain.parquet")
+    plain = SweepJob(study, tmp_path / "plain.parquet")
     plain.start()
     plain.run(processes(1))
     plain.finish()

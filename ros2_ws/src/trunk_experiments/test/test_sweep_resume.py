@@ -19,7 +19,7 @@ from trunk_experiments.study.draws import Distribution
 from trunk_experiments.study.file import parse_study
 from trunk_experiments.study.map import panels
 from trunk_experiments.study.results import Results
-from trunk_experiments.study.sweep import Sweep, processes, run_block
+from trunk_experiments.study.sweep import SweepJob, processes, run_block
 from trunk_msgs_util.compiled import fingerprint
 from trunk_msgs_util.parameters.declarations import values_of
 
@@ -59,7 +59,7 @@ def study(parameters):
 
 def interrupted(study, output):
     """Start a sweep, and stop after its first block."""
-    sweep = Sweep(study, output)
+    sweep = SweepJob(study, output)
     sweep.start()
     results = processes(1)(sweep.waiting())
     sweep.keep(*next(results))
@@ -68,7 +68,7 @@ def interrupted(study, output):
 
 
 def whole(study, output):
-    sweep = Sweep(study, output)
+    sweep = SweepJob(study, output)
     sweep.start()
     sweep.run(processes(1))
     sweep.finish()
@@ -90,7 +90,7 @@ def test_an_edited_parameter_file_is_refused(study, parameters, tmp_path, old, n
     interrupted(study, tmp_path / "out.parquet")
     parameters.write_text(PARAMETERS.replace(old, new))
     with pytest.raises(StudyError, match="delete the folder, or give another -o") as caught:
-        Sweep(study, tmp_path / "out.parquet").start()
+        SweepJob(study, tmp_path / "out.parquet").start()
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -100,7 +100,7 @@ def test_the_same_values_from_another_file_resume(study, parameters, tmp_path):
     parameters.write_text("# a comment\n" + PARAMETERS.replace("1.0", "1.00"))
     other = parameters.rename(tmp_path / "renamed.yaml")
     again = parse_study(STUDY.replace("PARAMS", str(other)), "moved.yaml")
-    assert Sweep(again, tmp_path / "out.parquet").start() == 3
+    assert SweepJob(again, tmp_path / "out.parquet").start() == 3
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_another_study_is_refused(study, tmp_path, old, new, says):
     interrupted(study, tmp_path / "out.parquet")
     other = parse_study(study.text.replace(old, new), "study.yaml")
     with pytest.raises(StudyError) as caught:
-        Sweep(other, tmp_path / "out.parquet").start()
+        SweepJob(other, tmp_path / "out.parquet").start()
     assert says in str(caught.value)
 
 
@@ -123,7 +123,7 @@ def test_blocks_of_other_code_are_refused(study, tmp_path, monkeypatch):
     interrupted(study, tmp_path / "out.parquet")
     monkeypatch.setattr(module, "sources", lambda: "other")
     with pytest.raises(StudyError, match="other sources or libraries"):
-        Sweep(study, tmp_path / "out.parquet").start()
+        SweepJob(study, tmp_path / "out.parquet").start()
 
 
 def test_blocks_with_other_draws_are_refused(study, tmp_path, monkeypatch):
@@ -133,7 +133,7 @@ def test_blocks_with_other_draws_are_refused(study, tmp_path, monkeypatch):
     design.drawn_values.cache_clear()
     monkeypatch.setattr(Distribution, "draw", lambda self, count, seed, name: [1.25] * count)
     with pytest.raises(StudyError, match="another study's: its draws differ"):
-        Sweep(drawn, tmp_path / "out.parquet").start()
+        SweepJob(drawn, tmp_path / "out.parquet").start()
     design.drawn_values.cache_clear()
 
 
@@ -144,7 +144,7 @@ def test_the_sources_include_the_code_that_makes_a_rows_plan():
 def test_a_file_in_place_of_the_folder_is_refused(study, tmp_path):
     (tmp_path / "out.parquet.blocks").write_text("mine")
     with pytest.raises(StudyError, match=r"out\.parquet\.blocks: not a folder"):
-        Sweep(study, tmp_path / "out.parquet").check()
+        SweepJob(study, tmp_path / "out.parquet").check()
 
 
 @pytest.mark.parametrize("mark", [None, "", "{}", "[1]"])
@@ -155,7 +155,7 @@ def test_undescribed_blocks_are_refused(study, tmp_path, mark):
     if mark is not None:
         path.write_text(mark)
     with pytest.raises(StudyError, match="delete the folder, or give another -o"):
-        Sweep(study, tmp_path / "out.parquet").start()
+        SweepJob(study, tmp_path / "out.parquet").start()
 
 
 def test_a_block_from_another_folder_is_not_merged(study, parameters, tmp_path):
@@ -179,7 +179,7 @@ def test_an_unreadable_block_gives_one_line(study, tmp_path):
 
 
 def test_a_worker_with_another_study_is_refused(study, tmp_path):
-    sweep = Sweep(study, tmp_path / "out.parquet")
+    sweep = SweepJob(study, tmp_path / "out.parquet")
     sweep.start()
 
     def foreign(blocks):

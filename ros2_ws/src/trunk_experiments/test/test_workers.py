@@ -13,7 +13,7 @@ from trunk_experiments.batch import workers
 from trunk_experiments.errors import SweepError
 from trunk_experiments.study import sweep as module
 from trunk_experiments.study.file import parse_study
-from trunk_experiments.study.sweep import Sweep, processes
+from trunk_experiments.study.sweep import SweepJob, processes
 
 STUDY = """
 scenario: fig6
@@ -33,7 +33,7 @@ def _one_thread(_count):
 
 @pytest.fixture
 def sweep(tmp_path):
-    made = Sweep(parse_study(STUDY, "study.yaml"), tmp_path / "out.parquet")
+    made = SweepJob(parse_study(STUDY, "study.yaml"), tmp_path / "out.parquet")
     made.start()
     return made
 

@@ -60,7 +60,7 @@ class Traffic:
         """``stepwise``: it is only asked for one step after the other, and forgets past steps."""
         self.network = network
         self._state, self._command = (
-            _Passed(link, network, stream, stepwise)
+            _LinkTraffic(link, network, stream, stepwise)
             for link, stream in ((network.state, _STATE), (network.command, _COMMAND))
         )
         self._failures = _Failures(network, stepwise)
@@ -188,7 +188,7 @@ class _Failures(_Drawn):
 _USED, _FATE, _OVERTAKEN, _TAKEN = range(4)
 
 
-class _Passed(_Drawn):
+class _LinkTraffic(_Drawn):
     """One link."""
 
     def __init__(self, link: Link, network: Network, stream: int, stepwise: bool) -> None:

@@ -50,7 +50,7 @@ QUANTITIES: Mapping[str, MetricText] = {
 
 
 @dataclass(frozen=True)
-class Metrics:
+class RunMetrics:
     """Quantities of the true error ``e = reference - theta``; None if undefined.
 
     ::
@@ -96,10 +96,10 @@ def _is_level(since: float, begin: float, end: float) -> bool:
     return since == begin or end - since >= SETTLED_FOR - _TOLERANCE
 
 
-_NAMES = tuple(field.name for field in fields(Metrics))
+_NAMES = tuple(field.name for field in fields(RunMetrics))
 
 
-def metrics(table: RunTable, compiled: bool = False) -> Metrics:
+def metrics(table: RunTable, compiled: bool = False) -> RunMetrics:
     """Return the metrics of a run.
 
     Overshoot and settling refer to the reference's last level and count from its last change (t_0 if
@@ -122,7 +122,7 @@ def metrics(table: RunTable, compiled: bool = False) -> Metrics:
     return metrics_of(sums, begin)
 
 
-def _checked(found: Metrics) -> Metrics:
+def _checked(found: RunMetrics) -> RunMetrics:
     for name, value in found.as_dict().items():
         if value is not None and not isfinite(value):
             raise ValueError(f"{name} is too large for a floating-point number: no metrics")
@@ -134,13 +134,13 @@ def steady_from(end: float) -> float:
     return end - STEADY_STATE - _TOLERANCE
 
 
-def metrics_of(sums: Sums, begin: float) -> Metrics:
+def metrics_of(sums: Sums, begin: float) -> RunMetrics:
     """Return the metrics of a run that began at ``begin`` [s]. Raises ValueError if one is infinite."""
     s = sums
     levelled = _is_level(s.level_since, begin, s.t)
     has_steady_state = s.t - begin >= STEADY_STATE - _TOLERANCE
     return _checked(
-        Metrics(
+        RunMetrics(
             overshoot_deg=_overshoot(s) if levelled else None,
             settling_time_6deg_s=_settling_time(s) if levelled else None,
             steady_state_error_mean_deg=(

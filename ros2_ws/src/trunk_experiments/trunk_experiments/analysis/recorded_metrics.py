@@ -5,11 +5,11 @@ from __future__ import annotations
 from trunk_msgs_util.recording.reader import RecordingError
 
 from ..recorded.run import RecordedRun
-from .metrics import Metrics, metrics
+from .metrics import RunMetrics, metrics
 from .run_table import RunTable
 
 
-def table_and_metrics(run: RecordedRun) -> tuple[RunTable, Metrics]:
+def table_and_metrics(run: RecordedRun) -> tuple[RunTable, RunMetrics]:
     """Return a recorded run's table, as far as metrics need it, and its metrics.
 
     Raises RecordingError if it has none, or cannot be read.
@@ -22,6 +22,6 @@ def table_and_metrics(run: RecordedRun) -> tuple[RunTable, Metrics]:
         raise RecordingError(f"{run.path}: {error}") from None
 
 
-def recorded_metrics(run: RecordedRun) -> Metrics:
+def recorded_metrics(run: RecordedRun) -> RunMetrics:
     """Return a recorded run's metrics. Raises RecordingError if it has none, or cannot be read."""
     return table_and_metrics(run)[1]

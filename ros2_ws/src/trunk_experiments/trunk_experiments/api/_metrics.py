@@ -12,7 +12,7 @@ from ._simulate import run_of
 
 
 @dataclass(frozen=True)
-class Metrics(analysis.Metrics):
+class Metrics(analysis.RunMetrics):
     """Quantities of the true error ``e = reference - theta``; None where a run has no such value.
 
     ::

@@ -14,7 +14,7 @@ from ._paths import AnyPath, path_of
 from ._values import mapping_of, names_of, number_of, plain
 
 if TYPE_CHECKING:
-    from ..study.study import Study as InternalStudy
+    from ..study.study import StudySpec
 
 How = Literal["value", "factor", "offset"]
 Distribution = Literal["uniform", "loguniform", "normal", "integers", "choice"]
@@ -40,7 +40,7 @@ class Variation:
 class Study:
     """The runs that a sweep makes. Made by `study` and `read_study`."""
 
-    _study: InternalStudy
+    _study: StudySpec
 
     @property
     def text(self) -> str:
@@ -152,7 +152,7 @@ def read_study(name: AnyPath) -> Study:
     return Study(read(str(path_of(name, "study"))))
 
 
-def _parsed(tree: Mapping[str, Any]) -> InternalStudy:
+def _parsed(tree: Mapping[str, Any]) -> StudySpec:
     """Return the study that a file's content describes, checked as every study is."""
     from ..study.file import parse_study
 

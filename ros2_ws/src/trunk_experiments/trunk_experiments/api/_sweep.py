@@ -214,12 +214,11 @@ def _swept(
     study: Study, path: Path, jobs: int, progress: Callable[[int, int], None] | None
 ) -> Sweep:
     from ..study.results import Results
-    from ..study.sweep import Sweep as Sweeping
-    from ..study.sweep import processes
+    from ..study.sweep import SweepJob, processes
 
-    sweeping = Sweeping(study._study, path)
+    job = SweepJob(study._study, path)
     with writing(path):
-        done = sweeping.start()
+        done = job.start()
 
     def tell(runs: int) -> None:
         nonlocal done
@@ -229,13 +228,13 @@ def _swept(
 
     try:
         with writing(path):
-            sweeping.run(processes(max(1, min(jobs, len(sweeping.missing)))), tell)
-            sweeping.finish()
+            job.run(processes(max(1, min(jobs, len(job.missing)))), tell)
+            job.finish()
     except SweepError as error:
         if isinstance(error.__context__, BrokenProcessPool):
             raise SweepError(_KILLED) from None
         raise
-    return Sweep(Results.read(path), tuple(sweeping.warnings))
+    return Sweep(Results.read(path), tuple(job.warnings))
 
 
 def load_sweep(path: AnyPath) -> Sweep:

@@ -20,7 +20,7 @@ from trunk_sim.disturbances import Signals
 from trunk_sim.noise import noise_samples
 from trunk_sim.step import noisy
 
-from ..analysis.metrics import Metrics, metrics_of, steady_from
+from ..analysis.metrics import RunMetrics, metrics_of, steady_from
 from ..analysis.sums import Sums, no_rows
 from ..errors import PlanError
 from ..plans.plan import RunPlan
@@ -37,7 +37,7 @@ LONGEST = 200_000  # states: the series of longer runs would take too much memor
 class RunSummary(NamedTuple):
     """A run's outcome: its metrics, or when it diverged [s], or why it was refused."""
 
-    metrics: Metrics | None
+    metrics: RunMetrics | None
     diverged_at: float | None = None
     refused: str = ""
 

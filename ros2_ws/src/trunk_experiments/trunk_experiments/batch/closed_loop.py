@@ -20,7 +20,7 @@ from trunk_sim.disturbances import Disturbance
 from trunk_sim.noise import noise_samples
 from trunk_sim.step import Measurement, Plant, Trunk, at_rest, noisy, torque_of
 
-from ..analysis.metrics import Metrics, metrics
+from ..analysis.metrics import RunMetrics, metrics
 from ..analysis.run_table import RunTable
 from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan
@@ -141,7 +141,7 @@ class Outcome(NamedTuple):
     table: RunTable
     diverged_at: float | None
 
-    def metrics(self) -> Metrics | None:
+    def metrics(self) -> RunMetrics | None:
         """Return the metrics; None for a run that diverged."""
         return None if self.diverged_at is not None else metrics(self.table, compiled=True)
 

@@ -16,12 +16,12 @@ from ..analysis.metrics import QUANTITIES
 from ..console.document import write_json
 from ..console.progress import progress_bar
 from ..console.tables import print_table
-from ..study.compare import FELL, PairedDifference, compare_study
+from ..study.compare import FELL, MeanDifference, compare_study
 from ..study.intervals import RESAMPLES, Estimate
 from ..study.results import METRICS, Results
 from ..study.summary import (
-    Distribution,
     Falls,
+    MetricDistribution,
     bins_of,
     counts_in,
     distributions,
@@ -46,8 +46,8 @@ class Compared:
     """All that is shown of a study's controllers, in the order in which it is shown."""
 
     falls: list[Falls]
-    distributions: dict[str, list[Distribution]]
-    differences: list[PairedDifference]
+    distributions: dict[str, list[MetricDistribution]]
+    differences: list[MeanDifference]
 
     @classmethod
     def of(cls, results: Results) -> Compared:
@@ -112,7 +112,7 @@ def as_values(found: Compared) -> dict[str, object]:
     }
 
 
-def difference_values(difference: PairedDifference) -> dict[str, object]:
+def difference_values(difference: MeanDifference) -> dict[str, object]:
     """Return a difference as plain values; None for what does not exist."""
     values = {
         name: None if isinstance(value, float) and not isfinite(value) else value
@@ -125,9 +125,9 @@ def _estimate(one: Estimate) -> dict[str, float | None]:
     return {name: value if isfinite(value) else None for name, value in one._asdict().items()}
 
 
-def _as_csv(differences: Sequence[PairedDifference]) -> str:
+def _as_csv(differences: Sequence[MeanDifference]) -> str:
     text = io.StringIO()
-    names = [*(f.name for f in fields(PairedDifference)), "verdict"]
+    names = [*(f.name for f in fields(MeanDifference)), "verdict"]
     writer = csv.DictWriter(text, names, lineterminator="\n")
     writer.writeheader()
     writer.writerows(difference_values(one) for one in differences)
@@ -145,7 +145,7 @@ def _tables(found: Compared) -> list[tuple[str, list[Row]]]:
     """Return titles and lines; the first line of each table is its header."""
     stood = f"mean and median of |quantity| [95 %: percentile bootstrap, {RESAMPLES} resamples]"
     pairs = "first minus second, same grid point and draw, both stood [95 %: as above]"
-    by_metric: dict[str, list[PairedDifference]] = {}
+    by_metric: dict[str, list[MeanDifference]] = {}
     for one in found.differences:
         if one.metric != FELL:
             by_metric.setdefault(one.metric, []).append(one)
@@ -180,17 +180,17 @@ def _fall_cells(one: Falls) -> Row:
     return one.controller, f"{one.fell} of {one.runs}", share, one.bounds, f"{one.refused} refused"
 
 
-def _cells(one: Distribution) -> Row:
+def _cells(one: MetricDistribution) -> Row:
     return one.controller, one.of_stood, estimate_text(one.mean), estimate_text(one.median)
 
 
-def _pair(d: PairedDifference) -> Row:
+def _pair(d: MeanDifference) -> Row:
     mean = estimate_text(d.mean_with_bounds)
     smaller = d.smaller_one or ("too few" if d.pairs < 2 else "not shown")
     return f"{d.first} - {d.second}", f"{d.left_out}/{d.left_out + d.pairs}", mean, smaller
 
 
-def _histograms(found: list[Distribution]) -> list[Row]:
+def _histograms(found: list[MetricDistribution]) -> list[Row]:
     edges = bins_of(found)
     if edges is None:
         return [(one.controller, "", "none", "") for one in found]

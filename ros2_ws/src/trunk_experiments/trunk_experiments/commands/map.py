@@ -94,13 +94,13 @@ def _sweep(source: str, path: Path, wanted: tuple[str | None, str | None], metri
     """
     from ..study.file import read_study
     from ..study.map import check_mappable
-    from ..study.sweep import Sweep
+    from ..study.sweep import SweepJob
 
     if path.exists():
         raise PlanError(f"{path}: it exists: give it in place of {source}, or delete it")
     study = read_study(source)
     check_mappable(study, choose_axes([v.name for v in study.grid], *wanted, source), metric)
-    sweep = Sweep(study, path)
+    sweep = SweepJob(study, path)
     return ended(sweep, run_sweep(sweep))
 
 

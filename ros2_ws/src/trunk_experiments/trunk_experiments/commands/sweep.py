@@ -15,7 +15,7 @@ from ..console.outputs import check_output, output_options
 from ..console.progress import progress_bar
 
 if TYPE_CHECKING:
-    from ..study.sweep import Sweep
+    from ..study.sweep import SweepJob
 
 
 @click.command("sweep")
@@ -48,10 +48,10 @@ def command(
     again. The same study gives the same file, however it was run.
     """
     from ..study.file import read_study
-    from ..study.sweep import Sweep
+    from ..study.sweep import SweepJob
 
     check_output(output, (".parquet",), force, [study])
-    sweep = Sweep(read_study(study), output)
+    sweep = SweepJob(read_study(study), output)
     if check:
         sweep.check()
         outcomes = None
@@ -72,14 +72,14 @@ def command(
         click.echo(told)
 
 
-def ended(sweep: Sweep, outcomes: Mapping[str, int]) -> str:
+def ended(sweep: SweepJob, outcomes: Mapping[str, int]) -> str:
     """Return a line on how a sweep's runs ended."""
     told = ", ".join(f"{count} {name}" for name, count in outcomes.items())
     return f"{sweep.output}: {sweep.study.total} runs: {told}"
 
 
 def run_sweep(
-    sweep: Sweep, jobs: int | None = None, scheduler: str | None = None
+    sweep: SweepJob, jobs: int | None = None, scheduler: str | None = None
 ) -> dict[str, int]:
     """Run a sweep, or the rest of an interrupted one, showing progress; return the count of each outcome."""
     from ..study.sweep import outcome_counts, processes

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..analysis.metrics import Metrics
+from ..analysis.metrics import RunMetrics
 from ..console.common import FiniteRange, Function
 from ..console.controller_name import ControllerName
 from ..console.document import json_option
@@ -23,7 +23,7 @@ from .tuned import finish, finish_values, show_relay
 if TYPE_CHECKING:
     from ..tuning.linear import Linear
 
-_METRICS = tuple(name for name in Metrics.__dataclass_fields__ if not name.startswith("theta"))
+_METRICS = tuple(name for name in RunMetrics.__dataclass_fields__ if not name.startswith("theta"))
 
 
 def _options(function: Any) -> Any:

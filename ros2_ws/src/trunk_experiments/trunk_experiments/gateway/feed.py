@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 from trunk_msgs_util.errors import TrunkError
 
 from .board import Board
-from .rows import Rows
+from .rows import StreamRows
 
 if TYPE_CHECKING:
     from .protocol import Asked
@@ -24,7 +24,7 @@ class Stream(NamedTuple):
     """Rows with their name: ``plant``, ``pushes``, or a controller's."""
 
     name: str
-    rows: Rows
+    rows: StreamRows
 
 
 class Feed(Protocol):
@@ -46,7 +46,7 @@ class Feed(Protocol):
         """Release what was opened."""
 
 
-def put_stream(board: Board, streams: list[Stream], name: str, rows: Rows) -> None:
+def put_stream(board: Board, streams: list[Stream], name: str, rows: StreamRows) -> None:
     """Open a stream, and announce it."""
     board.put("stream", name, stream=len(streams), columns=list(rows.names))
     streams.append(Stream(name, rows))

@@ -34,7 +34,7 @@ from .feed import PLANT, PUSHES, RefusedRequestError, Stream, put_stream
 from .graph import Graph
 from .graph_requests_node import GraphRequests
 from .protocol import Asked
-from .rows import Rows
+from .rows import StreamRows
 from .streams import columns_of, row_of, with_rules
 
 _KEPT_S = 60.0  # for a page that is opened later
@@ -135,7 +135,7 @@ class GraphFeed:
         if stream is None:
             columns = columns_of(name, sample.name, config)
             kept = int(min(max(self.graph.simulator.update_rate * _KEPT_S, _FEWEST), _MOST))
-            put_stream(self.board, self.streams, name, Rows(columns, kept))
+            put_stream(self.board, self.streams, name, StreamRows(columns, kept))
             stream = self.streams[-1]
         if isinstance(config, FuzzyPidConfig):
             row = with_rules(row, sample.name, config)

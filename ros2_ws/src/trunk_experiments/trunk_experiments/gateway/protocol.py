@@ -17,7 +17,7 @@ from trunk_msgs_util.errors import TrunkError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from .rows import Rows
+    from .rows import StreamRows
 
 NAME = "trunk.live.1"  # the WebSocket's subprotocol
 LONGEST = 65_536  # bytes of a message from a page
@@ -88,7 +88,7 @@ def _no_number(text: str) -> float:
     raise ValueError(text)
 
 
-def frame(stream: int, rows: Rows, number: int) -> tuple[bytes, int]:
+def frame(stream: int, rows: StreamRows, number: int) -> tuple[bytes, int]:
     """Return the frame of a stream's next rows, and the number after the last of them; none: empty."""
     first, values = rows.since(number, MOST_ROWS)
     if not len(values):

@@ -15,7 +15,7 @@ from ..recorded.run import RecordedRun
 from .board import Board
 from .feed import PLANT, PUSHES, RefusedRequestError, Stream, put_stream
 from .graph import Graph
-from .rows import Rows
+from .rows import StreamRows
 from .streams import columns_of, with_rules
 
 if TYPE_CHECKING:
@@ -75,7 +75,9 @@ class RecordedFeed:
         """Nothing was opened."""
 
     def _add(self, name: str, values: Floats) -> None:
-        put_stream(self.board, self.streams, name, Rows.of(columns_of(name, (), None), values))
+        put_stream(
+            self.board, self.streams, name, StreamRows.of(columns_of(name, (), None), values)
+        )
 
     def _add_controller(self, run: RecordedRun, name: str) -> None:
         told = run.joints(topics.controller_state(name)).by_stamp()
@@ -94,7 +96,7 @@ class RecordedFeed:
                 if isinstance(timeline.config, FuzzyPidConfig):
                     rows.append(with_rules(tuple(row), told.names, timeline.config))
             values = np.array(rows) if rows else values
-        put_stream(self.board, self.streams, name, Rows.of(columns, values))
+        put_stream(self.board, self.streams, name, StreamRows.of(columns, values))
 
 
 def _seconds(arrays: JointArrays) -> Floats:

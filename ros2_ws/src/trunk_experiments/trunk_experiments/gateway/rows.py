@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Floats
 
 
-class Rows:
+class StreamRows:
     """The last ``kept`` rows of a stream; a reader knows a row by its number since the beginning."""
 
     def __init__(self, names: Sequence[str], kept: int) -> None:
@@ -24,7 +24,7 @@ class Rows:
         self._end = 0
 
     @classmethod
-    def of(cls, names: Sequence[str], values: Floats) -> Rows:
+    def of(cls, names: Sequence[str], values: Floats) -> StreamRows:
         """Return rows that are all present from the beginning and never dropped."""
         rows = cls(names, 0)
         rows._values = np.ascontiguousarray(values, np.float64)

@@ -14,7 +14,7 @@ from ..errors import PlanError, StudyError
 from ..plans.files import parse_setting
 from ..plans.plan import RunPlan, make_plan
 from .checks import check_contender, check_durations, check_repetition, check_variable, mistake
-from .study import Contender, Study
+from .study import ContenderSpec, StudySpec
 from .targets import (
     STRUCTURAL,
     Base,
@@ -34,7 +34,7 @@ SEEDS = {
 }
 
 
-def make_bases(study: Study) -> Bases:
+def make_bases(study: StudySpec) -> Bases:
     """Return the plans that the runs start from, after checking the whole study.
 
     Raises StudyError for a variable that matches no parameter or leaves its bounds, for a run that a
@@ -66,7 +66,7 @@ def make_bases(study: Study) -> Bases:
     return bases
 
 
-def plan_of(study: Study, bases: Bases, row: Row) -> RunPlan:
+def plan_of(study: StudySpec, bases: Bases, row: Row) -> RunPlan:
     """Return a row's plan. Raises ParameterError if its values do not fit together."""
     contender = next(c for c in study.contenders if c.label == row["controller"])
     base = bases[contender.label, tuple(row[v.name] for v in structural(study))]
@@ -94,7 +94,7 @@ def plan_of(study: Study, bases: Bases, row: Row) -> RunPlan:
     )
 
 
-def _base(study: Study, contender: Contender, settings: list[str]) -> Base:
+def _base(study: StudySpec, contender: ContenderSpec, settings: list[str]) -> Base:
     everywhere = {"update_rate": study.rate, "duration": study.duration}
 
     def plan(*more: str) -> RunPlan:

@@ -14,7 +14,7 @@ from ..errors import PlanError, StudyError
 from ..plans.plan import check_turns
 from ..runs.offline import check
 from .design import drawn_values
-from .study import Contender, Study, Target, Variable
+from .study import ContenderSpec, StudySpec, Target, Variable
 from .targets import FILES, Base, Bases, field_of, is_meant, kind_of, new_value
 from .units import check_units
 
@@ -29,12 +29,12 @@ _NOISE = {
 }
 
 
-def mistake(study: Study, v: Variable, message: str) -> StudyError:
+def mistake(study: StudySpec, v: Variable, message: str) -> StudyError:
     """Return the error that names a study's entry."""
     return StudyError(f"{study.source}: vary.{v.name}: {message}")
 
 
-def check_contender(study: Study, contender: Contender, base: Base) -> None:
+def check_contender(study: StudySpec, contender: ContenderSpec, base: Base) -> None:
     """Raise StudyError if a compiled loop cannot run the contender, or not for that long."""
     try:
         check(base.plan)
@@ -46,7 +46,7 @@ def check_contender(study: Study, contender: Contender, base: Base) -> None:
         raise StudyError(f"{study.source}: {contender.label}: {wrong}")
 
 
-def check_variable(study: Study, v: Variable, contender: Contender, base: Base) -> None:
+def check_variable(study: StudySpec, v: Variable, contender: ContenderSpec, base: Base) -> None:
     """Raise StudyError if a variable matches none of the contender's parameters, or leaves its bounds."""
     values = v.values if v.distribution is None else drawn_values(study)[v.name]
     for target in v.targets:
@@ -68,7 +68,7 @@ def check_variable(study: Study, v: Variable, contender: Contender, base: Base) 
             raise mistake(study, v, f"{contender.label}: {target}: {error}") from None
 
 
-def check_durations(study: Study, v: Variable, contender: Contender, bases: Bases) -> None:
+def check_durations(study: StudySpec, v: Variable, contender: ContenderSpec, bases: Bases) -> None:
     """Raise StudyError if a variable makes one of the contender's runs endless, or too long."""
     for target in v.targets:
         if (target.node, target.name) != ("simulator", "duration"):
@@ -83,7 +83,7 @@ def check_durations(study: Study, v: Variable, contender: Contender, bases: Base
                     raise mistake(study, v, f"{target}: {wrong}")
 
 
-def check_repetition(study: Study, bases: Iterable[Base]) -> None:
+def check_repetition(study: StudySpec, bases: Iterable[Base]) -> None:
     """Raise StudyError if a study asks for several identical runs."""
     if study.runs == 1 or any(v.distribution for v in study.variables):
         return
@@ -100,7 +100,7 @@ def check_repetition(study: Study, bases: Iterable[Base]) -> None:
 
 
 def _check_target(
-    study: Study, v: Variable, contender: Contender, target: Target, config: Any
+    study: StudySpec, v: Variable, contender: ContenderSpec, target: Target, config: Any
 ) -> None:
     declared = declarations(type(config))
     if target.name not in declared:

@@ -20,7 +20,7 @@ PAIR = "pair"  # grid point and draw, by which runs are paired
 
 
 @dataclass(frozen=True)
-class PairedDifference:
+class MeanDifference:
     """A metric of ``first`` minus that of ``second``, over the pairs in which both have it.
 
     ``low`` and ``high`` bound the mean difference at 95 %; low > high if fewer than two pairs are left.
@@ -58,7 +58,7 @@ class PairedDifference:
 
 def compare_study(
     results: Results, metrics: tuple[str, ...] = METRICS, done: Callable[[], object] = lambda: None
-) -> list[PairedDifference]:
+) -> list[MeanDifference]:
     """Return all pairs of controllers, metric by metric, beginning with how often each falls.
 
     Runs are paired by grid point and draw. Angles and errors that may be negative are compared by their
@@ -97,13 +97,13 @@ def _sorted(results: Results) -> dict[str, Floats]:
     }
 
 
-def _difference(metric: str, first: str, second: str, a: Floats, b: Floats) -> PairedDifference:
+def _difference(metric: str, first: str, second: str, a: Floats, b: Floats) -> MeanDifference:
     both = ~(np.isnan(a) | np.isnan(b))
     differences = a[both] - b[both]
     count = len(differences)
     left_out = len(a) - count
     if count < 2:
-        return PairedDifference(metric, first, second, left_out, count, nan, inf, -inf, nan)
+        return MeanDifference(metric, first, second, left_out, count, nan, inf, -inf, nan)
     smaller = float(np.mean(differences < 0.0) + 0.5 * np.mean(differences == 0.0))
     mean = mean_interval(differences)
-    return PairedDifference(metric, first, second, left_out, count, *mean, smaller)
+    return MeanDifference(metric, first, second, left_out, count, *mean, smaller)

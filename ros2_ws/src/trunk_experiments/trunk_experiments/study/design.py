@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from .draws import stream
-from .study import Study
+from .study import StudySpec
 
 
-def design(study: Study, first: int, last: int) -> dict[str, list[Any]]:
+def design(study: StudySpec, first: int, last: int) -> dict[str, list[Any]]:
     """Return columns of the rows first <= row < last: run, controller, point, draw, seed, variables."""
     rows = np.arange(first, last)
     labels = [contender.label for contender in study.contenders]
@@ -39,7 +39,7 @@ def design(study: Study, first: int, last: int) -> dict[str, list[Any]]:
 
 
 @lru_cache(maxsize=1)
-def drawn_values(study: Study) -> dict[str, list[Any]]:
+def drawn_values(study: StudySpec) -> dict[str, list[Any]]:
     """Return each drawn variable's values by name, and the noise seeds under an empty name."""
     found = {
         v.name: v.distribution.draw(study.runs, study.seed, v.name)

@@ -16,7 +16,17 @@ from ..errors import DrawError, StudyError
 from ..plans.nodes import CONTROLLERS
 from ..similar import did_you_mean
 from .draws import DISTRIBUTIONS, Distribution
-from .study import HOWS, MAX_RUNS, RESERVED, SPACINGS, Contender, Scalar, Study, Target, Variable
+from .study import (
+    HOWS,
+    MAX_RUNS,
+    RESERVED,
+    SPACINGS,
+    ContenderSpec,
+    Scalar,
+    StudySpec,
+    Target,
+    Variable,
+)
 from .tree import TreeReader, shown
 from .units import Units, units_for, written_in
 
@@ -27,7 +37,7 @@ def shipped_studies() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
-def read_study(name: str) -> Study:
+def read_study(name: str) -> StudySpec:
     """Return the study of a file, by path or shipped name. Raises StudyError."""
     shipped = shipped_studies()
     path = shipped.get(name, Path(name))
@@ -42,7 +52,7 @@ def read_study(name: str) -> Study:
         raise StudyError(f"{path}: not a text file; give a study in YAML") from None
 
 
-def parse_study(text: str, source: str) -> Study:
+def parse_study(text: str, source: str) -> StudySpec:
     """Return the study in a file's text. Raises StudyError naming the source, the place, what is allowed."""
     try:
         tree = load(text)
@@ -54,14 +64,14 @@ def parse_study(text: str, source: str) -> Study:
 class _Reader(TreeReader):
     """Turns a YAML tree into a study."""
 
-    def study(self, tree: object, text: str) -> Study:
+    def study(self, tree: object, text: str) -> StudySpec:
         known = ("scenario", "controllers", "params", "set", "rate", "duration")
         found = self.mapping(tree, "the file", (*known, "runs", "seed", "block", "vary"))
         for key in ("scenario", "controllers", "vary"):
             if key not in found:
                 raise self.error(key, "missing: every study needs it")
         contenders = self.contenders(found["controllers"])
-        study = Study(
+        study = StudySpec(
             source=self.source,
             text=text,
             scenario=self.text(found["scenario"], "scenario"),
@@ -76,7 +86,7 @@ class _Reader(TreeReader):
             duration=self.optional(found, "duration", "s"),
             runs=self.integer(found.get("runs", 1), "runs", 1, 10_000_000),
             seed=self.integer(found.get("seed", 1), "seed", 0, 2**31 - 1),
-            block=self.integer(found.get("block", Study.block), "block", 1, 100_000),
+            block=self.integer(found.get("block", StudySpec.block), "block", 1, 100_000),
         )
         if study.total > MAX_RUNS:
             raise self.error("vary", f"{study.total} runs in all: at most {MAX_RUNS} are allowed")
@@ -89,7 +99,7 @@ class _Reader(TreeReader):
             for name, v in found.items()
         )
 
-    def contenders(self, value: object) -> tuple[Contender, ...]:
+    def contenders(self, value: object) -> tuple[ContenderSpec, ...]:
         entries = dict.fromkeys(value) if isinstance(value, list) else value
         found = self.mapping(entries, "controllers")
         if not found:
@@ -99,7 +109,7 @@ class _Reader(TreeReader):
             place = f"controllers.{label}"
             told = self.mapping(entry or {}, place, ("node", "params", "set"))
             contenders.append(
-                Contender(
+                ContenderSpec(
                     str(label),
                     self.text(told.get("node", label), place, CONTROLLERS),
                     self.texts(told.get("params", []), f"{place}.params"),
@@ -108,7 +118,7 @@ class _Reader(TreeReader):
             )
         return tuple(contenders)
 
-    def variable(self, name: str, entry: object, contenders: tuple[Contender, ...]) -> Variable:
+    def variable(self, name: str, entry: object, contenders: tuple[ContenderSpec, ...]) -> Variable:
         place = f"vary.{name}"
         if not re.fullmatch(r"[A-Za-z]\w*", name) or name in RESERVED:
             raise self.error(

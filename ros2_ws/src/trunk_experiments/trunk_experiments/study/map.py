@@ -28,7 +28,7 @@ from ..views.plot_style import COLORS, STYLE
 from .bases import plan_of
 from .design import design
 from .results import METRICS, Results
-from .study import Scalar, Study, Variable
+from .study import Scalar, StudySpec, Variable
 
 Progress = Callable[[int, int], None]  # takes the amount done and the total
 _MANY = 200  # points: fewer are faster without processes
@@ -50,7 +50,7 @@ class MapPanel:
     growth: Floats | None  # Floquet: the largest multiplier, per second
 
 
-def check_mappable(study: Study, axes: tuple[str, str], metric: str) -> None:
+def check_mappable(study: StudySpec, axes: tuple[str, str], metric: str) -> None:
     """Raise StudyError if the study's results will hold no numbers for the axes or the metric."""
     texts = [v.name for v in study.variables if isinstance(_first(v), str)]
     for name in (*axes, metric):

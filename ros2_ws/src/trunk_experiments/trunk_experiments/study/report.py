@@ -21,13 +21,13 @@ from ..analysis.metrics import QUANTITIES
 from ..errors import StudyError
 from ..views import report_page
 from ..views.plot_style import drawn
-from .compare import PairedDifference, compare_study
+from .compare import MeanDifference, compare_study
 from .intervals import RESAMPLES
 from .map import draw, panels
 from .results import METRICS, Results
 from .summary import (
-    Distribution,
     Falls,
+    MetricDistribution,
     bins_of,
     counts_in,
     distributions,
@@ -56,7 +56,7 @@ class Bar:
 class Histogram:
     """One controller's bars over the bins of a metric, its median in percent of the plot's width."""
 
-    distribution: Distribution
+    distribution: MetricDistribution
     bars: tuple[Bar, ...]
     median: float | None
 
@@ -71,7 +71,7 @@ class MetricPart:
     low: str  # of the bins
     high: str
     histograms: tuple[Histogram, ...]
-    differences: tuple[PairedDifference, ...]
+    differences: tuple[MeanDifference, ...]
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ def _maps(
 
 
 def _part(
-    metric: str, found: list[Distribution], differences: list[PairedDifference]
+    metric: str, found: list[MetricDistribution], differences: list[MeanDifference]
 ) -> MetricPart:
     edges = bins_of(found)
     counts = [[0] if edges is None else counts_in(one.values, edges) for one in found]

@@ -21,16 +21,16 @@ from ..errors import StudyError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 from .design import drawn_values
-from .study import Study, Variable
+from .study import StudySpec, Variable
 from .targets import Base, Bases, Key, keys, structural
 
 
-def plans_json(study: Study, bases: Bases) -> str:
+def plans_json(study: StudySpec, bases: Bases) -> str:
     """Return the plans that a study's runs start from: all parameters of each plan's nodes."""
     return json.dumps([_as_values(study, key, base) for key, base in bases.items()])
 
 
-def bases_from(study: Study, text: str, source: str) -> Bases:
+def bases_from(study: StudySpec, text: str, source: str) -> Bases:
     """Return the input of `plans_json`. Raises StudyError naming the source."""
     bases: Bases = {}
     try:
@@ -59,7 +59,7 @@ def bases_from(study: Study, text: str, source: str) -> Bases:
     return bases
 
 
-def identity(study: Study, bases: Bases) -> dict[str, Any]:
+def identity(study: StudySpec, bases: Bases) -> dict[str, Any]:
     """Return, as JSON values, what determines a sweep's results: no file names, no comments."""
     told = {
         "variables": [_plain(v) for v in study.variables],
@@ -105,7 +105,7 @@ def _hash(values: list[Any]) -> str:
     return hashlib.sha256(np.array(values).tobytes()).hexdigest()[:16]
 
 
-def _as_values(study: Study, key: Key, base: Base) -> dict[str, Any]:
+def _as_values(study: StudySpec, key: Key, base: Base) -> dict[str, Any]:
     label, varied = key
     plan = base.plan
     return {

@@ -15,15 +15,15 @@ import pyarrow.parquet as pq
 
 from trunk_msgs_util.recording.joint_arrays import Floats
 
-from ..analysis.metrics import Metrics
+from ..analysis.metrics import RunMetrics
 from ..errors import StudyError
 from .file import parse_study
 from .resolved import bases_from
-from .study import Study
+from .study import StudySpec
 from .targets import Bases
 
 FALLEN_DEG = 90.0  # a trunk this far from the vertical has fallen
-METRICS = tuple(Metrics.__dataclass_fields__)
+METRICS = tuple(RunMetrics.__dataclass_fields__)
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Results:
         )
 
     @property
-    def study(self) -> Study:
+    def study(self) -> StudySpec:
         """The study; raises StudyError if this version does not understand it."""
         return parse_study(self.study_text, f"the study in {self.path}")
 

@@ -26,7 +26,7 @@ from .compare import FELL
 from .design import design
 from .intervals import CONFIDENCE, Estimate
 from .results import METRICS, Results
-from .study import Study, Variable
+from .study import StudySpec, Variable
 from .sweep import RunBlock, Runner
 from .targets import Bases
 
@@ -64,7 +64,7 @@ class Sensitivity:
         return self.filled > 0.05 * self.runs
 
 
-def check_sensitivity(study: Study, n: int, metrics: tuple[str, ...]) -> None:
+def check_sensitivity(study: StudySpec, n: int, metrics: tuple[str, ...]) -> None:
     """Raise StudyError for a study without two drawn entries, with a grid, for a bad n or metric."""
     for v in study.grid:
         if len(v.values) > 1:
@@ -83,13 +83,13 @@ def check_sensitivity(study: Study, n: int, metrics: tuple[str, ...]) -> None:
             raise StudyError(f"no metric {metric!r}: one of {', '.join(METRICS)}")
 
 
-def total_runs(study: Study, n: int) -> int:
+def total_runs(study: StudySpec, n: int) -> int:
     """Return how many runs the indices of all controllers need."""
     return n * (len(_drawn(study)) + 2) * len(study.contenders)
 
 
 def sensitivities(
-    study: Study,
+    study: StudySpec,
     bases: Bases,
     n: int,
     metrics: tuple[str, ...],
@@ -118,7 +118,7 @@ def sensitivities(
     ]
 
 
-def _rows(study: Study, n: int) -> list[dict[str, Any]]:
+def _rows(study: StudySpec, n: int) -> list[dict[str, Any]]:
     """Return the rows of all runs: for each controller the matrices A, B, and A with each column of B."""
     names = [v.name for v in _drawn(study)]
     u = qmc.Sobol(2 * len(names), rng=np.random.default_rng(_SEED)).random(n)
@@ -144,7 +144,7 @@ def _rows(study: Study, n: int) -> list[dict[str, Any]]:
     ]
 
 
-def _values(study: Study, points: Floats) -> dict[str, list[Any]]:
+def _values(study: StudySpec, points: Floats) -> dict[str, list[Any]]:
     """Return each drawn entry's values at some fractions [runs, entries] of its distribution."""
     found = {}
     for v, u in zip(_drawn(study), points.T, strict=True):
@@ -153,14 +153,14 @@ def _values(study: Study, points: Floats) -> dict[str, list[Any]]:
     return found
 
 
-def _blocks(study: Study, bases: Bases, rows: list[dict[str, Any]]) -> Iterator[RunBlock]:
+def _blocks(study: StudySpec, bases: Bases, rows: list[dict[str, Any]]) -> Iterator[RunBlock]:
     for index, first in enumerate(range(0, len(rows), study.block)):
         some = rows[first : first + study.block]
         columns = {name: [row[name] for row in some] for name in some[0]}
         yield RunBlock(index, study, bases, columns, "")
 
 
-def _check_all_ran(study: Study, table: pa.Table) -> None:
+def _check_all_ran(study: StudySpec, table: pa.Table) -> None:
     for row in table.select(["controller", "status", "reason"]).to_pylist():
         if row["status"] == "refused":
             raise StudyError(
@@ -170,7 +170,7 @@ def _check_all_ran(study: Study, table: pa.Table) -> None:
 
 
 def _of_one(
-    study: Study, results: Results, n: int, metrics: tuple[str, ...]
+    study: StudySpec, results: Results, n: int, metrics: tuple[str, ...]
 ) -> Iterator[Sensitivity]:
     """Yield one controller's indices, metric by metric."""
     fell = results.fallen == 1.0
@@ -228,7 +228,7 @@ def _estimates(parts: Floats) -> list[list[tuple[Estimate, Estimate]]]:
     ]
 
 
-def _drawn(study: Study) -> list[Variable]:
+def _drawn(study: StudySpec) -> list[Variable]:
     return [v for v in study.variables if v.distribution is not None]
 
 

@@ -39,7 +39,7 @@ class Variable:
 
 
 @dataclass(frozen=True)
-class Contender:
+class ContenderSpec:
     """One controller of the study, with its own node, parameter files and values."""
 
     label: str
@@ -49,13 +49,13 @@ class Contender:
 
 
 @dataclass(frozen=True)
-class Study:
+class StudySpec:
     """A study as read from its file; ``text`` is the file's content."""
 
     source: str
     text: str
     scenario: str
-    contenders: tuple[Contender, ...]
+    contenders: tuple[ContenderSpec, ...]
     variables: tuple[Variable, ...]
     params: tuple[str, ...] = ()
     settings: tuple[str, ...] = ()

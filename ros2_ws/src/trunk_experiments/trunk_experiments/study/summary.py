@@ -44,7 +44,7 @@ class Falls:
 
 
 @dataclass(frozen=True)
-class Distribution:
+class MetricDistribution:
     """A metric's magnitudes over the runs in which a controller stood and the metric exists."""
 
     metric: str
@@ -93,13 +93,13 @@ def falls(results: Results) -> list[Falls]:
 
 def distributions(
     results: Results, metrics: tuple[str, ...] = METRICS, done: Callable[[], object] = lambda: None
-) -> dict[str, list[Distribution]]:
+) -> dict[str, list[MetricDistribution]]:
     """Return each metric's values by controller, with mean and median, over the runs that stood.
 
     ``done`` is called after each of them.
     """
     stood = {name: _standing(results.of(name)) for name in results.controllers}
-    found: dict[str, list[Distribution]] = {metric: [] for metric in metrics}
+    found: dict[str, list[MetricDistribution]] = {metric: [] for metric in metrics}
     for metric, name in product(metrics, stood):
         found[metric].append(_distribution(metric, stood[name], name))
         done()
@@ -110,14 +110,14 @@ def _standing(results: Results) -> Results:
     return results.only(results.fallen == 0.0)
 
 
-def _distribution(metric: str, results: Results, controller: str) -> Distribution:
+def _distribution(metric: str, results: Results, controller: str) -> MetricDistribution:
     values = np.abs(results.column(metric))
     values = values[~np.isnan(values)]
     mean, median = mean_and_median(values)
-    return Distribution(metric, controller, len(results.table), values, mean, median)
+    return MetricDistribution(metric, controller, len(results.table), values, mean, median)
 
 
-def bins_of(found: list[Distribution]) -> Floats | None:
+def bins_of(found: list[MetricDistribution]) -> Floats | None:
     """Return the edges of bins for all controllers' values of a metric; None if there are none.
 
     They span all values but the highest hundredth, which are in the last bin.

@@ -26,7 +26,7 @@ from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.provenance import gather
 from trunk_msgs_util.whole_file import whole_file
 
-from ..analysis.metrics import Metrics
+from ..analysis.metrics import RunMetrics
 from ..batch.block import summaries
 from ..batch.closed_loop import Batch, loops_fingerprint
 from ..batch.workers import IN_FLIGHT, as_completed_bounded, worker_pool
@@ -35,10 +35,10 @@ from ..plans.plan import RunPlan
 from .bases import make_bases, plan_of
 from .design import design
 from .resolved import difference, digest, identity, plans_json
-from .study import Study
+from .study import StudySpec
 from .targets import Bases
 
-METRICS = tuple(Metrics.__dataclass_fields__)
+METRICS = tuple(RunMetrics.__dataclass_fields__)
 _PROGRAM, _CONTENT = "sources", "study_content"  # keys of a block's metadata
 Progress = Callable[[int], None]  # takes the number of finished runs
 
@@ -48,7 +48,7 @@ class RunBlock:
     """Some runs of a study with everything they need: a worker reads no files."""
 
     index: int
-    study: Study
+    study: StudySpec
     bases: Bases
     columns: dict[str, list[Any]]
     content: str  # the study's hash
@@ -109,12 +109,12 @@ def _type(name: str, values: list[Any]) -> pa.DataType:
     return pa.string() if isinstance(values[0], str) else pa.float64()
 
 
-class Sweep:
+class SweepJob:
     """A sweep of one study into one Parquet file."""
 
     bases: Bases
 
-    def __init__(self, study: Study, output: Path) -> None:
+    def __init__(self, study: StudySpec, output: Path) -> None:
         self.study = study
         self.output = output
         self.folder = output.with_name(output.name + ".blocks")

@@ -11,7 +11,7 @@ from trunk_msgs_util.parameters.declarations import Declaration, Value, check
 from trunk_sim.disturbance_config import DisturbanceConfig
 
 from ..plans.plan import RunPlan
-from .study import Contender, Scalar, Study, Target, Variable
+from .study import ContenderSpec, Scalar, StudySpec, Target, Variable
 
 # Which CSV a run reads; its numbers take the place of the name when a plan is made.
 FILES = ("reference.file", "table.file")
@@ -43,12 +43,12 @@ Key = tuple[str, tuple[Scalar, ...]]  # controller's label, values of the struct
 Bases = dict[Key, Base]
 
 
-def structural(study: Study) -> list[Variable]:
+def structural(study: StudySpec) -> list[Variable]:
     """Return the variables whose values need their own plans."""
     return [v for v in study.variables if any(t.name in STRUCTURAL for t in v.targets)]
 
 
-def keys(study: Study) -> Iterator[Key]:
+def keys(study: StudySpec) -> Iterator[Key]:
     """Yield the key of each plan that the study's runs start from."""
     values = [v.values for v in structural(study)]
     for contender in study.contenders:
@@ -56,17 +56,17 @@ def keys(study: Study) -> Iterator[Key]:
             yield contender.label, chosen
 
 
-def node_of(target: Target, contender: Contender) -> str:
+def node_of(target: Target, contender: ContenderSpec) -> str:
     """Return the name of the target's node in a contender's runs."""
     return contender.node if target.node == "controller" else target.node
 
 
-def kind_of(target: Target, contender: Contender) -> str:
+def kind_of(target: Target, contender: ContenderSpec) -> str:
     """Return the target's kind of node: simulator, disturbance or controller."""
     return "controller" if target.node == contender.node else target.node
 
 
-def is_meant(target: Target, contender: Contender) -> bool:
+def is_meant(target: Target, contender: ContenderSpec) -> bool:
     """Return True if the target is a parameter of a node that runs with the contender."""
     return target.node in ("simulator", "disturbance", "controller", contender.node)
 

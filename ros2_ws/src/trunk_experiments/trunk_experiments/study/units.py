@@ -10,13 +10,13 @@ from trunk_msgs_util.parameters.in_si import read_quantity, units_of
 from trunk_msgs_util.parameters.quantity_text import UnitError, looks_like_quantity
 
 from ..plans.nodes import NODES
-from .study import Contender, Study, Target, Variable
+from .study import ContenderSpec, StudySpec, Target, Variable
 from .targets import node_of
 
 Units = tuple[tuple[str, ...], ...]  # a number has to fit each inner tuple, by any one of its units
 
 
-def units_for(targets: Sequence[Target], how: str, contenders: Sequence[Contender]) -> Units:
+def units_for(targets: Sequence[Target], how: str, contenders: Sequence[ContenderSpec]) -> Units:
     """Return the units of an entry's numbers; none where a parameter is no double.
 
     A factor has no unit. Which unit counts where another parameter chooses it, `check_units` says.
@@ -48,7 +48,7 @@ def number_of(text: str, units: Units) -> float:
     return numbers[0]
 
 
-def check_units(study: Study, v: Variable, target: Target, config: Any) -> None:
+def check_units(study: StudySpec, v: Variable, target: Target, config: Any) -> None:
     """Check an entry's units where another parameter of the node chooses the unit. Raises UnitError."""
     declared = declarations(type(config)).get(target.name)
     if declared is None or not declared.unit_by or v.how == "factor":
@@ -64,7 +64,7 @@ def check_units(study: Study, v: Variable, target: Target, config: Any) -> None:
                 ) from None
 
 
-def _values_of(study: Study, target: Target, config: Any) -> Iterable[object]:
+def _values_of(study: StudySpec, target: Target, config: Any) -> Iterable[object]:
     """Return all values that a parameter has in a study's runs."""
     for v in study.variables:
         if target in v.targets:
