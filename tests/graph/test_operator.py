@@ -95,9 +95,8 @@ def pushed_run(
         hand.ready(1)
         do(hand)
         hand.taken()
-        if (
-            "--lockstep" in given
-        ):  # slow until here: however late the hand was, the run was not over
+        if "--lockstep" in given:
+            # Slow until here: however late the hand was, the run was not over.
             assert Services(peer, "simulator").set(lockstep__speed=0.0).successful
         assert child.wait() == 0, child.stderr
         return child, RecordedRun.open(tmp_path / "run" / "run.mcap")
