@@ -8,12 +8,14 @@ from collections.abc import Callable, Iterator
 import pytest
 import rclpy
 from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.executor import LoopExecutor
 
 pytestmark = pytest.mark.graph
@@ -29,6 +31,11 @@ class Loop:
         self.executor = LoopExecutor(context=self.context)
         self.executor.add_node(self.node)
 
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+
     def every(self, period_s: float, callback: Callable[[], object]) -> Timer:
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         return self.node.create_timer(period_s, callback, clock=clock)
@@ -42,9 +49,7 @@ class Loop:
 def loop(domain: int) -> Iterator[Loop]:
     made = Loop()
     yield made
-    made.executor.shutdown()
-    made.node.destroy_node()
-    rclpy.try_shutdown(context=made.context)
+    made.close()
 
 
 def test_a_timer_keeps_its_rate(loop: Loop) -> None:
@@ -128,3 +133,27 @@ def test_a_rare_message_is_taken_while_others_keep_coming(loop: Loop) -> None:
     often.publish(JointState())
     loop.spin_until(lambda: rare)
     assert rare[0] >= 300
+
+
+def test_an_event_of_the_middleware_is_handled_though_no_message_comes(loop: Loop) -> None:
+    """A publisher whose messages cannot be heard sends nothing that would wake the loop."""
+    refused: list[int] = []
+    beats: list[None] = []
+    loop.node.create_subscription(
+        JointState,
+        "refused",
+        lambda _: None,
+        qos.control(),
+        event_callbacks=SubscriptionEventCallbacks(
+            incompatible_qos=lambda event: refused.append(event.total_count)
+        ),
+    )
+    loop.every(0.01, lambda: beats.append(None))
+    loop.spin_until(lambda: len(beats) > 5)  # by now it only waits
+    other = Loop()
+    try:
+        other.node.create_publisher(JointState, "refused", qos.view())
+        loop.spin_until(lambda: refused)
+    finally:
+        other.close()
+    assert refused == [1]

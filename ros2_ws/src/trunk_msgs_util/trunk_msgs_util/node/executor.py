@@ -2,8 +2,9 @@
 
 rclpy's own executor collects all entities and builds a new wait set for each callback, which costs more
 than the callback itself. This one takes messages and calls timers directly, waits on a set that it builds
-once, and leaves everything else (services, guard conditions) to rclpy, so that it behaves as usual. A node
-has a dozen services, and each makes a wait longer: for some time after a message it waits without them.
+once, and leaves everything else (services, guard conditions, events of the middleware) to rclpy, so that it
+behaves as usual. A node has dozens of these, and each makes a wait longer: for some time after a message it
+waits without them.
 """
 
 from __future__ import annotations
@@ -85,7 +86,9 @@ class LoopExecutor(SingleThreadedExecutor):
         timers = [t for node in nodes for t in node.timers]
         services = [s for node in nodes for s in node.services]
         guards = [*(g for node in nodes for g in node.guards), self._guard]
-        known = hash(tuple(id(e) for e in (*subscriptions, *timers, *services, *guards)))
+        waitables = [w for node in nodes for w in node.waitables]
+        entities = (*subscriptions, *timers, *services, *guards, *waitables)
+        known = hash(tuple(id(e) for e in entities))
         if known == self._known:
             return
         self._known = known
@@ -93,13 +96,15 @@ class LoopExecutor(SingleThreadedExecutor):
         self._with_info = [wants_info(s.callback) for s in subscriptions]
         self._in_vain = [0] * len(subscriptions)
         self._timers, self._services, self._guards = timers, services, guards
+        self._waitables = waitables
+        events = sum(w.get_num_entities().num_events for w in waitables)
         self._wait_set = _rclpy.WaitSet(
             len(subscriptions),
             len(guards),
             len(timers),
             0,
             len(services),
-            0,
+            events,
             self._context.handle,
         )
 
@@ -146,9 +151,11 @@ class LoopExecutor(SingleThreadedExecutor):
         if for_all:
             for service in self._services:
                 wait_set.add_service(service.handle)
+            for waitable in self._waitables:
+                waitable.add_to_wait_set(wait_set)
 
     def _wait(self, limit_ns: int, for_all: bool) -> bool:
-        """Wait, including services only if ``for_all``; a ``limit_ns`` below 0 is no limit.
+        """Wait, including services and events only if ``for_all``; a ``limit_ns`` below 0 is no limit.
 
         Return True if something other than a message or a timer is ready.
         """
@@ -161,7 +168,9 @@ class LoopExecutor(SingleThreadedExecutor):
         wait_set.wait(limit_ns)
         if self._linger_s and wait_set.get_ready_entities("subscription"):
             time.sleep(self._linger_s)
-        return any(wait_set.get_ready_entities(kind) for kind in ("service", "guard_condition"))
+        if any(wait_set.get_ready_entities(kind) for kind in ("service", "guard_condition")):
+            return True
+        return for_all and any(waitable.is_ready(wait_set) for waitable in self._waitables)
 
 
 def wants_info(callback: Callable[..., Any]) -> bool:
