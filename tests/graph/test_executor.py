@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 import rclpy
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
+from rclpy.waitable import NumberOfEntities, Waitable
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -157,3 +160,58 @@ def test_an_event_of_the_middleware_is_handled_though_no_message_comes(loop: Loo
     finally:
         other.close()
     assert refused == [1]
+
+
+def test_a_guard_condition_is_handled(loop: Loop) -> None:
+    """A wait takes note of a trigger only once: rclpy, which calls back, must still see it."""
+    handled: list[None] = []
+    guard = loop.node.create_guard_condition(lambda: handled.append(None))
+    loop.executor.spin_once(timeout_sec=0.05)
+    for count in (1, 2):
+        guard.trigger()
+        loop.spin_until(lambda count=count: len(handled) >= count)
+        loop.executor.spin_once(timeout_sec=0.05)
+        assert len(handled) == count
+
+
+def test_a_waitable_of_any_kind_is_handled(loop: Loop) -> None:
+    """An action server, for one, waits for more than events of the middleware."""
+    handled: list[Any] = []
+    heard = loop.node.create_subscription(JointState, "heard", lambda _: None, 10)
+
+    class Hearing(Waitable):
+        """Waits for messages of its own subscription."""
+
+        def __init__(self) -> None:
+            super().__init__(ReentrantCallbackGroup())
+            self._place = 0
+
+        def __enter__(self) -> None:
+            heard.handle.__enter__()
+
+        def __exit__(self, *exception: object) -> None:
+            heard.handle.__exit__(*exception)
+
+        def get_num_entities(self) -> NumberOfEntities:
+            return NumberOfEntities(num_subs=1)
+
+        def add_to_wait_set(self, wait_set: Any) -> None:
+            self._place = wait_set.add_subscription(heard.handle)
+
+        def is_ready(self, wait_set: Any) -> bool:
+            return bool(wait_set.is_ready("subscription", self._place))
+
+        def take_data(self) -> Any:
+            return heard.handle.take_message(JointState, False)
+
+        async def execute(self, taken: Any) -> None:
+            handled.append(taken)
+
+    publisher = loop.node.create_publisher(JointState, "heard", 10)
+    loop.spin_until(publisher.get_subscription_count)
+    loop.node._subscriptions.remove(heard)
+    loop.node.add_waitable(Hearing())
+    loop.executor.spin_once(timeout_sec=0.05)
+    publisher.publish(JointState(name=["trunk"]))
+    loop.spin_until(lambda: handled)
+    assert handled[0][0].name == ["trunk"]

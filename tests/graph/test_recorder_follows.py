@@ -1,14 +1,19 @@
-"""A recorder that is given no names records whoever answers, and the file can be judged."""
+"""What a recorder follows: nodes of any name, and commands of several controllers in any order."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
+from sensor_msgs.msg import JointState
 
 from trunk_experiments.replay.verify import VERIFIED, verify
+from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
+from trunk_msgs_util.node import qos
+from trunk_msgs_util.node.conversions import stamp_from_ros
 from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.samples import JointSample
 
 from .peer import Peer
 from .processes import Child, Children
@@ -47,3 +52,27 @@ def test_nodes_of_any_name_are_recorded_and_judged(
     assert "pid is the node /balance" in verdict.notes
     explained = children.trunk("explain", "run.mcap", "--at", "0.1", name="explain")
     assert explained.wait() == 0, explained.stderr
+
+
+def test_commands_of_another_controller_that_come_late_hold_nothing_up(
+    children: Children, peer: Peer
+) -> None:
+    """After a swap, the first controller's commands may arrive after the last ones of the second."""
+    recorder = children.node("recorder", "output:=run.mcap", "lockstep.enabled:=true")
+    told: list[JointState] = []
+    peer.node.create_subscription(JointState, topics.RECORDER_PROGRESS, told.append, qos.latest())
+    command = peer.speaker(topics.evidence(topics.EFFORT_COMMAND))
+    states = [peer.speaker(topics.evidence(t)) for t in (topics.GROUND_TRUTH, topics.JOINT_STATES)]
+
+    def told_ns() -> int:
+        return stamp_from_ros(told[-1].header.stamp) if told else -1
+
+    for stamp_ns in (0, 10_000_000, 5_000_000):
+        command(JointSample(stamp_ns, ("trunk",), effort=(1.0,)))
+    for say in states:
+        say(JointSample(0, ("hip", "trunk"), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))
+    peer.until(lambda: told_ns() >= 0, "the late command is written")
+    for say in states:
+        say(JointSample(10_000_000, ("hip", "trunk"), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))
+    peer.until(lambda: told_ns() == 10_000_000, "the last state is written")
+    assert recorder.stop() == 0, recorder.stderr

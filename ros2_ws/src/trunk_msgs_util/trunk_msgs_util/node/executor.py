@@ -19,6 +19,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
+from rclpy.waitable import NumberOfEntities
 
 # While messages keep coming, this is how often timers get their turn, and services and everything else.
 _TIMERS_EVERY_NS = 2_000_000
@@ -97,14 +98,17 @@ class LoopExecutor(SingleThreadedExecutor):
         self._in_vain = [0] * len(subscriptions)
         self._timers, self._services, self._guards = timers, services, guards
         self._waitables = waitables
-        events = sum(w.get_num_entities().num_events for w in waitables)
+        count = sum(
+            (waitable.get_num_entities() for waitable in waitables),
+            NumberOfEntities(len(subscriptions), len(guards), len(timers), 0, len(services)),
+        )
         self._wait_set = _rclpy.WaitSet(
-            len(subscriptions),
-            len(guards),
-            len(timers),
-            0,
-            len(services),
-            events,
+            count.num_subscriptions,
+            count.num_guard_conditions,
+            count.num_timers,
+            count.num_clients,
+            count.num_services,
+            count.num_events,
             self._context.handle,
         )
 
@@ -168,7 +172,11 @@ class LoopExecutor(SingleThreadedExecutor):
         wait_set.wait(limit_ns)
         if self._linger_s and wait_set.get_ready_entities("subscription"):
             time.sleep(self._linger_s)
-        if any(wait_set.get_ready_entities(kind) for kind in ("service", "guard_condition")):
+        triggered = wait_set.get_ready_entities("guard_condition")
+        for guard in self._guards:
+            if guard.handle.pointer in triggered and guard is not self._guard:
+                guard.trigger()  # the wait has cleared it, and rclpy is still to see it
+        if triggered or wait_set.get_ready_entities("service"):
             return True
         return for_all and any(waitable.is_ready(wait_set) for waitable in self._waitables)
 

@@ -192,6 +192,9 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             if not file.write(topic, log_time, data):
                 return
             self._tally.counts[topic] += 1
+            if topic == topics.EFFORT_COMMAND:
+                # After a swap two nodes give commands, and those of the first may arrive last.
+                stamp_ns = max(stamp_ns, self._written_ns.get(topic, -1))
             self._written_ns[topic] = stamp_ns
             self._last_message, self._quiet_turns = time.monotonic(), 0
             if on_message is not None:
