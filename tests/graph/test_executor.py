@@ -174,8 +174,8 @@ def test_a_guard_condition_is_handled(loop: Loop) -> None:
         assert len(handled) == count
 
 
-def test_a_waitable_of_any_kind_is_handled(loop: Loop) -> None:
-    """An action server, for one, waits for more than events of the middleware."""
+def test_a_waitable_with_a_subscription_is_handled(loop: Loop) -> None:
+    """A waitable may wait for more than events of the middleware."""
     handled: list[Any] = []
     heard = loop.node.create_subscription(JointState, "heard", lambda _: None, 10)
 
