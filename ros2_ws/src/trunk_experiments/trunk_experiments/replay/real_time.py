@@ -8,13 +8,13 @@ some command that could have been in force; the measured state shows the disturb
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from math import inf
 
 import numpy as np
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording.joint_arrays import Integers
+from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import nanoseconds
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.step import Plant, torque_of
@@ -26,13 +26,15 @@ from ..recorded.wire import RecordedWire
 from .bits import same
 from .replay import Checked, Difference, acting_at, disturbances_matrix, judged
 
+_HIDDEN = 1e-6  # relative, and in N, N m, m and rad: well above what rounding hides in a state
+
 
 class PossibleDisturbances:
     """The disturbances that may have acted at a stamp, the newest first.
 
     One that has acted is never followed by an older one; none acts before the first, or after one that
-    is older than the timeout. Where several messages are equal, the record does not show which of them
-    was in force: the oldest is assumed, so that no later choice is ruled out.
+    is older than the timeout. Where the record does not show which of them was in force, the oldest is
+    assumed, so that no later choice is ruled out.
     """
 
     def __init__(self, disturbances: JointTable, exact_ns: float = inf) -> None:
@@ -40,34 +42,55 @@ class PossibleDisturbances:
         self._exact_ns = exact_ns
         self._table = disturbances
         self._stamps = sorted(disturbances.rows)
-        self._said = said = _said(disturbances, self._stamps)
-        new = np.ones(len(said), bool)
-        new[1:] = said[1:] != said[:-1]
-        self._begins = np.flatnonzero(
-            new
-        )  # the rows whose message differs from that of the row before
+        self._values = values = _values(disturbances, self._stamps)
+        new = np.ones(len(values), bool)
+        new[1:] = np.any(values[1:].view(np.int64) != values[:-1].view(np.int64), axis=1)
+        # The rows whose message differs from that of the row before.
+        self._begins: list[int] = np.flatnonzero(new).tolist()
         # By row: the first one of those before it that say the same.
         self._first: list[int] = np.maximum.accumulate(
-            np.where(new, np.arange(len(said)), 0)
+            np.where(new, np.arange(len(values)), 0)
         ).tolist()
-        self._alike: dict[int, list[int]] = {}  # content -> the rows from which on it is sent
-        for row in self._begins.tolist():
-            self._alike.setdefault(int(said[row]), []).append(row)
         self._since_ns = -1  # stamp of the oldest that may be in force
 
-    def passed(self, first_ns: int, last_ns: int) -> None:
-        """Note that from a stamp to another what each stamp's message says was in force.
+    def passed(
+        self, first_ns: int, last_ns: int, timeout_ns: int, no_effect: Collection[int] = ()
+    ) -> None:
+        """Note that from a stamp to another everything was as if each stamp's message had acted.
 
-        That may have been an older message that says the same, even if others came between the two.
+        An older message that says nearly the same may have acted: rounding hides small differences. Where a
+        message says that nothing acts, the one in force may also have been too old.
+        ``no_effect``: the channels, by number, that change neither the plant nor what is measured.
         """
+        seen = [channel for channel in range(4) if channel not in no_effect]
         row, stop = bisect_left(self._stamps, first_ns), bisect_right(self._stamps, last_ns)
+        if row == stop:
+            return
+        # What is compared, from the oldest message that may be in force on.
+        lowest = bisect_right(self._begins, self._oldest(self._stamps[row], timeout_ns)) - 1
+        lowest = max(lowest, 0)
+        highest = bisect_left(self._begins, stop)
+        said = self._values[self._begins[lowest:highest]][:, seen].tolist()
+        quiet = [0.0] * len(seen)
+        at = bisect_right(self._begins, row) - 1
         while row < stop:
-            since = self._first[bisect_left(self._stamps, max(self._since_ns, self._stamps[0]))]
-            alike = self._alike[int(self._said[row])]
-            oldest = alike[bisect_left(alike, since)]
-            self._since_ns = max(self._since_ns, self._stamps[oldest])
-            later = self._begins[np.searchsorted(self._begins, row, side="right") :]
-            row = int(later[0]) if len(later) else stop
+            stamp_ns, own = self._stamps[row], said[at - lowest]
+            if not (self._nothing_acts(stamp_ns, timeout_ns) and _nearly_equal(own, quiet)):
+                oldest = self._oldest(stamp_ns, timeout_ns)
+                possible = bisect_right(self._begins, oldest) - 1
+                while possible < at and not _nearly_equal(said[possible - lowest], own):
+                    possible += 1
+                self._since_ns = self._stamps[max(self._begins[possible], oldest)]
+            at += 1
+            row = self._begins[at] if at < len(self._begins) else stop
+
+    def _oldest(self, stamp_ns: int, timeout_ns: int) -> int:
+        """Return the row of the oldest message that may be in force and is not too old."""
+        return bisect_left(self._stamps, max(self._since_ns, stamp_ns - timeout_ns))
+
+    def _nothing_acts(self, stamp_ns: int, timeout_ns: int) -> bool:
+        """Return True if perhaps no message has come, or the one in force is too old."""
+        return self._since_ns < 0 or self._since_ns < stamp_ns - timeout_ns
 
     def at(self, stamp_ns: int, timeout_ns: int) -> Iterator[tuple[int, Disturbance]]:
         """Yield what may act at a stamp, one at least, each with its oldest message's stamp.
@@ -77,14 +100,14 @@ class PossibleDisturbances:
         if stamp_ns >= self._exact_ns:
             yield stamp_ns, acting_at(self._table, stamp_ns)
             return
-        oldest = bisect_left(self._stamps, max(self._since_ns, stamp_ns - timeout_ns))
+        oldest = self._oldest(stamp_ns, timeout_ns)
         row = bisect_right(self._stamps, stamp_ns) - 1
         none = row < oldest
         while row >= oldest:
             first = max(self._first[row], oldest)
             yield self._stamps[first], acting_at(self._table, self._stamps[row])
             row = first - 1
-        if none or self._since_ns < 0 or self._since_ns < stamp_ns - timeout_ns:
+        if none or self._nothing_acts(stamp_ns, timeout_ns):
             yield self._since_ns, Disturbance()
 
     def chosen(self, since_ns: int) -> None:
@@ -92,13 +115,18 @@ class PossibleDisturbances:
         self._since_ns = since_ns
 
 
-def _said(disturbances: JointTable, stamps: Sequence[int]) -> Integers:
-    """Return a number for what each message says, the same for the same bits, in the order of stamps."""
+def _values(disturbances: JointTable, stamps: Sequence[int]) -> Floats:
+    """Return what each message says [N, 4], in the order of stamps and channels."""
     if not all(disturbances.values(quantity).shape[1] == 2 for quantity in ("position", "effort")):
-        return np.arange(len(stamps))  # they cannot be read as disturbances
+        # They cannot be read as disturbances: each one differs from the others.
+        return np.repeat(np.arange(len(stamps), dtype=float)[:, np.newaxis], 4, axis=1)
     rows = [disturbances.rows[stamp] for stamp in stamps]
-    bits = disturbances_matrix(disturbances, slice(None)).view(np.int64)[rows].reshape(-1, 4)
-    return np.unique(bits, axis=0, return_inverse=True)[1].reshape(-1)
+    return disturbances_matrix(disturbances, slice(None))[rows].reshape(-1, 4)
+
+
+def _nearly_equal(a: Sequence[float], b: Sequence[float]) -> bool:
+    """Return True if rounding may hide the difference."""
+    return all(abs(x - y) <= _HIDDEN * max(1.0, abs(x), abs(y)) for x, y in zip(a, b, strict=True))
 
 
 def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Checked]:
@@ -145,16 +173,19 @@ def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Ch
             first = max(first, newest - 1)
         oldest = first if sent >= last else 0  # a link may bring back what was sent before
         match, possible = -1, []
-        for at in range(max(oldest, bisect_left(told, sent - timeout_ns)), newest):
-            effort = commands.get(told[at], "effort", 1)[0]
-            if same(acts(effort), torque):
-                match = at if match < 0 else match
-                possible.append(effort)
-                if not wire.linked:
-                    break
-        timed_out = since_ns < 0 or sent - since_ns > timeout_ns
-        if match < 0 and timed_out and torque == acts(0.0):
-            possible = [0.0]
+        # If the latest one may be too old, none acts: a later command of 0 would rule out those before it.
+        stale = since_ns < 0 or sent < last or sent - since_ns > timeout_ns
+        if stale and torque == acts(0.0):
+            possible.append(0.0)
+        timed_out = bool(possible)
+        if not timed_out or wire.linked:
+            for at in range(max(oldest, bisect_left(told, sent - timeout_ns)), newest):
+                effort = commands.get(told[at], "effort", 1)[0]
+                if same(acts(effort), torque):
+                    match = at if match < 0 else match
+                    possible.append(effort)
+                    if not wire.linked:
+                        break
         if not possible:
             match, effort = newest - 1, 0.0
             if newest > 0:
@@ -163,7 +194,7 @@ def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Ch
             yield Checked(after, [_not_in_force(after, truth.topic, torque, acts(effort))])
         else:
             yield Checked(after, ())
-        if match >= 0 and sent >= last:
+        if match >= 0 and not timed_out and sent >= last:
             first, since_ns, last = match, told[match], sent
         if wire.linked:
             known[sent] = possible

@@ -86,7 +86,9 @@ class PlantReplay:
             if regular and (passed := self._pass_over()):
                 last_ns = int(self._stamps[self._row - 1])
                 if self._possible is not None:
-                    self._possible.passed(stamp_ns, last_ns)
+                    self._possible.passed(
+                        stamp_ns, last_ns, self._timeout_ns, self._channels_without_effect()
+                    )
                 yield Checked(stamp_ns, (), passed, last_ns=last_ns)
                 continue
             yield Checked(stamp_ns, self._looked_at(stamp_ns))
@@ -185,8 +187,20 @@ class PlantReplay:
         """Return what may act in this state and on the step from it, with its message's stamp."""
         if self._possible is None:
             return [(stamp_ns, acting_at(self._disturbances, stamp_ns))]
-        timeout_ns = nanoseconds(self._timeline.config.command_timeout)
-        return list(self._possible.at(stamp_ns, timeout_ns))
+        return list(self._possible.at(stamp_ns, self._timeout_ns))
+
+    @property
+    def _timeout_ns(self) -> int:
+        return nanoseconds(self._timeline.config.command_timeout)
+
+    def _channels_without_effect(self) -> list[int]:
+        """Return the numbers of the disturbance's channels that may change nothing on record."""
+        found = []
+        if self._plant.body.prescribed:
+            found.append(Disturbance._fields.index("hip_force"))
+        if self._sensor.scale is not None:  # rounded to the resolution, or at its limits
+            found.append(Disturbance._fields.index("trunk_offset"))
+        return found
 
     def _sensed(self, stamp_ns: int, row: int, acting: Disturbance) -> Iterator[Difference]:
         """Yield what differs in a measured state from what the sensors said in a row."""
