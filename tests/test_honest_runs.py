@@ -211,6 +211,30 @@ def test_a_command_may_be_too_old_where_later_ones_are_zero(tmp_path):
     assert [d for one in checked for d in one.found] == []
 
 
+def test_a_reset_stops_the_drive_too(tmp_path):
+    """In real time the torque over a step follows from the one before it, which a reset sets to 0."""
+    plan = make_plan(
+        "fig6",
+        "pid",
+        settings=["simulator.actuator.time_constant=0.05"],
+        everywhere={"duration": 0.3, "update_rate": 200.0},
+    )
+    plan = replace(plan, changes={"simulator": [Change(10 * H, None)]})
+    record_offline(plan, tmp_path / "run.mcap")
+    run = RecordedRun(
+        copied(
+            tmp_path / "run.mcap",
+            tmp_path / "real_time.mcap",
+            digests=NONE,
+            provenance={"mode": "real_time"},
+        )
+    )
+    assert abs(run.table(topics.GROUND_TRUTH).get(10 * H, "effort")[1]) > 1.0
+    checked = list(replay_torques(run))
+    assert len(checked) == 60
+    assert [d for one in checked for d in one.found] == []
+
+
 FORCE = ("disturbance.sine.amplitude=1.0",)  # of the hip
 OFFSET = ("disturbance.sine.amplitude=0.001", "disturbance.sine.channel=trunk_position")
 

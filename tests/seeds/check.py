@@ -1,8 +1,9 @@
 """Real nodes in a virtual world, seed by seed: whatever happens to a run, its promises hold.
 
-    source scripts/env.sh && python scripts/check_seeds.py [COUNT] [--seed N] [--trace]
+    source scripts/env.sh && python scripts/check_seeds.py [COUNT] [--seed N] [--trace] [--compiled]
 
-COUNT seeds from N on, from each N where several are given; --trace prints what happens in one.
+COUNT seeds from N on, from each N where several are given; --trace prints what happens in one; --compiled
+judges the recordings with compiled code, as long ones are.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import click
+
+from trunk_experiments.replay import replay
 
 from . import nodes
 from .faults import Run
@@ -113,11 +116,20 @@ def faults_of(story: Story) -> list[str]:
 @click.option("--trace", is_flag=True, help="Print what happens in the first seed, and stop.")
 @click.option("--twice", is_flag=True, help="Play each seed twice: the trace is the same.")
 @click.option("--raw", is_flag=True, help="Do not look for the shortest list of faults.")
+@click.option("--compiled", is_flag=True, help="Judge the recordings as long ones are judged.")
 @click.option("--most", default=20, show_default=True, help="Stop after so many failures.")
 def main(
-    count: int, firsts: tuple[int, ...], trace: bool, twice: bool, raw: bool, most: int
+    count: int,
+    firsts: tuple[int, ...],
+    trace: bool,
+    twice: bool,
+    raw: bool,
+    compiled: bool,
+    most: int,
 ) -> None:
     """Play COUNT seeds; the exit code is 1 if one breaks a promise."""
+    if compiled:
+        replay.WORTH_COMPILING = 0
     folder = Path(tempfile.mkdtemp(prefix="seeds_", dir="/dev/shm"))
     done = failed = 0
     begun = time.perf_counter()

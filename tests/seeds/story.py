@@ -11,6 +11,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from std_srvs.srv import SetBool, Trigger
 
 from trunk_experiments.plans.plan import RunPlan, make_plan
+from trunk_sim.disturbances import CHANNELS
 
 NS = 1_000_000_000
 CONTROLLERS = ("pid", "fuzzy_pid", "lqr")
@@ -41,13 +42,14 @@ class Story(NamedTuple):
     controller: str
     duration: float
     faults: tuple[Fault, ...]
+    settings: tuple[str, ...] = ()  # NODE.PARAMETER=VALUE
 
     def plan(self, **more: object) -> RunPlan:
         """Return the plan of the nodes; ``more``: parameters for each node that has them."""
         everywhere: dict[str, object] = {"duration": self.duration, **more}
         if self.lockstep:
             everywhere["lockstep.enabled"] = True
-        return make_plan("demo", self.controller, everywhere=everywhere)
+        return make_plan("demo", self.controller, settings=self.settings, everywhere=everywhere)
 
 
 # How often each kind is drawn; "node" is chosen among these.
@@ -91,7 +93,34 @@ def draw(seed: int) -> Story:
             "gains": chance.uniform(20.0, 80.0),
         }.get(kind, 0.0)
         faults.append(Fault(at_ns, kind, node, value, running))
-    return Story(seed, lockstep, controller, duration, tuple(sorted(faults)))
+    settings = () if lockstep else draw_settings(seed, duration)
+    return Story(seed, lockstep, controller, duration, tuple(sorted(faults)), settings)
+
+
+def draw_settings(seed: int, duration: float) -> tuple[str, ...]:
+    """Return settings with which disturbances and commands may act late, or be too old to act."""
+    chance = random.Random(f"settings {seed}")
+    # The first value is the most frequent one.
+    values: dict[str, tuple[object, ...]] = {
+        "simulator.command_timeout": (0.2, 0.005, 0.02, 0.05),
+        "simulator.hip.mode": ("passive", "prescribed"),
+        "simulator.sensor.position_resolution": (0.0, 0.01),
+        "simulator.sensor.delay": (0.0, 0.01),
+        "simulator.actuator.time_constant": (0.0, 0.01),
+        "simulator.actuator.dead_band": (0.0, 1.0),
+        "simulator.max_effort": (".inf", 1.0),
+        "disturbance.pulse.channel": CHANNELS,
+        "disturbance.pulse.duration": (0.005, 0.01, 0.03),
+        "disturbance.sine.channel": CHANNELS,
+        "disturbance.sine.amplitude": (0.0, 1e-4, 0.1),
+        "disturbance.sine.frequency": (1.0, 10.0),
+        "disturbance.noise.channel": CHANNELS,
+        "disturbance.noise.rms": (0.0, 0.01),
+    }
+    drawn = {name: chance.choice((some[0], *some)) for name, some in values.items()}
+    starts = {round(chance.uniform(0.0, duration), 3) for _ in range(chance.choice((1, 3)))}
+    drawn["disturbance.pulse.start_times"] = sorted(starts)
+    return tuple(f"{name}={value}" for name, value in drawn.items())
 
 
 class Request(NamedTuple):

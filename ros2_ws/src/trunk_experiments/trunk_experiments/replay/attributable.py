@@ -49,6 +49,8 @@ def shared_from_ns(run: RecordedRun) -> int | None:
         found += _of_a_stranger(commands, run.table(topics.JOINT_STATES).stamp_ns)
         if run.count(topics.DISTURBANCE) and "disturbance" in run.parameters:
             disturbances = run.table(topics.DISTURBANCE).stamp_ns
+            falls = np.flatnonzero(np.diff(disturbances) < 0)
+            found += [_before_fall(disturbances, int(place)) for place in falls[:1]]
             doubled = np.sort(disturbances)
             found += doubled[1:][np.diff(doubled) == 0][:1].tolist()
             ahead = truth + run.config("disturbance").period_ns

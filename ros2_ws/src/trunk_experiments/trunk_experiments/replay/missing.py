@@ -34,18 +34,21 @@ def missed_from_ns(run: RecordedRun) -> int | None:
         for relative in (topics.GROUND_TRUTH, topics.JOINT_STATES)
     )
     found = [first for count, first in gaps_of if count]
-    return min([*found, *(_unanswered(run) if run.exact else ())], default=None)
+    return min([*found, *_unanswered(run)], default=None)
 
 
 def _unanswered(run: RecordedRun) -> Iterator[int]:
     """Yield the first state whose command, or disturbance, is missing while later ones are there.
 
-    A node was killed before the recorder had taken them, and started again.
+    A node was killed before the recorder had taken them, and started again. In real time a controller may
+    miss a state, and a disturbance is missing only if its node published more of them.
     """
     truth = run.table(topics.GROUND_TRUTH).stamp_ns
     for relative in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
         stamps = run.table(relative).stamp_ns
-        since_ns = exact_from_ns(run)
+        if not run.exact and (relative == topics.EFFORT_COMMAND or _all_counted(run, relative)):
+            continue
+        since_ns = exact_from_ns(run) if run.exact else 0.0
         may_join = run.branch is not None or relative not in run.config("simulator").wait_for
         if relative == topics.DISTURBANCE and may_join:
             since_ns = int(stamps.min(initial=0))
@@ -53,6 +56,25 @@ def _unanswered(run: RecordedRun) -> Iterator[int]:
         if relative == topics.EFFORT_COMMAND:
             absent = np.setdiff1d(absent, idle_ns(run))
         yield from absent[:1].tolist()
+
+
+def _all_counted(run: RecordedRun, relative: str) -> bool:
+    """Return True if as many messages are recorded on a topic as the nodes say they published."""
+    topic = run.recording.topic(relative)
+    told = [
+        e.values[topic] for e in run.events if e.message == Event.PUBLISHED and topic in e.values
+    ]
+    counts = [int(count) if count.isdecimal() else -1 for count in told]
+    return bool(counts) and sum(counts) == run.count(relative)
+
+
+def _disturbs(run: RecordedRun) -> bool:
+    """Return True if the disturbance was active at some time."""
+    if run.mode == "offline" or "disturbance" not in run.parameters:
+        return False
+    node = run.recording.topic("disturbance")
+    turned_on = any(e.node == node and e.message == Event.ACTIVATED for e in run.events)
+    return turned_on or run.config("disturbance").autostart
 
 
 def cut_off_ns(run: RecordedRun) -> int | None:
@@ -74,7 +96,8 @@ def cut_off_ns(run: RecordedRun) -> int | None:
     later = answers[answers > both].tolist()
     if not run.exact:  # each command has its terms, and of either the last ones may be missing
         # If none are, both of the last answer may be.
-        return min(later, default=both + 1 if killed(run) else None)
+        later = later or [both + 1] * bool(killed(run))
+        return min([*_beyond(run), *later], default=None)
     if run.mode == "offline" or not killed(run):  # one is written after the other
         last = int(answers.max())
         both_there = (commands == last).any() and any((stamps == last).any() for stamps in told)
@@ -103,19 +126,24 @@ def _without_terms_ns(run: RecordedRun) -> int | None:
 
 
 def _beyond(run: RecordedRun) -> Iterator[int]:
-    """Yield the first stamp that depends on an answer after the last recorded ones, of an exact run.
+    """Yield the first stamp that depends on an answer after the last recorded ones.
 
-    A command acts on the step to the next state, a disturbance on the measurement of its own.
+    A command acts on the step to the next state, a disturbance on the measurement of its own; neither acts
+    earlier in real time.
     """
     truth = run.table(topics.GROUND_TRUTH).stamp_ns
     commands, disturbances = (
         run.table(t).stamp_ns for t in (topics.EFFORT_COMMAND, topics.DISTURBANCE)
     )
     unanswered = np.setdiff1d(truth[truth > commands.max()], idle_ns(run))
+    if not run.exact and _all_counted(run, topics.EFFORT_COMMAND) and not killed(run):
+        unanswered = unanswered[:0]  # nobody answered them
     if len(unanswered) and truth.max() > unanswered[0]:
         yield int(unanswered[0]) + 1
-    if len(disturbances):
-        yield from truth[truth > disturbances.max()][:1].tolist()
+    if not run.exact and _all_counted(run, topics.DISTURBANCE):
+        return
+    if len(disturbances) or _disturbs(run):
+        yield from truth[truth > disturbances.max(initial=-1)][:1].tolist()
 
 
 def recorded_until_ns(run: RecordedRun) -> int | None:

@@ -150,9 +150,12 @@ def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Ch
     last = -1  # the latest of these
     for row in range(1, len(stamps)):
         now, after = stamps[row - 1], stamps[row]
-        if timeline.advance(now + 1):
+        resets = _Resets()
+        if timeline.advance(now + 1, resets):
             plant = timeline.config.plant
         before, torque = (truth.get(stamp, "effort")[1] for stamp in (now, after))
+        if resets.count:
+            before = 0.0  # the drive's as well
         timeout_ns = nanoseconds(timeline.config.command_timeout)
         sent = wire.told_ns(now)
 
@@ -198,6 +201,19 @@ def replay_torques(run: RecordedRun, until_ns: int | None = None) -> Iterator[Ch
             first, since_ns, last = match, told[match], sent
         if wire.linked:
             known[sent] = possible
+
+
+class _Resets:
+    """Counts a simulator's resets."""
+
+    count = 0
+
+    def retune(self, config: object) -> None:
+        """Ignore other parameters."""
+
+    def reset(self) -> None:
+        """Count one."""
+        self.count += 1
 
 
 def _not_in_force(stamp_ns: int, topic: str, torque: float, computed: float) -> Difference:
