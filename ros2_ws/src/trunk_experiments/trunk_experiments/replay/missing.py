@@ -17,6 +17,8 @@ from .gaps import absent_steps
 if TYPE_CHECKING:
     from ..recorded.run import RecordedRun
 
+_TURNS = (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP)
+
 
 def missed_from_ns(run: RecordedRun) -> int | None:
     """Return the first step of which a state or an answer was missed; None without any.
@@ -95,14 +97,28 @@ def cut_off_ns(run: RecordedRun) -> int | None:
     )
     later = answers[answers > both].tolist()
     if not run.exact:  # each command has its terms, and of either the last ones may be missing
-        # If none are, both of the last answer may be.
-        later = later or [both + 1] * bool(killed(run))
-        return min([*_beyond(run), *later], default=None)
+        return min([*_beyond(run), *later, *_last_words_ns(run)], default=None)
     if run.mode == "offline" or not killed(run):  # one is written after the other
         last = int(answers.max())
         both_there = (commands == last).any() and any((stamps == last).any() for stamps in told)
         later = [] if both_there else [last]
     return min([*_beyond(run), *later], default=None)
+
+
+def _last_words_ns(run: RecordedRun) -> Iterator[int]:
+    """Yield, in real time, from which stamp on a killed controller's commands or terms may be missing.
+
+    One that had been deactivated had handed all of them over.
+    """
+    commands = run.table(topics.EFFORT_COMMAND).stamp_ns
+    for name in killed(run):
+        node = run.recording.topic(name)
+        turns = [e.message for e in run.events if e.node == node and e.message in _TURNS]
+        if turns and turns[-1] != Event.ACTIVATED:
+            continue
+        terms = run.table(topics.controller_state(name)).stamp_ns
+        yield int(terms.max(initial=-1)) + 1
+        yield from np.setdiff1d(terms, commands)[:1].tolist()
 
 
 def _without_terms_ns(run: RecordedRun) -> int | None:
