@@ -36,7 +36,7 @@ def missed_from_ns(run: RecordedRun) -> int | None:
         for relative in (topics.GROUND_TRUTH, topics.JOINT_STATES)
     )
     found = [first for count, first in gaps_of if count]
-    return min([*found, *_unanswered(run)], default=None)
+    return min([*found, *_unanswered(run), *_untold(run)], default=None)
 
 
 def _unanswered(run: RecordedRun) -> Iterator[int]:
@@ -48,7 +48,9 @@ def _unanswered(run: RecordedRun) -> Iterator[int]:
     truth = run.table(topics.GROUND_TRUTH).stamp_ns
     for relative in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
         stamps = run.table(relative).stamp_ns
-        if not run.exact and (relative == topics.EFFORT_COMMAND or _all_counted(run, relative)):
+        if not run.exact and (
+            relative == topics.EFFORT_COMMAND or _counted(run, relative) == run.count(relative)
+        ):
             continue
         since_ns = exact_from_ns(run) if run.exact else 0.0
         may_join = run.branch is not None or relative not in run.config("simulator").wait_for
@@ -60,14 +62,21 @@ def _unanswered(run: RecordedRun) -> Iterator[int]:
         yield from absent[:1].tolist()
 
 
-def _all_counted(run: RecordedRun, relative: str) -> bool:
-    """Return True if as many messages are recorded on a topic as the nodes say they published."""
+def _untold(run: RecordedRun) -> Iterator[int]:
+    """Yield the first command without its terms, if a controller published more of them than are recorded."""
+    told = [topics.controller_state(name) for name in run.controllers]
+    if any((_counted(run, relative) or 0) > run.count(relative) for relative in told):
+        terms = np.concatenate([run.table(relative).stamp_ns for relative in told])
+        yield from np.setdiff1d(run.table(topics.EFFORT_COMMAND).stamp_ns, terms)[:1].tolist()
+
+
+def _counted(run: RecordedRun, relative: str) -> int | None:
+    """Return how many messages on a topic the nodes say they published; None if none of them said so."""
     topic = run.recording.topic(relative)
     told = [
         e.values[topic] for e in run.events if e.message == Event.PUBLISHED and topic in e.values
     ]
-    counts = [int(count) if count.isdecimal() else -1 for count in told]
-    return bool(counts) and sum(counts) == run.count(relative)
+    return sum(int(count) if count.isdecimal() else -1 for count in told) if told else None
 
 
 def _disturbs(run: RecordedRun) -> bool:
@@ -152,11 +161,12 @@ def _beyond(run: RecordedRun) -> Iterator[int]:
         run.table(t).stamp_ns for t in (topics.EFFORT_COMMAND, topics.DISTURBANCE)
     )
     unanswered = np.setdiff1d(truth[truth > commands.max()], idle_ns(run))
-    if not run.exact and _all_counted(run, topics.EFFORT_COMMAND) and not killed(run):
+    counted = _counted(run, topics.EFFORT_COMMAND) == run.count(topics.EFFORT_COMMAND)
+    if not run.exact and counted and not killed(run):
         unanswered = unanswered[:0]  # nobody answered them
     if len(unanswered) and truth.max() > unanswered[0]:
         yield int(unanswered[0]) + 1
-    if not run.exact and _all_counted(run, topics.DISTURBANCE):
+    if not run.exact and _counted(run, topics.DISTURBANCE) == len(disturbances):
         return
     if len(disturbances) or _disturbs(run):
         yield from truth[truth > disturbances.max(initial=-1)][:1].tolist()
