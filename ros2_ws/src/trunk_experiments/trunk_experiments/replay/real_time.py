@@ -119,7 +119,7 @@ def _values(disturbances: JointTable, stamps: Sequence[int]) -> Floats:
     """Return what each message says [N, 4], in the order of stamps and channels."""
     if not all(disturbances.values(quantity).shape[1] == 2 for quantity in ("position", "effort")):
         # They cannot be read as disturbances: each one differs from the others.
-        return np.repeat(np.arange(len(stamps), dtype=float)[:, np.newaxis], 4, axis=1)
+        return np.repeat(np.arange(len(stamps), dtype=float).reshape(-1, 1), 4, axis=1)
     rows = [disturbances.rows[stamp] for stamp in stamps]
     return disturbances_matrix(disturbances, slice(None))[rows].reshape(-1, 4)
 
