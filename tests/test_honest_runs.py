@@ -83,6 +83,12 @@ def test_a_controller_that_was_cleaned_up_has_seen_nothing(word, takes_over):
     assert controller.takes_over == takes_over
 
 
+def in_real_time(path, edit=lambda messages: None):
+    """Return a copy of a run, with its messages edited, as one that ran in real time."""
+    copy = path.with_suffix(".real_time.mcap")
+    return RecordedRun(copied(path, copy, edit, NONE, provenance={"mode": "real_time"}))
+
+
 class Told:
     """A topic's disturbances of the trunk's torque, one for each step."""
 
@@ -197,14 +203,7 @@ def test_a_command_may_be_too_old_where_later_ones_are_zero(tmp_path):
                 value = (0.0 if k == 0 else values[k - 1]) if first else values[k]
                 message[2] = message[2][:-8] + struct.pack("<d", value)
 
-    late = copied(
-        tmp_path / "run.mcap",
-        tmp_path / "late.mcap",
-        edit,
-        NONE,
-        provenance={"mode": "real_time"},
-    )
-    run = RecordedRun(late)
+    run = in_real_time(tmp_path / "run.mcap", edit)
     assert run.table(topics.EFFORT_COMMAND).get(9 * H, "effort") == [1.0]
     checked = list(replay_torques(run))
     assert len(checked) == 100
@@ -221,14 +220,7 @@ def test_a_reset_stops_the_drive_too(tmp_path):
     )
     plan = replace(plan, changes={"simulator": [Change(10 * H, None)]})
     record_offline(plan, tmp_path / "run.mcap")
-    run = RecordedRun(
-        copied(
-            tmp_path / "run.mcap",
-            tmp_path / "real_time.mcap",
-            digests=NONE,
-            provenance={"mode": "real_time"},
-        )
-    )
+    run = in_real_time(tmp_path / "run.mcap")
     assert abs(run.table(topics.GROUND_TRUTH).get(10 * H, "effort")[1]) > 1.0
     checked = list(replay_torques(run))
     assert len(checked) == 60
@@ -266,13 +258,6 @@ def test_in_a_long_real_time_run_a_pulse_may_begin_and_end_late(
         for message, later in zip(told, told[2:], strict=False):
             message[2] = message[2][:12] + later[2][12:]  # its own stamp with later values
 
-    late = copied(
-        tmp_path / "run.mcap",
-        tmp_path / "late.mcap",
-        two_steps_late,
-        NONE,
-        provenance={"mode": "real_time"},
-    )
-    checked = list(PlantReplay(RecordedRun(late)))
+    checked = list(PlantReplay(in_real_time(tmp_path / "run.mcap", two_steps_late)))
     assert [d for one in checked for d in one.found] == []
     assert max(one.steps for one in checked) > 100

@@ -117,7 +117,7 @@ def cut_off_ns(run: RecordedRun) -> int | None:
 def _last_words_ns(run: RecordedRun) -> Iterator[int]:
     """Yield, in real time, from which stamp on a killed controller's commands or terms may be missing.
 
-    One that had been deactivated had handed all of them over.
+    One that had been deactivated is taken to have handed all of them over.
     """
     commands = run.table(topics.EFFORT_COMMAND).stamp_ns
     for name in killed(run):
