@@ -16,6 +16,7 @@ from trunk_experiments.plans.timeline import Change, Timeline
 from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import replay, stretches
+from trunk_experiments.replay.attributable import shared_from_ns
 from trunk_experiments.replay.real_time import PossibleDisturbances, replay_torques
 from trunk_experiments.replay.replay import acting_at
 from trunk_experiments.replay.replay_plant import PlantReplay
@@ -208,6 +209,20 @@ def test_a_command_may_be_too_old_where_later_ones_are_zero(tmp_path):
     checked = list(replay_torques(run))
     assert len(checked) == 100
     assert [d for one in checked for d in one.found] == []
+
+
+def test_disturbances_that_go_backwards_come_from_two_nodes(tmp_path):
+    """One was killed before the recorder had met it; what it sent at the same stamps is not on record."""
+    plan = make_plan("demo", "pid", everywhere={"duration": 0.3})
+    record_offline(plan, tmp_path / "run.mcap")
+
+    def third_last(messages):
+        told = [message for message in messages if message[0] == "/disturbance"]
+        messages.remove(told[2])
+        messages.append(told[2])
+
+    cut = copied(tmp_path / "run.mcap", tmp_path / "cut.mcap", third_last, NONE, end=False)
+    assert shared_from_ns(RecordedRun(cut)) == 2 * H
 
 
 def test_a_reset_stops_the_drive_too(tmp_path):
