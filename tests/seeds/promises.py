@@ -97,7 +97,7 @@ def _recorded(run: Run, recording: Recording) -> Iterator[str]:
     except TrunkError as error:
         yield f"no verdict: {error}"
         return
-    if verdict.exit_code not in (VERIFIED, UNJUDGED) and not _never_met(run, found):
+    if verdict.exit_code not in (VERIFIED, UNJUDGED):
         yield f"{verdict.word}: {'; '.join(verdict.reasons)[:300]}"
     if recording.end is not None and not recording.complete and not recording.end.get("reason"):
         yield "incomplete without a reason"
@@ -114,16 +114,6 @@ def _recorded(run: Run, recording: Recording) -> Iterator[str]:
             yield f"no harm was done to it, but it {verdict.word}: {'; '.join(verdict.reasons)[:300]}"
     if run.story.lockstep and not kinds & _OTHERWISE and found.count(topics.GROUND_TRUTH):
         yield from _as_offline(run, found)
-
-
-def _never_met(run: Run, found: RecordedRun) -> bool:
-    """Return True if a real-time run was disturbed by a node that ended before the recorder had met it.
-
-    The states then do not follow from what is on record, and nothing there tells why (docs/verify.md).
-    """
-    _, most = run.published(topics.DISTURBANCE) or (0, 0)
-    unknown = not found.count(topics.DISTURBANCE) and "disturbance" not in found.parameters
-    return not run.story.lockstep and most > 0 and unknown
 
 
 def harmless(story: Story) -> bool:

@@ -12,7 +12,9 @@ from trunk_experiments.replay.doctor import examine
 from trunk_experiments.replay.explain import explain
 from trunk_experiments.replay.verify import UNJUDGED, verify
 from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import RecordingError
+from trunk_msgs_util.recording.schemas import event
 
 from ..edited import ANEW, copied
 from .messages import COMMAND, DISTURBANCE, STATE, TRUTH, of
@@ -96,6 +98,41 @@ def test_a_controller_that_outlives_the_recorder_is_judged_to_the_end(tmp_path, 
     verdict = verify(copied(source, path, digests=ANEW, provenance=provenance))
     assert not verdict.obstacles, verdict
     assert verdict.judged.startswith("t = 0 to 0.303 s, 304 states")
+
+
+EVENTS = "/run/events"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lost", [50, 1202])
+@pytest.mark.parametrize("end", [False, True], ids=["incomplete", "complete"])
+def test_a_disturbance_that_the_recorder_never_met_is_missed(whole, tmp_path, end, lost):
+    """In real time its node may be killed before; another one may follow and be on record."""
+
+    def kill(messages):
+        told = of(messages, DISTURBANCE)
+        for message in told[:lost]:
+            messages.remove(message)
+        counts = [("/disturbance", (DISTURBANCE,))]
+        counts += [("/simulator", (TRUTH, STATE)), ("/fuzzy_pid", (COMMAND, "/fuzzy_pid/state"))]
+        said = [("/simulator", Event.DISTURBED, {"disturbances": len(told)})]
+        said += [
+            (node, Event.PUBLISHED, {t: len(of(messages, t)) for t in own}) for node, own in counts
+        ]
+        _, log_time, _, *rest = of(messages, EVENTS)[-1]
+        messages += [[EVENTS, log_time, event(0, *one), *rest] for one in said]
+
+    path = tmp_path / "killed.mcap"
+    verdict = verify(copied(whole, path, kill, ANEW, end, provenance={"mode": "real_time"}))
+    if end:  # no recorder of ours calls it complete
+        assert any(
+            f"disturbance: {1202 - lost} messages, but the simulator took 1202" in reason
+            for reason in verdict.reasons
+        ), verdict
+    else:
+        assert verdict.exit_code == UNJUDGED, verdict
+        assert not any(part.wrong_steps for part in verdict.parts)
+        assert verdict.judged == "no state"
 
 
 WALL = struct.pack("<iI", 1_795_000_000, 0)

@@ -36,6 +36,15 @@ def test_a_whole_run(whole):
     assert whole.verdict(HEARD, ()) == (True, "duration reached")
 
 
+def test_disturbances_of_a_node_that_was_never_met_are_missed(whole):
+    whole.hear(told("/plant", "disturbed", disturbances="3"))
+    complete, why = whole.verdict(HEARD, ())
+    assert not complete
+    assert "disturbance: 0 messages were recorded, but the simulator took 3" in why
+    whole.counts[topics.DISTURBANCE] = 3
+    assert whole.verdict(HEARD, ())[0]
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [

@@ -54,6 +54,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._running = False
         self._started = time.monotonic()
         self._disturbances = DisturbanceFeed(config.period_ns)
+        self._taken = 0  # disturbances, of this run
         limits = config.operator_limits
         self._operator = None if limits is None else Operator(limits)
         self._held_up = HeldUp()
@@ -176,7 +177,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
     def fail(self, reason: str, **values: object) -> None:
         """End the run with an error; the record says how many states there are."""
         self._step_timer.cancel()
-        self._say_passed_on()
+        self._say_counts()
         super().fail(reason, states=self._simulation.step_index + 1, **values)
 
     def count(self, what: str, number: int = 1) -> None:
@@ -228,12 +229,19 @@ class PlantNode(TrunkNode[SimulatorConfig]):
                 f"the trunk fell at t = {seconds(self.stamp_ns):g} s: angle {angle:.3g} rad"
             )
 
-    def _say_passed_on(self) -> None:
+    def _say_counts(self) -> None:
+        if self._taken > 1:  # the first one was said
+            self._say_disturbed()
         if counts := self._simulation.link_counts():
             self.event(Event.PASSED_ON, DiagnosticStatus.OK, **counts)
 
+    def _say_disturbed(self) -> None:
+        """Say in real time how many disturbances there were: their node may be killed without a word."""
+        if not self.config.lockstep:
+            self.event(Event.DISTURBED, disturbances=self._taken)
+
     def _say_finished(self, message: Event, reason: str) -> None:
-        self._say_passed_on()
+        self._say_counts()
         self.event(message, reason=reason, states=self._simulation.step_index + 1)
 
     def stopping(self) -> None:
@@ -269,6 +277,9 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         except RefusedError as refused:
             self.count(str(refused))
         else:
+            self._taken += 1
+            if self._taken == 1:
+                self._say_disturbed()
             self._answered(topics.DISTURBANCE, sample.stamp_ns)
 
     def _on_request(self, message: JointState) -> None:

@@ -36,6 +36,7 @@ def not_as_told(run: RecordedRun, node: str, told: list[RunEvent]) -> Iterator[s
         yield from _pauses(run, told)
         yield from _still(run, node, told, topics.GROUND_TRUTH)
         yield from _passed_on(run, told)
+        yield from _disturbed(run, told)
     if node == "disturbance":
         yield from _still(run, node, told, topics.DISTURBANCE)
     yield from _counted(run, node, told)
@@ -109,6 +110,21 @@ def _passed_on(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
         elif event.values != Traffic(network).counts(states):
             said = "; ".join(f"{name}: {text}" for name, text in event.values.items())
             yield f"{what} says {said}, which is not what the links' seed gives"
+
+
+def _disturbed(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
+    """Yield counts of disturbances of a run in simulated time, or of more of them than are recorded."""
+    for event in told:
+        if event.message != Event.DISTURBED:
+            continue
+        count = event.values.get("disturbances", "")
+        if run.exact:
+            yield f"run/events: {event.message!r} in a run in simulated time"
+        elif not (count.isdecimal() and 0 < int(count) <= run.count(topics.DISTURBANCE)):
+            yield (
+                f"{topics.DISTURBANCE}: {run.count(topics.DISTURBANCE)} messages, but the simulator took "
+                f"{count or 'an unknown number'}"
+            )
 
 
 def _pauses(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:

@@ -119,6 +119,13 @@ def _rivals(run: RecordedRun) -> Iterator[int]:
     if run.mode == "offline":
         return
     stamps = np.unique(run.table(topics.JOINT_STATES).stamp_ns)
+    turns = _turns(run).values()
+    active = sum((acting(stamps, some, False).astype(int) for some in turns), 0 * stamps)
+    yield from stamps[active > 1][:1].tolist()
+
+
+def _turns(run: RecordedRun) -> dict[str, list[tuple[int, bool]]]:
+    """Return when each controller became active or inactive, by its own events."""
     turns: dict[str, list[tuple[int, bool]]] = {}
     for event in run.events:
         if run.recording.relative(event.node) in CONTROLLERS:
@@ -127,8 +134,7 @@ def _rivals(run: RecordedRun) -> Iterator[int]:
                 told.append((event.stamp_ns, True))
             elif event.message in (*_LAST_WORDS, Event.DEACTIVATED, Event.CLEANED_UP):
                 told.append((event.stamp_ns, False))
-    active = sum((acting(stamps, some, False).astype(int) for some in turns.values()), 0 * stamps)
-    yield from stamps[active > 1][:1].tolist()
+    return turns
 
 
 def _started_anew(run: RecordedRun) -> Iterator[int]:
@@ -168,10 +174,24 @@ def _unheard(run: RecordedRun) -> Iterator[int]:
         for event in run.events
         if event.message == Event.ACTIVATED
     )
+    if (run.recording.end or {}).get("complete") != "true":
+        yield from _of_nobody(run)
     if first > 0 and joined:
         truth = run.table(topics.GROUND_TRUTH)
         if truth.values("effort")[truth.stamp_ns <= first, 1:].any():
             yield 0
+
+
+def _of_nobody(run: RecordedRun) -> Iterator[int]:
+    """Yield the first command without terms that was given while no controller was active by the events.
+
+    Of its controller, which was killed, the recorder had received commands only.
+    """
+    told = [run.table(topics.controller_state(name)).stamp_ns for name in run.controllers]
+    alone = np.setdiff1d(run.table(topics.EFFORT_COMMAND).stamp_ns, np.concatenate([*told, [-1]]))
+    acted = [acting(alone, turns, False) for turns in _turns(run).values()]
+    if acted:  # else another controller gave them
+        yield from alone[~np.any(acted, axis=0)][:1].tolist()
 
 
 def robot_obstacles(run: RecordedRun) -> list[str]:

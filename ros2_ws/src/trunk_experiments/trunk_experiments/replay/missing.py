@@ -36,7 +36,7 @@ def missed_from_ns(run: RecordedRun) -> int | None:
         for relative in (topics.GROUND_TRUTH, topics.JOINT_STATES)
     )
     found = [first for count, first in gaps_of if count]
-    return min([*found, *_unanswered(run), *_untold(run)], default=None)
+    return min([*found, *_unanswered(run), *_untold(run), *_unmet(run)], default=None)
 
 
 def _unanswered(run: RecordedRun) -> Iterator[int]:
@@ -68,6 +68,18 @@ def _untold(run: RecordedRun) -> Iterator[int]:
     if any((_counted(run, relative) or 0) > run.count(relative) for relative in told):
         terms = np.concatenate([run.table(relative).stamp_ns for relative in told])
         yield from np.setdiff1d(run.table(topics.EFFORT_COMMAND).stamp_ns, terms)[:1].tolist()
+
+
+def _unmet(run: RecordedRun) -> Iterator[int]:
+    """Yield the first state without a disturbance on record, if the simulator took more than are recorded.
+
+    Their node was killed before the recorder had met it.
+    """
+    said = [e.values.get("disturbances", "") for e in run.events if e.message == Event.DISTURBED]
+    taken = max((int(count) for count in said if count.isdecimal()), default=0)
+    if taken > run.count(topics.DISTURBANCE):
+        truth, there = (run.table(t).stamp_ns for t in (topics.GROUND_TRUTH, topics.DISTURBANCE))
+        yield from np.setdiff1d(truth, there)[:1].tolist()
 
 
 def _counted(run: RecordedRun, relative: str) -> int | None:

@@ -27,6 +27,7 @@ class Tally:
         self._kinds: dict[str, str] = {}  # of nodes, as they report them
         self._claimed: Counter[str] = Counter()  # by the nodes that have ended
         self._anew = False  # was a node cleaned up? its count then restarts
+        self._disturbed = 0  # messages of disturbances that the simulator has taken
         self._begun = 0  # runs, as the simulator reports them
         self._silent: dict[str, bool] = {}  # known nodes: has none of their events arrived?
 
@@ -35,6 +36,8 @@ class Tally:
         self._silent[event.node] = False
         if event.message == Event.PUBLISHED:
             self._claimed.update({topic: int(count) for topic, count in event.values.items()})
+        if event.message == Event.DISTURBED:
+            self._disturbed = int(event.values.get("disturbances", ""))
         self._anew |= event.message == Event.CLEANED_UP
         if event.message == Event.CONFIGURED:
             self._kinds[event.node] = event.values.get("kind", "")
@@ -116,4 +119,9 @@ class Tally:
             topic = there.get(name, name.lstrip("/"))
             if self.counts[topic] < count:
                 return False, f"{topic}: {self.counts[topic]} of {count} messages were recorded"
+        if (count := self.counts[topics.DISTURBANCE]) < self._disturbed:
+            return False, (
+                f"{topics.DISTURBANCE}: {count} messages were recorded, but the simulator took "
+                f"{self._disturbed}: their node was killed before the recorder had met it"
+            )
         return True, reason
