@@ -14,7 +14,7 @@ from trunk_msgs_util.recording.reader import RecordingError
 
 from ..plans.nodes import CONTROLLERS
 from ..recorded.turns import acting
-from .missing import missed_from_ns, recorded_until_ns
+from .missing import counted, missed_from_ns, recorded_until_ns
 
 if TYPE_CHECKING:
     from trunk_msgs_util.recording.joint_arrays import Integers
@@ -183,15 +183,15 @@ def _unheard(run: RecordedRun) -> Iterator[int]:
 
 
 def _of_nobody(run: RecordedRun) -> Iterator[int]:
-    """Yield the first command without terms that was given while no controller was active by the events.
+    """Yield the first command that was given while no controller was active by the events.
 
-    Of its controller, which was killed, the recorder had received commands only.
+    Its controller was killed before the recorder had received its events, and did not count its commands.
     """
-    told = [run.table(topics.controller_state(name)).stamp_ns for name in run.controllers]
-    alone = np.setdiff1d(run.table(topics.EFFORT_COMMAND).stamp_ns, np.concatenate([*told, [-1]]))
-    acted = [acting(alone, turns, False) for turns in _turns(run).values()]
-    if acted:  # else another controller gave them
-        yield from alone[~np.any(acted, axis=0)][:1].tolist()
+    commands = np.unique(run.table(topics.EFFORT_COMMAND).stamp_ns)
+    acted = [acting(commands, turns, False) for turns in _turns(run).values()]
+    uncounted = (counted(run, topics.EFFORT_COMMAND) or 0) < run.count(topics.EFFORT_COMMAND)
+    if acted and uncounted:  # without any events, another controller gave them
+        yield from commands[~np.any(acted, axis=0)][:1].tolist()
 
 
 def robot_obstacles(run: RecordedRun) -> list[str]:

@@ -49,7 +49,7 @@ def _unanswered(run: RecordedRun) -> Iterator[int]:
     for relative in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
         stamps = run.table(relative).stamp_ns
         if not run.exact and (
-            relative == topics.EFFORT_COMMAND or _counted(run, relative) == run.count(relative)
+            relative == topics.EFFORT_COMMAND or counted(run, relative) == run.count(relative)
         ):
             continue
         since_ns = exact_from_ns(run) if run.exact else 0.0
@@ -65,7 +65,7 @@ def _unanswered(run: RecordedRun) -> Iterator[int]:
 def _untold(run: RecordedRun) -> Iterator[int]:
     """Yield the first command without its terms, if a controller published more of them than are recorded."""
     told = [topics.controller_state(name) for name in run.controllers]
-    if any((_counted(run, relative) or 0) > run.count(relative) for relative in told):
+    if any((counted(run, relative) or 0) > run.count(relative) for relative in told):
         terms = np.concatenate([run.table(relative).stamp_ns for relative in told])
         yield from np.setdiff1d(run.table(topics.EFFORT_COMMAND).stamp_ns, terms)[:1].tolist()
 
@@ -82,7 +82,7 @@ def _unmet(run: RecordedRun) -> Iterator[int]:
         yield from np.setdiff1d(truth, there)[:1].tolist()
 
 
-def _counted(run: RecordedRun, relative: str) -> int | None:
+def counted(run: RecordedRun, relative: str) -> int | None:
     """Return how many messages on a topic the nodes say they published; None if none of them said so."""
     topic = run.recording.topic(relative)
     told = [
@@ -173,12 +173,12 @@ def _beyond(run: RecordedRun) -> Iterator[int]:
         run.table(t).stamp_ns for t in (topics.EFFORT_COMMAND, topics.DISTURBANCE)
     )
     unanswered = np.setdiff1d(truth[truth > commands.max()], idle_ns(run))
-    counted = _counted(run, topics.EFFORT_COMMAND) == run.count(topics.EFFORT_COMMAND)
-    if not run.exact and counted and not killed(run):
+    all_there = counted(run, topics.EFFORT_COMMAND) == run.count(topics.EFFORT_COMMAND)
+    if not run.exact and all_there and not killed(run):
         unanswered = unanswered[:0]  # nobody answered them
     if len(unanswered) and truth.max() > unanswered[0]:
         yield int(unanswered[0]) + 1
-    if not run.exact and _counted(run, topics.DISTURBANCE) == len(disturbances):
+    if not run.exact and counted(run, topics.DISTURBANCE) == len(disturbances):
         return
     if len(disturbances) or _disturbs(run):
         yield from truth[truth > disturbances.max(initial=-1)][:1].tolist()
