@@ -9,6 +9,8 @@ from trunk_experiments.cli import trunk
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, verify
 from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.events import Event
+from trunk_msgs_util.recording.schemas import event
 
 from ..edited import ANEW, copied
 from .messages import COMMAND, of
@@ -35,6 +37,23 @@ def test_unreadable_messages_are_only_an_obstacle(honest, tmp_path):
     assert verdict.exit_code == UNJUDGED, verdict.reasons
     assert not verdict.contradictions
     assert any(f"{REFERENCE}: 3 of 4 messages cannot be read" in line for line in verdict.reasons)
+
+
+@pytest.mark.parametrize("end", [True, False], ids=["complete", "cut"])
+@pytest.mark.parametrize(
+    ("word", "name"), [(Event.PUBLISHED, COMMAND), (Event.DISTURBED, "disturbances")]
+)
+def test_a_count_of_thousands_of_digits_is_none(honest, tmp_path, end, word, name):
+    """Python reads no such number: it raises ValueError."""
+
+    def edit(messages):
+        (*_, (topic, log_time, _, *rest)) = of(messages, "/run/events")
+        said = event(0, "/simulator", word, {name: "9" * 5000})
+        messages.append([topic, log_time, said, *rest])
+
+    provenance = {"mode": "real_time"}
+    verdict = verify(copied(honest, tmp_path / "a.mcap", edit, ANEW, end, provenance))
+    assert verdict.exit_code in (UNJUDGED, DIVERGES)
 
 
 def test_a_removed_message_is_still_noticed(honest, tmp_path):

@@ -116,3 +116,10 @@ class Event(str, Enum):
 
 # Sent by the simulator, each of these ends the run.
 ENDS = (Event.FINISHED, Event.STOPPED, Event.FAILED)
+
+_DIGITS = 18  # of an integer of 64 bits; Python itself refuses to read thousands of them
+
+
+def as_count(text: str) -> int:
+    """Return the count that a value of an event gives; -1 if it is none."""
+    return int(text) if text.isdecimal() and len(text) <= _DIGITS else -1

@@ -9,7 +9,7 @@ import numpy as np
 
 from trunk_control.schedule import active_at
 from trunk_msgs_util import topics
-from trunk_msgs_util.events import ENDS, Event
+from trunk_msgs_util.events import ENDS, Event, as_count
 from trunk_msgs_util.recording.schemas import RunEvent
 from trunk_msgs_util.units import seconds
 from trunk_sim.traffic import Traffic
@@ -120,7 +120,7 @@ def _disturbed(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
         count = event.values.get("disturbances", "")
         if run.exact:
             yield f"run/events: {event.message!r} in a run in simulated time"
-        elif not (count.isdecimal() and 0 < int(count) <= run.count(topics.DISTURBANCE)):
+        elif not 0 < as_count(count) <= run.count(topics.DISTURBANCE):
             yield (
                 f"{topics.DISTURBANCE}: {run.count(topics.DISTURBANCE)} messages, but the simulator took "
                 f"{count or 'an unknown number'}"

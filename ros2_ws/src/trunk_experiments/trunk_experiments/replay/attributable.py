@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
+from trunk_msgs_util.events import Event, as_count
 from trunk_msgs_util.recording.reader import RecordingError
 
 from ..plans.nodes import CONTROLLERS
@@ -74,7 +74,7 @@ def _of_another_hand(run: RecordedRun) -> list[int]:
     """Return the first push's stamp if more pushes are recorded than the simulator says it took."""
     topic = run.recording.topic(topics.OPERATOR_PUSH)
     words = [event.values for event in run.events if event.message == Event.PUBLISHED]
-    taken = sum(int(said[topic]) for said in words if said.get(topic, "").isdecimal())
+    taken = sum(max(as_count(said.get(topic, "")), 0) for said in words)
     if not words or run.count(topics.OPERATOR_PUSH) <= taken:
         return []
     return [int(run.table(topics.OPERATOR_PUSH).stamp_ns.min())]

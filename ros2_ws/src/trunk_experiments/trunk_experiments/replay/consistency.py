@@ -14,7 +14,7 @@ import numpy as np
 
 from trunk_control.laws import law_named
 from trunk_msgs_util import topics
-from trunk_msgs_util.events import ENDS, Event
+from trunk_msgs_util.events import ENDS, Event, as_count
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS
@@ -130,7 +130,7 @@ def _counts(run: RecordedRun) -> Iterator[str]:
     for event in run.events:
         if event.message == Event.PUBLISHED:
             for topic, count in event.values.items():
-                claimed[topic] += int(count) if count.isdecimal() else -1
+                claimed[topic] += as_count(count)
     silent = uncounted(run)  # may have published on a topic that another node counted
     for topic, published in claimed.items():
         if silent and topic == run.recording.topic(topics.EFFORT_COMMAND):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.events import Event
+from trunk_msgs_util.events import Event, as_count
 
 from ..recorded.turns import exact_from_ns, idle_ns
 from .consistency import killed, uncounted
@@ -76,7 +76,7 @@ def _unmet(run: RecordedRun) -> Iterator[int]:
     Their node was killed before the recorder had met it.
     """
     said = [e.values.get("disturbances", "") for e in run.events if e.message == Event.DISTURBED]
-    taken = max((int(count) for count in said if count.isdecimal()), default=0)
+    taken = max(map(as_count, said), default=0)
     if taken > run.count(topics.DISTURBANCE):
         truth, there = (run.table(t).stamp_ns for t in (topics.GROUND_TRUTH, topics.DISTURBANCE))
         yield from np.setdiff1d(truth, there)[:1].tolist()
@@ -88,7 +88,7 @@ def counted(run: RecordedRun, relative: str) -> int | None:
     told = [
         e.values[topic] for e in run.events if e.message == Event.PUBLISHED and topic in e.values
     ]
-    return sum(int(count) if count.isdecimal() else -1 for count in told) if told else None
+    return sum(map(as_count, told)) if told else None
 
 
 def _disturbs(run: RecordedRun) -> bool:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 
 from .. import topics
-from ..events import ENDS, Event
+from ..events import ENDS, Event, as_count
 from ..recording.schemas import RunEvent
 
 # One message for each state, by the simulator alone.
@@ -28,6 +28,7 @@ class Tally:
         self._claimed: Counter[str] = Counter()  # by the nodes that have ended
         self._anew = False  # was a node cleaned up? its count then restarts
         self._disturbed = 0  # messages of disturbances that the simulator has taken
+        self._states = 0  # of a finished run
         self._begun = 0  # runs, as the simulator reports them
         self._silent: dict[str, bool] = {}  # known nodes: has none of their events arrived?
 
@@ -35,16 +36,16 @@ class Tally:
         """Take an event. Raises ValueError for one that no node of ours sends."""
         self._silent[event.node] = False
         if event.message == Event.PUBLISHED:
-            self._claimed.update({topic: int(count) for topic, count in event.values.items()})
+            self._claimed.update({topic: _count(event, topic) for topic in event.values})
         if event.message == Event.DISTURBED:
-            self._disturbed = int(event.values.get("disturbances", ""))
+            self._disturbed = _count(event, "disturbances")
         self._anew |= event.message == Event.CLEANED_UP
         if event.message == Event.CONFIGURED:
             self._kinds[event.node] = event.values.get("kind", "")
         kind = self._kinds.get(event.node) or event.node.rpartition("/")[2]
         if kind == "simulator" and event.message in ENDS:
-            if event.message == Event.FINISHED and not event.values.get("states", "").isdecimal():
-                raise ValueError("a finished run without its number of states")
+            if event.message == Event.FINISHED:
+                self._states = _count(event, "states")
             self.end = event
         if kind == "simulator" and event.message == Event.STARTED:
             self.end = None  # the end of the run before is not this one's
@@ -83,7 +84,7 @@ class Tally:
             return False, reason
         if (runs := max(self.runs, self._begun)) > 1:
             return False, f"it holds {runs} runs: the simulator was restarted"
-        states = int(self.end.values["states"])
+        states = self._states
         for topic in self._of_each_state:
             if self.counts[topic] < states:
                 return False, f"{topic}: {self.counts[topic]} of {states} messages were recorded"
@@ -125,3 +126,11 @@ class Tally:
                 f"{self._disturbed}: their node was killed before the recorder had met it"
             )
         return True, reason
+
+
+def _count(event: RunEvent, name: str) -> int:
+    """Return a count that an event gives. Raises ValueError if it is none: no node of ours sent it."""
+    count = as_count(event.values.get(name, ""))
+    if count < 0:
+        raise ValueError(f"{event.message} without a count of {name}")
+    return count
