@@ -14,10 +14,13 @@ from trunk_experiments.branching.record import record_branch
 from trunk_experiments.branching.resume import resumed, state_at
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.as_told import not_as_told
 from trunk_experiments.replay.doubts import Late, late_steps
 from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import RecordingError
+from trunk_msgs_util.recording.schemas import event
 
 from ..edited import ANEW, copied
 
@@ -66,6 +69,26 @@ def test_removed_disturbances_before_a_branch_are_noticed(parent: Path, tmp_path
     verdict = verdict_on(RecordedRun.open(tmp_path / "edited.mcap"))
     assert verdict.exit_code != VERIFIED
     assert "disturbance: 100 steps missing, the first at t = 0 s" in verdict.obstacles
+
+
+def test_a_branch_may_begin_before_the_disturbances_that_its_parent_took(
+    parent: Path, tmp_path: Path
+) -> None:
+    """Those of another node are not repeated; that the first of them was taken stays on record."""
+    branch(parent, 0.5, tmp_path / "b.mcap")
+
+    def edit(messages: list[list]) -> None:
+        messages[:] = [m for m in messages if m[0] != "/disturbance"]
+        topic, log_time, _, *rest = next(m for m in messages if m[0] == "/run/events")
+        said = event(-1, "/simulator", Event.DISTURBED, {"disturbances": 1})
+        messages.append([topic, log_time, said, *rest])
+
+    copied(tmp_path / "b.mcap", tmp_path / "c.mcap", edit, ANEW, provenance={"mode": "real_time"})
+    run = RecordedRun.open(tmp_path / "c.mcap")
+    told = [one for one in run.events if one.node == "/simulator"]
+    assert run.branch is not None
+    assert not run.exact
+    assert not [line for line in not_as_told(run, "simulator", told) if "took" in line]
 
 
 def test_a_file_that_ends_early_is_branched_as_far_as_it_goes(parent: Path, tmp_path: Path) -> None:

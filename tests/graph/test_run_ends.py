@@ -203,6 +203,40 @@ def test_a_recorder_that_ends_looks_for_messages_first(
     node.close()
 
 
+def disturb(node: SimulatorNode, stamp_ns: int) -> None:
+    sample = JointSample(stamp_ns, ("hip", "trunk"), position=(0.0, 0.0), effort=(0.0, 1.0))
+    node._on_disturbance(sample_to_wire(sample))
+
+
+@MODES
+def test_the_disturbances_that_were_taken_are_counted_in_real_time(
+    arguments: Any, lockstep: str
+) -> None:
+    arguments(f"lockstep.enabled:={lockstep}", "wait_for:=[effort_command]", "duration:=0.0")
+    events: list[str] = []
+    node = started(events)
+    for k in (0, 1, 1, 2):  # one comes twice
+        disturb(node, k * node.period_ns)
+    node.end()
+    told = ["disturbed"] if lockstep == "false" else []
+    assert events[events.index("started") + 1 :] == [*told, *told, "finished"]
+    assert node._taken == 3
+    node.destroy_node()
+
+
+@pytest.mark.parametrize("end", ["finished", "stopped"])
+def test_a_disturbance_after_the_end_is_not_counted(arguments: Any, end: str) -> None:
+    arguments("wait_for:=[effort_command]", "duration:=0.05")
+    events: list[str] = []
+    node = started(events)
+    while end == "finished" and node.exit_code is None:
+        command(node)
+    node.end()
+    disturb(node, node.stamp_ns)
+    assert events[-1] == end
+    node.destroy_node()
+
+
 HALVES = {
     "four efforts": {"effort": (1.0, 2.0, 3.0, 4.0)},
     "four positions": {"position": (1.0, 2.0, 3.0, 4.0)},

@@ -8,6 +8,7 @@ import pytest
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.as_told import not_as_told
 from trunk_experiments.replay.doctor import examine
 from trunk_experiments.replay.explain import explain
 from trunk_experiments.replay.verify import UNJUDGED, verify
@@ -103,24 +104,40 @@ def test_a_controller_that_outlives_the_recorder_is_judged_to_the_end(tmp_path, 
 EVENTS = "/run/events"
 
 
+def counts(messages):
+    """Add what each node would have said of its messages at the end of a run in real time."""
+    own = {
+        "/disturbance": (DISTURBANCE,),
+        "/simulator": (TRUTH, STATE),
+        "/fuzzy_pid": (COMMAND, "/fuzzy_pid/state"),
+    }
+    for node, some in own.items():
+        say(messages, node, Event.PUBLISHED, **{t: len(of(messages, t)) for t in some})
+
+
+def say(messages, node, word, **values):
+    """Add an event at the end."""
+    topic, log_time, _, *rest = of(messages, EVENTS)[-1]
+    messages.append([topic, log_time, event(0, node, word, values), *rest])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("lost", [50, 1202])
-@pytest.mark.parametrize("end", [False, True], ids=["incomplete", "complete"])
-def test_a_disturbance_that_the_recorder_never_met_is_missed(whole, tmp_path, end, lost):
+@pytest.mark.parametrize(
+    ("end", "said"),
+    [(False, (1, 1202)), (False, (1,)), (True, (1, 1202))],
+    ids=["incomplete", "without an end", "complete"],
+)
+def test_a_disturbance_that_the_recorder_never_met_is_missed(whole, tmp_path, lost, end, said):
     """In real time its node may be killed before; another one may follow and be on record."""
 
     def kill(messages):
-        told = of(messages, DISTURBANCE)
-        for message in told[:lost]:
+        for message in of(messages, DISTURBANCE)[:lost]:
             messages.remove(message)
-        counts = [("/disturbance", (DISTURBANCE,))]
-        counts += [("/simulator", (TRUTH, STATE)), ("/fuzzy_pid", (COMMAND, "/fuzzy_pid/state"))]
-        said = [("/simulator", Event.DISTURBED, {"disturbances": len(told)})]
-        said += [
-            (node, Event.PUBLISHED, {t: len(of(messages, t)) for t in own}) for node, own in counts
-        ]
-        _, log_time, _, *rest = of(messages, EVENTS)[-1]
-        messages += [[EVENTS, log_time, event(0, *one), *rest] for one in said]
+        for count in said:
+            say(messages, "/simulator", Event.DISTURBED, disturbances=count)
+        say(messages, "/simulator", Event.STOPPED, reason="", states=1201)
+        counts(messages)
 
     path = tmp_path / "killed.mcap"
     verdict = verify(copied(whole, path, kill, ANEW, end, provenance={"mode": "real_time"}))
@@ -133,6 +150,52 @@ def test_a_disturbance_that_the_recorder_never_met_is_missed(whole, tmp_path, en
         assert verdict.exit_code == UNJUDGED, verdict
         assert not any(part.wrong_steps for part in verdict.parts)
         assert verdict.judged == "no state"
+
+
+@pytest.mark.parametrize(
+    ("mode", "said", "wrong"),
+    [
+        ("real_time", (), ""),
+        ("real_time", (1,), ""),
+        ("real_time", (1, 1202), ""),
+        ("real_time", (1, 7, 7), ""),  # it failed, and was stopped
+        ("real_time", (2,), "of 2, where it must be 1"),
+        ("real_time", (1, 1), "of 1, where it must be 2 or more"),
+        ("real_time", (1, 11, 8), "of 8, where it must be 11 or more"),
+        ("real_time", (1, 9), "of 9, not at the end of the run"),
+        ("real_time", ("many",), "of -1, where it must be 1"),
+        ("real_time", (1, 1203), "1202 messages, but the simulator took 1203"),
+        ("lockstep", (1,), "of 1 in a run in simulated time"),
+    ],
+)
+def test_the_simulator_can_say_only_such_counts(whole, tmp_path, mode, said, wrong):
+    def edit(messages):
+        for count in said:
+            say(messages, "/simulator", Event.DISTURBED, disturbances=count)
+            if count not in (1, 9):
+                say(messages, "/simulator", Event.STOPPED, reason="", states=1201)
+
+    copied(whole, tmp_path / "a.mcap", edit, ANEW, provenance={"mode": mode})
+    run = RecordedRun.open(tmp_path / "a.mcap")
+    told = [event for event in run.events if event.node == "/simulator"]
+    found = [line for line in not_as_told(run, "simulator", told) if "disturb" in line]
+    assert [wrong in line for line in found] == [True] * bool(wrong), found
+
+
+@pytest.mark.parametrize("end", [True, False], ids=["complete", "incomplete"])
+def test_commands_before_any_controllers_events_are_not_attributed(whole, tmp_path, end):
+    """Theirs was killed before the recorder had its events; the next one did not say how many it gave."""
+
+    def edit(messages):
+        topic, log_time, _, *rest = of(messages, EVENTS)[-1]
+        joined = event(300_000_000 - 1, "/fuzzy_pid", Event.ACTIVATED)
+        messages.append([topic, log_time, joined, *rest])
+
+    path = tmp_path / "a.mcap"
+    verdict = verify(copied(whole, path, edit, ANEW, end, provenance={"mode": "real_time"}))
+    assert verdict.exit_code == UNJUDGED, verdict
+    assert not any(part.wrong_steps for part in verdict.parts)
+    assert any("what follows t = 0 s is not judged" in line for line in verdict.obstacles)
 
 
 WALL = struct.pack("<iI", 1_795_000_000, 0)

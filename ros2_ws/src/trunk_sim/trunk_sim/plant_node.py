@@ -277,9 +277,10 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         except RefusedError as refused:
             self.count(str(refused))
         else:
-            self._taken += 1
-            if self._taken == 1:
-                self._say_disturbed()
+            if not self.ending:  # else the count is said
+                self._taken += 1
+                if self._taken == 1:
+                    self._say_disturbed()
             self._answered(topics.DISTURBANCE, sample.stamp_ns)
 
     def _on_request(self, message: JointState) -> None:

@@ -113,18 +113,29 @@ def _passed_on(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
 
 
 def _disturbed(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
-    """Yield counts of disturbances of a run in simulated time, or of more of them than are recorded."""
-    for event in told:
+    """Yield counts of taken disturbances in simulated time, that a node cannot say, or beyond the record.
+
+    The first one says 1, those at the end more. A branch has no end in real time: its parent's disturbances
+    may begin after the branch.
+    """
+    known, least = run.count(topics.DISTURBANCE), 1
+    ends = (Event.PASSED_ON, *ENDS)
+    for event, following in zip(told, [*told[1:], None], strict=True):
+        if event.message == Event.CLEANED_UP:
+            least = 1  # it counts anew
         if event.message != Event.DISTURBED:
             continue
-        count = event.values.get("disturbances", "")
+        count = as_count(event.values.get("disturbances", ""))
+        what = f"run/events: {event.message!r} of {count}"
         if run.exact:
-            yield f"run/events: {event.message!r} in a run in simulated time"
-        elif not 0 < as_count(count) <= run.count(topics.DISTURBANCE):
-            yield (
-                f"{topics.DISTURBANCE}: {run.count(topics.DISTURBANCE)} messages, but the simulator took "
-                f"{count or 'an unknown number'}"
-            )
+            yield f"{what} in a run in simulated time"
+        elif count < least or (least == 1) != (count == 1):
+            yield f"{what}, where it must be {least if least == 1 else f'{least} or more'}"
+        elif count > 1 and (following is None or following.message not in ends):
+            yield f"{what}, not at the end of the run"
+        elif run.branch is None and count > known:
+            yield f"{topics.DISTURBANCE}: {known} messages, but the simulator took {count}"
+        least = max(count, 2)
 
 
 def _pauses(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:

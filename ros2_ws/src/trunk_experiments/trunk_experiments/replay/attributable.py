@@ -14,6 +14,7 @@ from trunk_msgs_util.recording.reader import RecordingError
 
 from ..plans.nodes import CONTROLLERS
 from ..recorded.turns import acting
+from .consistency import uncounted
 from .missing import counted, missed_from_ns, recorded_until_ns
 
 if TYPE_CHECKING:
@@ -174,8 +175,7 @@ def _unheard(run: RecordedRun) -> Iterator[int]:
         for event in run.events
         if event.message == Event.ACTIVATED
     )
-    if (run.recording.end or {}).get("complete") != "true":
-        yield from _of_nobody(run)
+    yield from _of_nobody(run)
     if first > 0 and joined:
         truth = run.table(topics.GROUND_TRUTH)
         if truth.values("effort")[truth.stamp_ns <= first, 1:].any():
@@ -185,12 +185,17 @@ def _unheard(run: RecordedRun) -> Iterator[int]:
 def _of_nobody(run: RecordedRun) -> Iterator[int]:
     """Yield the first command that was given while no controller was active by the events.
 
-    Its controller was killed before the recorder had received its events, and did not count its commands.
+    Its controller was killed before the recorder had received its events, and did not count its commands. In
+    a complete file with all counts it is a contradiction.
     """
+    complete = (run.recording.end or {}).get("complete") == "true"
+    anew = any(event.message == Event.CLEANED_UP for event in run.events)
+    if complete and not anew and not uncounted(run):
+        return
     commands = np.unique(run.table(topics.EFFORT_COMMAND).stamp_ns)
     acted = [acting(commands, turns, False) for turns in _turns(run).values()]
-    uncounted = (counted(run, topics.EFFORT_COMMAND) or 0) < run.count(topics.EFFORT_COMMAND)
-    if acted and uncounted:  # without any events, another controller gave them
+    more = run.count(topics.EFFORT_COMMAND) > (counted(run, topics.EFFORT_COMMAND) or 0)
+    if acted and more:  # without any events, another controller gave them
         yield from commands[~np.any(acted, axis=0)][:1].tolist()
 
 

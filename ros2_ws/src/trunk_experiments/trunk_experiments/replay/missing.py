@@ -71,14 +71,20 @@ def _untold(run: RecordedRun) -> Iterator[int]:
 
 
 def _unmet(run: RecordedRun) -> Iterator[int]:
-    """Yield the first state without a disturbance on record, if the simulator took more than are recorded.
+    """Yield the first state without a disturbance on record, if the simulator took others than are recorded.
 
-    Their node was killed before the recorder had met it.
+    Their node was killed before the recorder had met it. The simulator says when it took the first one, whose
+    stamp is at most a step later.
     """
-    said = [e.values.get("disturbances", "") for e in run.events if e.message == Event.DISTURBED]
-    taken = max(map(as_count, said), default=0)
-    if taken > run.count(topics.DISTURBANCE):
-        truth, there = (run.table(t).stamp_ns for t in (topics.GROUND_TRUTH, topics.DISTURBANCE))
+    node = run.recording.topic("simulator")
+    said = [e for e in run.events if (e.node, e.message) == (node, Event.DISTURBED)]
+    if not said:
+        return
+    truth, there = (run.table(t).stamp_ns for t in (topics.GROUND_TRUTH, topics.DISTURBANCE))
+    taken = max(as_count(event.values.get("disturbances", "")) for event in said)
+    first_ns = max(said[0].stamp_ns, 0) + run.config("simulator").period_ns
+    known = max(len(there), counted(run, topics.DISTURBANCE) or 0)
+    if taken > known or (len(there) and int(there.min()) > first_ns):
         yield from np.setdiff1d(truth, there)[:1].tolist()
 
 

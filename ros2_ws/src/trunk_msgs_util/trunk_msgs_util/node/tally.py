@@ -37,12 +37,12 @@ class Tally:
         self._silent[event.node] = False
         if event.message == Event.PUBLISHED:
             self._claimed.update({topic: _count(event, topic) for topic in event.values})
-        if event.message == Event.DISTURBED:
-            self._disturbed = _count(event, "disturbances")
         self._anew |= event.message == Event.CLEANED_UP
         if event.message == Event.CONFIGURED:
             self._kinds[event.node] = event.values.get("kind", "")
         kind = self._kinds.get(event.node) or event.node.rpartition("/")[2]
+        if kind == "simulator" and event.message == Event.DISTURBED:
+            self._disturbed = _count(event, "disturbances")
         if kind == "simulator" and event.message in ENDS:
             if event.message == Event.FINISHED:
                 self._states = _count(event, "states")
