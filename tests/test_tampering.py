@@ -10,9 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from trunk_msgs_util.events import Event
+
+from .edited import content
 from .tampering.bases import OFFLINE, make_base
+from .tampering.event_edits import event_edits
 from .tampering.honest import offline_runs
-from .tampering.kit import ANEW, KEPT, NONE, outcomes, sample
+from .tampering.kit import ANEW, KEPT, NONE, copy_of, outcomes, sample
 from .tampering.let_pass import LET_PASS
 
 
@@ -38,6 +42,14 @@ def test_every_edit_is_refused_or_listed(base, tmp_path, digests, share):
     assert not [f"{one.name}: {one.wrong}" for one in found if one.wrong]
     kinds = Counter(one.exit_code for one in found)
     assert kinds[1] > 0
+
+
+def test_every_event_can_be_edited_and_added(base):
+    found = content(base)
+    edits = list(event_edits(found))
+    for one in edits:
+        one.apply(copy_of(found))
+    assert {f"simulator {word} half way" for word in Event} <= {one.name for one in edits}
 
 
 @pytest.mark.slow

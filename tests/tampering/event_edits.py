@@ -133,7 +133,9 @@ def _added(found: Content) -> Iterator[Edit]:
     """Yield events that no node sent, in the middle of the run and at its end."""
     stamps = [sample_of(message).stamp_ns for message in found.of(TRUTH)]
     values = {"rate": "500.0", "angle": "0.1", "limit": "0.5", "reason": "finished",
-              "states": str(len(stamps)), "answers": "effort_command", "process": "boot.1.1"}  # fmt: skip
+              "states": str(len(stamps)), "answers": "effort_command", "process": "boot.1.1",
+              "link.state": "1 sent", "link.command": "1 sent", "sensor.dropout": "1",
+              "disturbances": "9"}  # fmt: skip
 
     def add(node: str, word: Event, row: int, found: Content) -> None:
         stamp_ns = stamps[row]

@@ -71,6 +71,10 @@ LET_PASS: tuple[tuple[str, str], ...] = (
         "published: in lock-step nothing waits for a controller whose turn is over",
     ),
     (
+        "real_time: events: all disturbed removed",
+        "disturbed: every disturbance that the simulator took is on record",
+    ),
+    (
         (
             rf"{_GRAPH}: (event removed: /\w+ ready|event moved: /recorder ready, to the end"
             r"|event stamped: /\w+ ready (\+ 1 ns|\+ a period))"
@@ -137,6 +141,26 @@ LET_PASS: tuple[tuple[str, str], ...] = (
     (
         rf"{_ANY}: " + _PARAMETER.format(r"simulator\.max_effort", r"1"),
         "max_effort: no command came near it",
+    ),
+    (
+        rf"{_ANY}: " + _PARAMETER.format(r"simulator\.sensor\.(position|velocity)_limit", "1"),
+        "a sensor's limit that was not reached",
+    ),
+    (
+        rf"{_ANY}: "
+        + _PARAMETER.format(
+            r"simulator\.link\.(seed|command\.missing|\w+\.(jitter_kind|duplicates|order))", "0"
+        )
+        + rf"|{_ANY}: "
+        + _PARAMETER.format(r"simulator\.link\.(seed|\w+\.burst\.(end|loss))", "1"),
+        "links, of which there are none",
+    ),
+    (
+        rf"{_ANY}: "
+        + _PARAMETER.format(r"simulator\.operator\.(force|torque)", "0")
+        + rf"|{_ANY}: "
+        + _PARAMETER.format(r"simulator\.operator\.timeout", "[01]"),
+        "the operator's limits: nobody pushed",
     ),
     (
         rf"{_ANY}: " + _PARAMETER.format(r"(fuzzy_pid|pid)\.(u_clamp_m\w\w|i_clamp_m\w\w)", r"1"),
