@@ -114,6 +114,18 @@ class Peer:
         self.until(publisher.get_subscription_count, f"somebody listens to {topic}")
         return lambda sample: publisher.publish(sample_to_ros(sample))
 
+    def publisher(self, topic: str, listener: str) -> Publisher:
+        """Return a publisher of samples, once all that listen hear it, the node ``listener`` among them."""
+        publisher = self.node.create_publisher(JointState, topic, qos.evidence())
+
+        def heard() -> bool:
+            known = self.node.get_subscriptions_info_by_topic(publisher.topic_name)
+            there = listener in {one.node_name for one in known}
+            return there and publisher.get_subscription_count() >= len(known)
+
+        self.until(heard, f"{listener} listens to {topic}")
+        return publisher
+
     def spin(self, timeout_s: float = 0.0) -> None:
         """Take what has come, or comes within the time."""
         self._executor.spin_once(timeout_sec=timeout_s)

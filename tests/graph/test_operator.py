@@ -11,12 +11,14 @@ from sensor_msgs.msg import JointState
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verdict import UNJUDGED
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import qos
-from trunk_msgs_util.node.conversions import stamp_from_ros, stamp_to_ros
+from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros, stamp_to_ros
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.samples import JointSample
 from trunk_sim.operator_input import Applied
 
+from .lifecycle import Life
 from .peer import Peer
 from .processes import Child, Children
 from .services import Services
@@ -175,9 +177,14 @@ def test_a_silent_hand_lets_go_and_malformed_requests_do_no_harm(
 def test_a_strangers_pushes_make_a_recording_incomplete(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
-    child = children.trunk("run", "demo", "--duration", 2, "--output", "run")
-    say = peer.speaker(f"/{topics.OPERATOR_PUSH}")
-    say(JointSample(0, ("hip", "trunk"), effort=(0.0, 5.0)))
+    held = ("--set", "simulator.autostart=false")  # until the stranger has pushed
+    child = children.trunk("run", "demo", "--duration", 1, "--output", "run", *held)
+    assert Life(peer, "simulator").change("configure")
+    stranger = peer.publisher(f"/{topics.OPERATOR_PUSH}", "recorder")
+    peer.until_event("recorder", Event.READY)
+    stranger.publish(sample_to_ros(JointSample(0, ("hip", "trunk"), effort=(0.0, 5.0))))
+    peer.until_received(stranger)
+    assert Life(peer, "simulator").change("activate")
     assert child.wait() == 1
     assert "operator/push" in (Recording.open(tmp_path / "run" / "run.mcap").end or {})["reason"]
     said("verify", tmp_path / "run" / "run.mcap", code=UNJUDGED)
