@@ -1,18 +1,24 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import CSV_COLUMNS, RunTable
+from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording import schemas
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.recording.writer import RecordingWriter
 from trunk_msgs_util.samples import JointSample
+
+from .edited import ANEW, copied
 
 
 def table_of(path) -> RunTable:
@@ -34,6 +40,34 @@ def test_columns_are_matched_by_stamp(run_file):
         i = topics.STATE_NAMES.index(name)
         updates = [run_file.state_values(j - j % 2)[i] for j in range(7)]  # held in between
         assert getattr(table, name).tolist() == updates
+
+
+@pytest.mark.parametrize(
+    ("profile", "before"), [("step", [0.0] * 20 + [0.2] * 20), ("topic", [None] * 40)]
+)
+def test_in_real_time_the_first_answer_may_come_late(tmp_path, profile, before):
+    """Until then the reference is what the controller's parameters say, unless it comes by topic."""
+    told = (f"reference.profile={profile}", "reference.value=0.2", "reference.step_time=0.1")
+    settings = tuple(f"pid.{one}" for one in told)
+    plan = make_plan("demo", "pid", settings=settings, everywhere={"duration": 0.5})
+    if profile == "topic":
+        plan = replace(plan, references={0: 0.1})
+    record_offline(plan, tmp_path / "run.mcap")
+
+    def miss(messages):
+        answers = ("/pid/state", "/effort_command")
+        messages[:] = [m for m in messages if m[0] not in answers or m[1] >= 200_000_000]
+
+    source, late = tmp_path / "run.mcap", tmp_path / "late.mcap"
+    copied(source, late, miss, ANEW, provenance={"mode": "real_time"})
+    table = table_of(late)
+    found = [None if np.isnan(one) else one for one in table.reference.tolist()]
+    assert found[:40] == before
+    assert np.isnan(table.kp[:40]).all()
+    if profile == "step":
+        assert metrics(table) == metrics(table_of(source))
+    copied(source, late, miss, ANEW, provenance={"mode": "lockstep"})
+    assert np.isnan(table_of(late).reference[:40]).all()
 
 
 def test_names_and_the_limit_come_from_the_parameters(run_file):

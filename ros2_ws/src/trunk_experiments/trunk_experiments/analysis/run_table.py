@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from trunk_control.reference import reference_at
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError, build
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
@@ -41,7 +42,8 @@ class RunTable:
     """Columns [N + 1] at the stamps of the true states; NaN where the run has no value.
 
     ``torque[k]`` is what was applied over [t_k, t_k+1). Reference and gains are those of the
-    controller's last update, at t_k or before.
+    controller's last update, at t_k or before. In real time, the reference before the first update is that
+    of its parameters.
     """
 
     t: Floats  # s
@@ -92,6 +94,8 @@ class RunTable:
             state = in_turn([found.pop(topic) for topic in states])
             for name in held:
                 columns[name] = held_at(at, state.stamp_ns, state.column("position", name))
+            if "reference" in held and len(state.stamp_ns):
+                columns["reference"] = _before_the_first_update(run, at, columns["reference"])
         if topics.JOINT_STATES in found:
             measured = found[topics.JOINT_STATES]
             values = measured.column("position", trunk)
@@ -176,6 +180,30 @@ def held_at(at: Integers, stamps: Integers, values: Floats) -> Floats:
         return values
     rows = np.searchsorted(stamps, at, side="right")
     return np.append(np.nan, values)[rows]
+
+
+def _before_the_first_update(run: RecordedRun, at: Integers, reference: Floats) -> Floats:
+    """Return the reference in rad with what the first controller's parameters give before its first update.
+
+    In real time on a busy machine it may answer late. NaN remains where a reference came by topic, or where
+    the controller's parameters are not on record.
+    """
+    early = at[: np.flatnonzero(~np.isnan(reference))[:1].sum()]
+    firsts = {
+        int(run.table(topics.controller_state(name)).stamp_ns.min()): name
+        for name in run.judgeable
+        if run.count(topics.controller_state(name))
+    }
+    if run.exact or not len(early) or not firsts:
+        return reference
+    timeline = run.timeline(firsts[min(firsts)])
+    told = np.array(reference)
+    for k, stamp_ns in enumerate(early.tolist()):
+        timeline.advance(stamp_ns)
+        if timeline.config.reference_profile == "topic":
+            return reference
+        told[k] = reference_at(stamp_ns, timeline.config.reference)
+    return told
 
 
 def _matched(at: Integers, stamps: Integers, values: Floats) -> Floats:
