@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from trunk_control.reference import reference_at
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError, build
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
@@ -189,12 +188,18 @@ def _before_the_first_update(run: RecordedRun, at: Integers, reference: Floats) 
     the controller's parameters are not on record.
     """
     early = at[: np.flatnonzero(~np.isnan(reference))[:1].sum()]
+    if run.exact or not len(early):
+        return reference
+    from trunk_control.reference import (
+        reference_at,
+    )  # rarely needed: metrics start faster without it
+
     firsts = {
         int(run.table(topics.controller_state(name)).stamp_ns.min()): name
         for name in run.judgeable
         if run.count(topics.controller_state(name))
     }
-    if run.exact or not len(early) or not firsts:
+    if not firsts:
         return reference
     timeline = run.timeline(firsts[min(firsts)])
     told = np.array(reference)
