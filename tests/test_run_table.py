@@ -9,6 +9,8 @@ import pytest
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import CSV_COLUMNS, RunTable
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.turns import parse_swap
+from trunk_experiments.recorded import run as recorded_run
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
@@ -42,6 +44,12 @@ def test_columns_are_matched_by_stamp(run_file):
         assert getattr(table, name).tolist() == updates
 
 
+def without_the_first_answers(messages):
+    """Leave out what the controllers sent in the first 0.2 s."""
+    answers = ("/pid/state", "/fuzzy_pid/state", "/effort_command")
+    messages[:] = [m for m in messages if m[0] not in answers or m[1] >= 200_000_000]
+
+
 @pytest.mark.parametrize(
     ("profile", "before"), [("step", [0.0] * 20 + [0.2] * 20), ("topic", [None] * 40)]
 )
@@ -54,19 +62,28 @@ def test_in_real_time_the_first_answer_may_come_late(tmp_path, profile, before):
         plan = replace(plan, references={0: 0.1})
     record_offline(plan, tmp_path / "run.mcap")
 
-    def miss(messages):
-        answers = ("/pid/state", "/effort_command")
-        messages[:] = [m for m in messages if m[0] not in answers or m[1] >= 200_000_000]
-
     source, late = tmp_path / "run.mcap", tmp_path / "late.mcap"
-    copied(source, late, miss, ANEW, provenance={"mode": "real_time"})
+    copied(source, late, without_the_first_answers, ANEW, provenance={"mode": "real_time"})
     table = table_of(late)
     found = [None if np.isnan(one) else one for one in table.reference.tolist()]
     assert found[:40] == before
     assert np.isnan(table.kp[:40]).all()
     if profile == "step":
         assert metrics(table) == metrics(table_of(source))
-    copied(source, late, miss, ANEW, provenance={"mode": "lockstep"})
+    copied(source, late, without_the_first_answers, ANEW, provenance={"mode": "lockstep"})
+    assert np.isnan(table_of(late).reference[:40]).all()
+
+
+def test_the_first_answer_may_be_of_a_law_that_is_not_known_here(tmp_path, monkeypatch):
+    """The reference of the next controller says nothing of the time before it."""
+    plan = make_plan(
+        "demo", "pid", swaps=[parse_swap("0.3:fuzzy_pid")], everywhere={"duration": 0.5}
+    )
+    record_offline(plan, tmp_path / "run.mcap")
+    source, late = tmp_path / "run.mcap", tmp_path / "late.mcap"
+    copied(source, late, without_the_first_answers, ANEW, provenance={"mode": "real_time"})
+    assert not np.isnan(table_of(late).reference).any()
+    monkeypatch.setattr(recorded_run, "usable", lambda: ("fuzzy_pid",))
     assert np.isnan(table_of(late).reference[:40]).all()
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 
+import click
 import pytest
+from click.exceptions import Exit
 from mcap.reader import make_reader
 
 from trunk_experiments.cli import main
-from trunk_experiments.commands.run import show_run
+from trunk_experiments.commands.run import command, show_run, write_run
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, verify
@@ -20,6 +22,8 @@ from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_event
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.samples import JointSample
+
+from .documents import checked
 
 pytestmark = pytest.mark.slow  # every verb, every recording
 
@@ -112,6 +116,21 @@ def test_a_run_that_was_stopped_at_once_has_no_metrics_but_files(whole, tmp_path
     assert f"recording: {path}" in said.out
     with pytest.raises(RecordingError, match="no metrics"):
         show_run(files, run)
+    assert f"recording: {path}" in capsys.readouterr().out
+
+
+def test_a_run_without_metrics_has_its_document(whole, tmp_path, capsys):
+    path = copy(whole, tmp_path / "run.mcap", without(STATE))
+    told = {"scenario": "fig8", "controllers": ["fuzzy_pid"], "duration_s": 0.3}
+    more = {"update_rate_hz": 1000.0, "lockstep": False, "parameters": "params.yaml"}
+    with click.Context(command), pytest.raises(Exit) as end:
+        write_run(RecordedRun.open(path), told | more)
+    assert end.value.exit_code == RecordingError.exit_code
+    said = capsys.readouterr()
+    found = checked(said.out, "run-1")
+    assert (found["metrics"], found["states"], found["file"]) == (None, 301, str(path))
+    assert "no metrics" in found["failure"]
+    assert said.err.splitlines()[-1] == f"trunk: error: {found['failure']}"
 
 
 @pytest.mark.parametrize("topics_", [(STATE, topics.EFFORT_COMMAND), (topics.DISTURBANCE,)])

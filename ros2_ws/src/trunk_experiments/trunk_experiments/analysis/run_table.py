@@ -185,23 +185,19 @@ def _before_the_first_update(run: RecordedRun, at: Integers, reference: Floats) 
     """Return the reference in rad with what the first controller's parameters give before its first update.
 
     In real time on a busy machine it may answer late. NaN remains where a reference came by topic, or where
-    the controller's parameters are not on record.
+    the controller is not known here, or its parameters are not on record.
     """
     early = at[: np.flatnonzero(~np.isnan(reference))[:1].sum()]
     if run.exact or not len(early):
         return reference
-    from trunk_control.reference import (
-        reference_at,
-    )  # rarely needed: metrics start faster without it
+    # Needed only here: without the controllers' package, metrics start sooner.
+    from trunk_control.reference import reference_at
 
-    firsts = {
-        int(run.table(topics.controller_state(name)).stamp_ns.min()): name
-        for name in run.judgeable
-        if run.count(topics.controller_state(name))
-    }
-    if not firsts:
+    there = [name for name in run.controllers if run.count(topics.controller_state(name))]
+    first = min(there, key=lambda name: run.table(topics.controller_state(name)).stamp_ns.min())
+    if first not in run.judgeable:
         return reference
-    timeline = run.timeline(firsts[min(firsts)])
+    timeline = run.timeline(first)
     told = np.array(reference)
     for k, stamp_ns in enumerate(early.tolist()):
         timeline.advance(stamp_ns)

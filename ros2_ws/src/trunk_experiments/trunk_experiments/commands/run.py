@@ -22,10 +22,11 @@ from ..console.plan_options import (
     plan_values,
 )
 from ..console.progress import progress_bar
-from ..console.reading import show_warnings, written_values
+from ..console.reading import Values, run_values, show_warnings, written_values
 from ..console.terminal import console
 from ..errors import PlanError, RunError
 from ..recorded.run import RecordedRun
+from ..replay.doubts import doubts_of
 from ..runs.domain_claim import claimed_domain
 from ..runs.files import RunFiles
 from ..runs.graph import run_graph
@@ -110,35 +111,47 @@ def command(
         click.get_current_context().exit(tell(error))
     run = RecordedRun(recording)
     if as_json:
-        write_json("run-1", {**_values(run), **told, "failure": None})
+        write_run(run, told)
     else:
         show_run(files, run)
     if not recording.complete:
         click.get_current_context().exit(1)
 
 
-def _values(run: RecordedRun) -> dict[str, object]:
+def write_run(run: RecordedRun, told: Values) -> None:
+    """Write a run's document. One without metrics is a failed run: ends with the error's exit code."""
     show_warnings(run.recording.further_warnings)
-    return {
-        **metrics_values(run),
+    error: RecordingError | None = None
+    try:
+        found = metrics_values(run)
+    except RecordingError as without:
+        error, found = without, {**run_values(run, doubts_of(run)), "metrics": None}
+    counts = {
         "states": run.count(topics.GROUND_TRUTH),
         "commands": run.count(topics.EFFORT_COMMAND),
     }
+    write_json("run-1", {**found, **counts, **told, "failure": error and line_of(error)})
+    if error:
+        click.get_current_context().exit(tell(error))
 
 
 def show_run(files: RunFiles, run: RecordedRun, interrupted: bool = False) -> None:
     """Print a run's metrics, and where its files are.
 
-    One that was ``interrupted`` may be too short for metrics; for any other, raises RecordingError.
+    One that was ``interrupted`` may be too short for metrics; any other then raises RecordingError, after its
+    files were named.
     """
+    error: RecordingError | None = None
     try:
         show_metrics(run, "metrics of the run (true error)")
-    except RecordingError as error:
-        if not interrupted:
-            raise
+    except RecordingError as without:
+        error = without
+    if error and interrupted:
         show_warnings([f"stopped before there was anything to measure: {line_of(error)}"])
     states, commands = run.count(topics.GROUND_TRUTH), run.count(topics.EFFORT_COMMAND)
     whole = "complete: " if run.recording.complete else ""  # what is missing was printed first
     click.echo(f"{whole}{states} states, {commands} commands recorded")
     click.echo(f"recording: {files.recording}")
     click.echo(f"parameters: {files.parameters}")
+    if error and not interrupted:
+        raise error
