@@ -7,6 +7,7 @@ import struct
 import pytest
 
 from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.as_told import not_as_told
 from trunk_experiments.replay.doctor import examine
@@ -163,7 +164,8 @@ def test_a_disturbance_that_the_recorder_never_met_is_missed(whole, tmp_path, lo
         ("real_time", (1, 1), "of 1, where it must be 2 or more"),
         ("real_time", (1, 11, 8), "of 8, where it must be 11 or more"),
         ("real_time", (1, 9), "of 9, not at the end of the run"),
-        ("real_time", ("many",), "of -1, where it must be 1"),
+        ("real_time", ("many",), "of 'many', where it must be 1"),
+        ("real_time", ("9" * 5000,), "of '999999999999...9999999999999', where it must be 1"),
         ("real_time", (1, 1203), "1202 messages, but the simulator took 1203"),
         ("lockstep", (1,), "of 1 in a run in simulated time"),
     ],
@@ -180,6 +182,52 @@ def test_the_simulator_can_say_only_such_counts(whole, tmp_path, mode, said, wro
     told = [event for event in run.events if event.node == "/simulator"]
     found = [line for line in not_as_told(run, "simulator", told) if "disturb" in line]
     assert [wrong in line for line in found] == [True] * bool(wrong), found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", [0, 600])
+def test_terms_that_the_recorder_lost_are_missed(whole, tmp_path, first):
+    """In real time their controller said how many it published; without them no command can be checked."""
+
+    def lose(messages):
+        counts(messages)
+        for message in of(messages, "/fuzzy_pid/state")[first : first + 5]:
+            messages.remove(message)
+
+    path = tmp_path / "lost.mcap"
+    verdict = verify(copied(whole, path, lose, ANEW, False, provenance={"mode": "real_time"}))
+    assert verdict.exit_code == UNJUDGED, verdict
+    assert not any(part.wrong_steps for part in verdict.parts)
+    assert verdict.judged.startswith("t = 0 to 0.599 s" if first else "no state"), verdict
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("topic", [COMMAND, "/pid/state"])
+def test_the_last_words_of_a_killed_controller_may_be_missing_although_another_followed(
+    tmp_path, topic
+):
+    """In real time the recorder may lack its last commands or terms, and has those of the next one."""
+    swaps = [Swap(0.1, "fuzzy_pid")]
+    plan = make_plan("fig6", "pid", everywhere={"duration": 0.3}, swaps=swaps)
+    record_offline(plan, tmp_path / "whole.mcap")
+
+    def kill(messages):
+        told = of(messages, EVENTS)
+        (last,) = [m for m in told if b"/pid" in m[2] and Event.DEACTIVATED.encode() in m[2]]
+        messages.remove(last)
+        own = {TRUTH: 301, STATE: 301}
+        say(messages, "/simulator", Event.PUBLISHED, **own)
+        own = {COMMAND: 201, "/fuzzy_pid/state": 201}
+        say(messages, "/fuzzy_pid", Event.PUBLISHED, **own)
+        for message in of(messages, topic)[95:100]:
+            messages.remove(message)
+
+    path = tmp_path / "killed.mcap"
+    source, provenance = tmp_path / "whole.mcap", {"mode": "real_time"}
+    verdict = verify(copied(source, path, kill, ANEW, False, provenance=provenance))
+    assert verdict.exit_code == UNJUDGED, verdict
+    assert not any(part.wrong_steps for part in verdict.parts)
+    assert verdict.judged.startswith("t = 0 to 0.094 s"), verdict
 
 
 @pytest.mark.parametrize("end", [True, False], ids=["complete", "incomplete"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -113,10 +114,10 @@ def _passed_on(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
 
 
 def _disturbed(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
-    """Yield counts of taken disturbances in simulated time, that a node cannot say, or beyond the record.
+    """Yield what no simulator says of the disturbances it took, and counts of more than are on record.
 
-    The first one says 1, those at the end more. A branch has no end in real time: its parent's disturbances
-    may begin after the branch.
+    It says 1 at the first, and how many there were at the end; nothing in simulated time. What a branch took
+    over from its parent in real time is not counted: the parent's disturbances may begin after the branch.
     """
     known, least = run.count(topics.DISTURBANCE), 1
     ends = (Event.PASSED_ON, *ENDS)
@@ -125,8 +126,9 @@ def _disturbed(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
             least = 1  # it counts anew
         if event.message != Event.DISTURBED:
             continue
-        count = as_count(event.values.get("disturbances", ""))
-        what = f"run/events: {event.message!r} of {count}"
+        text = event.values.get("disturbances", "")
+        count = as_count(text)
+        what = f"run/events: {event.message!r} of {count if count >= 0 else reprlib.repr(text)}"
         if run.exact:
             yield f"{what} in a run in simulated time"
         elif count < least or (least == 1) != (count == 1):
