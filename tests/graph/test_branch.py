@@ -13,8 +13,11 @@ from trunk_experiments.branching.record import record_branch
 from trunk_experiments.branching.resume import resumed, state_at
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import RunDiff, diff
-from trunk_experiments.replay.verify import VERIFIED, verdict_on
+from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
+from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
+from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import nanoseconds, seconds
 
 from ..branches.check import differences
@@ -101,3 +104,34 @@ def test_an_eventful_run_is_branched_at_any_time(
         for change in kinds[i % 3 : i % 3 + 1]:
             found = made(path, change, tmp_path / "branch.mcap")
             assert found.first is None or found.first.stamp_ns >= nanoseconds(at)
+
+
+@pytest.mark.usefixtures("patient")
+def test_a_branch_may_begin_before_somebody_elses_disturbances(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
+    """The simulator says that it took the first one before that begins to act; a branch repeats none."""
+    truth = peer.hear(topics.GROUND_TRUTH)
+    recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
+    pid = children.node("pid")
+    simulator = children.node(
+        "simulator", "duration:=0.0", "update_rate:=200.0", "wait_for:=[effort_command,recorder]"
+    )
+    disturb = peer.publisher(topics.DISTURBANCE, "simulator")
+    peer.until(lambda: len(truth) > 50, "the run goes on")
+    assert Life(peer, "simulator").change("deactivate")  # simulated time stands still
+    stamp_ns = stamp_from_ros(truth[-1].header.stamp) + 100_000_000
+    said = JointSample(stamp_ns, ("hip", "trunk"), (0.0, 0.0), effort=(0.0, 5.0))
+    disturb.publish(sample_to_ros(said))
+    peer.until_event("simulator", Event.DISTURBED)
+    assert Life(peer, "simulator").change("activate")
+    peer.until(lambda: stamp_from_ros(truth[-1].header.stamp) > stamp_ns, "it has acted")
+    for child in (simulator, pid, recorder):
+        assert child.stop() == 0, child.stderr
+    path = tmp_path / "run.mcap"
+    run = RecordedRun.open(path)
+    assert verdict_on(run).exit_code == UNJUDGED  # that node's parameters are not on record
+    (said_ns,) = (event.stamp_ns for event in run.events if event.message == Event.DISTURBED)
+    assert said_ns < stamp_ns
+    for at_ns in (100_000_000, said_ns, stamp_ns - 5_000_000):
+        made(path, Branch(seconds(at_ns)), tmp_path / "branch.mcap")
