@@ -90,11 +90,13 @@ def pushed_run(
         child = children.trunk(
             *("run", "demo", "--duration", 6, "--output", "run"),
             *("--set", f"simulator.operator.torque={MOST}"),
+            *("--set", "simulator.autostart=false"),  # until the operator is heard
             # On a busy machine what the operator sees is old.
             *("--set", f"simulator.operator.timeout={PATIENCE}", *given),
         )
-        peer.until_started(child)
+        assert Life(peer, "simulator").change("configure")
         hand.ready(1)
+        assert Life(peer, "simulator").change("activate")
         do(hand)
         hand.taken()
         if "--lockstep" in given:
