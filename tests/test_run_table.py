@@ -14,9 +14,11 @@ from trunk_experiments.recorded import run as recorded_run
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording import schemas
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.reader import RecordingError
+from trunk_msgs_util.recording.schemas import event
 from trunk_msgs_util.recording.writer import RecordingWriter
 from trunk_msgs_util.samples import JointSample
 
@@ -74,17 +76,33 @@ def test_in_real_time_the_first_answer_may_come_late(tmp_path, profile, before):
     assert np.isnan(table_of(late).reference[:40]).all()
 
 
-def test_the_first_answer_may_be_of_a_law_that_is_not_known_here(tmp_path, monkeypatch):
-    """The reference of the next controller says nothing of the time before it."""
+@pytest.mark.parametrize("why", ["unknown law", "no terms", "order of changes not known"])
+def test_a_reference_before_the_first_answer_may_not_be_known(tmp_path, monkeypatch, why):
+    """Of another controller than the one that was active then, the parameters say nothing."""
     plan = make_plan(
-        "demo", "pid", swaps=[parse_swap("0.3:fuzzy_pid")], everywhere={"duration": 0.5}
+        "demo",
+        "pid",
+        swaps=[parse_swap("0.3:fuzzy_pid")],
+        settings=("pid.reference.value=0.1", "fuzzy_pid.reference.value=-0.3"),
+        everywhere={"duration": 0.5},
     )
     record_offline(plan, tmp_path / "run.mcap")
-    source, late = tmp_path / "run.mcap", tmp_path / "late.mcap"
-    copied(source, late, without_the_first_answers, ANEW, provenance={"mode": "real_time"})
-    assert not np.isnan(table_of(late).reference).any()
-    monkeypatch.setattr(recorded_run, "usable", lambda: ("fuzzy_pid",))
-    assert np.isnan(table_of(late).reference[:40]).all()
+
+    def edit(messages):
+        without_the_first_answers(messages)
+        if why == "no terms":
+            messages[:] = [m for m in messages if m[0] != "/pid/state"]
+        elif why == "order of changes not known":
+            topic, log_time, _, *rest = next(m for m in messages if m[0] == "/run/events")
+            messages.append([topic, log_time, event(-1, "/pid", Event.RETUNED), *rest])
+
+    source, path = tmp_path / "run.mcap", tmp_path / "edited.mcap"
+    copied(source, path, without_the_first_answers, ANEW, provenance={"mode": "real_time"})
+    assert not np.isnan(table_of(path).reference).any()
+    copied(source, path, edit, ANEW, provenance={"mode": "real_time"})
+    if why == "unknown law":
+        monkeypatch.setattr(recorded_run, "usable", lambda: ("fuzzy_pid",))
+    assert np.isnan(table_of(path).reference[:40]).all()
 
 
 def test_names_and_the_limit_come_from_the_parameters(run_file):

@@ -114,16 +114,16 @@ class Peer:
         self.until(publisher.get_subscription_count, f"somebody listens to {topic}")
         return lambda sample: publisher.publish(sample_to_ros(sample))
 
-    def publisher(self, topic: str, listener: str) -> Publisher:
-        """Return a publisher of samples, once all that listen hear it, the node ``listener`` among them."""
+    def publisher(self, topic: str, *listeners: str) -> Publisher:
+        """Return a publisher of samples, once all that listen hear it, the nodes ``listeners`` among them."""
         publisher = self.node.create_publisher(JointState, topic, qos.evidence())
 
         def heard() -> bool:
             known = self.node.get_subscriptions_info_by_topic(publisher.topic_name)
-            there = listener in {one.node_name for one in known}
+            there = {one.node_name for one in known} >= {*listeners}
             return there and publisher.get_subscription_count() >= len(known)
 
-        self.until(heard, f"{listener} listens to {topic}")
+        self.until(heard, f"{' and '.join(listeners)} listen to {topic}")
         return publisher
 
     def spin(self, timeout_s: float = 0.0) -> None:

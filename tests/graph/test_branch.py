@@ -117,10 +117,10 @@ def test_a_branch_may_begin_before_somebody_elses_disturbances(
     simulator = children.node(
         "simulator", "duration:=0.0", "update_rate:=200.0", "wait_for:=[effort_command,recorder]"
     )
-    disturb = peer.publisher(topics.DISTURBANCE, "simulator")
+    disturb = peer.publisher(topics.DISTURBANCE, "simulator", "recorder")
     peer.until(lambda: len(truth) > 50, "the run goes on")
     assert Life(peer, "simulator").change("deactivate")  # simulated time stands still
-    stamp_ns = stamp_from_ros(truth[-1].header.stamp) + 100_000_000
+    stamp_ns = peer.until_event("simulator", Event.PAUSED).stamp_ns + 100_000_000
     said = JointSample(stamp_ns, ("hip", "trunk"), (0.0, 0.0), effort=(0.0, 5.0))
     disturb.publish(sample_to_ros(said))
     peer.until_event("simulator", Event.DISTURBED)
@@ -130,8 +130,10 @@ def test_a_branch_may_begin_before_somebody_elses_disturbances(
         assert child.stop() == 0, child.stderr
     path = tmp_path / "run.mcap"
     run = RecordedRun.open(path)
+    assert run.recording.complete
     assert verdict_on(run).exit_code == UNJUDGED  # that node's parameters are not on record
     (said_ns,) = (event.stamp_ns for event in run.events if event.message == Event.DISTURBED)
     assert said_ns < stamp_ns
     for at_ns in (100_000_000, said_ns, stamp_ns - 5_000_000):
         made(path, Branch(seconds(at_ns)), tmp_path / "branch.mcap")
+        assert RecordedRun.open(tmp_path / "branch.mcap").count(topics.DISTURBANCE) == 0

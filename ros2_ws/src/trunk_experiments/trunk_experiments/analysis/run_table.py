@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.parameters.declarations import ParameterError, build
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
@@ -42,7 +43,7 @@ class RunTable:
 
     ``torque[k]`` is what was applied over [t_k, t_k+1). Reference and gains are those of the
     controller's last update, at t_k or before. In real time, the reference before the first update is that
-    of its parameters.
+    of its parameters, while it was active.
     """
 
     t: Floats  # s
@@ -90,11 +91,18 @@ class RunTable:
         nothing = np.broadcast_to(np.nan, at.shape)
         columns = dict.fromkeys(("theta_measured", *_HELD), nothing)
         if held and states:
-            state = in_turn([found.pop(topic) for topic in states])
+            terms = {name: found.pop(topics.controller_state(name)) for name in run.controllers}
+            state = in_turn(list(terms.values()))
             for name in held:
                 columns[name] = held_at(at, state.stamp_ns, state.column("position", name))
-            if "reference" in held and len(state.stamp_ns):
-                columns["reference"] = _before_the_first_update(run, at, columns["reference"])
+            firsts = {
+                int(one.stamp_ns[0]): name for name, one in terms.items() if len(one.stamp_ns)
+            }
+            if "reference" in held and firsts:
+                first = firsts[min(firsts)]
+                columns["reference"] = _before_the_first_update(
+                    run, first, at, columns["reference"]
+                )
         if topics.JOINT_STATES in found:
             measured = found[topics.JOINT_STATES]
             values = measured.column("position", trunk)
@@ -181,29 +189,32 @@ def held_at(at: Integers, stamps: Integers, values: Floats) -> Floats:
     return np.append(np.nan, values)[rows]
 
 
-def _before_the_first_update(run: RecordedRun, at: Integers, reference: Floats) -> Floats:
-    """Return the reference in rad with what the first controller's parameters give before its first update.
+def _before_the_first_update(
+    run: RecordedRun, controller: str, at: Integers, reference: Floats
+) -> Floats:
+    """Return the reference in rad with what the first controller's parameters say before its first update.
 
-    In real time on a busy machine it may answer late. NaN remains where a reference came by topic, or where
-    the controller is not known here, or its parameters are not on record.
+    In real time on a busy machine it may answer late. NaN remains where that controller was not active, where
+    a reference came by topic, and if its law or its parameters are not known.
     """
     early = at[: np.flatnonzero(~np.isnan(reference))[:1].sum()]
-    if run.exact or not len(early):
+    if run.exact or not len(early) or controller not in run.judgeable:
         return reference
     # Needed only here: without the controllers' package, metrics start sooner.
     from trunk_control.reference import reference_at
 
-    there = [name for name in run.controllers if run.count(topics.controller_state(name))]
-    first = min(there, key=lambda name: run.table(topics.controller_state(name)).stamp_ns.min())
-    if first not in run.judgeable:
-        return reference
-    timeline = run.timeline(first)
+    from ..recorded.turns import acts
+
     told = np.array(reference)
-    for k, stamp_ns in enumerate(early.tolist()):
-        timeline.advance(stamp_ns)
-        if timeline.config.reference_profile == "topic":
-            return reference
-        told[k] = reference_at(stamp_ns, timeline.config.reference)
+    try:
+        timeline = run.timeline(controller)
+        for k in np.flatnonzero(acts(run, controller, early)).tolist():
+            timeline.advance(int(early[k]))
+            if timeline.config.reference_profile == "topic":
+                return reference
+            told[k] = reference_at(int(early[k]), timeline.config.reference)
+    except TrunkError:  # such as values that cannot be used: what is recorded can still be shown
+        return reference
     return told
 
 

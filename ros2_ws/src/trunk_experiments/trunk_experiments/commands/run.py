@@ -11,6 +11,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.node import middleware
 from trunk_msgs_util.recording.topic import RecordingError
 
+from ..analysis.recorded_metrics import recorded_metrics
 from ..console.document import json_option, write_json
 from ..console.mistakes import line_of, tell
 from ..console.outputs import check_not_read, output_options
@@ -31,7 +32,7 @@ from ..runs.domain_claim import claimed_domain
 from ..runs.files import RunFiles
 from ..runs.graph import run_graph
 from ..runs.processes import check_nodes_installed
-from .metrics import metrics_values, show_metrics
+from .metrics import show_metrics
 
 
 @click.command("run")
@@ -121,11 +122,12 @@ def command(
 def write_run(run: RecordedRun, told: Values) -> None:
     """Write a run's document. One without metrics is a failed run: ends with the error's exit code."""
     show_warnings(run.recording.further_warnings)
+    found: Values = {**run_values(run, doubts_of(run)), "metrics": None}
     error: RecordingError | None = None
     try:
-        found = metrics_values(run)
+        found["metrics"] = recorded_metrics(run).as_dict()
     except RecordingError as without:
-        error, found = without, {**run_values(run, doubts_of(run)), "metrics": None}
+        error = without
     counts = {
         "states": run.count(topics.GROUND_TRUTH),
         "commands": run.count(topics.EFFORT_COMMAND),

@@ -44,6 +44,20 @@ def acting(stamps: Integers, turns: Iterable[tuple[int, bool]], begins: bool) ->
     return found if since is None else found | (stamps > since)
 
 
+def acts(run: RecordedRun, controller: str, stamps: Integers) -> Bools:
+    """Return for each stamp, ns, whether a controller is active there, by its events and parameters.
+
+    Raises RecordingError and ParameterError as `RecordedRun.changes` and `config` do.
+    """
+    changes = run.changes(controller)
+    turns = [
+        (change.stamp_ns, change.event == Event.ACTIVATED)
+        for change in sorted(changes, key=lambda change: change.stamp_ns)
+        if change.values is None and change.event != Event.RESET
+    ]
+    return acting(stamps, turns, begins_active(run.config(controller), changes))
+
+
 def exact_from_ns(run: RecordedRun) -> float:
     """Return the stamp, ns, from which on every state is answered at once; infinite if there is none.
 
@@ -68,13 +82,7 @@ def idle_ns(run: RecordedRun) -> Integers:
     stamps = stamps[stamps >= exact_from_ns(run)]
     anybody = np.zeros(len(stamps), bool)
     for name in run.controllers:
-        changes = run.changes(name)
-        turns = [
-            (change.stamp_ns, change.event == Event.ACTIVATED)
-            for change in sorted(changes, key=lambda change: change.stamp_ns)
-            if change.values is None and change.event != Event.RESET
-        ]
-        anybody |= acting(stamps, turns, begins_active(run.config(name), changes))
+        anybody |= acts(run, name, stamps)
     found: Integers = stamps[~anybody]
     return found
 

@@ -123,7 +123,7 @@ class Tally:
         if (count := self.counts[topics.DISTURBANCE]) < self._disturbed:
             return False, (
                 f"{topics.DISTURBANCE}: {count} messages were recorded, but the simulator took "
-                f"{self._disturbed}: the others were lost, or their node was killed before it was met"
+                f"{self._disturbed}: the recorder lost some, or never met their node"
             )
         return True, reason
 
