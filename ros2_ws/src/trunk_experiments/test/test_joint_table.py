@@ -47,6 +47,7 @@ def test_tables_filled_in_passing_are_those_read_one_by_one(relative, filled):
     there, read = filled.table(relative), JointTable(filled.recording, relative)
     assert (there.names, there.widths) == (read.names, read.widths)
     assert there.stamp_ns.tolist() == read.stamp_ns.tolist() == there.log_time_ns.tolist()
+    assert (there.frames, there.frame.tolist()) == (read.frames, read.frame.tolist())
     for quantity in ("position", "velocity", "effort"):
         assert there.values(quantity).tobytes() == read.values(quantity).tobytes()
 
@@ -77,6 +78,7 @@ def test_a_verified_run_is_never_read_whole(path, monkeypatch):
 
 def test_a_topic_of_several_layouts_is_read_when_it_is_needed(path, monkeypatch):
     monkeypatch.setattr("trunk_msgs_util.recording.filling.structured", lambda messages: None)
+    monkeypatch.setattr("trunk_msgs_util.recording.filling.groups", lambda messages: ([], [0]))
     run = RecordedRun.open(path)
     run.fill_tables(readable for _, readable in run.recording.survey())
     assert not run._tables

@@ -6,6 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording import schemas
 from trunk_msgs_util.samples import JointSample
 
 pytest.importorskip("rclpy")
@@ -44,6 +46,27 @@ def test_a_reader_follows_a_stream_whose_layout_changes(first, second):
     for sample in (first, first, second, first):
         assert read(sample_to_wire(sample)) == sample
         assert read(serialize_message(sample_to_ros(sample))) == sample
+
+
+@given(samples, samples)
+def test_a_reader_knows_the_frame_of_the_message_read_last(first, second):
+    read = WireReader()
+    for sample, frame_id in ((first, "pid@1"), (second, ""), (first, "lqr@2"), (first, "pid@1")):
+        assert read(sample_to_wire(sample, frame_id)) == sample
+        assert read.frame_id == frame_id
+        message = sample_to_ros(sample)
+        message.header.frame_id = "camera"
+        assert read(serialize_message(message)) == sample
+        assert read.frame_id == "camera"
+    message = schemas.deserialize(topics.JOINT_STATE_TYPE, sample_to_wire(first, "lqr@2"))
+    store = schemas._store()
+    assert (
+        read(bytes(store.serialize_cdr(message, topics.JOINT_STATE_TYPE, little_endian=False)))
+        == first
+    )
+    assert read.frame_id == "lqr@2"
+    read(b"")
+    assert read.frame_id == ""
 
 
 @pytest.mark.parametrize("stamp_ns", [-1, 0, 1, 999_999_999, 10**9, 10**18 + 7])

@@ -185,3 +185,5 @@ def test_a_stamp_beyond_the_message_is_refused():
 def test_a_layout_is_made_once():
     first, second = (JointSample(t, ("a",), (float(t),)) for t in range(2))
     assert layout_of(first) is layout_of(second)
+    assert layout_of(first, "pid@1") is layout_of(second, "pid@1")
+    assert layout_of(first, "pid@1") == JointStateLayout(("a",), 1, frame_id="pid@1")

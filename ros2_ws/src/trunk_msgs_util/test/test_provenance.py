@@ -9,6 +9,7 @@ def test_it_names_versions_machine_and_time():
     found = provenance.gather(scenario="fig6", rmw="rmw_x")
     assert found["scenario"] == "fig6"
     assert found["rmw"] == "rmw_x"
+    assert found["format"] == provenance.FORMAT == "2"
     for name in (
         "numpy",
         "mcap",

@@ -25,9 +25,10 @@ settings = st.dictionaries(
 )
 
 
-def event_of(told: dict[str, tuple[str, object]]) -> bytes:
+def event_of(told: dict[str, tuple[str, object]], source: str = "") -> bytes:
     values = {name: value for name, (_, value) in told.items()}
-    return schemas.parameter_event(7, "/pid", values, {}, {n: k for n, (k, _) in told.items()})
+    kinds = {name: kind for name, (kind, _) in told.items()}
+    return schemas.parameter_event(7, "/pid", values, {}, kinds, source)
 
 
 def by_rosbags(monkeypatch: pytest.MonkeyPatch, parse, data: bytes) -> object:
@@ -40,9 +41,9 @@ def by_rosbags(monkeypatch: pytest.MonkeyPatch, parse, data: bytes) -> object:
             return "refused"
 
 
-@given(settings)
-def test_parameters_need_no_library(told):
-    data = event_of(told)
+@given(settings, texts)
+def test_parameters_need_no_library(told, source):
+    data = event_of(told, source)
     assert run_cdr.parameter_event(data) is not None
     with pytest.MonkeyPatch.context() as monkeypatch:
         assert repr(schemas.parse_parameter_event(data)) == by_rosbags(
@@ -50,9 +51,9 @@ def test_parameters_need_no_library(told):
         )
 
 
-@given(texts, texts, st.dictionaries(texts, texts, max_size=4))
-def test_events_need_no_library(node, message, pairs):
-    data = schemas.event(7, node, message, pairs)
+@given(texts, texts, st.dictionaries(texts, texts, max_size=4), texts)
+def test_events_need_no_library(node, message, pairs, source):
+    data = schemas.event(7, node, message, pairs, source=source)
     assert run_cdr.diagnostic_array(data) is not None
     with pytest.MonkeyPatch.context() as monkeypatch:
         assert repr(schemas.parse_event(data)) == by_rosbags(monkeypatch, schemas.parse_event, data)
@@ -64,8 +65,9 @@ def test_damaged_bytes_are_judged_alike(data):
     parse, whole = data.draw(
         st.sampled_from(
             [
-                (schemas.parse_parameter_event, event_of(told)),
+                (schemas.parse_parameter_event, event_of(told, "pid@boot.1.2")),
                 (schemas.parse_event, schemas.event(7, "/sim", "fell", {"angle": 1.6})),
+                (schemas.parse_event, schemas.event(7, "/sim", "fell", source="sim@boot.1.2")),
             ]
         )
     )

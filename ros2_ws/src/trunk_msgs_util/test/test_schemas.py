@@ -21,11 +21,11 @@ sets = st.dictionaries(texts, values, max_size=4)
 stamps = st.integers(0, 2**31 * 10**9 - 1)
 
 
-@given(stamps, texts, sets, sets)
-def test_parameters_round_trip_with_their_types(stamp_ns, node, new, changed):
-    data = schemas.parameter_event(stamp_ns, node, new, changed)
+@given(stamps, texts, sets, sets, texts)
+def test_parameters_round_trip_with_their_types(stamp_ns, node, new, changed, source):
+    data = schemas.parameter_event(stamp_ns, node, new, changed, source=source)
     read = schemas.parse_parameter_event(data)
-    assert read == (stamp_ns, node, new, changed)
+    assert read == (stamp_ns, node, new, changed, source)
     for name, value in new.items():  # True == 1 == 1.0
         assert type(read.new[name]) is type(value)
         if isinstance(value, tuple):
@@ -59,10 +59,10 @@ def test_rclpy_reads_the_parameters():
     assert {n: tuple(v) if n in ("dd", "ss", "ii") else v for n, v in seen.items()} == new
 
 
-@given(stamps, texts, texts, st.dictionaries(texts, texts, max_size=4), st.integers(0, 3))
-def test_events_round_trip(stamp_ns, node, message, pairs, level):
-    data = schemas.event(stamp_ns, node, message, pairs, level)
-    assert schemas.parse_event(data) == (stamp_ns, node, message, pairs, level)
+@given(stamps, texts, texts, st.dictionaries(texts, texts, max_size=4), st.integers(0, 3), texts)
+def test_events_round_trip(stamp_ns, node, message, pairs, level, source):
+    data = schemas.event(stamp_ns, node, message, pairs, level, source)
+    assert schemas.parse_event(data) == (stamp_ns, node, message, pairs, level, source)
 
 
 def test_an_event_is_the_message_that_a_node_publishes():

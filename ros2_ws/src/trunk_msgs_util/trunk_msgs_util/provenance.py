@@ -1,6 +1,6 @@
 """Where a run comes from: versions, commit, machine, time. Gathering it never fails.
 
-Readers need only `ARITHMETIC`; what a run's writer needs is imported when it gathers.
+Readers need only `ARITHMETIC` and `FORMAT`; what a run's writer needs is imported when it gathers.
 """
 
 from __future__ import annotations
@@ -12,6 +12,11 @@ from pathlib import Path
 # How numbers are computed: sums, products, quotients and roots of IEEE 754 doubles, and the functions of
 # `elementary` and `noise`. Any change of a bit needs a new name.
 ARITHMETIC = "portable-1"
+
+# What a recording holds, and how. "2": in real time each message of our nodes has its source in
+# ``header.frame_id``, and ``plant/inputs`` has what acted on the plant in each state; "1", which no recording
+# names: neither of the two.
+FORMAT = "2"
 
 UNKNOWN = "unknown"
 NONE = "none"
@@ -32,6 +37,7 @@ def gather(**known: str) -> dict[str, str]:
         "commit": _commit(),
         **{name: _version(name) for name in _PROJECT + _LIBRARIES},
         "arithmetic": ARITHMETIC,
+        "format": FORMAT,
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "platform": platform.platform(),
         "host": platform.node() or UNKNOWN,

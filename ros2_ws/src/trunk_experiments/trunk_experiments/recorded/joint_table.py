@@ -11,6 +11,7 @@ from trunk_msgs_util.recording.filling import Filling
 from trunk_msgs_util.recording.joint_arrays import (
     QUANTITIES,
     Floats,
+    Frames,
     Integers,
     JointArrays,
     decode,
@@ -29,6 +30,9 @@ class JointTable:
     ``filled``: what was already read of it; its values, where they were not kept, are read when asked for.
     """
 
+    frames: tuple[str, ...]
+    frame: Frames  # [N], of each message: an index into `frames`
+
     def __init__(
         self,
         recording: Recording,
@@ -45,9 +49,11 @@ class JointTable:
             self.arrays = self._read(needed)
             self.names, self.stamp_ns = self.arrays.names, self.arrays.stamp_ns
             self.log_time_ns = self.arrays.log_time_ns
+            self.frames, self.frame = self.arrays.frames, self.arrays.frame
             self.widths = {q: getattr(self.arrays, q).shape[1] for q in QUANTITIES}
         else:
             self.names, self.widths = filled.names, filled.widths
+            self.frames, self.frame = filled.frames, filled.frame
             self.stamp_ns, self.log_time_ns = filled.times(known_ns)
             arrays = filled.arrays(self.stamp_ns, self.log_time_ns)
             if arrays is not None:

@@ -274,7 +274,7 @@ def _told(run: RecordedRun) -> Iterator[str]:
         told = _readable(parse_event, data)
         if told is None:
             continue
-        plain = event(told.stamp_ns, told.node, told.message, told.values, told.level)
+        plain = event(*told)
         if _plain(topics.DIAGNOSTIC_ARRAY_TYPE, data) != plain:
             yield f"run/events: {told.node} {told.message!r}: the message holds more than an event"
     for data in _all(run, topics.RUN_PARAMETERS):
@@ -289,7 +289,7 @@ def _told(run: RecordedRun) -> Iterator[str]:
             continue
         kinds = {name: d.kind for name, d in declared.items()}
         try:
-            plain = parameter_event(*change, kinds)
+            plain = parameter_event(*change[:4], kinds, change.source)
         except Exception:  # a value that its declared kind cannot hold
             plain = b""
         if _plain(topics.PARAMETER_EVENT_TYPE, data) != plain:

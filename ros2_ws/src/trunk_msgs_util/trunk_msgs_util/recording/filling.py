@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .joint_arrays import QUANTITIES, Floats, Integers, JointArrays, stamps, structured
+from .joint_arrays import (
+    QUANTITIES,
+    Floats,
+    Frames,
+    Integers,
+    JointArrays,
+    all_of_the_first,
+    groups,
+    stamps,
+    structured,
+)
+from .limits import MAX_LAYOUTS, LimitError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from .joint_state_cdr import JointStateLayout
     from .messages import Messages
 
 
 class Filling:
-    """Takes a topic's messages in their order. ``regular``: all have the same names and quantities."""
+    """Takes a topic's messages in their order. ``regular``: all have the same names and quantities.
+
+    Their frames may differ, as where another controller takes over.
+    """
 
     def __init__(self, count: int, values: bool) -> None:
         """Expect ``count`` messages; without ``values``, only their stamps and what is in each are kept."""
@@ -24,24 +41,46 @@ class Filling:
         self._count, self._found = count, 0
         self._stamp_ns: Integers = np.empty(count, np.int64)
         self._log_time_ns: Integers = np.empty(count, np.int64)
+        self._frames: dict[str, int] = {}
+        self._frame: Frames | None = None  # made where there is more than one frame
 
     def take(self, messages: Messages) -> None:
         """Take the next messages."""
-        rows = slice(self._found, self._found + len(messages))
-        found = structured(messages) if self.regular and rows.stop <= self._count else None
-        if found is None:
+        first = self._found
+        self._found += len(messages)
+        self.regular = self.regular and self._found <= self._count
+        if not self.regular:
+            return
+        self._log_time_ns[first : self._found] = messages.log_time_ns
+        found = structured(messages)
+        if found is not None:
+            self._put(slice(first, self._found), *found)
+            return
+        try:
+            layouts, strange = groups(messages)
+        except LimitError:
             self.regular = False
             return
-        names, array = found
-        widths = {quantity: array[quantity].shape[1] for quantity in QUANTITIES}
-        if not self._found:
-            self._begin(names, widths)
-        if (names, widths) != (self.names, self.widths):
+        self.regular = not strange
+        for layout, rows in layouts:
+            if self.regular:
+                array = layout.decode_at(messages.data, messages.start[rows])
+                self._put(first + rows, layout, array)
+
+    def _put(self, rows: slice | Integers, layout: JointStateLayout, array: NDArray[Any]) -> None:
+        """Put messages of one layout into these rows."""
+        widths = {quantity: int(getattr(layout, quantity)) for quantity in QUANTITIES}
+        if not self.widths:
+            self._begin(layout.name, widths)
+        place = self._frames.setdefault(layout.frame_id, len(self._frames))
+        if (layout.name, widths) != (self.names, self.widths) or place >= MAX_LAYOUTS:
             self.regular = False
             return
-        self._found = rows.stop
+        if place and self._frame is None:
+            self._frame = np.zeros(self._count, np.int32)
+        if self._frame is not None:
+            self._frame[rows] = place
         self._stamp_ns[rows] = stamps(array)
-        self._log_time_ns[rows] = messages.log_time_ns
         for quantity, values in (self._values or {}).items():
             values[rows] = array[quantity]
 
@@ -56,6 +95,16 @@ class Filling:
         """True if the topic is regular, and as many messages came as were expected."""
         return self.regular and 0 < self._found == self._count
 
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """The frames that the messages have."""
+        return tuple(self._frames)
+
+    @property
+    def frame(self) -> Frames:
+        """Each message's frame [N], an index into `frames`."""
+        return all_of_the_first(self._count) if self._frame is None else self._frame
+
     def times(self, known: Integers | None) -> tuple[Integers, Integers]:
         """Return stamps and log times [N], in ns; equal ones, also to those ``known``, share their memory."""
         stamp_ns, log_ns = self._stamp_ns, self._log_time_ns
@@ -67,4 +116,7 @@ class Filling:
         """Return the messages, with the times of `times`; None if their values were not kept."""
         if self._values is None:
             return None
-        return JointArrays(self.names, stamp_ns, log_ns, *(self._values[q] for q in QUANTITIES))
+        position, velocity, effort = (self._values[q] for q in QUANTITIES)
+        return JointArrays(
+            self.names, stamp_ns, log_ns, position, velocity, effort, self.frames, self.frame
+        )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,8 +22,10 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Frames = NDArray[np.int32]
 QUANTITIES = ("position", "velocity", "effort")
 _MAX_UNUSUAL_BYTES = 1 << 20  # of a message that is read one by one
+_ALL_OF_THE_FIRST: Frames = np.zeros(0, np.int32)
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,7 @@ class JointArrays:
     """N messages in the order of the file.
 
     A quantity is [N, names], NaN where a message does not carry it, or [N, 0] if none does.
+    In real time a message's frame, ``frames[frame[i]]``, is the source that sent it.
     """
 
     names: tuple[str, ...]
@@ -39,6 +42,13 @@ class JointArrays:
     position: Floats
     velocity: Floats
     effort: Floats
+    frames: tuple[str, ...] = ("",)
+    frame: Frames = field(default_factory=lambda: _ALL_OF_THE_FIRST)  # [N], index into `frames`
+
+    def __post_init__(self) -> None:
+        """Without frames of its own, every message is in the first; this takes no memory."""
+        if self.frame is _ALL_OF_THE_FIRST:
+            object.__setattr__(self, "frame", all_of_the_first(len(self)))
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
@@ -59,12 +69,21 @@ class JointArrays:
 
     def rows(self, rows: Integers) -> JointArrays:
         """Return some of the messages, in this order."""
-        quantities = (getattr(self, quantity)[rows] for quantity in QUANTITIES)
-        return JointArrays(self.names, self.stamp_ns[rows], self.log_time_ns[rows], *quantities)
+        position, velocity, effort = (getattr(self, quantity)[rows] for quantity in QUANTITIES)
+        stamp_ns, log_time_ns = self.stamp_ns[rows], self.log_time_ns[rows]
+        frame = self.frame[rows] if len(self.frames) > 1 else _ALL_OF_THE_FIRST
+        return JointArrays(
+            self.names, stamp_ns, log_time_ns, position, velocity, effort, self.frames, frame
+        )
 
 
-def structured(messages: Messages) -> tuple[tuple[str, ...], NDArray[Any]] | None:
-    """Return the names and an array of fields sec, nanosec, position, velocity, effort.
+def all_of_the_first(count: int) -> Frames:
+    """Return the frames [N] of messages that have one frame in common, without memory for each."""
+    return np.broadcast_to(np.int32(0), (count,))
+
+
+def structured(messages: Messages) -> tuple[JointStateLayout, NDArray[Any]] | None:
+    """Return the layout and an array of fields sec, nanosec, position, velocity, effort.
 
     No Python work per message; a quantity is [N, values]. None if the messages do not all
     share one layout, or are big-endian or malformed.
@@ -75,7 +94,7 @@ def structured(messages: Messages) -> tuple[tuple[str, ...], NDArray[Any]] | Non
         return None
     try:
         layout = shared(JointStateLayout.parse(data[start[0] : end[0]]))
-        return layout.name, layout.decode_at(data, start)
+        return layout, layout.decode_at(data, start)
     except ValueError:
         return None
 
@@ -116,14 +135,22 @@ def groups(messages: Messages) -> tuple[list[tuple[JointStateLayout, Integers]],
 
 def misfit(layout: JointStateLayout) -> str:
     """Return why values do not match names; empty if they do."""
-    names = len(layout.name)
-    if len(set(layout.name)) < names:
+    if len(set(layout.name)) < len(layout.name):
         return f"a name appears twice among {', '.join(layout.name)}"[:200]
+    try:
+        check_counts(layout)
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def check_counts(layout: JointStateLayout) -> None:
+    """Raise ValueError unless each quantity has a value for each name, or none at all."""
+    names = len(layout.name)
     for quantity in QUANTITIES:
         count = getattr(layout, quantity)
         if count not in (0, names):
-            return f"{count} values of {quantity} for {names} names"
-    return ""
+            raise ValueError(f"{count} values of {quantity} for {names} names")
 
 
 def decode(messages: Messages) -> JointArrays:
@@ -134,37 +161,41 @@ def decode(messages: Messages) -> JointArrays:
     log = messages.log_time_ns
     found = structured(messages)
     if found is not None:
-        names, array = found
-        return _arrays(names, stamps(array), log, [array[quantity] for quantity in QUANTITIES])
+        layout, array = found
+        return _arrays(layout, array, log)
     parts: list[tuple[Integers, JointArrays]] = []
     regular, strange = groups(messages)
     for layout, rows in regular:
         array = layout.decode_at(messages.data, messages.start[rows])
-        quantities = [array[quantity] for quantity in QUANTITIES]
-        parts.append((rows, _arrays(layout.name, stamps(array), log[rows], quantities)))
+        parts.append((rows, _arrays(layout, array, log[rows])))
     for row in strange:
-        parts.append((np.array([row]), _one(sample(messages, row), log[row : row + 1])))
+        parts.append((np.array([row]), _one(messages, row)))
     parts.sort(key=lambda part: int(part[0][0]))
     joined = concatenate([part for _, part in parts])
     order = np.argsort(np.concatenate([rows for rows, _ in parts]), kind="stable")
     return joined.rows(order)
 
 
-def _arrays(
-    names: tuple[str, ...], stamp: Integers, log: Integers, quantities: Sequence[Any]
-) -> JointArrays:
-    for quantity, values in zip(QUANTITIES, quantities, strict=True):
-        if values.shape[1] not in (0, len(names)):
-            raise ValueError(f"{values.shape[1]} values of {quantity} for {len(names)} names")
+def _arrays(layout: JointStateLayout, array: NDArray[Any], log: Integers) -> JointArrays:
+    """Return the messages that `JointStateLayout.decode_at` gives, which may be a view, as arrays."""
+    check_counts(layout)
     # Contiguous copies: a view would keep the whole chunk alive.
-    return JointArrays(names, stamp, log, *(np.array(v, np.float64) for v in quantities))
+    position, velocity, effort = (np.array(array[quantity], np.float64) for quantity in QUANTITIES)
+    frames = (layout.frame_id,)
+    return JointArrays(layout.name, stamps(array), log, position, velocity, effort, frames)
 
 
 def sample(messages: Messages, row: int) -> JointSample:
     """Return a message that no layout describes. Raises ValueError if it cannot be read."""
+    return _unusual(messages, row)[1]
+
+
+def _unusual(messages: Messages, row: int) -> tuple[str, JointSample]:
+    """Return the frame and the content of a message that no layout describes; raises as `sample`."""
     data = messages.data[messages.start[row] : messages.end[row]]
     try:
-        return shared(JointStateLayout.parse(data)).unpack(data)
+        layout = shared(JointStateLayout.parse(data))
+        return layout.frame_id, layout.unpack(data)
     except ValueError as error:
         refused = error
     if len(data) > _MAX_UNUSUAL_BYTES:
@@ -173,24 +204,27 @@ def sample(messages: Messages, row: int) -> JointSample:
         message = deserialize(JOINT_STATE_TYPE, data)
     except ValueError as error:  # the first reason is the better one, if it is one
         raise refused if data[:2] == b"\x00\x01" else error from None
-    names = tuple(message.name)
+    frame, names = message.header.frame_id, tuple(message.name)
     values = tuple(tuple(getattr(message, quantity).tolist()) for quantity in QUANTITIES)
-    if len(names) > MAX_JOINTS or any(len(name) > MAX_NAME for name in names):
+    if len(names) > MAX_JOINTS or any(len(name) > MAX_NAME for name in (frame, *names)):
         raise refused
     position, velocity, effort = map(len, values)
     why = misfit(JointStateLayout(names, position, velocity, effort))
     if why:
         raise ValueError(why)
-    return JointSample(stamp_of(message.header.stamp), names, *values)
+    return frame, JointSample(stamp_of(message.header.stamp), names, *values)
 
 
-def _one(found: JointSample, log: Integers) -> JointArrays:
-    rows = [np.array([values], np.float64).reshape(1, -1) for values in found[2:]]
-    return _arrays(found.name, np.array([found.stamp_ns], np.int64), log, rows)
+def _one(messages: Messages, row: int) -> JointArrays:
+    frame, (stamp_ns, names, *quantities) = _unusual(messages, row)
+    stamp, log = np.array([stamp_ns], np.int64), messages.log_time_ns[row : row + 1]
+    position, velocity, effort = (np.array([v], np.float64).reshape(1, -1) for v in quantities)
+    return JointArrays(names, stamp, log, position, velocity, effort, (frame,))
 
 
 def concatenate(parts: Sequence[JointArrays]) -> JointArrays:
     """Return the parts concatenated; names that a part lacks are NaN there."""
+    frames, frame = _all_frames(parts)
     names = tuple(dict.fromkeys(name for part in parts for name in part.names))
     places = {name: place for place, name in enumerate(names)}
 
@@ -209,9 +243,19 @@ def concatenate(parts: Sequence[JointArrays]) -> JointArrays:
         return np.concatenate([spread(values, part) for values, part in pairs])
 
     no_stamps = np.empty(0, np.int64)
-    return JointArrays(
-        names,
-        np.concatenate([no_stamps, *(part.stamp_ns for part in parts)]),
-        np.concatenate([no_stamps, *(part.log_time_ns for part in parts)]),
-        *(joined(quantity) for quantity in QUANTITIES),
+    stamp_ns = np.concatenate([no_stamps, *(part.stamp_ns for part in parts)])
+    log_time_ns = np.concatenate([no_stamps, *(part.log_time_ns for part in parts)])
+    position, velocity, effort = map(joined, QUANTITIES)
+    return JointArrays(names, stamp_ns, log_time_ns, position, velocity, effort, frames, frame)
+
+
+def _all_frames(parts: Sequence[JointArrays]) -> tuple[tuple[str, ...], Frames]:
+    """Return all frames of the parts, and which of them each message has."""
+    frames = tuple(dict.fromkeys(frame for part in parts for frame in part.frames)) or ("",)
+    if len(frames) == 1:
+        return frames, _ALL_OF_THE_FIRST
+    places = {frame: place for place, frame in enumerate(frames)}
+    tables = (np.array([places[frame] for frame in part.frames], np.int32) for part in parts)
+    return frames, np.concatenate(
+        [table[part.frame] for table, part in zip(tables, parts, strict=True)]
     )

@@ -227,8 +227,10 @@ class JointStateLayout:
 
 
 @lru_cache(maxsize=256)
-def _layout(name: tuple[str, ...], position: int, velocity: int, effort: int) -> JointStateLayout:
-    return JointStateLayout(name, position, velocity, effort)
+def _layout(
+    name: tuple[str, ...], position: int, velocity: int, effort: int, frame_id: str
+) -> JointStateLayout:
+    return JointStateLayout(name, position, velocity, effort, frame_id)
 
 
 @lru_cache(maxsize=256)
@@ -237,6 +239,7 @@ def shared(layout: JointStateLayout) -> JointStateLayout:
     return layout
 
 
-def layout_of(sample: JointSample) -> JointStateLayout:
-    """Return the layout that packs the sample, made once for all samples of its kind."""
-    return _layout(sample.name, len(sample.position), len(sample.velocity), len(sample.effort))
+def layout_of(sample: JointSample, frame_id: str = "") -> JointStateLayout:
+    """Return the layout that packs the sample, made once for all samples of its kind and frame."""
+    _, name, position, velocity, effort = sample
+    return _layout(name, len(position), len(velocity), len(effort), frame_id)

@@ -27,6 +27,7 @@ class Status(NamedTuple):
     name: str
     message: str
     pairs: list[tuple[str, str]]
+    frame: str
 
 
 class Parameters(NamedTuple):
@@ -37,6 +38,7 @@ class Parameters(NamedTuple):
     node: str
     new: list[tuple[str, int, tuple[Any, ...]]]
     changed: list[tuple[str, int, tuple[Any, ...]]]
+    deleted: list[tuple[str, int, tuple[Any, ...]]]
 
 
 class _RunCursor:
@@ -101,7 +103,7 @@ def diagnostic_array(data: bytes) -> Status | None:
     try:
         cursor = _RunCursor(data)
         sec, nanosec = cursor.number(_STAMP, 4)
-        cursor.text()  # frame_id
+        frame = cursor.text()
         if cursor.number(_COUNT, 4) != 1:
             return None
         level, name, message = cursor.byte(), cursor.text(), cursor.text()
@@ -110,7 +112,7 @@ def diagnostic_array(data: bytes) -> Status | None:
         cursor.end()
     except (ValueError, struct.error, IndexError):
         return None
-    return Status(sec, nanosec, level, name, message, pairs)
+    return Status(sec, nanosec, level, name, message, pairs, frame)
 
 
 def parameter_event(data: bytes) -> Parameters | None:
@@ -119,8 +121,8 @@ def parameter_event(data: bytes) -> Parameters | None:
         cursor = _RunCursor(data)
         sec, nanosec = cursor.number(_STAMP, 4)
         node = cursor.text()
-        new, changed, _ = (cursor.several(cursor.parameter) for _ in range(3))
+        new, changed, deleted = (cursor.several(cursor.parameter) for _ in range(3))
         cursor.end()
     except (ValueError, struct.error, IndexError):
         return None
-    return Parameters(sec, nanosec, node, new, changed)
+    return Parameters(sec, nanosec, node, new, changed, deleted)

@@ -36,6 +36,7 @@ _KINDS = {
     "string array": (9, "string_array_value"),
 }
 _FIELDS = dict(_KINDS.values())
+_NOT_SET = 0
 _ARRAYS = {"byte": np.uint8, "bool": np.bool_, "integer": np.int64, "double": np.float64}
 _KIND_OF = {bool: "bool", int: "integer", float: "double", str: "string"}
 
@@ -47,6 +48,7 @@ class ParameterChange(NamedTuple):
     node: str  # fully qualified
     new: dict[str, Value]
     changed: dict[str, Value]
+    source: str = ""  # NODE@PROCESS in real time
 
 
 class RunEvent(NamedTuple):
@@ -57,6 +59,7 @@ class RunEvent(NamedTuple):
     message: str
     values: dict[str, str]
     level: int
+    source: str = ""  # NODE@PROCESS in real time
 
 
 @cache
@@ -120,8 +123,9 @@ def _kind(name: str, value: Value) -> str:
     return _KIND_OF[type(value[0])] + " array"
 
 
-def _parameter(name: str, value: Value, kind: str) -> Any:
-    fields: dict[str, Any] = {
+def _no_values() -> dict[str, Any]:
+    """Return the fields of a ParameterValue that is not set."""
+    return {
         "bool_value": False,
         "integer_value": 0,
         "double_value": 0.0,
@@ -129,12 +133,20 @@ def _parameter(name: str, value: Value, kind: str) -> Any:
         "string_array_value": [],
         **{f"{element}_array_value": np.array([], kind) for element, kind in _ARRAYS.items()},
     }
+
+
+def _parameter(name: str, value: Value, kind: str) -> Any:
+    fields = _no_values()
     number, field = _KINDS[kind]
     element = kind.removesuffix(" array")
     if isinstance(value, tuple):
         fields[field] = np.array(value, _ARRAYS[element]) if element in _ARRAYS else list(value)
     else:
         fields[field] = value
+    return _with_value(name, number, fields)
+
+
+def _with_value(name: str, number: int, fields: dict[str, Any]) -> Any:
     return build(
         "rcl_interfaces/msg/Parameter",
         name=name,
@@ -148,9 +160,11 @@ def parameter_event(
     new: Mapping[str, Value],
     changed: Mapping[str, Value],
     kinds: Mapping[str, str] | None = None,
+    source: str = "",
 ) -> bytes:
     """Return a serialized ParameterEvent.
 
+    A ``source`` is the one deleted parameter, a name without a value: the message has no header for it.
     ``kinds`` gives kinds by name, as `declarations.Declaration.kind` has them; others are taken
     from the value. Raises ValueError for an empty array whose kind is not given.
     """
@@ -168,7 +182,7 @@ def parameter_event(
         node=node,
         new_parameters=listed(new),
         changed_parameters=listed(changed),
-        deleted_parameters=[],
+        deleted_parameters=[_with_value(source, _NOT_SET, _no_values())] if source else [],
     )
     return serialize(PARAMETER_EVENT_TYPE, message)
 
@@ -195,6 +209,7 @@ def parse_parameter_event(data: bytes) -> ParameterChange:
             found.node,
             {name: values[kind - 1] for name, kind, values in found.new if kind in _FIELDS},
             {name: values[kind - 1] for name, kind, values in found.changed if kind in _FIELDS},
+            _source([name for name, _, _ in found.deleted]),
         )
     message = deserialize(PARAMETER_EVENT_TYPE, data)
     return ParameterChange(
@@ -202,7 +217,13 @@ def parse_parameter_event(data: bytes) -> ParameterChange:
         message.node,
         _values(message.new_parameters),
         _values(message.changed_parameters),
+        _source([parameter.name for parameter in message.deleted_parameters]),
     )
+
+
+def _source(deleted: list[str]) -> str:
+    """Return the source that a ParameterEvent names; empty if it names none."""
+    return deleted[0] if len(deleted) == 1 else ""
 
 
 def event(
@@ -211,6 +232,7 @@ def event(
     message: str,
     values: Mapping[str, object] | None = None,
     level: int = LEVEL_OK,
+    source: str = "",
 ) -> bytes:
     """Return a serialized DiagnosticArray with one status; values are written as text."""
     pairs = [
@@ -225,7 +247,7 @@ def event(
         hardware_id="trunk",
         values=pairs,
     )
-    header = build("std_msgs/msg/Header", stamp=_time(stamp_ns), frame_id="")
+    header = build("std_msgs/msg/Header", stamp=_time(stamp_ns), frame_id=source)
     return serialize(
         DIAGNOSTIC_ARRAY_TYPE, build(DIAGNOSTIC_ARRAY_TYPE, header=header, status=[status])
     )
@@ -236,7 +258,8 @@ def parse_event(data: bytes) -> RunEvent:
     found = run_cdr.diagnostic_array(data)
     if found is not None:
         stamp_ns = found.sec * NANOSECONDS + found.nanosec
-        return RunEvent(stamp_ns, found.name, found.message, dict(found.pairs), found.level)
+        pairs = dict(found.pairs)
+        return RunEvent(stamp_ns, found.name, found.message, pairs, found.level, found.frame)
     message = deserialize(DIAGNOSTIC_ARRAY_TYPE, data)
     if not message.status:
         raise ValueError("a DiagnosticArray without a status")
@@ -247,4 +270,5 @@ def parse_event(data: bytes) -> RunEvent:
         status.message,
         {pair.key: pair.value for pair in status.values},
         status.level,
+        message.header.frame_id,
     )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..topics import JOINT_STATE_TYPE
-from .joint_arrays import QUANTITIES, Floats, Integers, JointArrays, decode, stamps, structured
+from .joint_arrays import Floats, Integers, JointArrays, check_counts, decode, stamps, structured
 from .topic import RecordingError
 
 if TYPE_CHECKING:
@@ -121,12 +121,9 @@ class _Filling:
             for (quantity, name), values in self._columns.items():
                 values[rows] = arrays.column(quantity, name)
             return
-        names, array = found
-        for quantity in QUANTITIES:
-            if array[quantity].shape[1] not in (0, len(names)):
-                raise ValueError(
-                    f"{array[quantity].shape[1]} values of {quantity} for {len(names)} names"
-                )
+        layout, array = found
+        names = layout.name
+        check_counts(layout)
         self._stamp_ns[rows] = stamps(array)
         for (quantity, name), values in self._columns.items():
             has = name in names and array[quantity].shape[1]
