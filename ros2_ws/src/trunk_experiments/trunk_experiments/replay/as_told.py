@@ -124,7 +124,7 @@ def _disturbed(run: RecordedRun, told: list[RunEvent]) -> Iterator[str]:
     for event, following in zip(told, [*told[1:], None], strict=True):
         if event.message == Event.CLEANED_UP:
             least = 1  # it counts anew
-        if event.message != Event.DISTURBED:
+        if event.message != "disturbed":
             continue
         text = event.values.get("disturbances", "")
         count = as_count(text)

@@ -77,7 +77,7 @@ def _unmet(run: RecordedRun) -> Iterator[int]:
     stamp is at most a step later.
     """
     node = run.recording.topic("simulator")
-    said = [e for e in run.events if (e.node, e.message) == (node, Event.DISTURBED)]
+    said = [e for e in run.events if (e.node, e.message) == (node, "disturbed")]
     if not said:
         return
     truth, there = (run.table(t).stamp_ns for t in (topics.GROUND_TRUTH, topics.DISTURBANCE))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _OF_ALL = {Event.CONFIGURED, Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP,
            Event.RETUNED, Event.FAILED}  # fmt: skip
 _OF_SIMULATOR = {Event.STARTED, Event.RESET, Event.PAUSED, Event.RESUMED, Event.FELL,
-                 Event.PASSED_ON, Event.DISTURBED, Event.PUBLISHED, *ENDS}  # fmt: skip
+                 Event.PASSED_ON, Event.PUBLISHED, *ENDS}  # fmt: skip
 _SAYS = {
     "simulator": _OF_ALL | _OF_SIMULATOR,
     "disturbance": _OF_ALL | {Event.READY, Event.PUBLISHED},
