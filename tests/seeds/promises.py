@@ -138,10 +138,39 @@ def _everything(run: Run, found: RecordedRun) -> Iterator[str]:
     ends = [event for event in found.events if event.message == Event.FINISHED]
     if not ends:
         yield "complete without an end"
+    if not run.story.lockstep:
+        yield from _what_acted(found)
     for topic in (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.EFFORT_COMMAND):
         least, most = run.published(topic) or (0, found.count(topic))
         if not least <= found.count(topic) <= most:
             yield f"complete with {found.count(topic)} of {least} to {most} messages on {topic}"
+
+
+def _what_acted(found: RecordedRun) -> Iterator[str]:
+    """Yield states of a complete recording of which it does not have what acted on the plant."""
+    rows, states = found.table(topics.PLANT_INPUTS), found.table(topics.GROUND_TRUTH)
+    if rows.stamps != states.stamps:
+        yield f"complete with {len(rows)} rows of what acted for {len(states)} states"
+    for topic, column, quantity in (
+        (topics.EFFORT_COMMAND, 0, "effort"),
+        (topics.DISTURBANCE, 1, "effort"),
+    ):
+        table = found.table(topic)
+        values = table.values(quantity)[:, 0]
+        there = {
+            (stamp, table.frames[frame]): value
+            for stamp, frame, value in zip(table.stamps, table.frame, values, strict=True)
+        }
+        for row, stamp in enumerate(rows.stamps):
+            age = rows.values("velocity")[row, column]
+            source = rows.frames[rows.frame[row]].split()[1 + (column > 0)]
+            named = stamp - int(age), "" if source == "-" else source
+            value = rows.values("position")[row, column]
+            if age < 0.0:
+                if value or source != "-":
+                    yield f"{topic}: nothing acted at {stamp} ns, but {value:g} of {source}"
+            elif there.get(named) != value:
+                yield f"{topic}: {named} acted, but is not on record with {value:g}"
 
 
 def _as_offline(run: Run, found: RecordedRun) -> Iterator[str]:

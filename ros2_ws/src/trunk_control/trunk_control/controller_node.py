@@ -133,15 +133,15 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         return False
 
     def _publish(self, stamp_ns: int, measurement: float, answer: Answer) -> None:
-        self._command.publish(
-            sample_to_wire(JointSample(stamp_ns, (self.config.joint,), effort=(answer.effort,)))
-        )
+        command = JointSample(stamp_ns, (self.config.joint,), effort=(answer.effort,))
+        self._command.publish(sample_to_wire(command, self.source))
         self._updates += 1
         if answer.fresh:
             if answer.terms.effort != answer.terms.unsaturated:
                 self.counters["commands limited"] += 1
             values = state_record(answer, measurement)
-            record = sample_to_wire(JointSample(stamp_ns, self._names, position=values))
+            terms = JointSample(stamp_ns, self._names, position=values)
+            record = sample_to_wire(terms, self.source)
             self._terms.publish(record)
             if self._controller_state.get_subscription_count():
                 self._controller_state.publish(record)

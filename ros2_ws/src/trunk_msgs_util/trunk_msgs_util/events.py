@@ -65,12 +65,6 @@ class Event(str, Enum):
         "link.command",
         "sensor.dropout",
     )
-    DISTURBED = (
-        "disturbed",
-        "simulator",
-        "In real time, after the first disturbance and at the end: `disturbances` have been taken",
-        "disturbances",
-    )
     FINISHED = (
         "finished",
         "simulator",

@@ -11,6 +11,7 @@ DISTURBANCE = "disturbance"
 REFERENCE = "reference"
 OPERATOR_REQUEST = "operator/request"
 OPERATOR_PUSH = "operator/push"
+PLANT_INPUTS = "plant/inputs"
 RUN_PARAMETERS = "run/parameters"
 RUN_EVENTS = "run/events"
 RECORDER_PROGRESS = "recorder/progress"
@@ -27,6 +28,9 @@ MARKER_ARRAY_TYPE = "visualization_msgs/msg/MarkerArray"
 STRING_TYPE = "std_msgs/msg/String"
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
+
+# The provenance's name of the mode in which the wall clock paces a run.
+REAL_TIME = "real_time"
 
 PICTURES = {MARKERS: MARKER_ARRAY_TYPE, TF: TF_TYPE, ROBOT_DESCRIPTION: STRING_TYPE}
 
@@ -101,6 +105,18 @@ DESCRIPTIONS = (
         ),
     ),
     (
+        PLANT_INPUTS,
+        JOINT_STATE_TYPE,
+        "simulator",
+        (
+            "in real time, for each state and for the recorder alone: what acts on the plant over the step "
+            "from it; command, hip_force, trunk_torque, hip_offset, trunk_offset: position = value [N m, N, "
+            "N m, m, rad], velocity = its age [ns], the state's stamp minus that of the command or "
+            "disturbance, -1 where none is in force; `header.frame_id`: the sources of the row, the command "
+            "and the disturbance, `-` for none and for one that is not ours"
+        ),
+    ),
+    (
         "CONTROLLER/reference",
         JOINT_STATE_TYPE,
         "anyone",
@@ -147,6 +163,9 @@ DESCRIPTIONS = (
         "once a second: rates, lateness, and counts of what was refused or limited",
     ),
 )
+
+# The names in a row of ``plant/inputs``, in order; values are in ``position``, their ages in ``velocity``.
+INPUT_NAMES = ("command", "hip_force", "trunk_torque", "hip_offset", "trunk_offset")
 
 # The names of a ``~/state`` record, in order; their values are in ``position``.
 STATE_NAMES = (
@@ -195,9 +214,20 @@ def is_controller_state(relative: str) -> bool:
     return relative.count("/") == 1 and relative.endswith("/state")
 
 
-def evidence_types(controllers: tuple[str, ...]) -> dict[str, str]:
-    """Return the recorded topics and their types."""
-    joints = (JOINT_STATES, GROUND_TRUTH, EFFORT_COMMAND, DISTURBANCE, REFERENCE)
+def evidence_types(controllers: tuple[str, ...], mode: str = "lockstep") -> dict[str, str]:
+    """Return the recorded topics and their types, in a mode as the provenance names it.
+
+    In lock-step, and offline, what acts on the plant follows from the schedule.
+    """
+    joints: tuple[str, ...] = (
+        JOINT_STATES,
+        GROUND_TRUTH,
+        EFFORT_COMMAND,
+        DISTURBANCE,
+        REFERENCE,
+    )
+    if mode == REAL_TIME:
+        joints = (*joints, PLANT_INPUTS)
     states = tuple(controller_state(name) for name in controllers)
     return {
         **dict.fromkeys(joints + states, JOINT_STATE_TYPE),

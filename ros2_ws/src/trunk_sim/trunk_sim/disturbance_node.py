@@ -10,6 +10,7 @@ from trunk_msgs_util.node import meeting, qos
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
 from trunk_msgs_util.node.run import main_for
+from trunk_msgs_util.source import source_in
 from trunk_msgs_util.units import LAST_STAMP_NS
 
 from .disturbance_config import DisturbanceConfig
@@ -61,6 +62,9 @@ class DisturbanceNode(TrunkNode[DisturbanceConfig]):
         if next_ns < self._sent_ns:  # the simulator has restarted, and time with it
             self.counters["states out of order"] += 1
             self._sent_ns = -1
+            self.be_in_real_time(False)  # unless this run's states say so, too
+        if source_in(self._read.frame_id):
+            self.be_in_real_time(True)
         if self._sent_ns < stamp_ns:
             self._publish(stamp_ns)
         if self._sent_ns < next_ns:
@@ -69,7 +73,7 @@ class DisturbanceNode(TrunkNode[DisturbanceConfig]):
     def _publish(self, stamp_ns: int) -> None:
         acting = disturbance_at(stamp_ns, self._signals)
         sample = disturbance_sample(stamp_ns, self.config.joints, acting)
-        self._publisher.publish(sample_to_wire(sample))
+        self._publisher.publish(sample_to_wire(sample, self.source))
         self._sent_ns = self.run_stamp_ns = stamp_ns
 
 

@@ -13,8 +13,9 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.patience import READ_FROM
 from trunk_msgs_util.units import NANOSECONDS, nanoseconds, seconds
 
+from .acting import NO_COMMAND, Command
 from .config import SimulatorConfig
-from .step import in_force
+from .step import too_old
 
 _LOCKSTEP_TICK_S = 0.05
 # If it is further behind the wall clock than this, it does not catch up: time is re-anchored.
@@ -85,8 +86,13 @@ class Pacing(ABC):
     def answered(self, topic: str, stamp_ns: int, now_ns: int) -> None:  # noqa: B027
         """Note that a participant has answered up to this stamp; ignored in real time."""
 
+    @property
+    def in_force(self) -> Command:
+        """The command that acts over the step from the published state; known in real time alone."""
+        return NO_COMMAND
+
     @abstractmethod
-    def command(self, stamp_ns: int, effort: float, now_ns: int) -> None:
+    def command(self, stamp_ns: int, effort: float, now_ns: int, source: str = "") -> None:
         """Take in a finite command that answers the state with this stamp."""
 
     @abstractmethod
@@ -100,8 +106,7 @@ class RealTimePacing(Pacing):
     def __init__(self, loop: Loop, command_timeout: float) -> None:
         super().__init__(loop)
         self.set_timeout(command_timeout)
-        self._stamp_ns = -1
-        self._effort = 0.0
+        self._latest = NO_COMMAND
         # Between answered states; 0: not known yet.
         self._gap_ns = self._last_gap_ns = 0
         self._same_gaps = 0
@@ -110,16 +115,15 @@ class RealTimePacing(Pacing):
         """Use no command that answers a state older than this, s."""
         self._timeout_ns = nanoseconds(command_timeout)
 
-    def command(self, stamp_ns: int, effort: float, now_ns: int) -> None:
+    def command(self, stamp_ns: int, effort: float, now_ns: int, source: str = "") -> None:
         """Take the command if it is newer than the last."""
-        if stamp_ns <= self._stamp_ns or stamp_ns > self._loop.stamp_ns:
+        if stamp_ns <= self._latest.stamp_ns or stamp_ns > self._loop.stamp_ns:
             self._loop.count("commands out of order")
             return
         if stamp_ns < self._loop.stamp_ns:
             self._loop.count("commands late")  # the step from that state was made without it
         self._count_unanswered(stamp_ns)
-        self._stamp_ns = stamp_ns
-        self._effort = effort
+        self._latest = Command(stamp_ns, effort, source)
 
     def _count_unanswered(self, stamp_ns: int) -> None:
         """Count the states between the last answered one and this one that should have been answered.
@@ -129,10 +133,10 @@ class RealTimePacing(Pacing):
         taken over: what was counted in it is subtracted. On a busy machine a controller may well miss
         every other state for a while.
         """
-        if self._stamp_ns < 0:
+        if self._latest.stamp_ns < 0:
             missed = stamp_ns // self._loop.period_ns
         else:
-            gap_ns = stamp_ns - self._stamp_ns
+            gap_ns = stamp_ns - self._latest.stamp_ns
             self._same_gaps = self._same_gaps + 1 if gap_ns == self._last_gap_ns else 1
             self._last_gap_ns = gap_ns
             if not self._gap_ns or gap_ns < self._gap_ns:
@@ -152,7 +156,7 @@ class RealTimePacing(Pacing):
         period = loop.period_ns
         late = now_ns - self._anchor_ns - loop.stamp_ns - period
         if loop.at_end:
-            if self._stamp_ns < loop.stamp_ns and late <= self._timeout_ns:
+            if self._latest.stamp_ns < loop.stamp_ns and late <= self._timeout_ns:
                 return
             self._count_unanswered(loop.stamp_ns + (self._gap_ns or period))
             loop.finish()
@@ -167,13 +171,17 @@ class RealTimePacing(Pacing):
             if not loop.at_end:
                 loop.advance(self._fresh())
 
+    @property
+    def in_force(self) -> Command:
+        """The command that acts over the step from the published state: the latest, unless it is too old."""
+        age_ns = self._loop.stamp_ns - self._latest.stamp_ns
+        return NO_COMMAND if too_old(age_ns, self._timeout_ns) else self._latest
+
     def _fresh(self) -> float:
-        if self._stamp_ns < 0:
-            return 0.0
-        age_ns = self._loop.stamp_ns - self._stamp_ns
-        if age_ns > self._timeout_ns:
+        acting = self.in_force
+        if acting is not self._latest:
             self._loop.count("steps without a fresh command")
-        return in_force(self._effort, age_ns, self._timeout_ns)
+        return acting.effort
 
 
 class LockstepPacing(Pacing):
@@ -217,7 +225,7 @@ class LockstepPacing(Pacing):
         self._waiting_since_ns = now_ns
         self._advance(now_ns)
 
-    def command(self, stamp_ns: int, effort: float, now_ns: int) -> None:
+    def command(self, stamp_ns: int, effort: float, now_ns: int, source: str = "") -> None:
         """Take the first answer to the current state; count and ignore any other."""
         now = self._loop.stamp_ns
         if stamp_ns < now:

@@ -23,11 +23,13 @@ from trunk_msgs_util.node.conversions import (
 from trunk_msgs_util.patience import HeldUp
 from trunk_msgs_util.process_id import local_pid
 from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.source import source_in
 from trunk_msgs_util.units import nanoseconds, seconds, step_count
 
 from .answers import RefusedError, disturbance_of, effort_of
 from .config import SimulatorConfig
 from .disturbance_feed import DisturbanceFeed
+from .inputs_node import PlantInputs
 from .operator_input import NOTHING, Applied, Operator, asked_of, with_operator
 from .pacing import make_pacing, tick_period
 from .participants_node import GraphParticipants
@@ -54,7 +56,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._running = False
         self._started = time.monotonic()
         self._disturbances = DisturbanceFeed(config.period_ns)
-        self._taken = 0  # disturbances, of this run
+        self._inputs: PlantInputs | None = None  # in real time
         limits = config.operator_limits
         self._operator = None if limits is None else Operator(limits)
         self._held_up = HeldUp()
@@ -64,6 +66,8 @@ class PlantNode(TrunkNode[SimulatorConfig]):
     def _create_topics(self, config: SimulatorConfig) -> None:
         self._truth = self.create_evidence(topics.GROUND_TRUTH)
         self._measured = self.create_evidence(topics.JOINT_STATES)
+        if not config.lockstep:
+            self._inputs = PlantInputs(self.create_evidence(topics.PLANT_INPUTS, live=False))
         self._clock_topic = (
             self.create_publisher(Clock, "/clock", qos.clock()) if config.publish_clock else None
         )
@@ -142,7 +146,9 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         """Step with this effort and publish the new state; a plant that diverges ends the run."""
         if self.exit_code is not None:
             return  # the same tick has more steps to make up, but the run is over
-        acting = with_operator(self._disturbances.acting, self._pushed())
+        stamp_ns, command = self.stamp_ns, self._pacing.in_force
+        disturbed = self._disturbances.in_force
+        acting = with_operator(disturbed.disturbance, self._pushed())
         try:
             self._simulation.step(effort, acting)
         except DivergedError as error:
@@ -150,6 +156,8 @@ class PlantNode(TrunkNode[SimulatorConfig]):
             return
         self._publish_measured()
         self._publish_truth()
+        if self._inputs is not None:  # the controller waits for the state, nobody for this
+            self._inputs.publish(self.source, stamp_ns, command, disturbed)
         self._say_fall()
 
     def _pushed(self) -> Applied:
@@ -159,13 +167,14 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         taken = self._operator.told()
         if taken is not None:
             sample = JointSample(self.stamp_ns, self.config.joints, effort=taken)
-            self._pushes.publish(sample_to_wire(sample))
+            self._pushes.publish(self._wire(sample))
         return self._operator.applied(self.stamp_ns)
 
     def finish(self) -> None:
         """End the run: the last state is answered."""
         self._step_timer.cancel()
         self._publish_diagnostics()  # the counts of the whole run
+        self._publish_last_inputs()
         fell = self._simulation.ended_by_fall
         self._say_finished(Event.FINISHED, "the trunk has fallen" if fell else "finished")
         wall = time.monotonic() - self._started
@@ -177,6 +186,8 @@ class PlantNode(TrunkNode[SimulatorConfig]):
     def fail(self, reason: str, **values: object) -> None:
         """End the run with an error; the record says how many states there are."""
         self._step_timer.cancel()
+        if self._running:
+            self._publish_last_inputs()
         self._say_counts()
         super().fail(reason, states=self._simulation.step_index + 1, **values)
 
@@ -211,7 +222,10 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         if self._disturbances.advance(now, timeout_ns):
             self.count("steps without a fresh disturbance")
         self._publish_clock()
-        self._measured.publish(sample_to_wire(simulation.measure(self._disturbances.acting)))
+        self._measured.publish(self._wire(simulation.measure(self._disturbances.acting)))
+
+    def _wire(self, sample: JointSample) -> bytes:
+        return sample_to_wire(sample, self.source)
 
     def _publish_clock(self) -> None:
         """Publish the time before any message stamped with it: no node sees a state from the future."""
@@ -219,7 +233,13 @@ class PlantNode(TrunkNode[SimulatorConfig]):
             self._clock_topic.publish(Clock(clock=stamp_to_ros(self._simulation.stamp_ns)))
 
     def _publish_truth(self) -> None:
-        self._truth.publish(sample_to_wire(self._simulation.truth()))
+        self._truth.publish(self._wire(self._simulation.truth()))
+
+    def _publish_last_inputs(self) -> None:
+        """Publish what acts in the last state, too: no step follows that would do so."""
+        if self._inputs is not None:
+            command, disturbed = self._pacing.in_force, self._disturbances.in_force
+            self._inputs.publish(self.source, self.stamp_ns, command, disturbed)
 
     def _say_fall(self) -> None:
         if self._simulation.falls_now:
@@ -230,15 +250,8 @@ class PlantNode(TrunkNode[SimulatorConfig]):
             )
 
     def _say_counts(self) -> None:
-        if self._taken > 1:  # the first one was said
-            self._say_disturbed()
         if counts := self._simulation.link_counts():
             self.event(Event.PASSED_ON, DiagnosticStatus.OK, **counts)
-
-    def _say_disturbed(self) -> None:
-        """Say in real time how many disturbances there were: their node may be killed without a word."""
-        if not self.config.lockstep:
-            self.event(Event.DISTURBED, disturbances=self._taken)
 
     def _say_finished(self, message: Event, reason: str) -> None:
         self._say_counts()
@@ -250,6 +263,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
             return
         self._running = False
         self._pacing.paused = True  # a recorder in this process may still take in what is in flight
+        self._publish_last_inputs()
         if self._steps is None:
             self._say_finished(Event.FINISHED, "stopped on request")
         else:
@@ -267,20 +281,18 @@ class PlantNode(TrunkNode[SimulatorConfig]):
             self.count(str(refused))
             return
         if self._running and self.exit_code is None:
-            self._pacing.command(command.stamp_ns, effort, time.monotonic_ns())
+            source = source_in(self._read_command.frame_id)
+            self._pacing.command(command.stamp_ns, effort, time.monotonic_ns(), source)
 
     def _on_disturbance(self, data: bytes) -> None:
         sample = self._read_disturbance(data)
         try:
             disturbance = disturbance_of(sample, self.config.joints)
-            self._disturbances.take(sample.stamp_ns, disturbance, self.stamp_ns)
+            source = source_in(self._read_disturbance.frame_id)
+            self._disturbances.take(sample.stamp_ns, disturbance, self.stamp_ns, source)
         except RefusedError as refused:
             self.count(str(refused))
         else:
-            if not self.ending:  # else the count is said
-                self._taken += 1
-                if self._taken == 1:
-                    self._say_disturbed()
             self._answered(topics.DISTURBANCE, sample.stamp_ns)
 
     def _on_request(self, message: JointState) -> None:

@@ -84,7 +84,12 @@ class Measurement(NamedTuple):
 
 def in_force(effort: float, age_ns: int, timeout_ns: int) -> float:
     """Return the torque of the latest command, N m, ``age_ns`` after its state: 0 once it is too old."""
-    return 0.0 if age_ns > timeout_ns else effort
+    return 0.0 if too_old(age_ns, timeout_ns) else effort
+
+
+def too_old(age_ns: int, timeout_ns: int) -> bool:
+    """Return True if a command of this age no longer acts."""
+    return age_ns > timeout_ns
 
 
 def at_rest(state: PlantState, plant: Plant) -> Trunk:

@@ -20,6 +20,8 @@ from ..parameters.config import ManagedConfig
 from ..parameters.declarations import values_of
 from ..printable import printable
 from ..process_id import local_pid, process_id, same_machine
+from ..source import source
+from ..values import Value
 from . import evidence, qos
 from .conversions import status_to_ros
 from .managed import ENDING, EXIT_FAILED, ManagedNode
@@ -37,6 +39,9 @@ class TrunkNode(ManagedNode, Generic[Config]):
 
     ``run_stamp_ns`` is the stamp of the last state that the node processed; events and changes of
     parameters carry it. A change applies from the first state with a greater stamp on.
+
+    ``source`` names the node and its process in everything of it that is recorded; in lock-step it is empty,
+    and so it is while a node does not know that it is in real time.
     """
 
     def __init__(self, name: str, config_class: type[Config]) -> None:
@@ -60,7 +65,11 @@ class TrunkNode(ManagedNode, Generic[Config]):
             DiagnosticArray, topics.RUN_EVENTS, qos.run_information()
         )
         self._diagnostics_topic = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._parameters_topic.publish(self._parameters_set.event(0))
+        self._own_source = source(self.get_name(), process_id())
+        self.source = ""
+        # The disturbance has no such parameter: it knows from the states that it receives.
+        self.be_in_real_time(not getattr(self.config, "lockstep", True))
+        self._say_parameters(0)
         self._diagnostics_timer = self.every(1.0, self._every_second)
         self.keep_permanent()
 
@@ -87,7 +96,15 @@ class TrunkNode(ManagedNode, Generic[Config]):
         if changed:
             # There is no order between two topics: this marks the change's place among the node's events.
             self.event(Event.RETUNED)
-            self._parameters_topic.publish(self._parameters_set.event(self.run_stamp_ns, changed))
+            self._say_parameters(self.run_stamp_ns, changed)
+
+    def _say_parameters(self, stamp_ns: int, changed: Mapping[str, Value] | None = None) -> None:
+        message = self._parameters_set.event(stamp_ns, changed, self.source)
+        self._parameters_topic.publish(message)
+
+    def be_in_real_time(self, real_time: bool) -> None:
+        """Name the source from now on in what is recorded, or no longer."""
+        self.source = self._own_source if real_time else ""
 
     def retune(self, config: Config) -> None:
         """Take a changed configuration; called between two callbacks."""
@@ -120,16 +137,24 @@ class TrunkNode(ManagedNode, Generic[Config]):
         )
         return super().create_subscription(msg_type, topic, callback, qos_profile, **more)
 
-    def create_evidence(self, topic: str) -> evidence.Evidence:
-        """Create a publisher of serialized JointState messages that the recorder must not miss."""
-        self._evidence.append(evidence.Evidence(self, topic))
+    def create_evidence(self, topic: str, live: bool = True) -> evidence.Evidence:
+        """Create a publisher of serialized JointState messages that the recorder must not miss.
+
+        Unless they are ``live``, the recorder alone hears them.
+        """
+        self._evidence.append(evidence.Evidence(self, topic, live))
         return self._evidence[-1]
 
     def event(self, message: Event, level: bytes = DiagnosticStatus.OK, **values: object) -> None:
         """Publish a run event; the recorder records it."""
         self._events_topic.publish(
             status_to_ros(
-                self.run_stamp_ns, self.get_fully_qualified_name(), message, values, level
+                self.run_stamp_ns,
+                self.get_fully_qualified_name(),
+                message,
+                values,
+                level,
+                self.source,
             )
         )
 

@@ -102,11 +102,17 @@ def sample_from_ros(message: JointState) -> JointSample:
 
 
 def status_to_ros(
-    stamp_ns: int, name: str, message: str, values: Mapping[str, object], level: bytes
+    stamp_ns: int,
+    name: str,
+    message: str,
+    values: Mapping[str, object],
+    level: bytes,
+    frame_id: str = "",
 ) -> DiagnosticArray:
     """Return one named status with its values as a DiagnosticArray message."""
     array_message = DiagnosticArray()
     array_message.header.stamp = stamp_to_ros(stamp_ns)
+    array_message.header.frame_id = frame_id
     array_message.status = [
         DiagnosticStatus(
             level=level,

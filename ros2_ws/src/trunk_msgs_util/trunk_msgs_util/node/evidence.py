@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -26,23 +26,27 @@ _LOOK_S = 0.01
 class Evidence:
     """Publishes serialized messages twice, and counts them: live for the loop, and kept for the recorder.
 
-    The live topic has only the present; `topics.evidence` names the topic that also has the past.
+    The live topic has only the present; `topics.evidence` names the topic that also has the past. What the
+    loop does not need goes to the recorder alone.
     """
 
-    def __init__(self, node: Node, topic: str) -> None:
+    def __init__(self, node: Node, topic: str, live: bool = True) -> None:
         self.topic = node.resolve_topic_name(topic)
         # DDS announces them in this order: a recorder finds the live one last, and knows that it is ours.
         self._kept = node.create_publisher(JointState, topics.evidence(self.topic), qos.evidence())
-        self._live = node.create_publisher(JointState, topic, qos.live())
         # Bypasses rclpy's check of the message's type, a third of the cost of publishing.
-        self._publish_live = self._live.handle.publish_raw
+        self._publish_live: Callable[[bytes], None] | None = None
+        if live:
+            self._live = node.create_publisher(JointState, topic, qos.live())
+            self._publish_live = self._live.handle.publish_raw
         self._publish_kept = self._kept.handle.publish_raw
         self.count = 0
         self.began_s = -math.inf  # monotonic clock, of the first message
 
     def publish(self, data: bytes) -> None:
         """Publish a serialized message: first to the loop, which waits for it."""
-        self._publish_live(data)
+        if self._publish_live is not None:
+            self._publish_live(data)
         self._publish_kept(data)
         self.count += 1
         if self.count == 1:

@@ -29,6 +29,7 @@ from .output_file import open_output
 from .pictures import Pictures
 from .run import main_for
 from .run_file import RunFile
+from .sourced_tally import SourcedTally
 from .tally import Tally
 
 _MESSAGES: dict[str, type[Any]] = {
@@ -40,6 +41,13 @@ _MESSAGES: dict[str, type[Any]] = {
 _STAMP = struct.Struct("<iI")
 # What happens to the nodes, the recorder included, is written even while it is inactive.
 _ALWAYS = (topics.RUN_PARAMETERS, topics.RUN_EVENTS)
+# In lock-step, a node that publishes something else there is one that the run lacks.
+_OF_THE_LOOP = (
+    topics.GROUND_TRUTH,
+    topics.JOINT_STATES,
+    topics.EFFORT_COMMAND,
+    topics.DISTURBANCE,
+)
 # When told to end, it goes on until nothing has arrived for this long and for this many turns: a busy machine
 # may take that long between two turns.
 _QUIET_S = 0.3
@@ -69,8 +77,10 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._leaving_s: float | None = None
         self._quiet_turns = 0
         lockstep = self.config.lockstep
-        self._tally = Tally(
-            self.resolve_topic_name, self.config.lockstep_topics if lockstep else ()
+        self._tally = (
+            Tally(self.resolve_topic_name, self.config.lockstep_topics)
+            if lockstep
+            else SourcedTally(self.resolve_topic_name)
         )
         self._written_ns = dict.fromkeys(self.config.lockstep_topics, -1)
         self._told_ns = -1
@@ -104,12 +114,15 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             process=process_id(),
         )
         pictures = topics.PICTURES if self._pictures is not None else {}
-        file.begin(told, topics.evidence_types(config.controllers) | pictures)
+        file.begin(told, self._evidence_types() | pictures)
+
+    def _evidence_types(self) -> dict[str, str]:
+        return topics.evidence_types(self.config.controllers, self.config.mode)
 
     def activate(self) -> None:
         """Subscribe, the first time; earlier messages come too, from the publishers' history."""
         if not self._heard:
-            for topic, type_name in topics.evidence_types(self.config.controllers).items():
+            for topic, type_name in self._evidence_types().items():
                 self._subscribe(topic, type_name)
             self._follow_timer = self.every(_FOLLOW_S, self._follow)
             self._ready_timer = self.every(0.02, self._announce)
@@ -138,9 +151,6 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             ):
                 self._subscribe(relative, topics.JOINT_STATE_TYPE)
 
-    def _under_way(self) -> bool:
-        return self.run_stamp_ns >= 0
-
     def _announce(self) -> None:
         """Report ready once every topic of the loop that the plant waits for has a publisher."""
         wanted = self.config.lockstep_topics if self.config.lockstep else ()
@@ -158,10 +168,11 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             self.create_subscription(
                 _MESSAGES[type_name], topic, take, qos.run_information(), raw=True
             )
+        elif topic == topics.PLANT_INPUTS:  # by our simulator alone, for the recorder alone
+            kept = topics.evidence(self.resolve_topic_name(topic))
+            self.create_subscription(_MESSAGES[type_name], kept, take, qos.evidence(), raw=True)
         else:
-            self._heard[topic] = HeardTopic(
-                self, topic, type_name, _MESSAGES[type_name], take, self._under_way
-            )
+            self._heard[topic] = HeardTopic(self, topic, type_name, _MESSAGES[type_name], take)
         if topics.is_controller_state(topic):
             own = topics.own_reference(topic.partition("/")[0])
             self._subscribe(own, topics.JOINT_STATE_TYPE)
@@ -191,7 +202,10 @@ class RecorderNode(TrunkNode[RecorderConfig]):
                 return
             if not file.write(topic, log_time, data):
                 return
-            self._tally.counts[topic] += 1
+            try:
+                self._tally.take(topic, stamp_ns, data)
+            except ValueError:
+                self.counters[f"messages malformed on {topic}"] += 1
             if topic == topics.EFFORT_COMMAND:
                 # After a swap two nodes give commands, and those of the first may arrive last.
                 stamp_ns = max(stamp_ns, self._written_ns.get(topic, -1))
@@ -207,7 +221,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._tally.runs += self.run_stamp_ns < before_ns
         if self._tally.counts[topics.GROUND_TRUTH] % self._tell_every == 0 and self.config.lockstep:
             self._tell_progress()
-        if not self._tally.driven:
+        if self.config.lockstep and not self._tally.driven:
             self._tally.driven = any(self._read_truth(data).effort[1:])  # the first is the hip's
         if self._pictures is not None and self._file is not None:
             self._draw(self._pictures, self._file, data)
@@ -231,7 +245,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         except ValueError:
             self.counters["parameters malformed"] += 1
             return
-        self._tally.meet(change.node)
+        self._tally.meet(change)
         if self._pictures is not None:
             self._pictures.retune(change)
 
@@ -289,9 +303,12 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def verdict(self) -> tuple[bool, str]:
         """Return whether the run is whole in the file, and why."""
-        unheard = [line for heard in self._heard.values() for line in heard.unheard()]
-        if not self.config.lockstep:  # else the states tell how many answers there are
-            unheard += self._tally.uncounted({t: heard.of_ours for t, heard in self._heard.items()})
+        unheard = [
+            line
+            for topic, heard in self._heard.items()
+            if topic in _OF_THE_LOOP
+            for line in heard.of_other_types()
+        ]
         return self._tally.verdict(list(self._heard), unheard)
 
     def _finish(self) -> None:

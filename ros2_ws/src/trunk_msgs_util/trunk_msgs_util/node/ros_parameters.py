@@ -234,8 +234,13 @@ class NodeParameters(Generic[Config]):
         old, self.config = self.config, self._candidate(changes)
         self._on_change(old, self.config)
 
-    def event(self, stamp_ns: int, changed: Mapping[str, Value] | None = None) -> ParameterEvent:
-        """Return the full configuration as a message, or only what changed."""
+    def event(
+        self, stamp_ns: int, changed: Mapping[str, Value] | None = None, source: str = ""
+    ) -> ParameterEvent:
+        """Return the full configuration as a message, or only what changed.
+
+        The message has no header: its ``source`` is the one deleted parameter, a name without a value.
+        """
         message = ParameterEvent(
             stamp=stamp_to_ros(stamp_ns), node=self._node.get_fully_qualified_name()
         )
@@ -247,6 +252,8 @@ class NodeParameters(Generic[Config]):
             message.new_parameters = listed
         else:
             message.changed_parameters = listed
+        if source:
+            message.deleted_parameters = [ParameterMessage(name=source)]
         return message
 
 

@@ -3,46 +3,57 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from .. import topics
 from ..events import ENDS, Event, as_count
-from ..recording.schemas import RunEvent
+from ..recording.schemas import ParameterChange, RunEvent
 
 # One message for each state, by the simulator alone.
-_OF_STATES = (topics.GROUND_TRUTH, topics.JOINT_STATES)
+OF_STATES = (topics.GROUND_TRUTH, topics.JOINT_STATES)
+NO_COMMAND = (
+    f"{topics.EFFORT_COMMAND}: no message was recorded, but a torque acted on the plant: "
+    "start the recorder before the controller"
+)
 
 
 class Tally:
-    """Counts a run's messages, hears its events, and tells whether the recording is whole."""
+    """Counts a run's messages, hears its events, and tells whether the recording is whole.
+
+    In lock-step each state has an answer on each of some topics; `sourced_tally` is for real time.
+    """
 
     def __init__(self, name_of: Callable[[str], str], of_each_state: Sequence[str] = ()) -> None:
         """``name_of`` gives a topic's absolute name; ``of_each_state``: topics that answer every state."""
         self._name_of = name_of
-        self._of_each_state = of_each_state or _OF_STATES
+        self._of_each_state = of_each_state or OF_STATES
         self.counts: Counter[str] = Counter()  # by relative topic
         self.runs = 1
         self.driven = False  # did a torque ever act on the plant?
         self.end: RunEvent | None = None
         self._kinds: dict[str, str] = {}  # of nodes, as they report them
-        self._claimed: Counter[str] = Counter()  # by the nodes that have ended
+        self._claimed: Counter[tuple[str, str]] = (
+            Counter()
+        )  # by source and topic, of nodes that ended
         self._anew = False  # was a node cleaned up? its count then restarts
-        self._disturbed = 0  # messages of disturbances that the simulator has taken
         self._states = 0  # of a finished run
         self._begun = 0  # runs, as the simulator reports them
         self._silent: dict[str, bool] = {}  # known nodes: has none of their events arrived?
+
+    def take(self, topic: str, stamp_ns: int, data: bytes) -> None:
+        """Take a message that is on record."""
+        self.counts[topic] += 1
 
     def hear(self, event: RunEvent) -> None:
         """Take an event. Raises ValueError for one that no node of ours sends."""
         self._silent[event.node] = False
         if event.message == Event.PUBLISHED:
-            self._claimed.update({topic: _count(event, topic) for topic in event.values})
+            counts = {(event.source, topic): _count(event, topic) for topic in event.values}
+            self._claimed.update(counts)
         self._anew |= event.message == Event.CLEANED_UP
         if event.message == Event.CONFIGURED:
             self._kinds[event.node] = event.values.get("kind", "")
         kind = self._kinds.get(event.node) or event.node.rpartition("/")[2]
-        if kind == "simulator" and event.message == Event.DISTURBED:
-            self._disturbed = _count(event, "disturbances")
         if kind == "simulator" and event.message in ENDS:
             if event.message == Event.FINISHED:
                 self._states = _count(event, "states")
@@ -52,24 +63,9 @@ class Tally:
             # Of a run before the recorder came, events and commands may be all that the file holds.
             self._begun += 1
 
-    def meet(self, node: str) -> None:
+    def meet(self, change: ParameterChange) -> None:
         """Take note of a node that has published its parameters."""
-        self._silent.setdefault(node, True)
-
-    def uncounted(self, heard: Mapping[str, int]) -> list[str]:
-        """Return where our nodes published more than they said when they ended, a line each.
-
-        ``heard``: how many messages of our nodes there are, by topic. One that was killed, or outlives the
-        recorder, has reported no count; if no node of the topic has, the file shows that.
-        """
-        if self._anew:
-            return []
-        return [
-            f"{topic}: {count} messages from our nodes, which report {claimed}: "
-            "not all of them reported a count"
-            for topic, count in heard.items()
-            if 0 < (claimed := self._claimed[self._name_of(topic)]) < count
-        ]
+        self._silent.setdefault(change.node, True)
 
     def verdict(self, heard: Sequence[str], unheard: Sequence[str]) -> tuple[bool, str]:
         """Return whether the run is whole in the file, and why.
@@ -84,48 +80,63 @@ class Tally:
             return False, reason
         if (runs := max(self.runs, self._begun)) > 1:
             return False, f"it holds {runs} runs: the simulator was restarted"
-        states = self._states
-        for topic in self._of_each_state:
-            if self.counts[topic] < states:
-                return False, f"{topic}: {self.counts[topic]} of {states} messages were recorded"
-        for topic in _OF_STATES:
-            if self.counts[topic] > states:
-                return False, (
-                    f"{topic}: {self.counts[topic]} messages for {states} states: "
-                    "another node publishes there too"
-                )
+        lacking = next(self._lacking(heard, unheard), None)
+        return (True, reason) if lacking is None else (False, lacking)
+
+    def _lacking(self, heard: Sequence[str], unheard: Sequence[str]) -> Iterator[str]:
+        """Yield what a finished run lacks on record."""
+        yield from self._without_states(self._of_each_state, OF_STATES)
         for topic in heard:
             # From one node only: the disturbance, a law's terms. Commands may also come from a stranger.
-            count = self._claimed[self._name_of(topic)]
+            count = self._claimed["", self._name_of(topic)]
             pushes = topic == topics.OPERATOR_PUSH
             alone = pushes or topic == topics.DISTURBANCE or topics.is_controller_state(topic)
             # A simulator that was never pushed reports no count.
             if alone and not self._anew and (count or pushes) and count < self.counts[topic]:
-                return False, (
+                yield (
                     f"{topic}: {self.counts[topic]} messages, {count} of them from its own node: "
                     "another node publishes there too"
                 )
         if unheard:
-            return False, "; ".join(unheard)
+            yield "; ".join(unheard)
         if self.driven and not self.counts[topics.EFFORT_COMMAND]:
-            return False, (
-                f"{topics.EFFORT_COMMAND}: no message was recorded, but a torque acted on the plant: "
-                "start the recorder before the controller"
-            )
+            yield NO_COMMAND
+        yield from self._without_events()
+        yield from self._without_messages(heard)
+
+    def _without_states(self, least: Sequence[str], most: Sequence[str]) -> Iterator[str]:
+        """Yield the topics with fewer messages than states, and those with more."""
+        states = self._states
+        for topic in least:
+            if (count := self._count_of_run(topic)) < states:
+                yield f"{topic}: {count} of {states} messages were recorded"
+        for topic in most:
+            if self.counts[topic] > states:
+                yield (
+                    f"{topic}: {self.counts[topic]} messages for {states} states: "
+                    "another node publishes there too"
+                )
+
+    def _count_of_run(self, topic: str) -> int:
+        """Return how many messages there are that may be the run's own."""
+        return self.counts[topic]
+
+    def _without_events(self) -> Iterator[str]:
         for node, silent in self._silent.items():
             if silent:
-                return False, f"{node}: its parameters were recorded, but none of its events"
+                yield f"{node}: its parameters were recorded, but none of its events"
+
+    def _without_messages(self, heard: Sequence[str]) -> Iterator[str]:
+        """Yield the topics with fewer messages than our nodes said they had published."""
         there = {self._name_of(topic): topic for topic in (*heard, *self.counts)}
-        for name, count in self._claimed.items():  # what nodes said they had published
+        for (source, name), count in self._claimed.items():
             topic = there.get(name, name.lstrip("/"))
-            if self.counts[topic] < count:
-                return False, f"{topic}: {self.counts[topic]} of {count} messages were recorded"
-        if (count := self.counts[topics.DISTURBANCE]) < self._disturbed:
-            return False, (
-                f"{topics.DISTURBANCE}: {count} messages were recorded, but the simulator took "
-                f"{self._disturbed}: the recorder lost some, or never met their node"
-            )
-        return True, reason
+            if (recorded := self._count_of(source, topic)) < count:
+                yield f"{topic}: {recorded} of {count} messages were recorded"
+
+    def _count_of(self, source: str, topic: str) -> int:
+        """Return how many messages of a source there are on a topic."""
+        return self.counts[topic]
 
 
 def _count(event: RunEvent, name: str) -> int:

@@ -79,4 +79,4 @@ class RecorderConfig(ManagedConfig):
     @property
     def mode(self) -> str:
         """How the run keeps time, for the record."""
-        return "lockstep" if self.lockstep else "real_time"
+        return "lockstep" if self.lockstep else topics.REAL_TIME

@@ -19,7 +19,7 @@ import numpy as np
 from ..samples import JointSample
 from ..units import NANOSECONDS
 from .joint_state_fields import CDR, ORIGIN, FieldCursor, FieldPlan
-from .limits import MAX_JOINTS
+from .limits import MAX_JOINTS, MAX_NAME
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 # rmw_serialize leaves such a tail: room for alignment that empty arrays do not need.
 MAX_TRAILING = 16
+_FRAME = ORIGIN + 8 + 4  # where its text begins, after the stamp and the length
 
 
 def _words(piece: bytes) -> list[tuple[int, NDArray[Any]]]:
@@ -224,6 +225,14 @@ class JointStateLayout:
         if len(data) - cursor.at > MAX_TRAILING:
             raise ValueError(f"{len(data) - cursor.at} bytes too many")
         return cls(name, position, velocity, effort, frame_id)
+
+
+def frame_in(data: bytes) -> str:
+    """Return the frame of a little-endian message; empty for anything else. Faster than its layout."""
+    end = _FRAME + int.from_bytes(data[_FRAME - 4 : _FRAME], "little") - 1
+    if data[:2] != CDR or not _FRAME < end <= min(_FRAME + MAX_NAME, len(data)):
+        return ""
+    return data[_FRAME:end].decode(errors="replace")
 
 
 @lru_cache(maxsize=256)

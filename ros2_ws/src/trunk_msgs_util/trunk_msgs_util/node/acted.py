@@ -1,0 +1,97 @@
+"""`Acted`: what acted on the plant, as ``plant/inputs`` names it, against what is on record. Pure."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from ..samples import JointSample
+from ..source import sources_of_inputs
+from ..topics import DISTURBANCE, EFFORT_COMMAND, INPUT_NAMES
+from ..units import seconds
+
+# A message is named by a row at the latest when it no longer acts; of each topic so many that no row has
+# named are remembered, and so many that are named but not recorded.
+_REMEMBERED = 100_000
+_COMMAND, _DISTURBANCE = 0, 1  # where a row has their ages
+
+
+class _Key(NamedTuple):
+    """A message: the stamp first, so that older ones compare as smaller."""
+
+    stamp_ns: int
+    source: str  # empty: somebody else's
+
+
+class _Topic:
+    """One topic's messages: those that rows may still name, and those that rows have named in vain."""
+
+    def __init__(self) -> None:
+        self._recorded: OrderedDict[_Key, None] = OrderedDict()
+        self._named: _Key | None = None
+        self._missing: OrderedDict[_Key, None] = OrderedDict()
+
+    def record(self, key: _Key) -> None:
+        """Take a message that is on record."""
+        if key in self._missing:
+            del self._missing[key]
+        else:
+            self._recorded[key] = None
+            if len(self._recorded) > _REMEMBERED:
+                self._recorded.popitem(last=False)
+
+    def name(self, key: _Key) -> None:
+        """Take what a row names: the rows' stamps increase, and what is older is never named again."""
+        if key == self._named:
+            return
+        self._named = key
+        if key not in self._recorded:
+            if len(self._missing) < _REMEMBERED:
+                self._missing[key] = None
+            return
+        while next(iter(self._recorded)) < key:
+            self._recorded.popitem(last=False)
+
+    def missing(self) -> list[_Key]:
+        """Return what was in force, but is not on record, in order."""
+        return sorted(self._missing)
+
+
+class Acted:
+    """Takes rows, commands and disturbances in any order."""
+
+    def __init__(self) -> None:
+        self._topics = {EFFORT_COMMAND: _Topic(), DISTURBANCE: _Topic()}
+
+    def record(self, topic: str, stamp_ns: int, source: str) -> None:
+        """Take a message that is on record; the topic may be any."""
+        if topic in self._topics:
+            self._topics[topic].record(_Key(stamp_ns, source))
+
+    def row(self, sample: JointSample, frame_id: str) -> None:
+        """Take a row of ``plant/inputs``. Raises ValueError for one that no simulator of ours sends."""
+        sources = sources_of_inputs(frame_id)
+        if (
+            sources is None
+            or sample.name != INPUT_NAMES
+            or len(sample.velocity) != len(sample.name)
+        ):
+            raise ValueError("not a row of plant/inputs")
+        ages = sample.velocity[_COMMAND], sample.velocity[_DISTURBANCE]
+        for topic, source, age in zip(self._topics.values(), sources[1:], ages, strict=True):
+            if age >= 0.0:
+                topic.name(_Key(sample.stamp_ns - int(age), source))
+
+    def missing(self) -> Iterator[str]:
+        """Yield what acted but is not on record, a line for each topic."""
+        for name, topic in self._topics.items():
+            keys = topic.missing()
+            if keys:
+                stamp_ns, source = keys[0]
+                sender = source or "a node that is not ours"
+                more = f" (and {len(keys) - 1} more)" if len(keys) > 1 else ""
+                yield (
+                    f"{name}: a message of {sender} acted on the plant, stamped t = "
+                    f"{seconds(stamp_ns):g} s, but was not recorded{more}"
+                )

@@ -1,0 +1,47 @@
+"""A source: the text NODE@PROCESS that, in real time, names who sent a message that is recorded.
+
+It is the frame of a JointState message or an event, which mean nothing else there. Other projects' messages
+have none. In lock-step there is one process for each node by construction, and no message names it.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+
+NO_SOURCE = "-"  # in ``plant/inputs``, of what somebody else's node sent, or where nothing acts
+
+# No blank, no second @; three of them are still a frame that every reader takes.
+_SOURCE = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,239}@[!-?A-~]{0,98}")
+
+
+def source(name: str, process: str) -> str:
+    """Return the source of a node, by its own name and its process's identity."""
+    return f"{name}@{process}"
+
+
+@lru_cache(maxsize=256)
+def source_in(frame_id: str) -> str:
+    """Return the source that a message's frame gives; empty if it gives none."""
+    return frame_id if _SOURCE.fullmatch(frame_id) else ""
+
+
+def process_of(source: str) -> str:
+    """Return the identity of a source's process; empty if the source or its process is not known."""
+    return source.partition("@")[2]
+
+
+@lru_cache(maxsize=256)
+def frame_of_inputs(simulator: str, command: str, disturbance: str) -> str:
+    """Return the frame of a row of ``plant/inputs``: the sources of the row itself and of what acts."""
+    return " ".join(text or NO_SOURCE for text in (simulator, command, disturbance))
+
+
+@lru_cache(maxsize=256)
+def sources_of_inputs(frame_id: str) -> tuple[str, str, str] | None:
+    """Return the three sources that a row's frame names, empty where there is none; None for any other."""
+    texts = frame_id.split(" ")
+    if len(texts) != 3 or not all(text == NO_SOURCE or source_in(text) for text in texts):
+        return None
+    simulator, command, disturbance = ("" if text == NO_SOURCE else text for text in texts)
+    return simulator, command, disturbance
