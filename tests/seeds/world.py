@@ -68,6 +68,7 @@ class World:
         self.trace: list[str] = []
         self.processes: list[Process] = []
         self.network = Network(self)
+        self.names: dict[str, Process] = {}  # of nodes, by the process that holds each
         self._events: list[tuple[int, int, Callable[[], None]]] = []
         self._order = count()
         self._hub = getcurrent()

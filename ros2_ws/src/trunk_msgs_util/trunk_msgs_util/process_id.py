@@ -28,6 +28,20 @@ def same_machine(identity: str) -> bool:
     return False
 
 
+def is_older(one: str, other: str) -> bool | None:
+    """Return True if a process was started before another one; None if they ran on different machines.
+
+    Of two that were started within one tick of the kernel, the one with the smaller number counts as older.
+    """
+    (boot, *numbers), (other_boot, *other_numbers) = one.split("."), other.split(".")
+    if boot != other_boot:
+        return None
+    if not all(len(n) == 2 and all(map(str.isdecimal, n)) for n in (numbers, other_numbers)):
+        return None
+    ages = [(int(started), int(pid)) for pid, started in (numbers, other_numbers)]
+    return ages[0] < ages[1]
+
+
 def local_pid(identity: str) -> int | None:
     """Return the number of a process that runs on this machine and is visible from here; else None."""
     _, _, rest = identity.partition(".")

@@ -11,6 +11,7 @@ from rclpy.subscription import Subscription
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import meeting, qos
 from trunk_msgs_util.node.base import TrunkNode
+from trunk_msgs_util.source import process_of
 
 from .config import SimulatorConfig
 from .participants import Participants
@@ -72,5 +73,7 @@ class GraphParticipants(Participants):
     def _on_event(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = {v.key: v.value for v in status.values}
-            self.hear(status.name, status.message, values)
+            process = process_of(message.header.frame_id) or values.get("process", "")
+            if not self._node.is_second(status.name, process):
+                self.hear(status.name, status.message, values)
             self._node.look_for_namesake(status.name, status.message, values)

@@ -15,23 +15,25 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from .. import topics
+from ..errors import EXIT_FAILED
 from ..events import Event
 from ..parameters.config import ManagedConfig
 from ..parameters.declarations import values_of
 from ..printable import printable
-from ..process_id import local_pid, process_id, same_machine
+from ..process_id import process_id
 from ..source import source
 from ..values import Value
 from . import evidence, qos
 from .conversions import status_to_ros
-from .managed import ENDING, EXIT_FAILED, ManagedNode
+from .managed import ENDING
+from .namesakes import UniqueNode
 from .ros_parameters import NodeParameters
 from .waiting import Waiting
 
 Config = TypeVar("Config", bound=ManagedConfig)
 
 
-class TrunkNode(ManagedNode, Generic[Config]):
+class TrunkNode(UniqueNode, Generic[Config]):
     """A managed node with a checked configuration that reports to the recording what happens to it.
 
     Parameters, run events and diagnostics exist from the beginning; a subclass implements `set_up`,
@@ -45,9 +47,9 @@ class TrunkNode(ManagedNode, Generic[Config]):
     """
 
     def __init__(self, name: str, config_class: type[Config]) -> None:
-        """Declare and check the parameters. Raises ParameterError."""
+        """Declare and check the parameters. Raises ParameterError, and NamesakeError if the name is taken."""
         super().__init__(name, start_parameter_services=False)  # they are made with the parameters
-        self.run_stamp_ns = -1  # before the first state
+        self.claim_name()
         self._born_s = time.monotonic()
         self._evidence: list[evidence.Evidence] = []
         self._accounted = False
@@ -147,6 +149,7 @@ class TrunkNode(ManagedNode, Generic[Config]):
 
     def event(self, message: Event, level: bytes = DiagnosticStatus.OK, **values: object) -> None:
         """Publish a run event; the recorder records it."""
+        super().event(message, level, **values)
         self._events_topic.publish(
             status_to_ros(
                 self.run_stamp_ns,
@@ -163,31 +166,6 @@ class TrunkNode(ManagedNode, Generic[Config]):
         self.get_logger().error(printable(reason))
         self.event(Event.FAILED, DiagnosticStatus.ERROR, reason=reason, **values)
         self.exit_code = EXIT_FAILED
-
-    def look_for_namesake(self, node: str, message: str, values: Mapping[str, str]) -> None:
-        """Fail if an event shows that another process has this node's name: a recording would mix the two."""
-        process = values.get("process", "")
-        if (
-            message == Event.CONFIGURED
-            and node == self.get_fully_qualified_name()
-            and process not in ("", process_id())
-            and self.exit_code is None
-            and self._is_alive(process)
-        ):
-            self.fail(
-                f"another {node} was running, in process {process}: stop it, or give each its own "
-                "namespace or ROS_DOMAIN_ID"
-            )
-
-    def _is_alive(self, process: str) -> bool:
-        """Return True for a namesake's process, and False if an old recording is being played.
-
-        A process on another machine cannot be looked up: there the graph must show two nodes.
-        """
-        if same_machine(process):
-            return local_pid(process) is not None
-        own = (self.get_name(), self.get_namespace())
-        return self.get_node_names_and_namespaces().count(own) > 1
 
     def draining(self) -> bool:
         """Return True while the node still has messages to take before it closes.
@@ -241,3 +219,4 @@ class TrunkNode(ManagedNode, Generic[Config]):
         self.account()
         evidence.hand_over(self, self._born_s, self._accounted, self._evidence)
         self.destroy_node()
+        self.release_name()

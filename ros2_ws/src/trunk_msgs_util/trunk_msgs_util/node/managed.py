@@ -10,13 +10,13 @@ from typing import Any
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
+from ..errors import EXIT_FAILED
 from ..events import Event
 from ..parameters.declarations import ParameterError
 from ..printable import printable
 from ..process_id import process_id
 
 RCLError = rclpy_implementation.RCLError
-EXIT_FAILED = 1
 ENDING = "this node is shutting down: requests no longer change the run"
 
 

@@ -20,6 +20,7 @@ from ..printable import printable
 from ..process_id import process_id
 from ..recording.schemas import parse_event, parse_parameter_event
 from ..samples import JointSample
+from ..source import process_of
 from ..units import LAST_STAMP_NS, NANOSECONDS
 from . import qos, waiting
 from .base import TrunkNode
@@ -245,6 +246,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         except ValueError:
             self.counters["parameters malformed"] += 1
             return
+        if self.is_second(change.node, process_of(change.source)):
+            return
         self._tally.meet(change)
         if self._pictures is not None:
             self._pictures.retune(change)
@@ -252,7 +255,9 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def _on_event(self, data: bytes) -> None:
         try:
             event = parse_event(data)
-            self._tally.hear(event)
+            process = process_of(event.source) or event.values.get("process", "")
+            if not self.is_second(event.node, process):
+                self._tally.hear(event)
         except ValueError:
             self.counters["events malformed"] += 1
             return

@@ -17,12 +17,11 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from ..errors import EXIT_USAGE, TrunkError
+from ..errors import EXIT_FAILED, EXIT_USAGE, TrunkError
 from ..printable import printable
 from . import middleware
 from .base import TrunkNode
 from .executor import LoopExecutor
-from .managed import EXIT_FAILED
 
 Beside = TypeVar("Beside", bound=Node)
 _DRAIN_S = 5.0  # at most, while messages still arrive; with none arriving, the nodes end at once
