@@ -51,7 +51,7 @@ def test_runs_in_which_controllers_take_turns(scenario, tmp_path):
     assert verdict.exit_code == VERIFIED
     names = list(plan.controllers)
     assert recording.controllers == names
-    assert [part.name for part in verdict.parts[: len(names)]] == [
+    assert [part.name for part in verdict.checks[: len(names)]] == [
         f"commands of {name}" for name in names
     ]
     turns = [(e.message, e.node) for e in recording.events() if e.message.endswith("activated")]
@@ -101,7 +101,7 @@ def test_a_controller_that_is_activated_during_the_run_begins_inactive(tmp_path)
     record_offline(plan, path)
     verdict = verify(Recording.open(path))
     assert verdict.exit_code == VERIFIED, verdict
-    assert [part.steps for part in verdict.parts[:2]] == [200, 201]
+    assert [part.steps for part in verdict.checks[:2]] == [200, 201]
     record_offline(RecordedRun.open(path).plan(), again)
     assert diff(RecordedRun.open(path), RecordedRun.open(again)).identical
 
@@ -121,7 +121,7 @@ def test_commands_of_two_publishers_may_be_in_any_order(tmp_path):
 
     edited = copied(path, tmp_path / "edited.mcap", late, digests=ANEW)
     verdict = verify(edited)
-    assert not any(part.wrong_steps for part in verdict.parts), verdict
+    assert not any(part.wrong_steps for part in verdict.checks), verdict
     # One writer would have kept them in order.
     assert all("effort_command" in line for line in verdict.contradictions)
     assert diff(RecordedRun.open(path), RecordedRun(edited)).identical
@@ -139,11 +139,11 @@ def test_a_command_given_out_of_turn_is_found(tmp_path):
 
     verdict = verify(copied(path, tmp_path / "edited.mcap", no_turns, digests=NONE))
     assert verdict.exit_code == DIVERGES
-    (nobodys,) = [part for part in verdict.parts if "without one active" in part.name]
+    (nobodys,) = [part for part in verdict.checks if "without one active" in part.name]
     assert nobodys.wrong_steps == nobodys.steps > 100
     (first,) = nobodys.first
     assert (first.recorded, first.computed) == (0.0, 1.0)
-    given = sum(part.steps for part in verdict.parts if part.name.startswith("commands"))
+    given = sum(part.steps for part in verdict.checks if part.name.startswith("commands"))
     assert given == len(RecordedRun.open(path).table(EFFORT_COMMAND))
 
 

@@ -93,7 +93,7 @@ def test_commands_to_another_robot_are_judged(
     path = tmp_path / "run.mcap"
     verdict = verify(Recording.open(path))
     assert verdict.exit_code == UNJUDGED
-    (commands,) = verdict.parts
+    (commands,) = verdict.checks
     assert (commands.name, commands.wrong_steps) == ("commands of pid", 0), commands
     assert commands.steps == 400
     assert "no simulator of ours: its states come from elsewhere" in verdict.obstacles
@@ -107,7 +107,7 @@ def test_commands_to_another_robot_are_judged(
         states[200][2] = bytes(data)
 
     altered = verify(copied(path, tmp_path / "edited.mcap", other_state, digests=ANEW))
-    assert any(part.wrong_steps for part in altered.parts)
+    assert any(part.wrong_steps for part in altered.checks)
 
     told = children.trunk("explain", "run.mcap", "--at", "1.0", name="explain")
     assert told.wait() == 0, told.stderr

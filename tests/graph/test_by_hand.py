@@ -109,7 +109,7 @@ def test_a_recorder_stopped_first_leaves_an_incomplete_file(
     assert endless["recorder"].stderr.splitlines()[-1].endswith(f"messages, INCOMPLETE: {EARLY}")
     code, lines = verdict(children, file)
     assert code == UNJUDGED
-    assert lines[:2] == [f"{file.name}: cannot be judged", f"  obstacle: incomplete: {EARLY}"]
+    assert lines[:2] == [f"{file.name}: inconclusive", f"  obstacle: incomplete: {EARLY}"]
     assert sum(EARLY in line for line in lines) == 1
     assert any("all equal to the last bit" in line for line in lines)
 

@@ -52,7 +52,7 @@ def test_turns_and_changes_while_the_simulator_is_inactive(
         assert child.stop() == 0, child.stderr
     verdict = verify(Recording.open(tmp_path / "run.mcap"))
     assert verdict.exit_code == VERIFIED, verdict
-    assert {part.name for part in verdict.parts} >= {"torques in force", "states of the plant"}
+    assert {part.name for part in verdict.checks} >= {"torques in force", "states of the plant"}
 
 
 def test_a_second_simulator_is_not_held_against_the_run(
@@ -69,4 +69,4 @@ def test_a_second_simulator_is_not_held_against_the_run(
     children.none_left()
     verdict = verify(Recording.open(tmp_path / "run" / "run.mcap"))
     assert verdict.exit_code == UNJUDGED, verdict
-    assert not any(part.wrong_steps for part in verdict.parts)
+    assert not any(part.wrong_steps for part in verdict.checks)

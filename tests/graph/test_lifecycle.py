@@ -198,7 +198,7 @@ def test_a_controller_that_outlives_the_recorder_is_not_held_against_the_run(
     verdict = verify(Recording.open(tmp_path / "run.mcap"))
     assert verdict.exit_code == UNJUDGED
     assert not verdict.contradictions
-    assert not any(part.wrong_steps for part in verdict.parts)
+    assert not any(part.wrong_steps for part in verdict.checks)
     (obstacle,) = verdict.obstacles
     assert obstacle.startswith("incomplete: effort_command: ")
     assert obstacle.endswith(": not all of them reported a count")

@@ -48,7 +48,7 @@ def test_nodes_of_any_name_are_recorded_and_judged(
     assert recording.controllers == ["pid"]  # goes by what it is
     verdict = verify(recording)
     assert verdict.exit_code == VERIFIED, verdict
-    assert verdict.parts[0].name == "commands of pid"
+    assert verdict.checks[0].name == "commands of pid"
     assert "pid is the node /balance" in verdict.notes
     explained = children.trunk("explain", "run.mcap", "--at", "0.1", name="explain")
     assert explained.wait() == 0, explained.stderr

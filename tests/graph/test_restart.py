@@ -55,7 +55,7 @@ def test_a_controller_that_takes_the_place_of_one_that_ended(
     verdict = verify(Recording.open(tmp_path / "run.mcap"))
     assert verdict.exit_code == UNJUDGED, verdict
     assert not verdict.contradictions
-    assert not any(part.wrong_steps for part in verdict.parts)
-    assert verdict.parts[0].name == "commands of pid"
-    assert verdict.parts[0].steps > 0
+    assert not any(part.wrong_steps for part in verdict.checks)
+    assert verdict.checks[0].name == "commands of pid"
+    assert verdict.checks[0].steps > 0
     assert any("one that was restarted" in line for line in verdict.obstacles)

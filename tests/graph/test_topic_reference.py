@@ -111,4 +111,4 @@ def test_it_is_recorded_and_judged(children: Children, peer: Peer, tmp_path: Pat
     assert recording.complete, recording.warnings
     verdict = verify(recording)
     assert verdict.exit_code == VERIFIED, verdict
-    assert "commands of pid" in {part.name for part in verdict.parts}
+    assert "commands of pid" in {part.name for part in verdict.checks}

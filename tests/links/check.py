@@ -23,7 +23,7 @@ from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
 from trunk_experiments.runs.files import RunFiles
 from trunk_experiments.runs.graph import run_graph
-from trunk_experiments.runs.offline import steps
+from trunk_experiments.runs.engine import steps
 from trunk_experiments.runs.offline_recording import record_steps
 from trunk_experiments.runs.quick import compiled_states
 from trunk_experiments.runs.states import in_stretches

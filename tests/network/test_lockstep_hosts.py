@@ -45,7 +45,7 @@ def assert_same_bits(plan: RunPlan, run: Recording, folder: Path) -> None:
     assert found.compared == 5 * states + 1  # the disturbance is published one step ahead
     verdict = verify(run)
     assert verdict.word == "verified", verdict
-    assert verdict.parts[0].steps == states
+    assert verdict.checks[0].steps == states
 
 
 def test_same_bits_as_offline(hosts: tuple[Host, Host], tmp_path: Path) -> None:

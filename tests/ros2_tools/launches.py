@@ -72,7 +72,7 @@ def check_swap(folder: Path) -> None:
                 says(f"in a launched run: {name} {label}", set_to, "Transitioning successful")
         launched.communicate(timeout=300)
     verdict = verify(Recording.open(run / "run.mcap"))
-    parts = {part.name: part.steps for part in verdict.parts}
+    parts = {part.name: part.steps for part in verdict.checks}
     check("the swap by hand is verified", verdict.exit_code == VERIFIED, str(verdict.reasons))
     check(
         "... commands of both", min(parts.get(f"commands of {n}", 0) for n in ("pid", "fuzzy_pid"))

@@ -41,7 +41,7 @@ class Run(NamedTuple):
         """What a run is wrongly accused of; empty: nothing."""
         v = self.verdict
         found = [*v.altered, *v.contradictions]
-        found += [f"{part.name}: {describe(part.first[0])}" for part in v.parts if part.first]
+        found += [f"{part.name}: {describe(part.first[0])}" for part in v.checks if part.first]
         if self.complete and v.exit_code != VERIFIED:
             found += v.obstacles
         return "; ".join(found)

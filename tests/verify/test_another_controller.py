@@ -10,7 +10,7 @@ from trunk_experiments.plans import nodes
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.replay import verify as verify_module
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
-from trunk_experiments.runs.offline import steps
+from trunk_experiments.runs.engine import steps
 from trunk_experiments.runs.offline_recording import record_offline, record_steps
 from trunk_msgs_util.recording.reader import Recording
 
@@ -33,7 +33,7 @@ def strangers(tmp_path_factory):
 def test_the_states_follow_from_the_commands_on_the_record(strangers):
     verdict = verify(Recording.open(strangers))
     assert verdict.exit_code == VERIFIED, verdict.reasons
-    assert [(part.name, part.steps) for part in verdict.parts] == [
+    assert [(part.name, part.steps) for part in verdict.checks] == [
         ("disturbances", 502),
         ("states of the plant", 501),
     ]
@@ -48,7 +48,7 @@ def test_another_command_leads_to_another_state(strangers, tmp_path):
 
     verdict = verify(copied(strangers, tmp_path / "a.mcap", edit, digests=ANEW))
     assert verdict.exit_code == DIVERGES
-    (difference, *_) = verdict.parts[-1].first
+    (difference, *_) = verdict.checks[-1].first
     assert difference.stamp_ns == 101_000_000
 
 
@@ -89,7 +89,7 @@ def test_a_law_that_is_not_installed_is_not_a_stranger(tmp_path, monkeypatch):
         monkeypatch.setattr(module, "CONTROLLERS", ())
     verdict = verify(Recording.open(tmp_path / "ours.mcap"))
     assert verdict.exit_code == UNJUDGED
-    assert not verdict.parts
+    assert not verdict.checks
 
 
 def test_the_origin_names_who_gave_the_commands(strangers, tmp_path):

@@ -41,7 +41,7 @@ def test_what_a_recorder_missed_is_judged_neither_right_nor_wrong(
 
     verdict = verify(copied(whole, tmp_path / "late.mcap", miss, ANEW, end=False))
     assert verdict.exit_code == UNJUDGED, verdict
-    assert not any(part.wrong_steps for part in verdict.parts)
+    assert not any(part.wrong_steps for part in verdict.checks)
     assert verdict.judged == judged
     run = RecordedRun.open(tmp_path / "late.mcap")
     with pytest.raises(RecordingError, match=f"from t = {first:g} s on no command can be traced"):
@@ -66,7 +66,7 @@ def test_the_last_answers_of_a_killed_controller_may_be_missing_in_part(
     path = tmp_path / "killed.mcap"
     verdict = verify(copied(whole, path, kill, ANEW, end=False, provenance={"mode": "lockstep"}))
     assert verdict.exit_code == UNJUDGED, verdict
-    assert not any(part.wrong_steps for part in verdict.parts)
+    assert not any(part.wrong_steps for part in verdict.checks)
     assert verdict.judged.startswith("t = 0 to 1.19")
 
 
@@ -83,7 +83,7 @@ def test_the_last_terms_of_a_controller_killed_after_the_end_may_be_missing(whol
     path = tmp_path / "killed.mcap"
     verdict = verify(copied(whole, path, kill, ANEW, provenance={"mode": "lockstep"}))
     assert verdict.exit_code == UNJUDGED, verdict
-    assert not any(part.wrong_steps for part in verdict.parts)
+    assert not any(part.wrong_steps for part in verdict.checks)
     assert verdict.judged.startswith(f"t = 0 to {1.2 - 0.001 * lost:g} s")
     (obstacle,) = verdict.obstacles
     assert obstacle.startswith("fuzzy_pid did not say how many messages it published")
@@ -149,7 +149,7 @@ def test_a_disturbance_that_the_recorder_never_met_is_missed(whole, tmp_path, lo
         ), verdict
     else:
         assert verdict.exit_code == UNJUDGED, verdict
-        assert not any(part.wrong_steps for part in verdict.parts)
+        assert not any(part.wrong_steps for part in verdict.checks)
         assert verdict.judged == "no state"
 
 
@@ -197,7 +197,7 @@ def test_terms_that_the_recorder_lost_are_missed(whole, tmp_path, first):
     path = tmp_path / "lost.mcap"
     verdict = verify(copied(whole, path, lose, ANEW, False, provenance={"mode": "real_time"}))
     assert verdict.exit_code == UNJUDGED, verdict
-    assert not any(part.wrong_steps for part in verdict.parts)
+    assert not any(part.wrong_steps for part in verdict.checks)
     assert verdict.judged.startswith("t = 0 to 0.599 s" if first else "no state"), verdict
 
 
@@ -226,7 +226,7 @@ def test_the_last_words_of_a_killed_controller_may_be_missing_although_another_f
     source, provenance = tmp_path / "whole.mcap", {"mode": "real_time"}
     verdict = verify(copied(source, path, kill, ANEW, False, provenance=provenance))
     assert verdict.exit_code == UNJUDGED, verdict
-    assert not any(part.wrong_steps for part in verdict.parts)
+    assert not any(part.wrong_steps for part in verdict.checks)
     assert verdict.judged.startswith("t = 0 to 0.094 s"), verdict
 
 
@@ -242,7 +242,7 @@ def test_commands_before_any_controllers_events_are_not_attributed(whole, tmp_pa
     path = tmp_path / "a.mcap"
     verdict = verify(copied(whole, path, edit, ANEW, end, provenance={"mode": "real_time"}))
     assert verdict.exit_code == UNJUDGED, verdict
-    assert not any(part.wrong_steps for part in verdict.parts)
+    assert not any(part.wrong_steps for part in verdict.checks)
     assert any("what follows t = 0 s is not judged" in line for line in verdict.obstacles)
 
 
@@ -273,7 +273,7 @@ def test_a_stranger_is_not_taken_for_a_node_of_ours(whole, tmp_path, topic, stam
     )
     verdict = verify(copy)
     assert verdict.exit_code == UNJUDGED, verdict
-    assert not any(part.wrong_steps for part in verdict.parts)
+    assert not any(part.wrong_steps for part in verdict.checks)
     assert "t = 0 to 0.59" in verdict.judged or "t = 0 to 0.6 s" in verdict.judged
     assert any("what follows t = 0.6 s" in o or "t = 0.599 s" in o for o in verdict.obstacles)
     run = RecordedRun.open(tmp_path / "stranger.mcap")

@@ -61,7 +61,7 @@ def other_label(row, column):
 def test_a_whole_run_is_verified(whole):
     verdict = verify(Recording.open(whole))
     assert verdict.exit_code == VERIFIED
-    assert {part.name: part.steps for part in verdict.parts} == {
+    assert {part.name: part.steps for part in verdict.checks} == {
         "commands of fuzzy_pid": 1201,
         "disturbances": 1202,
         "states of the plant": 1201,
@@ -111,7 +111,7 @@ def test_a_planted_change_diverges_by_recomputation_alone(whole, tmp_path, edit)
 @pytest.mark.slow
 def test_one_bit_of_one_command_is_found_at_its_step_one_ulp_apart(whole, tmp_path):
     copy = copied(whole, tmp_path / "planted.mcap", PLANTED["one bit of one command"], digests=NONE)
-    commands = next(p for p in verify(copy).parts if p.name == "commands of fuzzy_pid")
+    commands = next(p for p in verify(copy).checks if p.name == "commands of fuzzy_pid")
     assert commands.wrong_steps == 1
     assert commands.first[0].stamp_ns == 700_000_000
     found = diff(RecordedRun.open(whole), RecordedRun(copy))
@@ -223,7 +223,7 @@ def test_another_arithmetic_is_not_recomputed(whole, tmp_path, arithmetic, line)
     copy = copied(whole, tmp_path / "other.mcap", provenance={"arithmetic": arithmetic})
     verdict = verify(copy)
     assert verdict.exit_code != VERIFIED
-    assert not verdict.parts
+    assert not verdict.checks
     assert any(line in obstacle for obstacle in verdict.obstacles)
     with pytest.raises(RecordingError, match=line):
         RecordedRun(copy).plan()

@@ -27,7 +27,7 @@ from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.runs.loop import chains_of, surroundings_of
-from trunk_experiments.runs.offline import steps
+from trunk_experiments.runs.engine import steps
 from trunk_msgs_util import compiled
 from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_sim.actuator import saturate

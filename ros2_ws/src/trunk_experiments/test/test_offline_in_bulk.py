@@ -17,7 +17,8 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
 from trunk_experiments.runs import offline_recording, quick
-from trunk_experiments.runs.offline import disturbance_source, steps
+from trunk_experiments.runs.engine import steps
+from trunk_experiments.runs.offline import disturbance_source
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_experiments.runs.states import in_stretches
 from trunk_msgs_util import provenance, topics

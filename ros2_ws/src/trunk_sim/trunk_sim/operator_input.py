@@ -48,11 +48,13 @@ class OperatorLimits(NamedTuple):
 
 def with_operator(acting: Disturbance, applied: Applied) -> Disturbance:
     """Return the disturbance with the operator's force and torque added; as it is where those are 0."""
-    if not (applied.hip_force or applied.trunk_torque):
+    if applied.hip_force == 0.0 and applied.trunk_torque == 0.0:
         return acting
-    return acting._replace(
-        hip_force=acting.hip_force + applied.hip_force,
-        trunk_torque=acting.trunk_torque + applied.trunk_torque,
+    return Disturbance(
+        acting.hip_force + applied.hip_force,
+        acting.trunk_torque + applied.trunk_torque,
+        acting.hip_offset,
+        acting.trunk_offset,
     )
 
 

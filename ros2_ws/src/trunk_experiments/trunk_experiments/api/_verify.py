@@ -12,7 +12,7 @@ from ._run import Run
 from ._shown import html_table
 from ._simulate import run_of
 
-Word = Literal["verified", "diverges", "cannot be judged", "not signed"]
+Word = Literal["verified", "diverges", "inconclusive", "not signed"]
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class CheckedPart:
 class Verification:
     """What recomputing a recording found.
 
-    Made by `verify`. ``verdict``: ``verified``, ``diverges``, ``cannot be judged`` or ``not signed``.
+    Made by `verify`. ``verdict``: ``verified``, ``diverges``, ``inconclusive`` or ``not signed``.
     ``judged``: which part of the run was judged, in words. ``checked``: what was recomputed. ``reasons``: why
     it is not verified, one line each; empty if it is. ``not_judged``: what no check covers. ``notes``: what
     else there is to know, such as a signature.
@@ -96,7 +96,7 @@ def verify(run: Run | AnyPath, *, key: AnyPath | None = None) -> Verification:
             CheckedPart(
                 part.name, part.steps, part.wrong_steps, tuple(describe(one) for one in part.first)
             )
-            for part in found.parts
+            for part in found.checks
         ),
         tuple(found.reasons),
         tuple(found.unjudged),

@@ -7,12 +7,13 @@ import numpy as np
 from trunk_control.laws import law_named
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.simulation import DivergedError
-from trunk_sim.step import act, torque_of
+from trunk_sim.step import torque_of
 from trunk_sim.traffic import Traffic
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan
-from ..runs.offline import Step, steps
+from ..runs.engine import steps
+from ..runs.states import Step
 from .block import regular_run, run_block, summary_of
 from .closed_loop import Batch, Outcome, gains_of
 from .columns import LANES
@@ -31,7 +32,7 @@ def first_difference(plan: RunPlan, batch: Batch) -> str | None:
     taken: list[Step] = []
     diverged = False
     try:
-        taken.extend(steps(plan, act))
+        taken.extend(steps(plan))
     except DivergedError:
         diverged = True
     if len(taken) != len(outcome.table.t) or diverged != (outcome.diverged_at is not None):
@@ -74,7 +75,7 @@ def lane_difference(plan: RunPlan, outcome: Outcome) -> str | None:
 
 def _refusal_difference(plan: RunPlan, reason: str) -> str | None:
     try:
-        next(steps(plan, act))
+        next(steps(plan))
     except PlanError as error:
         if str(error) == reason:
             return None

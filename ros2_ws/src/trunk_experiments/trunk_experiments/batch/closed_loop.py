@@ -10,12 +10,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trunk_control.controller import Controller
 from trunk_control.decide import Answer
 from trunk_control.law import Law
 from trunk_control.laws import law_named
 from trunk_msgs_util.compiled import compiled_or_plain, fingerprint
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import NANOSECONDS
+from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.noise import noise_samples
 from trunk_sim.step import Measurement, Plant, Trunk, at_rest, noisy, torque_of
@@ -28,12 +30,18 @@ from ..runs.loop import (
     DIVERGED,
     Acted,
     Chain,
+    LoopState,
+    Schedule,
     Surroundings,
-    chains_of,
+    beginning,
+    chain_of,
     check_compilable,
+    for_compiler,
+    participants_of,
+    segment_of,
     states_of,
-    stretch_of,
     surroundings_of,
+    wire_of,
 )
 
 # Rows of a run's result. The first four are the state; all are RunTable's, in its order.
@@ -93,30 +101,49 @@ def keep_rows(
 def loop_of(*laws: Law) -> Callable[..., tuple[int, bool]]:
     """Return the loop of a whole run with these laws, in the order of its participants.
 
-    ``loop(surroundings, memories, participants, noise, history, out)`` fills ``out`` [ROWS, N + 1] with a
-    run of N steps and returns the number of states, and True if the plant diverged in the step after the
-    last of them. A run that ends with a fall has fewer than N + 1, too. Later columns are not
-    written. ``noise`` and ``history`` are those of `stretch_of`.
+    ``loop(states, surroundings, state, participants, noise, history, schedule, out)`` fills ``out`` [ROWS, N]
+    with a run of N ``states`` and returns how many there are, and True if the plant diverged in the step
+    after the last of them. A run that ends with a fall has fewer than N, too. Later columns are not written.
+    The other arguments are those of `segment_of`.
     """
-    stretch = stretch_of(*laws, keep=keep_rows, tell=tell_gains)
+    segment = segment_of(*laws, keep=keep_rows, tell=tell_gains)
 
     def loop(
+        states: int,
         surroundings: Surroundings,
-        memories: Chain,
+        state: LoopState,
         participants: Chain,
         noise: Floats,
         history: Floats,
+        schedule: Schedule,
         out: Floats,
     ) -> tuple[int, bool]:
-        s = surroundings
-        start = at_rest(s.initial, s.plant)
-        count, end, _, _ = stretch(
-            0, s.states, s, start, memories, participants, noise, history, out
+        count, end, _ = segment(
+            0, states, surroundings, state, participants, noise, history, schedule, out
         )
         return count, end == DIVERGED
 
     loop.__name__ = loop.__qualname__ = "_".join(["loop", *(law.update.__module__ for law in laws)])
     return loop
+
+
+def start_of_loop(plan: RunPlan) -> tuple[Surroundings, LoopState, Chain]:
+    """Return what surrounds a plan's controllers, the loop before the first state, and the participants."""
+    simulator = plan.simulator
+    surroundings = surroundings_of(
+        simulator, plan.disturbance, wire_of(simulator.network, states_of(plan))
+    )
+    controllers = [Controller(config) for config in plan.controllers.values()]
+    chain = participants_of(
+        (
+            (one.config, with_arrays(one.setting), tuple(map(with_arrays, one.constants)))
+            for one in controllers
+        ),
+        simulator.joints,
+    )
+    trunk = at_rest(simulator.initial_state, simulator.plant)
+    memories = chain_of([one.memory for one in controllers])
+    return for_compiler(surroundings), beginning(trunk, memories), chain
 
 
 @cache
@@ -160,10 +187,11 @@ class Batch:
         states = states_of(plan)
         if self._out.shape[1] != states:
             self._out = np.empty((ROWS, states))
-        memories, participants = chains_of(plan)
+        surroundings, state, participants = start_of_loop(plan)
         history = np.empty((simulator.delay_steps + 1, 4))
+        noise = _noise(plan, states)
         count, diverged = loop(
-            surroundings_of(plan), memories, participants, _noise(plan, states), history, self._out
+            states, surroundings, state, participants, noise, history, Schedule(), self._out
         )
         t = _times(states, simulator.period_ns)
         table = RunTable(t[:count], *self._out[:, :count])

@@ -11,6 +11,7 @@ is marked as left, and `closed_loop` computes its run.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import nan
 from typing import Any, NamedTuple
 
 from trunk_control.law import Constants, Law, Lookup
@@ -123,7 +124,7 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
                         cells[(NOISE + 1) * LANES + lane],
                         read_sensor(cells, lane, c.sensor),
                     )
-                    reading = reading_of(0, seen, 0.0, c.hip)
+                    reading = reading_of(0, seen, 0.0, c.hip, nan)
                     wanted = cells[WANTED * LANES + lane]
                     keep_sample(reading, wanted, cells, lane)
                 look_up(c, cells, dt, started)

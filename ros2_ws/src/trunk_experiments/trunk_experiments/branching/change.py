@@ -49,7 +49,7 @@ def branched(run: RecordedRun, resumed: Resumed, branch: Branch, until: float | 
         layer = Layer("--duration", (Section("simulator", {"duration": until}),))
         plan = replace(plan, simulator=_config(plan, "simulator", [layer], resumed.stamp_ns))
     new: dict[str, Any] = {}
-    begun = resumed.begun
+    checkpoint = resumed.checkpoint
     if branch.controller:
         plan, config = _with_controller(plan, resumed, branch)
         if config is not None:
@@ -59,7 +59,8 @@ def branched(run: RecordedRun, resumed: Resumed, branch: Branch, until: float | 
             seen = _seen(run, config, resumed.stamp_ns)
             if seen is not None:
                 controller.see(*seen)
-            begun = begun._replace(controllers={**begun.controllers, branch.controller: controller})
+            controllers = {**checkpoint.controllers, branch.controller: controller}
+            checkpoint = checkpoint._replace(controllers=controllers)
     pushes = [parse_push(text, at) for text in branch.pushes]
     layers = [parse_setting(text) for text in branch.settings]
     check_names(layers, declared_names())
@@ -88,7 +89,7 @@ def branched(run: RecordedRun, resumed: Resumed, branch: Branch, until: float | 
     plan = replace(plan, changes={node: some for node, some in changes.items() if some})
     check_joints(plan)
     check_rates(plan)
-    return Branched(resumed._replace(plan=plan, begun=begun), new)
+    return Branched(resumed._replace(plan=plan, checkpoint=checkpoint), new)
 
 
 def _check_pushes(
@@ -154,7 +155,7 @@ def _with_controller(
                 f"--controller {name}: active.times of {node} has a turn at t = {later[0]:g} s that would "
                 "undo it: branch after it"
             )
-    acting = [n for n, one in resumed.begun.controllers.items() if one.active]
+    acting = [n for n, one in resumed.checkpoint.controllers.items() if one.active]
     if acting == [name]:
         raise PlanError(f"--controller {name}: it already acts at t = {seconds(at_ns):g} s")
     changes = {

@@ -105,4 +105,4 @@ class Past:
             return data
         kinds = {name: d.kind for name, d in declarations(NODES[node].config).items()}
         new = {**change.new, **self._replaced[node]}
-        return parameter_event(change.stamp_ns, change.node, new, {}, kinds)
+        return parameter_event(change.stamp_ns, change.node, new, {}, kinds, change.source)

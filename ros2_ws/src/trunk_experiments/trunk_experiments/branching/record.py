@@ -7,18 +7,20 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
+
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.process_id import process_id
 from trunk_msgs_util.real_path import real_path
+from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.whole_file import whole_file
 
 from ..plans.plan import RunPlan
 from ..recorded.branch_of import AT, CHANGES, MADE_BY, OF, PARENT
 from ..recorded.run import RecordedRun
-from ..replay.as_told import PUBLISHES
-from ..runs.going_on import states_from
+from ..runs.engine import Engine
 from ..runs.offline_recording import OfflineRecorder, Progress, Within
 from ..runs.states import FRESH, States
 from .branch import Branch
@@ -52,7 +54,7 @@ def record_branch(
         if not planned and not replaced:
             recorder.at_end = "stopped on request"
         recorder.introduce()
-        diverged = recorder.write_all(states_from(plan, resumed.begun), progress)
+        diverged = recorder.write_all(Engine(plan, resumed.checkpoint).states(), progress)
     if diverged is not None:
         raise diverged
     return recorder.states
@@ -89,14 +91,18 @@ class _BranchRecorder(OfflineRecorder):
     def __init__(
         self, run: RecordedRun, branched: Branched, writer: RecordingWriter, ahead_ns: int
     ) -> None:
-        resumed = branched.resumed
-        within = Within(resumed.first, ahead_ns, run.recording.topic)
-        super().__init__(resumed.plan, tuple(resumed.plan.controllers), writer, within)
+        resumed, state = branched.resumed, branched.resumed.checkpoint.state
+        held = None
+        if run.sourced:
+            since_ns = state.command_ns if resumed.commander else -1
+            held = state.command, since_ns, resumed.commander
+        within = Within(resumed.first, ahead_ns, run.recording.topic, self._source_of, held)
         self._run, self._resumed, self._new = run, resumed, branched.new
+        super().__init__(resumed.plan, tuple(resumed.plan.controllers), writer, within)
         self._graph = run.mode != "offline"
         self._commands = Counter(resumed.commands)
         self._updates = Counter(
-            {name: self._before_branch(topics.controller_state(name)) for name in run.controllers}
+            {name: self._sent(topics.controller_state(name), name) for name in run.controllers}
         )
         self._silent = {
             run.recording.relative(event.node)
@@ -105,9 +111,20 @@ class _BranchRecorder(OfflineRecorder):
             and event.stamp_ns < resumed.stamp_ns
         }
 
-    def _before_branch(self, topic: str) -> int:
-        """Return how many messages of a topic are from before the branch."""
-        return int((self._run.table(topic).stamp_ns < self._resumed.stamp_ns).sum())
+    def _source_of(self, node: str) -> str:
+        """Return the source of a node's messages: its process's in the parent, or else this one."""
+        if not self._run.sourced:
+            return ""
+        return self._resumed.sources.get(node) or f"{node}@{process_id()}"
+
+    def _sent(self, topic: str, node: str) -> int:
+        """Return how many messages a node's process sent on a topic before the branch."""
+        table = self._run.table(topic)
+        rows: Integers = np.arange(len(table))
+        for process in self._run.processes(node):
+            if process.source == self._resumed.sources.get(node, ""):
+                rows = process.rows(table)
+        return int((table.stamp_ns[rows] < self._resumed.stamp_ns).sum())
 
     def introduce(self) -> None:
         """Write the parameters of nodes that the parent does not have; in a graph, also that they came up."""
@@ -140,16 +157,21 @@ class _BranchRecorder(OfflineRecorder):
 
     def _published(self) -> None:
         plan, topic, states = self._plan, self._run.recording.topic, self.states
-        counts = {"simulator": dict.fromkeys(PUBLISHES["simulator"][:2], states)}
+        of_states = [topics.GROUND_TRUTH, topics.JOINT_STATES]
+        of_states += [topics.PLANT_INPUTS] if self._run.sourced else []
+        counts = {"simulator": dict.fromkeys(of_states, states)}
         if pushes := sum(at_ns <= self._last_ns for at_ns, _ in plan.pushes):
             counts["simulator"][topics.OPERATOR_PUSH] = pushes
         if plan.disturbance is not None:
             since = states + 1 - self._resumed.first
-            told = self._before_branch(topics.DISTURBANCE) + since
-            counts["disturbance"] = {topics.DISTURBANCE: told}
+            sent = self._sent(topics.DISTURBANCE, "disturbance")
+            counts["disturbance"] = {topics.DISTURBANCE: sent + since}
         for name in plan.controllers:
-            terms, effort = PUBLISHES[name]
-            counts[name] = {effort: self._commands[name], terms: self._updates[name]}
+            terms = topics.controller_state(name)
+            counts[name] = {
+                topics.EFFORT_COMMAND: self._commands[name],
+                terms: self._updates[name],
+            }
         for node, some in counts.items():
             if node not in self._silent:
                 ahead = plan.simulator.period_ns if node == "disturbance" else 0

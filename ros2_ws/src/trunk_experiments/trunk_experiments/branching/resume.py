@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from trunk_control.controller import Controller
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.recording.reader import RecordingError
@@ -15,35 +16,31 @@ from trunk_msgs_util.units import nanoseconds, seconds
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan
-from ..plans.timeline import Change
+from ..plans.timeline import Change, Timeline, begins_active
 from ..recorded.plan import references_of, why_not_again
+from ..recorded.processes import Process
 from ..recorded.run import RecordedRun, usable
-from ..recorded.turns import idle_ns
-from ..replay.as_written import pictures
-from ..replay.attributable import shared_from_ns
-from ..replay.driven import DrivenController, driven_controllers
-from ..replay.gaps import absent_steps
-from ..replay.missing import cut_off_ns, missed_from_ns, recorded_until_ns
-from ..replay.real_time import replay_torques
-from ..replay.replay import Checked, replay_controllers, replay_disturbance
-from ..replay.replay_plant import PlantReplay
-from ..replay.verdict import describe
-from ..replay.verify import surveyed
-from ..runs.offline import Begun
+from ..replay.checks import Check, describe
+from ..replay.in_force import check_disturbances, check_inputs
+from ..replay.rerun import Rerun
+from ..replay.verify import fill_tables
+from ..runs.engine import Checkpoint
 
 
 class Resumed(NamedTuple):
     """A run before the state with index ``first``.
 
-    The plan has the configurations in force there, and what happens from there on. ``commands``: how many
-    each controller has given before.
+    The plan has the configurations in force there, and what happens from there on. ``sources``: of the nodes
+    that go on, by name, in a real-time run. ``commander``: the controller that gave the last command.
     """
 
     plan: RunPlan
-    begun: Begun
+    checkpoint: Checkpoint
     first: int
     stamp_ns: int
-    commands: Mapping[str, int]
+    sources: Mapping[str, str]
+    commander: str
+    commands: Mapping[str, int]  # how many each controller has given before
 
 
 def state_at(run: RecordedRun, at: float) -> int:
@@ -67,32 +64,55 @@ def resumed(run: RecordedRun, first: int) -> Resumed:
     Raises RecordingError if the record does not verify up to there.
     """
     stamp_ns = first * run.config("simulator").period_ns
-    surveyed(run)
-    if reason := _unsound(run, stamp_ns):
-        raise _refused(run, stamp_ns, reason)
-    driven = driven_controllers(run)
-    plant = PlantReplay(run, stamp_ns)
-    commands = dict.fromkeys(run.controllers, 0)
-    for checked in _recomputed(run, driven, plant, stamp_ns):
-        if checked.found:
-            raise _refused(run, stamp_ns, describe(checked.found[0]))
-        if checked.controller:
-            commands[checked.controller] += checked.steps
-    told = set(run.parameters) & set(usable())
-    # Those that have not given a command yet also exist.
-    driven |= {node: DrivenController(run, node) for node in told - set(driven)}
-    driven = {node: driven[node] for node in run.parameters if node in driven}
-    for one in driven.values():
-        _bring(one, stamp_ns, run)
-    effort, told_ns = _last_command(run, stamp_ns)
-    begun = Begun(
-        plant.resumed(),
-        {name: one.controller for name, one in driven.items()},
-        told_ns,
-        effort,
-        by_hand=True,
+    if run.mode == "real_time" and not run.sourced:
+        raise _refused(
+            run, stamp_ns, "it was recorded before runs recorded what acted on the plant"
+        )
+    fill_tables(run)
+    if altered := run.recording.alterations():
+        raise _refused(run, stamp_ns, f"altered: {altered[0]}")
+    rerun = Rerun(run)
+    _check_whole(run, rerun, stamp_ns)
+    rerun.compare(stamp_ns - 1)
+    checks = [*rerun.checks]
+    for process in run.processes("disturbance") if run.count(topics.DISTURBANCE) else ():
+        if process.parameters:
+            checks.append(check_disturbances(run, process, stamp_ns - 1))
+    if rerun.inputs.recorded:
+        checks.append(check_inputs(run, rerun, stamp_ns - 1))
+    for check in checks:
+        if check.first or check.unjudged:
+            raise _refused(run, stamp_ns, _fault(check))
+    checkpoint = rerun.engine.checkpoint()
+    _check_state(run, rerun, checkpoint, stamp_ns)
+    processes = _going_on(run, rerun, stamp_ns)
+    controllers = {}
+    for name in run.parameters:
+        if name not in usable() or name not in processes:
+            continue
+        label = next((one for one, a in rerun.answers.items() if a.process is processes[name]), "")
+        if label:
+            controllers[name] = checkpoint.controllers[label]
+        else:  # it has not given a command, but it exists
+            controllers[name] = _idle(processes[name], run, stamp_ns)
+    checkpoint = checkpoint._replace(controllers=controllers)
+    sources = {name: process.source for name, process in processes.items()}
+    plan = _plan(run, rerun, checkpoint, processes, stamp_ns)
+    commands = {
+        one.process.node: one.check.steps
+        for one in rerun.answers.values()
+        if one.process is processes.get(one.process.node)
+    }
+    commander = _commander(run, processes, stamp_ns)
+    return Resumed(plan, checkpoint, first, stamp_ns, sources, commander, commands)
+
+
+def _fault(check: Check) -> str:
+    return (
+        describe(check.first[0])
+        if check.first
+        else f"{check.name}: {check.unjudged} steps not judged"
     )
-    return Resumed(_plan(run, begun, driven, plant, stamp_ns), begun, first, stamp_ns, commands)
 
 
 def _refused(run: RecordedRun, stamp_ns: int, reason: str) -> RecordingError:
@@ -102,96 +122,90 @@ def _refused(run: RecordedRun, stamp_ns: int, reason: str) -> RecordingError:
     )
 
 
-def _unsound(run: RecordedRun, stamp_ns: int) -> str:
-    """Return why the record before a stamp is incomplete, or not as it was recorded."""
-    if altered := run.recording.alterations():
-        return f"altered: {altered[0]}"
-    recorded_ns = recorded_until_ns(run)
-    for what, from_ns in (
-        ("two simulators or controllers, or one that was restarted", shared_from_ns(run)),
-        ("states or answers are missing", missed_from_ns(run)),
-        ("the end is cut off", cut_off_ns(run)),
-        ("the recorder was inactive", None if recorded_ns is None else recorded_ns + 1),
-    ):
-        if from_ns is not None and from_ns < stamp_ns:
-            return f"{what} from t = {seconds(from_ns):g} s"
+def _check_whole(run: RecordedRun, rerun: Rerun, stamp_ns: int) -> None:
+    """Raise RecordingError unless every state up to a stamp is there."""
+    before = rerun.stamps[rerun.stamps <= stamp_ns]
     period_ns = run.config("simulator").period_ns
-    truth = run.table(topics.GROUND_TRUTH).stamp_ns
-    wanted = truth[truth <= stamp_ns]
-    absent, from_ns = absent_steps(wanted, period_ns)
-    if absent or wanted[-1] != stamp_ns:
-        return f"states are missing from t = {seconds(from_ns):g} s"
-    told = [topics.JOINT_STATES, *([topics.EFFORT_COMMAND] if run.exact else [])]
-    for relative in told:
-        lacking = np.setdiff1d(wanted[:-1], run.table(relative).stamp_ns)
-        if relative == topics.EFFORT_COMMAND:
-            lacking = np.setdiff1d(lacking, idle_ns(run))
-        if len(lacking):
-            return f"{relative}: none at t = {seconds(int(lacking[0])):g} s"
-    return ""
+    gaps = np.flatnonzero(before != np.arange(len(before)) * period_ns)
+    if len(gaps) or not len(before) or before[-1] != stamp_ns:
+        at = seconds(int(gaps[0] if len(gaps) else len(before)) * period_ns)
+        raise _refused(run, stamp_ns, f"states are missing from t = {at:g} s")
 
 
-def _recomputed(
-    run: RecordedRun,
-    driven: Mapping[str, DrivenController],
-    plant: PlantReplay,
-    stamp_ns: int,
-) -> Iterator[Checked]:
-    """Yield all that differs before a stamp, and in its state."""
-    yield from replay_controllers(run, driven, stamp_ns - 1)
-    if run.count(topics.DISTURBANCE) and "disturbance" in run.parameters:
-        yield from replay_disturbance(run, stamp_ns - 1)
-    if not run.exact:
-        yield from replay_torques(run, stamp_ns)
-    # The measurement at the stamp belongs to the branch: its bits follow from the state's.
-    yield from plant
+def _check_state(run: RecordedRun, rerun: Rerun, checkpoint: Checkpoint, stamp_ns: int) -> None:
+    """Raise RecordingError unless the state at a stamp is the one that the run leads to."""
+    check = rerun.check_state(checkpoint.state.trunk, stamp_ns)
+    if check.first:
+        raise _refused(run, stamp_ns, _fault(check))
 
 
-def _bring(driven: DrivenController, stamp_ns: int, run: RecordedRun) -> None:
-    """Apply the changes up to a stamp to a controller; show the previous state to an inactive one."""
-    driven.timeline.advance(stamp_ns, driven.controller)
-    before = stamp_ns - run.config("simulator").period_ns
-    state = driven.state(before)
-    if state is not None and not driven.controller.active:
-        driven.controller.see(before, state[0])
+def _going_on(run: RecordedRun, rerun: Rerun, stamp_ns: int) -> dict[str, Process]:
+    """Return the process of each node that the branch goes on with: the last one configured before it."""
+    going: dict[str, Process] = {"simulator": rerun.simulator}
+    for name in run.parameters:
+        for process in run.processes(name) if name not in ("simulator", "recorder") else ():
+            began = [e.stamp_ns for e in process.events[:1]]
+            if process.parameters and (not began or began[0] < stamp_ns):
+                going[name] = process
+    return going
 
 
-def _last_command(run: RecordedRun, stamp_ns: int) -> tuple[float, int]:
-    """Return the last command before a stamp, N m, and the command's stamp; both 0 if there is none."""
-    commands = run.table(topics.EFFORT_COMMAND)
-    stamps = commands.stamp_ns[commands.stamp_ns < stamp_ns]
-    if not len(stamps):
-        return 0.0, 0
-    last = int(stamps.max())
-    return commands.get(last, "effort", 1)[0], last
+def _idle(process: Process, run: RecordedRun, stamp_ns: int) -> Controller:
+    """Return a controller that has not answered any state before a stamp, but has seen them."""
+    timeline = Timeline(process.config, process.changes)
+    controller = Controller(process.config)
+    if not begins_active(process.config, process.changes):
+        controller.deactivate()
+    timeline.advance(stamp_ns, controller)
+    before_ns = stamp_ns - run.config("simulator").period_ns
+    states = run.table(topics.JOINT_STATES)
+    if not controller.active and before_ns in states:
+        place = states.index(process.config.joint)
+        controller.see(before_ns, states.get(before_ns, "position")[place])
+    return controller
+
+
+def _commander(run: RecordedRun, processes: Mapping[str, Process], stamp_ns: int) -> str:
+    """Return the controller that gave the last command before a stamp; empty if none did."""
+    last: dict[str, int] = {}
+    for name, process in processes.items():
+        if name in run.controllers:
+            terms = run.table(topics.controller_state(name))
+            stamps = terms.stamp_ns[process.rows(terms)]
+            last[name] = int(stamps[stamps < stamp_ns].max(initial=-1))
+    name = max(last, key=lambda one: last[one], default="")
+    return name if last.get(name, -1) >= 0 else ""
 
 
 def _plan(
     run: RecordedRun,
-    begun: Begun,
-    driven: Mapping[str, DrivenController],
-    plant: PlantReplay,
+    rerun: Rerun,
+    checkpoint: Checkpoint,
+    processes: Mapping[str, Process],
     stamp_ns: int,
 ) -> RunPlan:
     """Return the plan from a stamp on, to the time that was planned, or else to the last state."""
-    simulator = begun.simulation.config
+    simulator = checkpoint.simulator
     last = int(run.table(topics.GROUND_TRUTH).stamp_ns.max())
-    changes: dict[str, list[Change]] = {name: one.timeline.to_come for name, one in driven.items()}
-    changes["simulator"] = plant.to_come
+    changes: dict[str, list[Change]] = {"simulator": rerun.engine.to_come().get("simulator", [])}
     disturbance = None
-    if "disturbance" in run.parameters:
-        timeline = run.timeline("disturbance")
+    for name, process in processes.items():
+        if name == "simulator":
+            continue
+        timeline = Timeline(process.config, process.changes)
         timeline.advance(stamp_ns)
-        disturbance = timeline.config
-        changes["disturbance"] = timeline.to_come
+        changes[name] = timeline.to_come
+        if name == "disturbance":
+            disturbance = timeline.config
     if "recorder" in run.parameters:
         recorder = run.config("recorder")
     else:
-        recorder = RecorderConfig(controllers=tuple(driven), markers=bool(pictures(run)))
+        pictures = any(run.recording.topic(n) in run.recording.topics for n in topics.PICTURES)
+        recorder = RecorderConfig(controllers=tuple(checkpoint.controllers), markers=pictures)
     return RunPlan(
         scenario=run.recording.provenance.get("scenario", ""),
         simulator=replace(simulator, duration=simulator.duration or seconds(last)),
-        controllers={name: one.controller.config for name, one in driven.items()},
+        controllers={name: one.config for name, one in checkpoint.controllers.items()},
         disturbance=disturbance,
         recorder=recorder,
         namespace=run.recording.namespace,

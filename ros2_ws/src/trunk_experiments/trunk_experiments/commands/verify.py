@@ -36,7 +36,7 @@ def as_values(verdict: Verdict) -> dict[str, object]:
                 "until_s": None if part.until_ns is None else seconds(part.until_ns),
                 "first_divergence": [describe(d) for d in part.first],
             }
-            for part in verdict.parts
+            for part in verdict.checks
         ],
         "altered": verdict.altered,
         "contradictions": verdict.contradictions,
@@ -96,7 +96,7 @@ def command(
     """Recompute every command of a recorded run and, where time was exact, every state.
 
     Exit code 0: verified; 1: something diverges, was altered, contradicts itself or is not signed by
-    --key; 2: the run cannot be judged as a whole. What no check covers is listed.
+    --key; 2: inconclusive, as something is missing. What no check covers is listed.
     """
     recording, verdict = judged(run, key, signature)
     if as_json:
@@ -111,7 +111,7 @@ def command(
     if verdict.judged:
         what = "recomputed all the same" if verdict.obstacles else "judged"
         click.echo(f"  {what}: {verdict.judged}")
-    for part in verdict.parts:
+    for part in verdict.checks:
         outcome = f"{part.wrong_steps} diverge" if part.wrong_steps else "all equal to the last bit"
         checked = f"{part.steps} steps checked, {outcome}" if part.steps else "nothing checked"
         click.echo(f"  {part.name}: {checked}")

@@ -17,8 +17,9 @@ from trunk_msgs_util.units import step_count
 from trunk_sim.simulation import DivergedError, Simulation
 
 from ..plans.plan import RunPlan
-from ..runs.offline import Step, disturbance_source
+from ..runs.offline import disturbance_source
 from ..runs.offline_recording import record_steps
+from ..runs.states import Step
 from .task import Drawn, Task
 
 POLICY = "policy"  # the controller's name in the recording

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,3 +38,21 @@ class Operated:
     def over(self, stamps: Integers) -> Floats:
         """Return what acts on the steps from these states [N, 2]: N and N m."""
         return np.array([self.at(stamp_ns) for stamp_ns in stamps.tolist()]).reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class RealTimeInputs:
+    """What the wall clock decided in a real-time run: which message acted when, and who answered what.
+
+    ``command_index`` [N]: the state whose command is in force, -1: none. ``disturbance`` [N, 4]: in force;
+    ``disturbance_ns`` [N]: its stamp, -1: none. ``answered``: by controller, the stamps of the states that it
+    answered. ``disturbed``: the stamps of the disturbance node's messages. ``seen``: the angle [rad] in each
+    state before which a controller became active, by stamp.
+    """
+
+    command_index: Integers
+    disturbance: Floats
+    disturbance_ns: Integers
+    answered: Mapping[str, Integers]
+    disturbed: Integers
+    seen: Mapping[int, float]

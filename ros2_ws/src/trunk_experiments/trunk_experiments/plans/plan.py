@@ -33,7 +33,7 @@ from .doubtful import check_targets, large_angles, not_taken
 from .files import find_file, parse_setting, scenario_layers
 from .layers import config_from
 from .nodes import CONTROLLERS, declared_names
-from .operated import Pushes
+from .operated import Pushes, RealTimeInputs
 from .timeline import Change, Timeline
 from .turns import Swap, turns_of
 
@@ -56,6 +56,7 @@ class RunPlan:
     changes: Mapping[str, Sequence[Change]] = field(default_factory=dict)
     references: Mapping[int, float] = field(default_factory=dict)
     pushes: Pushes = ()  # what was taken from an operator
+    inputs: RealTimeInputs | None = None  # None: every message acts on its own state
 
     @property
     def controller_name(self) -> str:

@@ -134,6 +134,20 @@ class JointTable:
         found: Floats = getattr(self.arrays, quantity)
         return found
 
+    def columns(self, quantity: str, count: int) -> Floats:
+        """Return all values of a quantity [N, count]. Raises RecordingError as `check_columns`."""
+        self.check_columns(quantity, count)
+        return self.values(quantity)
+
+    def check_columns(self, quantity: str, count: int) -> None:
+        """Raise RecordingError unless messages have this many names, and a value of the quantity for each."""
+        width = self.widths[quantity]
+        if not width == len(self.names) == count:
+            raise RecordingError(
+                f"{self._where}: {width} values of {quantity} for {len(self.names)} names, "
+                f"{count} are needed: it cannot be recomputed"
+            )
+
     def rows_of(self, stamps: Integers) -> Integers:
         """Return the row of each stamp, -1 if there is none."""
         if not len(self):

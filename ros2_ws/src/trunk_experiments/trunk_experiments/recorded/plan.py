@@ -4,20 +4,27 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.config import RecorderConfig
+from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import unknown_controllers
+from ..plans.operated import RealTimeInputs
 from ..plans.plan import RunPlan
+from .inputs import Inputs
 from .run import RecordedRun, usable
 
 
-def plan_of(run: RecordedRun) -> RunPlan:
+def plan_of(run: RecordedRun, in_time: bool = False) -> RunPlan:
     """Return the plan of the recorded run, as many steps as were recorded, and what happened in it.
 
-    Raises RecordingError if the recording lacks something that this needs.
+    ``in_time``: as if every message of a real-time run had come at once. Raises RecordingError if the
+    recording lacks something that this needs.
     """
     if reason := why_not_again(run):
         raise RecordingError(f"{run.path}: it cannot be run again: {reason}")
@@ -36,6 +43,48 @@ def plan_of(run: RecordedRun) -> RunPlan:
         changes={name: found for name, found in changes.items() if found},
         references=references_of(run),
         pushes=run.operated.pushes,
+        inputs=None if in_time else inputs_of(run),
+    )
+
+
+def inputs_of(run: RecordedRun) -> RealTimeInputs | None:
+    """Return what the wall clock decided in a real-time run; None where time was exact.
+
+    Raises RecordingError if a controller that is not known gave a command that acted.
+    """
+    if not run.count(topics.PLANT_INPUTS):
+        return None
+    period_ns = run.config("simulator").period_ns
+    stamps = run.table(topics.GROUND_TRUTH).stamp_ns
+    force = Inputs(run, stamps).over(slice(None))
+    answered: dict[str, Integers] = {}
+    seen: dict[int, float] = {}
+    measured, commands = run.table(topics.JOINT_STATES), run.table(topics.EFFORT_COMMAND)
+    for name in run.controllers:
+        processes = run.processes(name)
+        if len(processes) > 1:
+            raise RecordingError(f"{run.path}: it cannot be run again: {name} was restarted")
+        rows = processes[0].rows(commands)
+        terms = run.table(topics.controller_state(name)).stamp_ns
+        answered[name] = np.intersect1d(commands.stamp_ns[rows], terms)
+        place = measured.index(run.config(name).joint)
+        for change in processes[0].changes:
+            if change.event == Event.ACTIVATED and change.stamp_ns in measured:
+                seen[change.stamp_ns] = measured.get(change.stamp_ns, "position")[place]
+    known = np.concatenate([*answered.values(), [-1]])
+    strange = np.flatnonzero(~np.isin(force.command_ns, known))
+    if len(strange):
+        at = seconds(int(stamps[strange[0]]))
+        raise RecordingError(
+            f"{run.path}: it cannot be run again: at t = {at:g} s a command of an unknown source acts"
+        )
+    return RealTimeInputs(
+        np.where(force.command_ns >= 0, force.command_ns // period_ns, -1),
+        force.disturbance,
+        force.disturbance_ns,
+        answered,
+        run.table(topics.DISTURBANCE).stamp_ns,
+        seen,
     )
 
 

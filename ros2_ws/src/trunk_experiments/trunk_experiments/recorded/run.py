@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,7 @@ import numpy as np
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError, Value, build
-from trunk_msgs_util.provenance import ARITHMETIC
+from trunk_msgs_util.provenance import ARITHMETIC, FORMAT
 from trunk_msgs_util.recording.filling import Filling
 from trunk_msgs_util.recording.joint_arrays import JointArrays
 from trunk_msgs_util.recording.reader import Recording, RecordingError
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     from ..plans.operated import Operated
     from ..plans.plan import RunPlan
     from ..plans.timeline import Change, Timeline
+    from .processes import Process
 
 LOOP = (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.EFFORT_COMMAND, topics.DISTURBANCE)
 EXACT_MODES = (
@@ -53,6 +53,7 @@ class RecordedRun:
         self.recording = recording
         self._tables: dict[str, JointTable] = {}
         self._configs: dict[str, Any] = {}
+        self._processes: dict[str, list[Process]] = {}
 
     @classmethod
     def open(cls, path: str | Path) -> RecordedRun:
@@ -73,6 +74,11 @@ class RecordedRun:
     def exact(self) -> bool:
         """True if time was exact: every state was answered, and can be recomputed."""
         return self.mode in EXACT_MODES
+
+    @property
+    def sourced(self) -> bool:
+        """True for a real-time run whose messages name their processes and whose plant records its inputs."""
+        return self.mode == "real_time" and self.recording.provenance.get("format") == FORMAT
 
     @cached_property
     def branch(self) -> BranchOf | None:
@@ -273,57 +279,18 @@ class RecordedRun:
         name = self.recording.topic(node)
         return [change for change in self.recording.parameter_changes() if change.node == name]
 
+    def processes(self, node: str) -> list[Process]:
+        """Return the processes that a node had, in the order of their events and parameters."""
+        from .processes import processes_of
+
+        if node not in self._processes:
+            self._processes[node] = processes_of(self, node)
+        return self._processes[node]
+
     def changes(self, node: str) -> list[Change]:
-        """Return a node's changes of parameters and resets, and a controller's turns, in their order.
-
-        Those of another process that took the node's name later are left out: they are not this node's.
-
-        Raises RecordingError if the order is not known: the events of changed parameters do not match
-        the changes.
-        """
-        from ..plans.timeline import Change
-
-        name = self.recording.topic(node)
-        changed = self.parameter_changes(node)
-        # The plant's turns are pauses, in which simulated time stands still.
-        wanted = (Event.CONFIGURED, Event.RETUNED, Event.RESET) + (
-            (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP) if node in usable() else ()
-        )
-        events = [event for event in self.events if event.node == name and event.message in wanted]
-        retuned = [event for event in events if event.message == Event.RETUNED]
-        if [e.stamp_ns for e in retuned] != [change.stamp_ns for change in changed]:
-            raise RecordingError(
-                f"{self.path}: {node}: {len(changed)} changes of parameters, but {len(retuned)} events "
-                "that place them, or at other times: their order is not known"
-            )
-        values = iter(changed)
-        found: list[Change] = []
-        since_ns = -1  # a node that was cleaned up stamps -1 again until it sees a state
-        process = ""
-        for event in events:
-            if event.message == Event.CONFIGURED:
-                told = event.values.get("process", "")
-                if process not in ("", told):
-                    break
-                process = told
-                continue
-            if event.message == Event.CLEANED_UP:
-                since_ns = event.stamp_ns
-            stamp_ns = max(event.stamp_ns, since_ns)
-            retuned_to = next(values).changed if event.message == Event.RETUNED else None
-            found.append(
-                Change(stamp_ns, None, event.message)
-                if retuned_to is None
-                else Change(stamp_ns, retuned_to)
-            )
-        # A controller that joins a run under way reports it once more: it is active from there on.
-        turns = [change for change in found if change.event in (Event.ACTIVATED, Event.DEACTIVATED)]
-        again = [
-            one
-            for one, after in pairwise(turns)
-            if one.event == after.event == Event.ACTIVATED and one.stamp_ns < after.stamp_ns
-        ]
-        return [change for change in found if not any(change is one for one in again)]
+        """Return what changed in a node's first process: see `Process.changes`."""
+        processes = self.processes(node)
+        return processes[0].changes if processes else []
 
     def timeline(self, node: str) -> Timeline:
         """Return a node's configuration at the start and its changes during the run."""

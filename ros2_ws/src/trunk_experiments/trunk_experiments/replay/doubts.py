@@ -12,7 +12,6 @@ from math import degrees
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
@@ -20,7 +19,6 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.units import seconds
 
 if TYPE_CHECKING:
-    from trunk_msgs_util.recording.joint_arrays import Floats, Integers
     from trunk_msgs_util.recording.reader import Recording
 
     from ..recorded.run import RecordedRun
@@ -159,61 +157,28 @@ def _unfinished(recording: Recording) -> str:
 def late_steps(run: RecordedRun) -> Late | None:
     """Return how many steps were made without the answer to their state; None where time was exact.
 
-    A step from state k is in time if the torque over it, which true state k + 1 records, is that of the
-    command with the stamp of k, or, where a controller answers only some states, of its last.
+    A step is in time if the command in force answers its state or, where a controller answers only some
+    states, the last of those; and if the disturbance in force is that of its state. Both are on record.
     """
     if run.mode != "real_time" or "simulator" not in run.parameters:
         return None
-    truth, commands = run.table(topics.GROUND_TRUTH), run.table(topics.EFFORT_COMMAND)
-    period_ns = run.config("simulator").period_ns
-    if len(truth) < 2 or truth.values("effort").shape[1] < 2:
-        return None
-    rows = np.argsort(truth.stamp_ns, kind="stable")
-    at, applied = truth.stamp_ns[rows][:-1], truth.values("effort")[rows][1:, 1]
-    if not len(commands) or not commands.values("effort").shape[1]:
-        return Late(len(at), len(at))
-    order = np.argsort(commands.stamp_ns, kind="stable")
-    told, effort = commands.stamp_ns[order], commands.values("effort")[order][:, 0]
-    every = 1
-    if len(told) > 1:
-        every = max(1, int(np.median(np.diff(told)) // period_ns))
-    from ..recorded.wire import RecordedWire
+    if not run.count(topics.PLANT_INPUTS):
+        from .late_before import late_steps_by_torque  # in recordings of earlier versions
 
-    sent = RecordedWire(run.config("simulator"), truth.stamp_ns).all_told_ns(at)
-    row = np.searchsorted(told, sent, side="right") - 1
-    known = row >= 0
-    age = np.where(known, sent - told[row], np.iinfo(np.int64).max)
-    wanted = np.where(known, effort[row], np.nan)
-    age[sent < 0], wanted[sent < 0] = 0, 0.0  # the link delivered no command
-    limits = {float(run.config("simulator").max_effort)}
-    changed = [one.changed.get("max_effort") for one in run.parameter_changes("simulator")]
-    limits |= {limit for limit in changed if isinstance(limit, float)}
-    acted = applied == wanted
-    for limit in limits:
-        acted |= applied == np.clip(wanted, -limit, limit)
-    before = truth.values("effort")[rows][:-1, 1]
-    acted |= _driven(run, at, before, wanted, applied)
-    in_time = acted & (age < every * period_ns)
-    return Late(int(np.count_nonzero(~in_time)), len(at))
+        return late_steps_by_torque(run)
+    from ..recorded.inputs import Inputs
 
-
-def _driven(
-    run: RecordedRun, at: Integers, before: Floats, wanted: Floats, applied: Floats
-) -> NDArray[np.bool_]:
-    """Return where the torque is what a drive that is not ideal makes of the wanted one."""
-    found = np.zeros(len(at), np.bool_)
-    timeline = run.timeline("simulator")
-    changed = [name for one in run.parameter_changes("simulator") for name in one.changed]
-    if timeline.config.actuator is None and not any(n.startswith("actuator.") for n in changed):
-        return found
-    from trunk_sim.step import torque_of
-
-    plant = timeline.config.plant
-    for k, stamp_ns in enumerate(at.tolist()):
-        if timeline.advance(stamp_ns + 1):
-            plant = timeline.config.plant
-        found[k] = torque_of(float(before[k]), float(wanted[k]), plant) == applied[k]
-    return found
+    stamps = np.unique(run.table(topics.GROUND_TRUTH).stamp_ns)[:-1]
+    inputs = Inputs(run, stamps)
+    force = inputs.over(slice(None))
+    periods = {name: run.config(name).period_ns for name in run.judgeable}
+    step_ns = run.config("simulator").period_ns
+    every_ns = [max(periods.get(name.partition("@")[0], 0), step_ns) for name in inputs.sources]
+    age_ns = stamps - force.command_ns
+    late = (force.command_ns < 0) | (age_ns >= np.array(every_ns)[force.command_source])
+    if run.count(topics.DISTURBANCE):
+        late |= force.disturbance_ns != stamps
+    return Late(int(np.count_nonzero(late)), len(stamps))
 
 
 def moved_deg(run: RecordedRun) -> float | None:
@@ -221,22 +186,25 @@ def moved_deg(run: RecordedRun) -> float | None:
 
     None if that cannot be simulated: a plan with parts that were not recorded, or a long one.
     """
-    from trunk_sim.quick import act_for
     from trunk_sim.simulation import DivergedError
 
-    from ..runs.offline import steps
+    from ..recorded.plan import plan_of
+    from ..runs.engine import states_of_run
+    from ..runs.states import POSITION
 
     truth = run.table(topics.GROUND_TRUTH)
     if len(truth) > LONGEST_TWIN:
         return None
-    angles = truth.values("position")[np.argsort(truth.stamp_ns, kind="stable")][:, 1].tolist()
+    angles = truth.values("position")[np.argsort(truth.stamp_ns, kind="stable")][:, 1]
     worst = 0.0
     try:
-        plan = run.plan()
+        plan = plan_of(run, in_time=True)
         if len(truth) * plan.simulator.substeps > MOST_STEPS:
             return None
-        for angle, step in zip(angles, steps(plan, act_for(plan.simulator)), strict=False):
-            worst = max(worst, abs(angle - step.truth.position[1]))
+        for states in states_of_run(plan):
+            own = states.table[:, POSITION][: len(angles) - states.first, 1]
+            apart = np.abs(angles[states.first : states.first + len(own)] - own)
+            worst = max(worst, float(apart.max(initial=0.0)))
     except DivergedError:
         return None
     except TrunkError:

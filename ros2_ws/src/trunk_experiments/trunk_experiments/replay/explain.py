@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isclose, isfinite
+from math import isclose
 from typing import NamedTuple
-
-import numpy as np
 
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import handover_law
@@ -26,13 +24,11 @@ from trunk_sim.operator_input import with_operator
 
 from ..analysis.run_table import RunTable
 from ..plans.nodes import CONTROLLERS, unknown_controllers
-from ..recorded.joint_table import JointTable
 from ..recorded.run import RecordedRun
 from ..recorded.turns import recorded_turns
-from .attributable import explicable_until_ns
 from .bits import same
-from .driven import DrivenController
-from .replay import acting_at
+from .rerun import Rerun
+from .robot import RobotRerun, explicable
 
 
 class Rule(NamedTuple):
@@ -156,25 +152,25 @@ def explain(run: RecordedRun, at: float) -> Explanation:
             f"{run.path} lasts from t = {table.t[0]:g} s to t = {table.t[-1]:g} s: "
             f"give --at a time in it, not {at:g}"
         )
-    until_ns = explicable_until_ns(run)
-    if until_ns is not None and run.begin_ns + nanoseconds(at) >= until_ns:
+    if not ours:
+        explicable(run)
+    elif run.mode == "real_time" and not run.sourced:
         raise RecordingError(
-            f"{run.path}: from t = {seconds(until_ns - run.begin_ns):g} s on no command can be traced to its "
-            "controller (trunk verify says why): give --at a time before that"
+            f"{run.path}: recorded before real-time runs recorded which process sent what: record it again"
         )
+    rerun = Rerun(run) if ours else RobotRerun(run)
     commands = run.table(topics.EFFORT_COMMAND)
     # If several took turns: the one that updated last.
-    updates = {
-        name: found
-        for name in names
-        if (found := _last_update(run, name, run.begin_ns + nanoseconds(at), commands)) is not None
-    }
-    if not updates:
+    at_ns = run.begin_ns + nanoseconds(at)
+    last = {label: one.last_update(at_ns) for label, one in rerun.answers.items()}
+    if max(last.values(), default=-1) < 0:
         raise RecordingError(
             f"{run.path}: {' or '.join(names)} had not answered any state by t = {at:g} s: "
             "give --at a later time"
         )
-    name, update = max(updates.items(), key=lambda item: item[1].stamp_ns)
+    label = max(last, key=lambda one: last[one])
+    name = rerun.answers[label].process.node
+    update = _update(rerun, label, last[label])
     acted = [turn.controller for turn in recorded_turns(run) if turn.start <= at]
     if acted and (unknown := unknown_controllers(acted[-1:])):
         raise RecordingError(f"{run.path}: at t = {at:g} s {acted[-1]} acted: {unknown}")
@@ -197,7 +193,7 @@ def explain(run: RecordedRun, at: float) -> Explanation:
         handing_over=update.handing_over,
         windup=_windup(update) if isinstance(terms, Terms) else None,
         disturbance=with_operator(
-            acting_at(run.table(topics.DISTURBANCE), update.stamp_ns),
+            rerun.acting_at(update.stamp_ns),
             run.operated.at(update.stamp_ns),
         ),
         true_angle=float(table.theta[at_update]) if ours else None,
@@ -208,41 +204,39 @@ def explain(run: RecordedRun, at: float) -> Explanation:
     )
 
 
-def _last_update(run: RecordedRun, name: str, at_ns: int, commands: JointTable) -> _Update | None:
-    """Return a controller's last update at or before a stamp, or None."""
-    driven = DrivenController(run, name)
-    found: _Update | None = None
-    for stamp_ns in np.sort(commands.stamp_ns).tolist():
-        if stamp_ns > at_ns:
-            break
-        state = driven.state(stamp_ns)
-        if state is None or not driven.turn(stamp_ns):
-            continue
-        before, takes_over = driven.controller.state, driven.controller.takes_over
-        moving, moved_to = driven.controller.memory.moving, driven.controller.memory.moved_to
-        if takes_over:
-            acted = driven.measured(stamp_ns, "effort")[driven.joint]
-            moving, moved_to = (
-                True,
-                limited(acted if isfinite(acted) else 0.0, driven.timeline.config.law),
-            )
-        answer = driven.answer(stamp_ns)
-        config = driven.timeline.config
-        if answer.fresh:
-            found = _Update(
-                stamp_ns,
-                before,
-                driven.controller.state,
-                answer.reference,
-                answer.terms,
-                *state,
-                driven.controller.memory.sample.dt,
-                config,
-                takes_over,
-                moving,
-                handover_law(config.law, moved_to, config.handover_step) if moving else config.law,
-            )
-    return found
+def _update(rerun: Rerun | RobotRerun, label: str, stamp_ns: int) -> _Update:
+    """Return a controller's update on the state with this stamp, after all that came before it.
+
+    Raises RecordingError if its memory then does not follow from the record.
+    """
+    reading = rerun.reading(label, stamp_ns)
+    if reading is None or not rerun.run_to(label, stamp_ns):
+        at = seconds(stamp_ns - rerun.run.begin_ns)
+        raise RecordingError(
+            f"{rerun.run.path}: what the command at t = {at:g} s follows from is not all on record "
+            "(trunk verify says why): give --at a time before that"
+        )
+    controller = rerun.engine.controllers[label]
+    config, before, memory = controller.config, controller.state, controller.memory
+    takes_over = controller.takes_over
+    moving, moved_to = memory.moving, memory.moved_to
+    if takes_over:
+        moving, moved_to = True, limited(reading.effort, config.law)
+    answer = controller.decide(reading)
+    return _Update(
+        stamp_ns,
+        before,
+        controller.state,
+        answer.reference,
+        answer.terms,
+        reading.position,
+        reading.velocity,
+        controller.memory.sample.dt,
+        config,
+        takes_over,
+        moving,
+        handover_law(config.law, moved_to, config.handover_step) if moving else config.law,
+    )
 
 
 def _rules(terms: Terms, config: FuzzyPidConfig) -> tuple[Rule, ...]:

@@ -1,13 +1,12 @@
-"""What `verify` found: parts that were recomputed, what does not fit, what was not judged."""
+"""What `verify` found: checks and their results, what does not fit, what was not judged."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from trunk_msgs_util.units import seconds
+from .checks import Check, describe
 
-from .bits import ulps
-from .replay import ACTIVE_CONTROLLERS, MISSING, UNEXPECTED, Checked, Difference
+__all__ = ["DIVERGES", "UNJUDGED", "VERIFIED", "Check", "SignatureCheck", "Verdict"]
 
 VERIFIED, DIVERGES, UNJUDGED = 0, 1, 2
 NOT_SIGNED = "not signed"  # the verdict's word if nothing else is wrong
@@ -46,28 +45,6 @@ class SignatureCheck:
 
 
 @dataclass
-class Part:
-    """One kind of recomputation: how many steps were checked, over which time, and what differed."""
-
-    name: str
-    steps: int = 0
-    wrong_steps: int = 0
-    first: list[Difference] = field(default_factory=list)
-    from_ns: int | None = None
-    until_ns: int | None = None
-
-    def take(self, checked: Checked) -> None:
-        """Add some steps."""
-        self.steps += checked.steps
-        if self.from_ns is None:
-            self.from_ns = checked.stamp_ns
-        self.until_ns = checked.last_ns if checked.last_ns is not None else checked.stamp_ns
-        if checked.found:
-            self.wrong_steps += 1
-            self.first = self.first or list(checked.found)
-
-
-@dataclass
 class Verdict:
     """What `verify` found.
 
@@ -76,7 +53,7 @@ class Verdict:
     ``obstacles``: why the run cannot be judged as a whole. ``unjudged``: what no check looks at.
     """
 
-    parts: list[Part] = field(default_factory=list)
+    checks: list[Check] = field(default_factory=list)
     altered: list[str] = field(default_factory=list)
     contradictions: list[str] = field(default_factory=list)
     obstacles: list[str] = field(default_factory=list)
@@ -87,15 +64,19 @@ class Verdict:
 
     @property
     def exit_code(self) -> int:
-        """0: verified, 1: it diverges or is not signed as asked, 2: it cannot be judged."""
+        """0: verified, 1: it diverges or is not signed as asked, 2: inconclusive."""
         if self.diverges or (self.signature and self.signature.refuted):
             return DIVERGES
-        return UNJUDGED if self.obstacles or not self.parts else VERIFIED
+        return UNJUDGED if self.obstacles or not self._judged else VERIFIED
+
+    @property
+    def _judged(self) -> bool:
+        return bool(self.checks) and all(check.steps for check in self.checks)
 
     @property
     def diverges(self) -> bool:
         """True if something differs from what was computed, recorded elsewhere, or signed."""
-        differs = self.altered or self.contradictions or any(p.wrong_steps for p in self.parts)
+        differs = self.altered or self.contradictions or any(c.wrong_steps for c in self.checks)
         return bool(differs or (self.signature and self.signature.other_content))
 
     @property
@@ -103,7 +84,7 @@ class Verdict:
         """The verdict in a word or two."""
         if self.exit_code == DIVERGES and not self.diverges:
             return NOT_SIGNED
-        return ("verified", "diverges", "cannot be judged")[self.exit_code]
+        return ("verified", "diverges", "inconclusive")[self.exit_code]
 
     @property
     def reasons(self) -> list[str]:
@@ -112,24 +93,6 @@ class Verdict:
             *(f"altered: {what}" for what in self.altered),
             *self.contradictions,
             *self.obstacles,
-            *(f"{part.name}: {describe(part.first[0])}" for part in self.parts if part.first),
+            *(f"{check.name}: {describe(check.first[0])}" for check in self.checks if check.first),
             *([self.signature.describe()] if self.signature and self.signature.refuted else []),
         ]
-
-
-def describe(difference: Difference) -> str:
-    """Return a difference as one line: where, both values, how far apart."""
-    at = f"t = {seconds(difference.stamp_ns):g} s: {difference.topic}"
-    if difference.field == MISSING:
-        return f"{at}: no message with this stamp"
-    if difference.field == UNEXPECTED:
-        return f"{at}: a message with this stamp, where none was to be sent"
-    if difference.field == ACTIVE_CONTROLLERS:
-        count = f"{difference.recorded:.0f} controllers are active by the run's events"
-        return f"t = {seconds(difference.stamp_ns):g} s: {count}, 1 gave a command"
-    distance = ulps(difference.recorded, difference.computed)
-    return (
-        f"{at}: {difference.field}: "
-        f"recorded {difference.recorded!r}, computed {difference.computed!r}"
-        + ("" if distance is None else f", {distance} ULP apart")
-    )

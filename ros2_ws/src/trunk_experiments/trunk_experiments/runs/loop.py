@@ -1,27 +1,34 @@
-"""The closed loop as one loop over pure functions, in stretches: what `batch` and long single runs compile.
+"""The closed loop: the only loop over the nodes' pure functions, in segments of consecutive states.
 
-It composes the nodes' `sense`, `decide` and `act` and adds no arithmetic. It is also ordinary Python,
-so that what numba compiles can be stepped through.
+It composes `sense`, `decide` and `act` and adds no arithmetic. What it does not compute, it takes from a
+`Schedule`: pushes and references from outside, or a recording's states, commands and disturbances, where
+a run is verified. CPython runs the loop as it is, and numba compiles it unchanged.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from math import nan
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from trunk_control.computed_torque import Hip
-from trunk_control.controller import hip_index, setting_of
-from trunk_control.decide import Answer, Memory, Reading, Seen, Setting, decide, fresh_memory
+from trunk_control.controller import hip_index
+from trunk_control.controller_config import ControllerConfig
+from trunk_control.decide import Answer, Reading, Setting, decide
 from trunk_control.law import Law
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
-from trunk_msgs_util.units import step_count
+from trunk_msgs_util.units import nanoseconds, step_count
 from trunk_msgs_util.with_arrays import with_arrays
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
+from trunk_sim.links import most_late
+from trunk_sim.operator_input import Applied, with_operator
 from trunk_sim.plant import PlantState
-from trunk_sim.step import Measurement, Plant, SensorParameters, Trunk, act, pruned, sense
+from trunk_sim.quick import Act
+from trunk_sim.step import Measurement, Plant, SensorParameters, Trunk, act, in_force, pruned, sense
 from trunk_sim.traffic import Network, Traffic
 
 from ..errors import PlanError
@@ -32,28 +39,63 @@ _QUIET = Disturbance()  # constants: numba's named tuples have no default values
 _STILL = Hip()
 
 
+# Nested pairs, ``(first, (second, ()))``: each law's constants have a different type.
+Chain = tuple[Any, ...]
+
+
 class Wire(NamedTuple):
     """The links of one run: which messages are in use in each step, and those that may still be used."""
 
     seen: Integers  # [states], the step whose reading is in use
-    told: Integers  # [states], the step whose command is in use, -1: none
+    used: Integers  # [states], the step whose command is in use, -1: none
     readings: Floats  # [greatest age + 1, 5]: the sensors' readings, and the torque, N m
     commands: Floats  # [greatest age + 1], N m
 
 
 class Surroundings(NamedTuple):
-    """What surrounds the controllers in one run."""
+    """What surrounds the controllers, from one change of parameters to the next."""
 
-    initial: PlantState
     plant: Plant
     sensor: SensorParameters
     signals: Signals
     disturbed: bool  # False: nothing disturbs, whatever ``signals`` holds
     delay_steps: int
+    remembered: int  # the oldest state that the sensors have not forgotten
     period_ns: int
+    timeout_ns: int  # a command that is older no longer acts
     fall_stop: bool
-    states: int  # of a run to its end
     wire: Wire | None = None  # None: every message arrives at once
+
+
+class Schedule(NamedTuple):
+    """What n states take from outside instead of computing it; None, or NaN in a row: it is computed.
+
+    With ``truth``, each state is compared with the record and goes on from it: it has the same bits only if
+    the recorded state before it leads to it.
+    """
+
+    truth: Floats | None = None  # [n, 5]: x, theta, their rates, torque over the step before
+    measured: Floats | None = None  # [n, 5], likewise: what the controllers read
+    disturbance: Floats | None = None  # [n, 4], in the order of the channels
+    command: Floats | None = None  # [n], in force over the step from the state, N m
+    push: Floats | None = None  # [n, 2], an operator's, over the step from the state: N, N m
+    reference: Floats | None = (
+        None  # [n], the latest one that came by topic, rad; NaN: none has come
+    )
+    reads: Integers | None = None  # [n, participants], 0 where a participant does not get the state
+    stamp_ns: Integers | None = None  # [n], where the states are not those of our plant
+
+
+class LoopState(NamedTuple):
+    """The loop between two states: what the rest of the run depends on."""
+
+    trunk: Trunk
+    memories: Chain
+    command: float  # N m, the last one that a controller gave
+    command_ns: int  # ... and the stamp that it answers
+    begun: bool  # True: a step with what follows leads to the next state
+    effort: float  # N m, what reaches the plant in that step
+    acting: Disturbance  # in that step, with what an operator does
 
 
 class Participant(NamedTuple):
@@ -65,43 +107,61 @@ class Participant(NamedTuple):
 
 
 class Acted(NamedTuple):
-    """What the loop uses of a controller's answer: of the same type for all laws."""
+    """What the loop uses of the first active controller's answer: of the same type for all laws."""
 
-    active: bool
+    active: int  # bit i: the controller at place i is active
     fresh: bool
     effort: float  # N m
     reference: float  # rad
 
 
-# Nested pairs, ``(first, (second, ()))``: each law's constants have a different type.
-Chain = tuple[Any, ...]
 Decided = tuple[Chain, Acted]
 
 # Of a law: the function that writes down an update, ``tell(out, row, answer, measured)``.
 Tell = Callable[[Law], Callable[[Floats, int, Answer, Measurement], None]]
 
 
-def reading_of(stamp_ns: int, measured: Measurement, effort: float, hip: int) -> Reading:
-    """Return a measured state as read by a controller that uses this joint as the hip."""
+def reading_of(
+    stamp_ns: int, measured: Measurement, effort: float, hip: int, reference: float
+) -> Reading:
+    """Return a measured state as read by a controller that uses this joint as the hip.
+
+    ``reference``: the latest by topic, rad; NaN: none has come.
+    """
     motion = _STILL
     if hip == 0:
         motion = Hip(measured.x, measured.x_dot)
     elif hip == 1:
         motion = Hip(measured.theta, measured.theta_dot)
-    return Reading(stamp_ns, measured.theta, measured.theta_dot, motion, effort, False, 0.0)
+    received = reference == reference
+    return Reading(
+        stamp_ns,
+        measured.theta,
+        measured.theta_dot,
+        motion,
+        effort,
+        received,
+        reference if received else 0.0,
+    )
+
+
+def reads_state(row: int, place: int, reads: Integers | None) -> bool:
+    """Return True if the participant at this place gets the state of a row."""
+    return True if reads is None else bool(reads[row, place] != 0)
 
 
 def decide_by(
-    law: Law, others: Callable[..., Decided] | None, tell: Tell
+    law: Law, place: int, others: Callable[..., Decided] | None, tell: Tell
 ) -> Callable[..., Decided]:
-    """Return a function that decides for a law's controller and then for the ``others``.
+    """Return a function that decides for a law's controller, at a place, and then for the ``others``.
 
-    It takes ``(memories, participants, stamp_ns, measured, effort, out, row)``, memories and participants as
-    `Chain`. It returns the next memories and the active controller's answer, and writes that controller's
-    update into the row.
+    It takes ``(memories, participants, stamp_ns, measured, effort, reference, reads, out, row)``, memories
+    and participants as `Chain`. It returns the next memories and the first active controller's answer, and
+    writes that controller's update into the row.
     """
     update, take_over = law.update, law.take_over
     write_down = tell(law)
+    bit = 1 << place
 
     def decide_one(
         memory: Any,
@@ -109,14 +169,15 @@ def decide_by(
         stamp_ns: int,
         measured: Measurement,
         effort: float,
+        reference: float,
         out: Floats,
         row: int,
     ) -> tuple[Any, Acted]:
-        reading = reading_of(stamp_ns, measured, effort, one.hip)
+        reading = reading_of(stamp_ns, measured, effort, one.hip, reference)
         after, a = decide(memory, reading, one.setting, one.constants, update, take_over)
         if a.active and a.fresh:
             write_down(out, row, a, measured)
-        return after, Acted(a.active, a.fresh, a.effort, a.reference)
+        return after, Acted(bit if a.active else 0, a.fresh, a.effort, a.reference)
 
     def last(
         memories: Chain,
@@ -124,11 +185,15 @@ def decide_by(
         stamp_ns: int,
         measured: Measurement,
         effort: float,
+        reference: float,
+        reads: Integers | None,
         out: Floats,
         row: int,
     ) -> Decided:
+        if not reads_state(row, place, reads):
+            return memories, Acted(0, False, 0.0, 0.0)
         after, acted = decide_one(
-            memories[0], participants[0], stamp_ns, measured, effort, out, row
+            memories[0], participants[0], stamp_ns, measured, effort, reference, out, row
         )
         return (after, ()), acted
 
@@ -141,16 +206,40 @@ def decide_by(
         stamp_ns: int,
         measured: Measurement,
         effort: float,
+        reference: float,
+        reads: Integers | None,
         out: Floats,
         row: int,
     ) -> Decided:
-        after, acted = decide_one(
-            memories[0], participants[0], stamp_ns, measured, effort, out, row
+        after, acted = memories[0], Acted(0, False, 0.0, 0.0)
+        if reads_state(row, place, reads):
+            after, acted = decide_one(
+                memories[0], participants[0], stamp_ns, measured, effort, reference, out, row
+            )
+        rest, other = others(
+            memories[1], participants[1], stamp_ns, measured, effort, reference, reads, out, row
         )
-        rest, other = others(memories[1], participants[1], stamp_ns, measured, effort, out, row)
-        return (after, rest), acted if acted.active else other
+        if acted.active == 0:
+            return (after, rest), other
+        both = acted.active | other.active
+        return (after, rest), Acted(both, acted.fresh, acted.effort, acted.reference)
 
     return first
+
+
+def decide_none(
+    memories: Chain,
+    participants: Chain,
+    stamp_ns: int,
+    measured: Measurement,
+    effort: float,
+    reference: float,
+    reads: Integers | None,
+    out: Floats,
+    row: int,
+) -> Decided:
+    """Return that nobody answers: the commands come from a schedule."""
+    return memories, Acted(0, False, 0.0, 0.0)
 
 
 def read_by_wire(
@@ -165,94 +254,180 @@ def read_by_wire(
     readings[here, 2], readings[here, 3] = measured.x_dot, measured.theta_dot
     readings[here, 4] = effort
     seen = Measurement(
-        readings[there, 0], readings[there, 1], readings[there, 2], readings[there, 3]
+        float(readings[there, 0]),
+        float(readings[there, 1]),
+        float(readings[there, 2]),
+        float(readings[there, 3]),
     )
-    return seen, readings[there, 4]
+    return seen, float(readings[there, 4])
 
 
-def told_by_wire(k: int, effort: float, wire: Wire | None) -> float:
-    """Return the torque that the plant receives in step k, N m, if the controller sends ``effort``."""
+def used_by_wire(k: int, effort: float, wire: Wire | None) -> float:
+    """Return the torque that the plant receives in step k, N m, if ``effort`` is in force before the link."""
     if wire is None:
         return effort
     commands = wire.commands
     commands[k % len(commands)] = effort
-    told = wire.told[k]
-    return commands[told % len(commands)] if told >= 0 else 0.0
+    used = wire.used[k]
+    return float(commands[used % len(commands)]) if used >= 0 else 0.0
 
 
-# How a stretch ends.
-GOES_ON, ENDED, DIVERGED = range(3)
+def recorded_trunk(row: int, trunk: Trunk, truth: Floats | None) -> Trunk:
+    """Return the trunk as the record has it; as computed where it has none."""
+    if truth is None or truth[row, 0] != truth[row, 0]:
+        return trunk
+    state = PlantState(
+        float(truth[row, 0]), float(truth[row, 1]), float(truth[row, 2]), float(truth[row, 3])
+    )
+    return Trunk(state, float(truth[row, 4]), trunk.fallen, False)
+
+
+def recorded_reading(
+    row: int, measured: Measurement, effort: float, readings: Floats | None
+) -> tuple[Measurement, float]:
+    """Return a measured state and the torque in it as the record has them; as computed where it has none."""
+    if readings is None or readings[row, 0] != readings[row, 0]:
+        return measured, effort
+    seen = Measurement(
+        float(readings[row, 0]),
+        float(readings[row, 1]),
+        float(readings[row, 2]),
+        float(readings[row, 3]),
+    )
+    return seen, float(readings[row, 4])
+
+
+def recorded_disturbance(row: int, acting: Disturbance, values: Floats | None) -> Disturbance:
+    """Return what acts in a state: the recorded values, or else the signals' ``acting``."""
+    if values is None:
+        return acting
+    return Disturbance(
+        float(values[row, 0]), float(values[row, 1]), float(values[row, 2]), float(values[row, 3])
+    )
+
+
+def stamp_at(row: int, regular_ns: int, stamps: Integers | None) -> int:
+    """Return a row's stamp, ns."""
+    return regular_ns if stamps is None else int(stamps[row])
+
+
+def scheduled(row: int, computed: float, values: Floats | None) -> float:
+    """Return a row's value; the computed one where there is none, or NaN."""
+    if values is None or values[row] != values[row]:
+        return computed
+    return float(values[row])
+
+
+def pushed(row: int, acting: Disturbance, push: Floats | None) -> Disturbance:
+    """Return the disturbance with what an operator adds over the step from a row's state."""
+    if push is None:
+        return acting
+    return with_operator(acting, Applied(float(push[row, 0]), float(push[row, 1])))
+
+
+# How a segment ends.
+GOES_ON, FELL, DIVERGED = range(3)
 
 # Writes down one state: ``keep(out, row, trunk, acting, measured, felt, acted, effort, plant)``. A controller
 # reads the torque ``felt``, the plant receives ``effort``, both N m.
 Keep = Callable[[Floats, int, Trunk, Disturbance, Measurement, float, Acted, float, Plant], None]
 
 
-def stretch_of(*laws: Law, keep: Keep, tell: Tell) -> Callable[..., tuple[int, int, Trunk, Chain]]:
-    """Return the loop of a run with these laws, in the order of its participants.
+def segment_of(
+    *laws: Law, keep: Keep, tell: Tell, act: Act = act
+) -> Callable[..., tuple[int, int, LoopState]]:
+    """Return the loop of a run with these laws, in the order of its participants; without any, a plant alone.
 
-    ``stretch(first, stop, surroundings, trunk, memories, participants, noise, history, out)`` computes the
-    states in [first, stop), state ``first`` being that of ``trunk``, and writes state k into row
-    ``k - first`` of ``out``. It returns how many states of the run there are now; how it ends: `GOES_ON`,
-    `ENDED` (by a fall, or after the last state) or `DIVERGED` (in the step after the last of them); and
-    trunk and memories, for the next stretch.
+    ``segment(first, stop, surroundings, state, participants, noise, history, schedule, out)`` computes the
+    states with indices in [first, stop) and writes state k into row ``k - first`` of ``out``. It returns the
+    index of the first state that it did not compute; why: `GOES_ON`, `FELL` (the run ends by a fall) or
+    `DIVERGED` (the step to that state is not finite); and the loop's state there, for the next segment.
 
     ``noise`` [stop - first, 2] are standard normal samples; its last row is used for all that follow.
     ``history`` [delay_steps + 1, 4] keeps the states that the sensors still have to see.
+    ``act`` is `step.act`, or its compiled twin where the loop itself is not compiled.
     """
-    decide_all: Callable[..., Decided] | None = None
-    for law in reversed(laws):
-        decide_all = decide_by(law, decide_all, tell)
-    if decide_all is None:
-        raise ValueError("a loop needs a law")
+    decide_all: Callable[..., Decided] = decide_none
+    for place, law in reversed(list(enumerate(laws))):
+        decide_all = decide_by(law, place, None if decide_all is decide_none else decide_all, tell)
 
-    def stretch(
+    def segment(
         first: int,
         stop: int,
         surroundings: Surroundings,
-        trunk: Trunk,
-        memories: Chain,
+        state: LoopState,
         participants: Chain,
         noise: Floats,
         history: Floats,
+        schedule: Schedule,
         out: Floats,
-    ) -> tuple[int, int, Trunk, Chain]:
-        s = surroundings
-        last = s.states - 1
+    ) -> tuple[int, int, LoopState]:
+        s, given = surroundings, schedule
+        trunk, memories, begun = state.trunk, state.memories, state.begun
+        command, command_ns = state.command, state.command_ns
+        effort, acting = state.effort, state.acting
         for k in range(first, stop):
-            stamp_ns = k * s.period_ns
-            acting = disturbance_at(stamp_ns, s.signals) if s.disturbed else _QUIET
+            if begun:
+                fell = s.fall_stop and trunk.fallen
+                after = act(trunk, effort, acting, s.plant)
+                if fell or after.diverged:
+                    return (
+                        k,
+                        FELL if fell else DIVERGED,
+                        LoopState(trunk, memories, command, command_ns, True, effort, acting),
+                    )
+                trunk = after
+            begun = True
+            row = k - first
+            stamp_ns = stamp_at(row, k * s.period_ns, given.stamp_ns)
+            computed = trunk
+            trunk = recorded_trunk(row, computed, given.truth)
+            signalled = disturbance_at(stamp_ns, s.signals) if s.disturbed else _QUIET
+            in_state = recorded_disturbance(row, signalled, given.disturbance)
             delayed = trunk.state
             if s.delay_steps > 0:
-                here, seen = k % len(history), max(k - s.delay_steps, 0) % len(history)
+                here = k % len(history)
+                there = max(k - s.delay_steps, s.remembered) % len(history)
                 history[here, 0], history[here, 1] = delayed.x, delayed.theta
                 history[here, 2], history[here, 3] = delayed.x_dot, delayed.theta_dot
                 delayed = PlantState(
-                    history[seen, 0], history[seen, 1], history[seen, 2], history[seen, 3]
+                    float(history[there, 0]),
+                    float(history[there, 1]),
+                    float(history[there, 2]),
+                    float(history[there, 3]),
                 )
-            row = min(k - first, len(noise) - 1)
-            sensed = sense(delayed, acting, noise[row, 0], noise[row, 1], s.sensor)
-            measured, felt = read_by_wire(k, sensed, trunk.effort, s.wire)
-            memories, acted = decide_all(
-                memories, participants, stamp_ns, measured, felt, out, k - first
+            sample = min(row, len(noise) - 1)
+            sensed = sense(
+                delayed, in_state, float(noise[sample, 0]), float(noise[sample, 1]), s.sensor
             )
-            effort = told_by_wire(k, acted.effort, s.wire)
-            keep(out, k - first, trunk, acting, measured, felt, acted, effort, s.plant)
-            if k == last or (s.fall_stop and trunk.fallen):
-                return k + 1, ENDED, trunk, memories
-            after = act(trunk, effort, acting, s.plant)
-            if after.diverged:
-                return k + 1, DIVERGED, trunk, memories
-            trunk = after
-        return stop, GOES_ON, trunk, memories
+            measured, felt = read_by_wire(k, sensed, trunk.effort, s.wire)
+            seen, seen_effort = recorded_reading(row, measured, felt, given.measured)
+            memories, acted = decide_all(
+                memories,
+                participants,
+                stamp_ns,
+                seen,
+                seen_effort,
+                scheduled(row, nan, given.reference),
+                given.reads,
+                out,
+                row,
+            )
+            if acted.active != 0:
+                command, command_ns = acted.effort, stamp_ns
+            held = in_force(command, stamp_ns - command_ns, s.timeout_ns)
+            effort = used_by_wire(k, scheduled(row, held, given.command), s.wire)
+            keep(out, row, computed, in_state, measured, felt, acted, effort, s.plant)
+            acting = pushed(row, in_state, given.push)
+        return stop, GOES_ON, LoopState(trunk, memories, command, command_ns, begun, effort, acting)
 
     names = [keep.__name__, *(law.update.__module__ for law in laws)]
-    stretch.__name__ = stretch.__qualname__ = "_".join(["stretch", *names])
-    return stretch
+    segment.__name__ = segment.__qualname__ = "_".join(["segment", *names])
+    return segment
 
 
 def check_compilable(plan: RunPlan) -> None:
-    """Raise PlanError for a plan that a compiled loop cannot model."""
+    """Raise PlanError for a plan that a batch's compiled loop, one segment a run, cannot model."""
     check(plan)
     check_turns(plan)
     if plan.changes:
@@ -264,6 +439,8 @@ def check_compilable(plan: RunPlan) -> None:
         raise PlanError("references that come by topic are not compiled: use simulate")
     if plan.pushes:
         raise PlanError("what an operator does is not compiled: use simulate")
+    if plan.inputs is not None:
+        raise PlanError("what the wall clock decided is not compiled: use simulate")
 
 
 def states_of(plan: RunPlan) -> int:
@@ -271,55 +448,101 @@ def states_of(plan: RunPlan) -> int:
     return step_count(plan.simulator.duration, plan.simulator.update_rate) + 1
 
 
-def surroundings_of(plan: RunPlan) -> Surroundings:
-    """Return what surrounds the controllers in a plan's run."""
-    simulator, disturbance = plan.simulator, plan.disturbance
+def surroundings_of(
+    simulator: SimulatorConfig,
+    disturbance: DisturbanceConfig | None,
+    wire: Wire | None = None,
+    remembered: int = 0,
+) -> Surroundings:
+    """Return what surrounds the controllers while these configurations are in force."""
     return Surroundings(
-        simulator.initial_state,
-        pruned(simulator.plant),
+        simulator.plant,
         simulator.sensor,
-        _quiet() if disturbance is None else with_arrays(disturbance.signals),
+        _QUIET_SIGNALS if disturbance is None else disturbance.signals,
         disturbance is not None,
         simulator.delay_steps,
+        remembered,
         simulator.period_ns,
+        nanoseconds(simulator.command_timeout),
         simulator.fall_stop,
-        states_of(plan),
-        None if simulator.network is None else wire_of(simulator.network, states_of(plan)),
+        wire,
     )
 
 
-def wire_of(network: Network, states: int) -> Wire:
-    """Return the links of a run with so many states."""
-    traffic, steps = Traffic(network), np.arange(states)
-    seen, told = traffic.all_seen(states), traffic.all_told(states)
-    oldest = int((steps - seen).max(initial=0)), int((steps - told)[told >= 0].max(initial=0))
-    return Wire(seen, told, np.empty((oldest[0] + 1, 5)), np.empty(oldest[1] + 1))
+def for_compiler(surroundings: Surroundings) -> Surroundings:
+    """Return the surroundings as compiled code takes them: tuples as arrays, False flags as None."""
+    s = surroundings
+    return s._replace(plant=pruned(s.plant), signals=with_arrays(s.signals))
 
 
-def chains_of(plan: RunPlan) -> tuple[Chain, Chain]:
-    """Return the memories at the start, and the participants, of a plan's controllers."""
-    memories: Chain = ()
-    participants: Chain = ()
-    joints = plan.simulator.joints
-    for config in reversed(list(plan.controllers.values())):
-        setting = setting_of(config)
+def wire_of(
+    network: Network | None, states: int, command_index: Integers | None = None
+) -> Wire | None:
+    """Return the links of a run with so many states; None where every message arrives at once.
+
+    ``command_index`` [states]: the step whose command is in force before the link, -1: none; None: the step's
+    own.
+    """
+    if network is None and command_index is None:
+        return None
+    steps: Integers = np.arange(states)
+    seen, used, latest = steps, steps, 0
+    if network is not None:
+        traffic = Traffic(network)
+        seen, used = traffic.all_seen(states), traffic.all_told(states)
+        # What is still under way at the end of a run may arrive if it goes on.
+        latest = most_late(network.command, network.period_ns)
+        latest = min(max(latest, most_late(network.state, network.period_ns)), states)
+    if command_index is not None:
+        used = np.where(used >= 0, command_index[np.maximum(used, 0)], -1)
+    oldest = (
+        int((steps - seen).max(initial=latest)),
+        int((steps - used)[used >= 0].max(initial=latest)),
+    )
+    return Wire(seen, used, np.empty((oldest[0] + 1, 5)), np.empty(oldest[1] + 1))
+
+
+def continued(wire: Wire | None, longer: Wire | None, index: int) -> Wire | None:
+    """Return the links of a ``longer`` run with the messages of the steps before an index."""
+    if wire is None or longer is None:
+        return longer
+    readings, commands = longer.readings.copy(), longer.commands.copy()
+    for mine, theirs in ((wire.readings, readings), (wire.commands, commands)):
+        for k in range(max(index - min(len(mine), len(theirs)), 0), index):
+            theirs[k % len(theirs)] = mine[k % len(mine)]
+    return longer._replace(readings=readings, commands=commands)
+
+
+def participants_of(
+    settings: Iterable[tuple[ControllerConfig, Setting, Any]], joints: Sequence[str]
+) -> Chain:
+    """Return the participants with these configurations, settings and constants, in their order."""
+    chain: Chain = ()
+    for config, setting, constants in reversed(list(settings)):
         hip = hip_index(config, joints)
-        memory: Memory = fresh_memory(not config.active_times, Seen(-1, 0.0), setting.initial)
-        memories = (memory, memories)
-        participants = (
-            Participant(
-                with_arrays(setting),
-                tuple(with_arrays(one) for one in config.constants),
-                -1 if hip is None else hip,
-            ),
-            participants,
-        )
-    return memories, participants
+        chain = (Participant(setting, constants, -1 if hip is None else hip), chain)
+    return chain
 
 
-@cache
-def _quiet() -> Signals:
-    none: Signals = with_arrays(
-        Signals(0, (), 0, 0.0, 0, 0.0, 0.0, 0.0, 0, 0.0, (), (), 0, True, (), ())
-    )
-    return none
+def chain_of(values: Sequence[Any]) -> Chain:
+    """Return values as nested pairs."""
+    chain: Chain = ()
+    for value in reversed(values):
+        chain = (value, chain)
+    return chain
+
+
+def values_in(chain: Chain) -> Iterator[Any]:
+    """Yield the values of nested pairs."""
+    while chain:
+        value, chain = chain
+        yield value
+
+
+def beginning(trunk: Trunk, memories: Chain) -> LoopState:
+    """Return the loop before the first state."""
+    return LoopState(trunk, memories, 0.0, 0, False, 0.0, _QUIET)
+
+
+_QUIET_SIGNALS = Signals(0, (), 0, 0.0, 0, 0.0, 0.0, 0.0, 0, 0.0, (), (), 0, True, (), ())
+NOTHING_GIVEN = Schedule()

@@ -26,11 +26,11 @@ from trunk_sim.traffic import Traffic
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
 from ..plans.timeline import Change
+from .engine import states_of_run
 from .loop import states_of
-from .offline import Step, disturbance_source
-from .quick import states_in_stretches
+from .offline import disturbance_source
 from .state_messages import FELL, PICTURE, PLACES, TURNED, StateMessages
-from .states import APPLIED, POSITION, REFERENCE, VELOCITY, States, in_stretches, longest
+from .states import APPLIED, POSITION, REFERENCE, VELOCITY, States, Step, in_stretches, longest
 
 Progress = Callable[[int, int], None]
 
@@ -44,7 +44,7 @@ def record_offline(
 
     Raises DivergedError and OSError as `record_steps`.
     """
-    stretches = states_in_stretches(plan)
+    stretches = states_of_run(plan)
     return _record(plan, stretches, path, tuple(plan.controllers), overwrite, progress)
 
 
@@ -90,6 +90,10 @@ class Within(NamedTuple):
     first: int = 0  # index of the first state
     ahead_ns: int = 0  # log times less stamps
     name: Callable[[str], str] = "/{}".format  # the absolute name of a topic or node
+    source: Callable[[str], str] = lambda _node: ""  # of a node's messages, by its name
+    held: tuple[float, int, str] | None = (
+        None  # the last command before, N m, its stamp, its controller
+    )
 
 
 class OfflineRecorder:
@@ -115,10 +119,20 @@ class OfflineRecorder:
                 topics.evidence_types(tuple(answering)) | dict(pictures)
             ).items()
         }
+        if plan.inputs is not None or within.held is not None:
+            name = within.name(topics.PLANT_INPUTS)
+            self._channels[topics.PLANT_INPUTS] = writer.channel(name, topics.JOINT_STATE_TYPE)
         self._pushes = [one for one in plan.pushes if one[0] > self._before(within.first)]
         self._film = Film() if pictures else None
         # Each source of disturbances is asked at increasing stamps.
-        self._messages = StateMessages(plan, self._channels, disturbance_source(plan), within.first)
+        self._messages = StateMessages(
+            plan,
+            self._channels,
+            disturbance_source(plan),
+            within.first,
+            within.source,
+            within.held or (0.0, -1, ""),
+        )
         self._drawn = disturbance_source(plan)
         self._last_ns = self._before(within.first)
         self._reference: float | None = None  # the last that a controller told
@@ -150,7 +164,8 @@ class OfflineRecorder:
     ) -> None:
         """Write an event, by default at the last state's stamp."""
         at_ns = self._last_ns if stamp_ns is None else stamp_ns
-        data = event(at_ns, self._within.name(node), message, values, level=level)
+        source = self._within.source(node)
+        data = event(at_ns, self._within.name(node), message, values, level, source)
         self._put(topics.RUN_EVENTS, at_ns, data)
 
     def open(self) -> None:
@@ -197,7 +212,8 @@ class OfflineRecorder:
         self, stamp_ns: int, node: str, new: Mapping[str, Value], changed: Mapping[str, Value]
     ) -> bytes:
         kinds = {name: d.kind for name, d in declarations(NODES[node].config).items()}
-        return parameter_event(stamp_ns, self._within.name(node), new, changed, kinds)
+        name, source = self._within.name(node), self._within.source(node)
+        return parameter_event(stamp_ns, name, new, changed, kinds, source)
 
     def _changed(self, states: States) -> Iterator[Rows]:
         """Yield what came from outside before these states, as a graph records it."""
@@ -214,7 +230,8 @@ class OfflineRecorder:
     def _told(self, node: str, change: Change) -> Iterator[tuple[str, bytes]]:
         """Yield the messages that report a change, each with its topic."""
         word = change.event if change.values is None else Event.RETUNED
-        yield topics.RUN_EVENTS, event(change.stamp_ns, self._within.name(node), word)
+        name, source = self._within.name(node), self._within.source(node)
+        yield topics.RUN_EVENTS, event(change.stamp_ns, name, word, source=source)
         if change.values is not None:
             changed = self._parameters(change.stamp_ns, node, {}, change.values)
             yield topics.RUN_PARAMETERS, changed
@@ -227,7 +244,8 @@ class OfflineRecorder:
                 name = self._within.name(topic)
                 self._channels[topic] = self._writer.channel(name, topics.JOINT_STATE_TYPE)
             at_ns, applied = self._pushes.pop(0)
-            data = layout_of(sample := JointSample(at_ns, joints, effort=applied)).pack(sample)
+            sample = JointSample(at_ns, joints, effort=applied)
+            data = layout_of(sample, self._within.source("simulator")).pack(sample)
             row = int(np.searchsorted(stamp_ns, at_ns))
             yield self._single(topic, row * PLACES + TURNED, at_ns, data)
 
@@ -295,7 +313,8 @@ class OfflineRecorder:
         node: str = "simulator",
         level: int = 0,
     ) -> Rows:
-        data = event(stamp_ns, self._within.name(node), message, values, level=level)
+        source = self._within.source(node)
+        data = event(stamp_ns, self._within.name(node), message, values, level, source)
         return self._single(topics.RUN_EVENTS, row * PLACES + place, stamp_ns, data)
 
     def _single(self, topic: str, place: int, stamp_ns: int, data: bytes) -> Rows:

@@ -10,12 +10,12 @@ import numpy as np
 from trunk_control.decide import Answer, state_record
 from trunk_control.law import Law, names_of_record
 from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.samples import JointSample
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.simulation import DivergedError
 from trunk_sim.step import Measurement, Plant, Trunk
 
 from .loop import Acted
-from .offline import Step
 
 # Columns of the table. A position or velocity has two: hip, trunk.
 POSITION, VELOCITY = slice(0, 2), slice(2, 4)  # true
@@ -26,11 +26,28 @@ EFFORT = 13  # N m, the command
 FRESH = 14  # 1.0 where the law was updated: the terms are those of this update
 REFERENCE = 15  # rad, of the controller that answers
 SEEN_APPLIED = 16  # N m, over the step before the one that is measured
-TERMS = 17  # and following: a law's record of an update, by `Law.record_names`
+ACTIVE = 17  # which controllers are active: the sum of 2^i over their places i
+FALLEN = 18  # 1.0 from the state on in which the trunk has fallen
+TERMS = 19  # and following: a law's record of an update, by `Law.record_names`
 
 # A signal waits for the end of a stretch at most; a stretch also fits into the cache.
 _LONGEST = 4096  # states
 _SUBSTEPS = 1 << 18  # Runge-Kutta steps
+
+
+class Step(NamedTuple):
+    """All messages of one stamp."""
+
+    stamp_ns: int
+    truth: JointSample
+    measured: JointSample
+    acting: Disturbance
+    controller: str  # the controller that answers; empty: none
+    answer: Answer | None
+    turned: tuple[
+        tuple[str, bool], ...
+    ]  # made active or inactive by the schedule, before the answer
+    falls: bool  # the trunk fell in this state
 
 
 class States(NamedTuple):
@@ -88,6 +105,8 @@ def keep_states(
     out[row, 14] = 1.0 if acted.fresh else 0.0
     out[row, 15] = acted.reference
     out[row, 16] = felt
+    out[row, 17] = acted.active
+    out[row, 18] = 1.0 if trunk.fallen else 0.0
 
 
 def tell_terms(law: Law) -> Callable[[Floats, int, Answer, Measurement], None]:
@@ -148,10 +167,10 @@ def _table(rows: list[tuple[float, ...]]) -> Floats:
 def _row(step: Step) -> tuple[float, ...]:
     truth, measured, answer = step.truth, step.measured, step.answer
     felt = measured.effort[1]
-    told: tuple[float, ...] = (0.0, 0.0, 0.0, felt)
+    told: tuple[float, ...] = (0.0, 0.0, 0.0, felt, 0.0, 0.0)
     if answer is not None:
         said = state_record(answer, measured.position[1]) if answer.fresh else ()
-        told = answer.effort, float(answer.fresh), answer.reference, felt, *said
+        told = answer.effort, float(answer.fresh), answer.reference, felt, 1.0, 0.0, *said
     return (
         *truth.position,
         *truth.velocity,

@@ -1,0 +1,128 @@
+"""What acted on the plant in each state of a run: the command and the disturbance in force.
+
+In real time the simulator records it. In simulated time it follows: each state's own command and disturbance.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.recording.reader import RecordingError
+
+from .turns import exact_from_ns, idle_ns
+
+if TYPE_CHECKING:
+    from .joint_table import JointTable
+    from .run import RecordedRun
+
+Bools: TypeAlias = NDArray[np.bool_]
+
+NO_SOURCE = "-"  # as the simulator names a sender that is no node of ours
+NAMES = ("command", "hip_force", "trunk_torque", "hip_offset", "trunk_offset")
+
+
+class InForce(NamedTuple):
+    """The inputs of n states; a stamp of -1: nothing is in force."""
+
+    command: Floats  # [n] over the step from the state, N m; NaN: not on record
+    command_ns: Integers  # [n], the state that it answers
+    command_source: Integers  # [n], index into `Inputs.sources`
+    disturbance: Floats  # [n, 4], in the order of the channels; zeros where it is not on record
+    disturbance_ns: Integers  # [n]
+    disturbance_source: Integers  # [n]
+
+
+class Inputs:
+    """A run's inputs. ``command_known`` [N], ``disturbance_known`` [N]: what is on record of each state's."""
+
+    def __init__(self, run: RecordedRun, stamps: Integers) -> None:
+        """``stamps``: of the states, ns, ascending. Raises RecordingError for other messages."""
+        self.recorded = run.count(topics.PLANT_INPUTS) > 0
+        self._stamps = stamps
+        self._commands = run.table(topics.EFFORT_COMMAND)
+        self._disturbances = run.table(topics.DISTURBANCE)
+        self._table = run.table(topics.PLANT_INPUTS) if self.recorded else None
+        if self._table is not None:
+            self._read_sources(run, self._table)
+            self.command_known: Bools = self._table.rows_of(stamps) >= 0
+            self.disturbance_known: Bools = self.command_known
+            return
+        self.sources: tuple[str, ...] = ("",)
+        answered = self._commands.rows_of(stamps) >= 0
+        self.command_known = answered | np.isin(stamps, idle_ns(run))
+        self.disturbance_known = np.ones(len(stamps), bool)
+        if len(self._disturbances) and not np.array_equal(
+            self._disturbances.stamp_ns[: len(stamps)], stamps
+        ):
+            since_ns = int(self._disturbances.stamp_ns.min())
+            if run.branch is None and "disturbance" in run.config("simulator").wait_for:
+                since_ns = 0
+            there = self._disturbances.rows_of(stamps) >= 0
+            self.disturbance_known = there | (stamps < max(since_ns, exact_from_ns(run)))
+
+    def _read_sources(self, run: RecordedRun, table: JointTable) -> None:
+        if table.names != NAMES or any(table.widths[q] != 5 for q in ("position", "velocity")):
+            raise RecordingError(
+                f"{run.path}: {topics.PLANT_INPUTS}: not as a simulator writes it: it cannot be recomputed"
+            )
+        parts = [(*frame.split(" "), "", "", "")[:3] for frame in table.frames]
+        names = dict.fromkeys([NO_SOURCE, *(name for part in parts for name in part)])
+        self.sources = tuple(names)
+        places = {name: place for place, name in enumerate(names)}
+        self._of_frame = np.array([[places[name] for name in part] for part in parts])
+
+    def over(self, rows: slice) -> InForce:
+        """Return the inputs of some of the states."""
+        stamps = self._stamps[rows]
+        if self._table is None:
+            return self._by_stamp(stamps)
+        at = self._table.rows_of(stamps)
+        there = at >= 0
+        position, age = (self._table.values(q)[at] for q in ("position", "velocity"))
+        source = self._of_frame[self._table.frame[at]]
+        command_ns, disturbance_ns = (
+            np.where(there & (age[:, i] >= 0.0), stamps - _whole(age[:, i]), -1) for i in (0, 1)
+        )
+        return InForce(
+            np.where(there, position[:, 0], np.nan),
+            command_ns,
+            source[:, 1],
+            np.where(there[:, None], position[:, 1:], 0.0),
+            disturbance_ns,
+            source[:, 2],
+        )
+
+    def _by_stamp(self, stamps: Integers) -> InForce:
+        command, command_ns = np.full(len(stamps), np.nan), np.full(len(stamps), -1)
+        disturbance, disturbance_ns = np.zeros((len(stamps), 4)), np.full(len(stamps), -1)
+        none = np.zeros(len(stamps), np.int64)
+        if len(self._commands):
+            rows = self._commands.rows_of(stamps)
+            there = rows >= 0
+            command[there] = self._commands.columns("effort", 1)[rows[there], 0]
+            command_ns[there] = stamps[there]
+        if len(self._disturbances):
+            rows = self._disturbances.rows_of(stamps)
+            there = rows >= 0
+            disturbance[there] = disturbances(self._disturbances, rows[there])
+            disturbance_ns[there] = stamps[there]
+        return InForce(command, command_ns, none, disturbance, disturbance_ns, none)
+
+
+def disturbances(table: JointTable, rows: slice | Integers) -> Floats:
+    """Return some recorded disturbances [N, 4], in the order of the channels.
+
+    Raises RecordingError if they are not those of two joints.
+    """
+    effort, position = (table.columns(quantity, 2) for quantity in ("effort", "position"))
+    return np.hstack([effort[rows], position[rows]])
+
+
+def _whole(age: Floats) -> Integers:
+    """Return ages as whole ns, within bounds."""
+    return np.nan_to_num(np.clip(age, -1.0, 2.0**62)).astype(np.int64)

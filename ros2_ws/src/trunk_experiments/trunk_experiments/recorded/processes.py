@@ -1,0 +1,169 @@
+"""The processes of a run's nodes: how each was configured, what changed in it, how much it published.
+
+In real time every message names the process that sent it. In simulated time there is one process a node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trunk_msgs_util.events import Event, as_count
+from trunk_msgs_util.parameters.declarations import Value
+from trunk_msgs_util.parameters.declarations import build as build_config
+from trunk_msgs_util.recording.joint_arrays import Integers
+from trunk_msgs_util.recording.reader import RecordingError
+from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
+
+from ..plans.nodes import CONTROLLERS, NODES
+from ..plans.timeline import Change
+
+if TYPE_CHECKING:
+    from .joint_table import JointTable
+    from .run import RecordedRun
+
+_TURNS = (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP)
+
+
+@dataclass(frozen=True)
+class Process:
+    """One process of a node; ``source`` is empty in simulated time."""
+
+    node: str
+    source: str
+    path: str  # of the recording, for messages
+    parameters: Mapping[str, Value] = field(
+        default_factory=dict
+    )  # at its start; empty: not recorded
+    events: Sequence[RunEvent] = ()
+    changed: Sequence[ParameterChange] = ()
+
+    @cached_property
+    def config(self) -> Any:
+        """The configuration at the start. Raises ParameterError, KeyError for a node that is not ours."""
+        return build_config(NODES[self.node].config, self.parameters)
+
+    @cached_property
+    def changes(self) -> list[Change]:
+        """Changes of parameters and resets, and a controller's turns, in their order.
+
+        Raises RecordingError if the order is not known: the events of changed parameters do not match the
+        changes.
+        """
+        # The plant's turns are pauses, in which simulated time stands still.
+        turns = _TURNS if self.node in CONTROLLERS else ()
+        events = [e for e in self.events if e.message in (Event.RETUNED, Event.RESET, *turns)]
+        retuned = [event.stamp_ns for event in events if event.message == Event.RETUNED]
+        if retuned != [change.stamp_ns for change in self.changed]:
+            raise RecordingError(
+                f"{self.path}: {self.node}: {len(self.changed)} changes of parameters, but {len(retuned)} "
+                "events that place them, or at other times: their order is not known"
+            )
+        return list(_without_second_reports(_changes(events, self.changed)))
+
+    def rows(self, table: JointTable) -> Integers:
+        """Return the rows of a topic that this process sent, in the order of the file."""
+        if not self.source or table.frames == (self.source,):
+            return np.arange(len(table))
+        if self.source not in table.frames:
+            return np.zeros(0, np.int64)
+        return np.flatnonzero(table.frame == table.frames.index(self.source))
+
+    @property
+    def published(self) -> Mapping[str, int] | None:
+        """How many messages it said it had published when it ended, by topic; None: it did not say."""
+        counts = [e.values for e in self.events if e.message == Event.PUBLISHED]
+        if not counts:
+            return None
+        return {topic: as_count(text) for values in counts for topic, text in values.items()}
+
+
+def _changes(events: Iterable[RunEvent], changed: Sequence[ParameterChange]) -> Iterable[Change]:
+    values = iter(changed)
+    since_ns = -1  # a node that was cleaned up stamps -1 again until it sees a state
+    for event in events:
+        if event.message == Event.CLEANED_UP:
+            since_ns = event.stamp_ns
+        stamp_ns = max(event.stamp_ns, since_ns)
+        if event.message == Event.RETUNED:
+            yield Change(stamp_ns, next(values).changed)
+        else:
+            yield Change(stamp_ns, None, event.message)
+
+
+def _without_second_reports(changes: Iterable[Change]) -> Iterable[Change]:
+    """Yield the changes; of two activations of a controller that joins a run under way, the second."""
+    listed = list(changes)
+    turns = [one for one in listed if one.event in (Event.ACTIVATED, Event.DEACTIVATED)]
+    twice = [
+        one
+        for one, after in pairwise(turns)
+        if one.event == after.event == Event.ACTIVATED and one.stamp_ns < after.stamp_ns
+    ]
+    return [one for one in listed if not any(one is early for early in twice)]
+
+
+def processes_of(run: RecordedRun, node: str) -> list[Process]:
+    """Return the processes of a node, the first to be configured first.
+
+    Events and parameter sets without a source belong to the process that was configured last before them, in
+    the order of the file: a node that answers states does not know before the first whether time is real.
+    """
+    name = run.recording.topic(node)
+    if not run.sourced:
+        return [_only_process(run, node, name)]
+    events: dict[str, list[RunEvent]] = {}
+    current = ""
+    for event in run.events:
+        if event.node == name:
+            if event.message == Event.CONFIGURED:
+                current = event.values.get("process", "")
+            process = event.source.rpartition("@")[2] or current
+            events.setdefault(process, []).append(event)
+    sets: dict[str, Mapping[str, Value]] = {}
+    changed: dict[str, list[ParameterChange]] = {}
+    unnamed = iter([process for process in events if process])
+    current = ""
+    for change in run.recording.parameter_messages():
+        if change.node != name:
+            continue
+        process = change.source.rpartition("@")[2]
+        if change.new:
+            current = process or next(unnamed, current)
+            sets.setdefault(current, change.new)
+        else:
+            changed.setdefault(process or current, []).append(change)
+    own = name.rpartition("/")[2]
+    return [
+        Process(
+            node,
+            f"{own}@{process}",
+            str(run.path),
+            sets.get(process, {}),
+            events.get(process, ()),
+            changed.get(process, ()),
+        )
+        for process in dict.fromkeys([*events, *sets])
+    ]
+
+
+def _only_process(run: RecordedRun, node: str, name: str) -> Process:
+    """Return the first process of a node in simulated time: a later one belongs to another run."""
+    mine: list[RunEvent] = []
+    current = ""
+    for event in run.events:
+        if event.node != name:
+            continue
+        if event.message == Event.CONFIGURED:
+            process = event.values.get("process", "")
+            if current not in ("", process):  # it belongs to another run
+                break
+            current = process
+        mine.append(event)
+    parameters = run.parameters.get(node, {})
+    return Process(node, "", str(run.path), parameters, mine, run.parameter_changes(node))

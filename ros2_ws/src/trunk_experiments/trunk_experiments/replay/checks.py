@@ -1,0 +1,153 @@
+"""What a recomputation compares: values bit by bit, the first difference kept, the others counted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.units import seconds
+
+from ..recorded.inputs import Bools
+from .bits import ulps
+
+# What a difference may be besides a value.
+ACTIVE_CONTROLLERS = "active controllers"
+MISSING = "missing"
+UNEXPECTED = "unexpected"
+
+
+class Difference(NamedTuple):
+    """One value in which record and computation differ."""
+
+    stamp_ns: int
+    topic: str
+    field: str
+    recorded: float
+    computed: float
+
+
+class Column(NamedTuple):
+    """Values of one field of a topic, as recorded and as computed [n]."""
+
+    topic: str
+    field: str
+    recorded: Floats
+    computed: Floats
+
+
+@dataclass
+class Check:
+    """One local check: over which span, of how many steps, how many differ, and why some were not judged."""
+
+    name: str
+    steps: int = 0
+    wrong_steps: int = 0
+    first: list[Difference] = field(default_factory=list)
+    from_ns: int | None = None
+    until_ns: int | None = None
+    reason: str = ""  # why it is inconclusive; empty: it is not
+    unjudged: int = 0  # steps
+    _equal_before: tuple[int, int] = (
+        0,
+        -1,
+    )  # steps before the first difference, the last one's stamp
+
+    @property
+    def result(self) -> str:
+        """The check's own verdict in a word."""
+        if self.wrong_steps:
+            return "diverges"
+        return "inconclusive" if self.reason or not self.steps else "verified"
+
+    def take(self, stamps: Integers, judged: Bools, columns: Sequence[Column]) -> None:
+        """Compare some steps [n], those that can be ``judged``."""
+        self.unjudged += int(np.count_nonzero(~judged))
+        rows = np.flatnonzero(judged)
+        if not len(rows):
+            return
+        wrong = np.zeros(len(stamps), bool)
+        for column in columns:
+            wrong |= unequal(column.recorded, column.computed)
+        self.add(stamps, rows, np.flatnonzero(wrong & judged), columns)
+
+    def add(
+        self, stamps: Integers, rows: Integers, wrong: Integers, columns: Sequence[Column]
+    ) -> None:
+        """Count the steps in these rows, of which those in the rows ``wrong`` differ."""
+        if len(wrong) and not self.first:
+            row = int(wrong[0])
+            self._equal_before = (
+                self.steps + int(np.count_nonzero(rows < row)),
+                int(stamps[row - 1]) if row else (self.until_ns or -1),
+            )
+            self.first = [
+                Difference(
+                    int(stamps[row]),
+                    column.topic,
+                    column.field,
+                    float(column.recorded[row]),
+                    float(column.computed[row]),
+                )
+                for column in columns
+                if unequal(column.recorded[row : row + 1], column.computed[row : row + 1])[0]
+            ]
+        self.steps += len(rows)
+        self.wrong_steps += len(wrong)
+        if len(rows):
+            self.from_ns = int(stamps[rows[0]]) if self.from_ns is None else self.from_ns
+            self.until_ns = int(stamps[rows[-1]])
+
+    def note(self, difference: Difference) -> None:
+        """Count a step that differs otherwise than in a value."""
+        if not self.first:
+            self._equal_before = self.steps, self.until_ns or -1
+            self.first = [difference]
+        self.steps += 1
+        self.wrong_steps += 1
+
+    def excuse(self, why: str) -> None:
+        """Judge only what comes before the first difference: what follows may lack something on record."""
+        if self.wrong_steps:
+            what = describe(self.first[0])
+            self.unjudged += self.steps - self._equal_before[0]
+            self.steps, self.until_ns = self._equal_before
+            self.wrong_steps, self.first = 0, []
+            self.reason = f"{why}: judged up to {what}"
+
+
+def unequal(recorded: Floats, computed: Floats) -> Bools:
+    """Return where two arrays do not have the same 64 bits [n]."""
+    a, b = (np.ascontiguousarray(one, np.float64).view(np.int64) for one in (recorded, computed))
+    different: Bools = a != b
+    return different
+
+
+def references(count: int, terms: Sequence[tuple[Bools, Floats]]) -> Floats:
+    """Return the references on record [count], rad: those that came by topic are in no parameter."""
+    values = np.full(count, np.nan)
+    for there, record in terms:
+        if record.shape[1]:
+            values[there] = record[there, 0]
+    return values
+
+
+def describe(difference: Difference) -> str:
+    """Return a difference as one line: where, both values, how far apart."""
+    at = f"t = {seconds(difference.stamp_ns):g} s: {difference.topic}"
+    if difference.field == MISSING:
+        return f"{at}: no message with this stamp"
+    if difference.field == UNEXPECTED:
+        return f"{at}: a message with this stamp, where none was to be sent"
+    if difference.field == ACTIVE_CONTROLLERS:
+        count = f"{difference.recorded:.0f} controllers are active by the run's events"
+        return f"t = {seconds(difference.stamp_ns):g} s: {count}, 1 gave a command"
+    distance = ulps(difference.recorded, difference.computed)
+    return (
+        f"{at}: {difference.field}: "
+        f"recorded {difference.recorded!r}, computed {difference.computed!r}"
+        + ("" if distance is None else f", {distance} ULP apart")
+    )

@@ -1,0 +1,202 @@
+"""Whether what acted on the plant is on record: disturbances by their signals, inputs by their messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import cache
+from importlib.util import find_spec
+
+import numpy as np
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.units import nanoseconds
+from trunk_msgs_util.with_arrays import with_arrays
+from trunk_sim.disturbances import Signals, disturbance_at
+
+from ..plans.timeline import Timeline
+from ..recorded.inputs import NO_SOURCE, InForce, disturbances
+from ..recorded.joint_table import JointTable
+from ..recorded.processes import Process
+from ..recorded.run import RecordedRun
+from .checks import MISSING, Check, Column
+from .rerun import Rerun
+
+_WORTH_COMPILING = (
+    20_000  # messages: for fewer, loading compiled code takes longer than computing them
+)
+_ROWS = 50_000  # at a time
+_CHANNELS = ("effort[{0}]", "effort[{1}]", "position[{0}]", "position[{1}]")
+
+
+def signals_over(stamps: Integers, signals: Signals, out: Floats) -> None:
+    """Write what the signals say at these stamps, ns [n], into ``out`` [n, 4]. Compiles unchanged."""
+    for row in range(len(stamps)):
+        acting = disturbance_at(stamps[row], signals)
+        out[row, 0], out[row, 1] = acting.hip_force, acting.trunk_torque
+        out[row, 2], out[row, 3] = acting.hip_offset, acting.trunk_offset
+
+
+@cache
+def _compiled() -> Callable[..., None]:
+    from trunk_msgs_util.compiled import compiled
+
+    return compiled(signals_over)
+
+
+def check_disturbances(run: RecordedRun, process: Process, until_ns: int | None = None) -> Check:
+    """Compare a disturbance node's messages with its signals. Raises as its `Process` does."""
+    check = Check("disturbances")
+    table = run.table(topics.DISTURBANCE)
+    rows = process.rows(table)
+    stamps = table.stamp_ns[rows]
+    if until_ns is not None:
+        rows, stamps = rows[stamps <= until_ns], stamps[stamps <= until_ns]
+    timeline = Timeline(process.config, process.changes)
+    quick = len(stamps) >= _WORTH_COMPILING and find_spec("numba") is not None
+    names = [field.format(*table.names) for field in _CHANNELS] if len(rows) else []
+    for begin, end in _stretches(stamps, timeline):
+        signals = timeline.config.signals
+        out = np.empty((end - begin, 4))
+        if quick:
+            _compiled()(stamps[begin:end], with_arrays(signals), out)
+        else:
+            for row, stamp_ns in enumerate(stamps[begin:end].tolist()):
+                out[row] = disturbance_at(stamp_ns, signals)
+        recorded = disturbances(table, rows[begin:end])
+        columns = [
+            Column(table.topic, name, recorded[:, i], out[:, i]) for i, name in enumerate(names)
+        ]
+        check.take(stamps[begin:end], np.ones(end - begin, bool), columns)
+    return check
+
+
+def _stretches(stamps: Integers, timeline: Timeline) -> Iterator[tuple[int, int]]:
+    """Yield consecutive messages between changes of parameters, which are made before them."""
+    begin = 0
+    while begin < len(stamps):
+        timeline.advance(int(stamps[begin]))
+        later = np.flatnonzero(stamps[begin : begin + _ROWS] > timeline.next_ns)
+        end = begin + int(later[0]) if len(later) else min(begin + _ROWS, len(stamps))
+        yield begin, max(end, begin + 1)
+        begin = max(end, begin + 1)
+
+
+def check_inputs(run: RecordedRun, rerun: Rerun, until_ns: int | None = None) -> Check:
+    """Compare the recorded inputs with the messages that they name, and with the rule that chose them."""
+    check = Check("inputs of the plant")
+    stamps, inputs = rerun.stamps, rerun.inputs
+    if until_ns is not None:
+        stamps = stamps[stamps <= until_ns]
+    commands, disturbed = run.table(topics.EFFORT_COMMAND), run.table(topics.DISTURBANCE)
+    rule = _Rule(rerun.simulator, stamps)
+    for begin in range(0, len(stamps), _ROWS):
+        rows = slice(begin, min(begin + _ROWS, len(stamps)))
+        force, here = inputs.over(rows), stamps[rows]
+        values = force.command[:, None]
+        topic = commands.topic
+        columns = [
+            *_named(
+                topic, ["effort"], commands, force.command_ns, force.command_source, values, rerun
+            ),
+            *_named(
+                disturbed.topic,
+                list(_CHANNELS),
+                disturbed,
+                force.disturbance_ns,
+                force.disturbance_source,
+                force.disturbance,
+                rerun,
+            ),
+            *rule.columns(here, force),
+        ]
+        check.take(here, inputs.command_known[rows], columns)
+    return check
+
+
+def _named(
+    topic: str,
+    fields: list[str],
+    table: JointTable,
+    stamp_ns: Integers,
+    source: Integers,
+    values: Floats,
+    rerun: Rerun,
+) -> Iterator[Column]:
+    """Yield the values in force beside those of the messages with their sources and stamps.
+
+    What no node of ours sent, and is not on record, is taken as it is: its source is not known.
+    """
+    expected = np.zeros_like(values)
+    missing = np.zeros(len(values))
+    for place in np.unique(source).tolist():
+        name = rerun.inputs.sources[place]
+        mine = np.flatnonzero((source == place) & (stamp_ns >= 0))
+        rows = _rows_of(table, name)
+        known = table.stamp_ns[rows]
+        order = np.argsort(known, kind="stable")
+        at = np.searchsorted(known[order], stamp_ns[mine])
+        at = np.minimum(at, max(len(known) - 1, 0))
+        there = known[order][at] == stamp_ns[mine] if len(known) else np.zeros(len(mine), bool)
+        found = rows[order][at[there]] if len(known) else rows
+        expected[mine[there]] = _values(table, found)
+        if name == NO_SOURCE:
+            expected[mine[~there]] = values[mine[~there]]
+        else:
+            missing[mine[~there]] = 1.0
+            expected[mine[~there]] = values[mine[~there]]
+    for i, field in enumerate(fields):
+        yield Column(
+            topic, f"{field.format('hip', 'trunk')} in force", values[:, i], expected[:, i]
+        )
+    yield Column(topic, MISSING, missing, np.zeros(len(missing)))
+
+
+def _rows_of(table: JointTable, source: str) -> Integers:
+    if source == NO_SOURCE:
+        strangers = [place for place, name in enumerate(table.frames) if "@" not in name]
+        return np.flatnonzero(np.isin(table.frame, strangers))
+    if source not in table.frames:
+        return np.zeros(0, np.int64)
+    return np.flatnonzero(table.frame == table.frames.index(source))
+
+
+def _values(table: JointTable, rows: Integers) -> Floats:
+    if table.topic == topics.DISTURBANCE:
+        return disturbances(table, rows)
+    return table.values("effort")[rows, -1:]
+
+
+class _Rule:
+    """The simulator's rule: what is in force is the newest that has come, and nothing too old."""
+
+    def __init__(self, simulator: Process, stamps: Integers) -> None:
+        timeline = Timeline(simulator.config, simulator.changes)
+        self._since = [-1]
+        self._timeouts = [nanoseconds(simulator.config.command_timeout)]
+        for change in simulator.changes:
+            if timeline.advance(change.stamp_ns + 1):
+                self._since.append(change.stamp_ns)
+                self._timeouts.append(nanoseconds(timeline.config.command_timeout))
+        self._newest = {"command": -1, "disturbance": -1}
+
+    def columns(self, stamps: Integers, force: InForce) -> Iterator[Column]:
+        """Yield 1 where a message in force is older than one before it, too old, or dropped too early."""
+        at = np.searchsorted(self._since, stamps, "right") - 1
+        # A change is taken in between two steps: either timeout may have been in force.
+        timeouts = np.array(self._timeouts)
+        longest = np.maximum(timeouts[at], timeouts[np.maximum(at - 1, 0)])
+        shortest = np.minimum(timeouts[at], timeouts[np.maximum(at - 1, 0)])
+        for what, stamp_ns in (
+            ("command", force.command_ns),
+            ("disturbance", force.disturbance_ns),
+        ):
+            newest = np.maximum.accumulate(np.append(self._newest[what], stamp_ns))
+            self._newest[what] = int(newest[-1])
+            before, acts = newest[:-1], stamp_ns >= 0
+            wrong = acts & ((stamp_ns < before) | (stamps - stamp_ns > longest))
+            wrong |= acts & (stamp_ns > stamps)
+            wrong |= ~acts & (before >= 0) & (stamps - before <= shortest)
+            yield Column(
+                topics.PLANT_INPUTS, f"{what} in force", wrong.astype(float), np.zeros(len(wrong))
+            )

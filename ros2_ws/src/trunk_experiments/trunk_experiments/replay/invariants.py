@@ -1,0 +1,329 @@
+"""What a complete recording says of itself in two places has to agree; a line for each contradiction.
+
+Digests show that a file is as it was written, and a recomputation that its numbers follow from one another.
+These rules catch what neither sees: a message, an event or a parameter that was left out together with its
+digest.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trunk_control.laws import law_named
+from trunk_msgs_util import topics
+from trunk_msgs_util.events import ENDS, Event, as_count
+from trunk_msgs_util.parameters.declarations import declarations
+from trunk_msgs_util.units import seconds, step_count
+from trunk_sim.hardware_parameters import LINK
+from trunk_sim.operator_input import Applied
+from trunk_sim.traffic import Traffic
+
+from ..plans.nodes import CONTROLLERS, NODES
+from ..recorded.turns import idle_ns
+
+if TYPE_CHECKING:
+    from trunk_sim.config import SimulatorConfig
+
+    from ..recorded.run import RecordedRun
+    from .rerun import Rerun
+
+_MODES = {"real_time": False, "lockstep": True}  # is lockstep.enabled set?
+_LINKS = tuple(f"link.{way}.{name}" for way in ("state", "command") for name in LINK)
+# Groups of parameters that recordings of earlier versions lack; such runs are judged with the defaults.
+_LATER: dict[str, tuple[tuple[str, ...], ...]] = {
+    "recorder": (("markers",),),
+    "simulator": (
+        ("path.cosines", "path.sines"),
+        (
+            *("actuator.time_constant", "actuator.rate_limit", "actuator.dead_band"),
+            *("actuator.resolution", "actuator.bias"),
+            *("actuator.coulomb_friction", "actuator.viscous_friction"),
+            *("sensor.position_resolution", "sensor.velocity_resolution"),
+            *("sensor.position_limit", "sensor.velocity_limit"),
+        ),
+        ("sensor.dropout", *_LINKS, "link.command.missing", "link.seed"),
+        ("operator.force", "operator.torque", "operator.timeout"),
+    ),
+    "computed_torque": (("model.path_cosines", "model.path_sines"),),
+    "disturbance": (
+        (
+            *("pulse.random_count", "pulse.random_from", "pulse.random_until", "pulse.random_seed"),
+            *("table.channel", "table.times", "table.values", "table.interpolation"),
+        ),
+    ),
+}
+
+
+def contradictions(run: RecordedRun, rerun: Rerun) -> list[str]:
+    """Return the contradictions in a run that is recorded as complete.
+
+    Raises RecordingError for messages that cannot be read, ParameterError for parameters.
+    """
+    return [
+        *_joints(run),
+        *_start_and_end(run, rerun),
+        *_counts(run, rerun),
+        *_order(run, rerun),
+        *_falls(run, rerun),
+        *_parameters(run),
+        *_mode(run),
+        *_pushes(run, rerun),
+        *_links(run, rerun),
+    ]
+
+
+def _joints(run: RecordedRun) -> Iterator[str]:
+    """Yield where messages name other joints than the parameters, or hold other quantities."""
+    joints = run.config("simulator").joints
+    every = ("position", "velocity", "effort")
+    known = [name for name in run.controllers if name in CONTROLLERS and name in run.parameters]
+    expected = {
+        topics.GROUND_TRUTH: (joints, every),
+        topics.JOINT_STATES: (joints, every),
+        topics.DISTURBANCE: (joints, ("position", "effort")),
+        topics.OPERATOR_PUSH: (joints, ("effort",)),
+        topics.EFFORT_COMMAND: ((run.config(known[0]).joint,) if known else None, ("effort",)),
+        **{
+            topics.controller_state(name): (law_named(name).record_names, ("position",))
+            for name in known
+        },
+    }
+    for relative, (names, quantities) in expected.items():
+        table = run.table(relative) if run.count(relative) else None
+        if table is None or names is None or (relative == topics.DISTURBANCE and run.sourced):
+            continue
+        if table.names != names:
+            yield (
+                f"{relative} names {', '.join(table.names) or 'nothing'}; "
+                f"by the parameters it must be {', '.join(names)}"
+            )
+        for quantity in every:
+            wanted = len(table.names) if quantity in quantities else 0
+            if table.widths[quantity] != wanted:
+                yield (
+                    f"{relative}: {table.widths[quantity]} values of {quantity} in a message, "
+                    f"a node writes {wanted}"
+                )
+
+
+def _start_and_end(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
+    """Yield where the run does not begin once and end once, as its parameters and its last state say."""
+    config: SimulatorConfig = rerun.simulator.config
+    events = rerun.simulator.events
+    started = [event for event in events if event.message == Event.STARTED]
+    if len(started) != 1:
+        yield f"run/events: the simulator started {len(started)} times"
+    elif started[0].values.get("rate") != str(config.update_rate):
+        rate = started[0].values.get("rate")
+        yield f"run/events: started at {rate} Hz, by the parameters {config.update_rate}"
+    ends = [event for event in events if event.message in ENDS]
+    if len(ends) != 1 or ends[0].message != Event.FINISHED:
+        how = ", ".join(event.message for event in ends) or "not at all"
+        yield f"marked as complete, but by run/events the run ended: {how}"
+        return
+    (end,), states = ends, len(rerun.stamps)
+    if end.values.get("states") != str(states):
+        yield f"{states} states, but the run had {end.values.get('states')} by run/events"
+    reason, marked = end.values.get("reason"), (run.recording.end or {}).get("reason")
+    if reason != marked:
+        yield f"run/events: the run ended as {reason!r}, the recorder noted {marked!r}"
+    last = int(rerun.stamps[-1]) if states else -1
+    if end.stamp_ns != last:
+        at = seconds(end.stamp_ns)
+        yield f"run/events: finished at t = {at:g} s, the last state is at t = {seconds(last):g} s"
+    fell = [event.stamp_ns for event in events if event.message == Event.FELL]
+    by_fall = config.fall_stop and fell[-1:] == [last]
+    wanted = step_count(config.duration, config.update_rate) + 1 if config.duration else None
+    if not by_fall and wanted not in (None, states):
+        duration = f"duration {config.duration:g} s at {config.update_rate:g} Hz has {wanted}"
+        yield f"{states} states; {duration}"
+    expected = "stopped on request" if wanted is None else "finished"
+    expected = "the trunk has fallen" if by_fall else expected
+    if reason != expected:
+        yield f"run/events: ended as {reason!r}; by parameters and states it is {expected!r}"
+    if config.fall_stop and any(stamp_ns < last for stamp_ns in fell):
+        yield "run/events: fall.stop is set, but the run goes on after a fall"
+
+
+def _counts(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
+    """Yield where there are not as many messages as states, or as the nodes say they published."""
+    states = len(rerun.stamps)
+    every = [topics.GROUND_TRUTH, topics.JOINT_STATES]
+    every += [topics.EFFORT_COMMAND] if run.exact else []
+    every += [topics.PLANT_INPUTS] if rerun.inputs.recorded else []
+    for relative in every:
+        idle = len(idle_ns(run)) if relative == topics.EFFORT_COMMAND and run.exact else 0
+        wanted = states - idle
+        if run.count(relative) != wanted and not (rerun.inputs.recorded and run.exact):
+            yield f"{relative}: {run.count(relative)} messages for {wanted} states"
+    anew = any(event.message == Event.CLEANED_UP for event in run.events)
+    claims: Counter[str] = Counter()
+    uncounted: set[str] = set()  # a process that was killed may have published there
+    for node in NODES:
+        for process in run.processes(node) if node in run.parameters else ():
+            if process.published is None:
+                uncounted |= {run.recording.topic(topic) for topic in _published_by(node)}
+            else:
+                claims.update(process.published)
+    for topic, count in claims.items():
+        there = run.recording.topics.get(topic)
+        messages = there.count if there else 0
+        if messages < count or (messages > count and not anew and topic not in uncounted):
+            yield f"{topic}: {messages} messages, but {count} were published by the nodes' own count"
+
+
+def _published_by(node: str) -> tuple[str, ...]:
+    if node in CONTROLLERS:
+        return topics.EFFORT_COMMAND, topics.controller_state(node)
+    return (topics.DISTURBANCE,) if node == "disturbance" else ()
+
+
+def _order(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
+    """Yield messages of one process that are doubled, out of order, or belong to no state."""
+    period_ns = rerun.simulator.config.period_ns
+    states = rerun.stamps
+    ahead = states[-1:] + period_ns
+    for relative, nodes in (
+        (topics.JOINT_STATES, ["simulator"]),
+        (topics.DISTURBANCE, ["disturbance"]),
+        (topics.PLANT_INPUTS, ["simulator"]),
+        *((topics.EFFORT_COMMAND, [name]) for name in run.controllers),
+        *((topics.controller_state(name), [name]) for name in run.controllers),
+    ):
+        if not run.count(relative):
+            continue
+        table = run.table(relative)
+        for node in nodes:
+            for process in run.processes(node) if node in run.parameters else ():
+                stamps = table.stamp_ns[process.rows(table)]
+                if relative == topics.EFFORT_COMMAND and run.exact:
+                    stamps = np.sort(stamps)  # a file does not keep the order between publishers
+                falls = np.flatnonzero(np.diff(stamps) <= 0)
+                if len(falls):
+                    at = seconds(int(stamps[falls[0] + 1]))
+                    yield f"{relative}: the message at t = {at:g} s is doubled or out of order"
+                known = np.append(states, ahead) if relative == topics.DISTURBANCE else states
+                odd = np.setdiff1d(stamps, known)
+                if len(odd):
+                    at = seconds(int(odd[0]))
+                    yield f"{relative}: {len(odd)} messages for no state, the first at t = {at:g} s"
+    for name in run.controllers:
+        terms, commands = run.table(topics.controller_state(name)), run.table(topics.EFFORT_COMMAND)
+        alone = np.setdiff1d(terms.stamp_ns, commands.stamp_ns)
+        if len(alone):
+            at = seconds(int(alone[0]))
+            yield f"{terms.topic}: {len(alone)} records without a command, the first at t = {at:g} s"
+
+
+def _falls(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
+    """Yield falls whose angle is not that of their state, or whose limit is not the one in force."""
+    truth = run.table(topics.GROUND_TRUTH)
+    timeline = run.timeline("simulator")
+    for event in rerun.simulator.events:
+        if event.message != Event.FELL or event.stamp_ns not in truth:
+            continue
+        at = f"run/events: fell at t = {seconds(event.stamp_ns):g} s"
+        angle = truth.get(event.stamp_ns, "position")[-1]
+        if event.values.get("angle") != str(angle):
+            yield f"{at} with angle {event.values.get('angle')}, the state's is {angle}"
+        timeline.advance(event.stamp_ns)
+        limit = timeline.config.fall_angle
+        if event.values.get("limit") != str(limit):
+            yield f"{at} with limit {event.values.get('limit')}, by the parameters {limit}"
+
+
+def _parameters(run: RecordedRun) -> Iterator[str]:
+    """Yield sets of parameters that are not whole, and changes that no node makes."""
+    counts: Counter[tuple[str, str]] = Counter()
+    for change in run.recording.parameter_messages():
+        node = run.recording.relative(change.node)
+        if node not in NODES:
+            yield f"run/parameters: parameters of {change.node}, which is not one of our nodes"
+            continue
+        declared = declarations(NODES[node].config)
+        names = {*change.new, *change.changed}
+        if unknown := names - set(declared):
+            yield f"run/parameters: {node} has no parameters {', '.join(sorted(unknown))}"
+        if change.new:
+            counts[node, change.source] += 1
+            groups = _LATER.get(node, ())
+            lacking = {n for some in groups if not set(some) & set(change.new) for n in some}
+            missing = set(declared) - lacking - set(change.new)
+            if missing:
+                yield f"run/parameters: the set of {node} lacks {', '.join(sorted(missing))}"
+        fixed = [name for name in change.changed if name in declared and declared[name].fixed]
+        if fixed:
+            yield f"run/parameters: {node} changes {', '.join(fixed)}, which is fixed at start"
+    for (node, _), count in counts.items():
+        if count > 1:
+            yield f"run/parameters: {count} parameter sets of {node}: it was restarted"
+    for event in run.events:
+        node = run.recording.relative(event.node)
+        if node in NODES and node not in run.parameters:
+            yield f"run/events: {event.message!r} of {node}, whose parameters are not recorded"
+            return
+
+
+def _mode(run: RecordedRun) -> Iterator[str]:
+    """Yield where mode and controllers of the run's origin are not those of its nodes."""
+    if run.mode not in (*_MODES, "offline"):
+        yield f"mode {run.mode!r}: the modes are real_time, lockstep and offline"
+    configured = any(event.message == Event.CONFIGURED for event in run.events)
+    if configured == (run.mode == "offline"):
+        yield f"mode {run.mode}, but {'nodes' if configured else 'no nodes'} were configured"
+    for node in ("simulator", *run.judgeable) if run.mode in _MODES else ():
+        if run.config(node).lockstep != _MODES[run.mode]:
+            yield f"mode {run.mode}, but {node} has lockstep.enabled = {run.config(node).lockstep}"
+    planned = run.recording.provenance.get("controller", "").split()
+    if not set(run.controllers) <= {*planned, *(run.joined if planned else run.controllers)}:
+        names = ", ".join(run.controllers)
+        yield f"recorded with {names}, but the run's origin names {', '.join(planned)}"
+    simulated = [run.table(t) for t in (topics.GROUND_TRUTH, topics.EFFORT_COMMAND)]
+    sourced = any("@" in frame for table in simulated for frame in table.frames)
+    if sourced != run.sourced:
+        yield f"mode {run.mode}, but messages name {'their' if sourced else 'no'} sources"
+
+
+def _pushes(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
+    """Yield pushes that no simulator with this run's parameters takes."""
+    if not run.count(topics.OPERATOR_PUSH):
+        return
+    what = f"{topics.OPERATOR_PUSH}: "
+    limits = rerun.simulator.config.operator_limits
+    table = run.table(topics.OPERATOR_PUSH)
+    if limits is None:
+        yield f"{what}{len(table)} messages, but operator.force and operator.torque are 0"
+        return
+    odd = np.setdiff1d(table.stamp_ns, rerun.stamps)
+    if len(odd):
+        yield f"{what}a message at t = {seconds(int(odd[0])):g} s, where there is no state"
+    efforts = table.values("effort").tolist()
+    for stamp_ns, values in zip(table.stamp_ns.tolist(), efforts, strict=True):
+        if len(values) != 2 or limits.clip(Applied._make(values)) != tuple(values):
+            at = seconds(stamp_ns)
+            yield f"{what}what acts from t = {at:g} s on is beyond the operator's limits"
+
+
+def _links(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
+    """Yield counts of the links' messages that do not follow from their seed."""
+    network = rerun.simulator.config.network
+    counted = [event for event in rerun.simulator.events if event.message == Event.PASSED_ON]
+    if len(counted) != (network is not None):
+        yield f"run/events: {str(Event.PASSED_ON)!r} {len(counted)} times"
+    elif network is not None and counted[0].values != Traffic(network).counts(len(rerun.stamps)):
+        yield f"run/events: {str(Event.PASSED_ON)!r} is not what the links' seed gives"
+
+
+def counted(run: RecordedRun, relative: str) -> int | None:
+    """Return how many messages on a topic the nodes say they published; None if none of them said so."""
+    topic = run.recording.topic(relative)
+    counts = [
+        event.values[topic]
+        for event in run.events
+        if event.message == Event.PUBLISHED and topic in event.values
+    ]
+    return sum(map(as_count, counts)) if counts else None

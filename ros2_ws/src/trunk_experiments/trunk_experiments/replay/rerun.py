@@ -1,0 +1,411 @@
+"""A recorded run, run again: the closed loop goes on from each recorded state, and is compared with the next.
+
+    state k, inputs k      -> state k + 1        the plant
+    state k, inputs k      -> measurement k      the sensors
+    measurements, memory   -> command and terms  each controller
+
+Each check has a span of its own. A gap, a lost message or a restart spoils the checks that need what is
+missing, and no others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from trunk_control.controller import hip_index
+from trunk_control.controller_config import ControllerConfig
+from trunk_control.decide import Reading
+from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
+from trunk_msgs_util.parameters.config import RecorderConfig
+from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.units import seconds
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.disturbances import Disturbance
+from trunk_sim.plant import PlantState
+from trunk_sim.simulation import DivergedError
+from trunk_sim.step import Measurement, Trunk
+
+from ..plans.plan import RunPlan
+from ..recorded.inputs import Bools, Inputs
+from ..recorded.joint_table import JointTable
+from ..recorded.processes import Process
+from ..recorded.run import RecordedRun
+from ..runs.engine import Engine, Record, start_of
+from ..runs.loop import Schedule, reading_of
+from ..runs.states import (
+    ACTIVE,
+    APPLIED,
+    EFFORT,
+    FRESH,
+    POSITION,
+    SEEN_APPLIED,
+    SEEN_POSITION,
+    SEEN_VELOCITY,
+    VELOCITY,
+    States,
+)
+from .answers import Answers
+from .checks import ACTIVE_CONTROLLERS, Check, Column, Difference, references
+
+_QUANTITIES = ("position", "velocity", "effort")
+_FIELDS = tuple((quantity, joint) for quantity in _QUANTITIES for joint in (0, 1))
+_TRUTH = [0, 1, 2, 3, 5]  # of the six fields: without the hip's effort
+_MOST_GAPS = 1000
+_FAR = 100_000  # states beyond ten times those on record: no run has such a gap
+
+PLANT, SENSORS = "states of the plant", "measured states"
+NOBODYS = "commands without one active controller"
+
+
+class _Window(NamedTuple):
+    """The record of a segment's states, as the loop is given it."""
+
+    stamps: Integers
+    truth: Floats  # [n, 6]: positions, velocities, efforts of hip and trunk
+    measured: Floats  # [n, 6], likewise; NaN where it is missing
+    commands: Integers  # [n], row of the recorded command, -1: none
+    terms: Sequence[
+        tuple[Bools, Floats]
+    ]  # of each controller: whether there are terms, and which [n, K]
+
+
+class Rerun:
+    """The run of a plant of ours, from its first recorded state to the last that can be placed."""
+
+    def __init__(self, run: RecordedRun) -> None:
+        """Raise RecordingError and ParameterError for messages and parameters that cannot be used."""
+        self.run = run
+        self.simulator = simulator_of(run)
+        self._truth, self._measured = (
+            run.table(topic) for topic in (topics.GROUND_TRUTH, topics.JOINT_STATES)
+        )
+        self._rows = self.simulator.rows(self._truth)
+        self._place_states()
+        self.inputs = Inputs(run, self._stamps)
+        self.plant, self.sensors = Check(PLANT), Check(SENSORS)
+        self.nobodys = Check(NOBODYS)
+        laws = () if run.another_controller else run.judgeable
+        processes = [one for name in laws for one in run.processes(name) if one.parameters]
+        period_ns = self.simulator.config.period_ns
+        self.answers = {
+            label: Answers(run, one, label, period_ns) for label, one in _labelled(processes)
+        }
+        self._partial = self.inputs.recorded or run.sourced  # controllers did not get every state
+        self._fell = {e.stamp_ns for e in self.simulator.events if e.message == Event.FELL}
+        self._marked = "fall.angle" in self.simulator.parameters
+        self._commands = run.table(topics.EFFORT_COMMAND)
+        self._window: _Window | None = None
+        self._span = 0, 0  # rows
+        plan = self._plan
+        record = Record(self._given, self._seen if self._partial else None)
+        self.engine = Engine(plan, start_of(plan), record)
+        self._wire = start_of(plan).wire
+
+    def _place_states(self) -> None:
+        """Find the states of one run: on the grid, ascending, without an impossible gap."""
+        period_ns = self.simulator.config.period_ns
+        stamps = self._truth.stamp_ns[self._rows]
+        odd = (stamps < 0) | (stamps % period_ns != 0)
+        odd[1:] |= np.diff(stamps) <= 0
+        index = stamps // period_ns
+        odd |= index > 10 * len(stamps) + _FAR
+        gaps = np.flatnonzero(np.diff(index) != 1)
+        odd[gaps[_MOST_GAPS:] + 1] = True
+        end = int(np.argmax(odd)) if odd.any() else len(stamps)
+        self.cut_ns: int | None = int(stamps[end]) if odd.any() else None
+        self._rows, self._stamps, self._index = self._rows[:end], stamps[:end], index[:end]
+        begins = np.flatnonzero(np.diff(self._index, prepend=-2) != 1).tolist()
+        self.spans = list(zip(begins, [*begins[1:], end], strict=True))
+
+    @property
+    def stamps(self) -> Integers:
+        """The stamps of the states, ns [N]."""
+        return self._stamps
+
+    @property
+    def whole(self) -> bool:
+        """True if every state is there, from the first one on."""
+        return self.cut_ns is None and len(self.spans) == 1 and int(self._index[0]) == 0
+
+    @property
+    def checks(self) -> list[Check]:
+        """All checks of what was run so far."""
+        nobodys = [self.nobodys] if self.nobodys.steps else []
+        return [*(one.check for one in self.answers.values()), *nobodys, self.sensors, self.plant]
+
+    @cached_property
+    def _plan(self) -> RunPlan:
+        config: SimulatorConfig = self.simulator.config
+        last = int(self._index[-1]) if len(self._index) else 0
+        return RunPlan(
+            scenario=self.run.recording.provenance.get("scenario", ""),
+            simulator=replace(config, duration=seconds(last * config.period_ns)),
+            controllers={label: one.process.config for label, one in self.answers.items()},
+            disturbance=None,
+            recorder=RecorderConfig(),
+            namespace=self.run.recording.namespace,
+            changes={
+                "simulator": self.simulator.changes,
+                **{label: one.process.changes for label, one in self.answers.items()},
+            },
+        )
+
+    def compare(self, until_ns: int | None = None) -> None:
+        """Run, and compare, up to a stamp, or to the end."""
+        for begin, end in self.spans:
+            stop = end
+            if until_ns is not None:
+                stop = begin + int(np.searchsorted(self._stamps[begin:end], until_ns, "right"))
+            if stop > begin:
+                self._compare_span(begin, stop)
+            if stop < end:
+                return
+
+    def _compare_span(self, begin: int, end: int) -> None:
+        self._span = begin, end
+        index = int(self._index[begin])
+        if begin or index:
+            self._jump(begin, index)
+            for one in self.answers.values():
+                one.lose()
+        stop = int(self._index[end - 1]) + 1
+        while True:
+            try:
+                for states in self.engine.states(stop):
+                    self._take(states)
+                return
+            except DivergedError:
+                row = begin + self.engine.index - index
+                if row >= end:
+                    return
+                self._note_divergence(row)
+                self._jump(row, self.engine.index)
+
+    def _note_divergence(self, row: int) -> None:
+        angle = float(self._truth.values("position")[self._rows[row], 1])
+        stamp_ns = int(self._stamps[row])
+        self.plant.note(
+            Difference(stamp_ns, self._truth.topic, "position[finite]", angle, float("nan"))
+        )
+
+    def _jump(self, row: int, index: int) -> None:
+        values = six(self._truth, self._rows[row : row + 1])[0].tolist()
+        stamp_ns = int(self._stamps[row])
+        fallen = any(fell_ns < stamp_ns for fell_ns in self._fell)
+        self.engine.jump(index, PlantState(*values[:4]), values[5], fallen)
+
+    def run_to(self, label: str, stamp_ns: int) -> bool:
+        """Run up to the state before a stamp; return True if the controller's memory is then known."""
+        self.compare(stamp_ns - 1)
+        index = stamp_ns // self.simulator.config.period_ns
+        if self.engine.index != index:  # states before it are missing
+            row = int(np.searchsorted(self._stamps, stamp_ns))
+            if row == len(self._stamps) or self._stamps[row] != stamp_ns:
+                return False
+            self._span = next(span for span in self.spans if span[0] <= row < span[1])
+            self._jump(row, index)
+            self.answers[label].lose()
+        self.engine.take_effect()
+        return self.answers[label].begins_known(stamp_ns)
+
+    def reading(self, label: str, stamp_ns: int) -> Reading | None:
+        """Return a measured state as a controller reads it; None if it is not on record."""
+        values = six(self._measured, self._measured.rows_of(np.array([stamp_ns])))[0]
+        if np.isnan(values[0]):
+            return None
+        answers = self.answers[label]
+        hip = hip_index(answers.process.config, self._measured.names)
+        measured = Measurement(*values[:4].tolist())
+        place = -1 if hip is None else hip
+        reference = answers.reference(stamp_ns)
+        return reading_of(stamp_ns, measured, float(values[5]), place, reference)
+
+    def acting_at(self, stamp_ns: int) -> Disturbance:
+        """Return the disturbance in force in a state; none in a state that is not on record."""
+        row = int(np.searchsorted(self._stamps, stamp_ns))
+        if row == len(self._stamps) or self._stamps[row] != stamp_ns:
+            return Disturbance()
+        return Disturbance(*self.inputs.over(slice(row, row + 1)).disturbance[0].tolist())
+
+    # The schedule of the loop.
+
+    def _given(self, first: int, stop: int) -> Schedule:
+        """Return the record of the states with indices in [first, stop), which are all there."""
+        begin = self._span[0] + first - int(self._index[self._span[0]])
+        rows = slice(begin, begin + stop - first)
+        stamps = self._stamps[rows]
+        truth = six(self._truth, self._rows[rows])
+        measured = six(self._measured, self._measured.rows_of(stamps))
+        force = self.inputs.over(rows)
+        terms = [one.terms_at(stamps) for one in self.answers.values()]
+        commands = self._commands.rows_of(stamps)
+        self._window = _Window(stamps, truth, measured, commands, terms)
+        reads = None
+        if self._partial:
+            columns = [one.answered(stamps) for one in self.answers.values()]
+            reads = np.ascontiguousarray(np.array(columns, np.int64).reshape(-1, len(stamps)).T)
+        return Schedule(
+            truth=truth[:, _TRUTH],  # such a selection is contiguous
+            measured=measured[:, _TRUTH],
+            disturbance=force.disturbance,
+            command=force.command,
+            push=self.run.operated.over(stamps) if self.run.operated else None,
+            reference=references(len(stamps), terms),
+            reads=reads,
+        )
+
+    def _seen(self, label: str, stamp_ns: int) -> float | None:
+        """Return the angle that a controller saw at a stamp, rad."""
+        if stamp_ns not in self._measured:
+            return None
+        config: ControllerConfig = self.answers[label].process.config
+        return self._measured.get(stamp_ns, "position")[self._measured.index(config.joint)]
+
+    # The comparison.
+
+    def _take(self, states: States) -> None:
+        window, count = self._window, len(states.table)
+        assert window is not None  # for the type: the segment was given it
+        window = _Window(
+            window.stamps[:count],
+            window.truth[:count],
+            window.measured[:count],
+            window.commands[:count],
+            [(there[:count], values[:count]) for there, values in window.terms],
+        )
+        begin = self._span[0] + states.first - int(self._index[self._span[0]])
+        rows = np.arange(begin, begin + count)
+        self._take_plant(states, window, rows)
+        self._take_sensors(states, window, rows)
+        self._take_answers(states, window)
+
+    def _take_plant(self, states: States, window: _Window, rows: Integers) -> None:
+        judged = self._follows(rows)
+        computed = _computed(states.table, POSITION, VELOCITY, APPLIED)
+        columns = self._columns(self._truth, window.truth, computed)
+        if self._marked:
+            falls = np.zeros(len(rows))
+            falls[states.falls] = 1.0
+            told_falls = np.isin(window.stamps, list(self._fell)).astype(float)
+            columns.append(Column(topics.RUN_EVENTS, str(Event.FELL), told_falls, falls))
+        self.plant.take(window.stamps, judged, columns)
+
+    def _take_sensors(self, states: States, window: _Window, rows: Integers) -> None:
+        judged = ~np.isnan(window.measured[:, 0]) & self._is_seen(rows)
+        computed = _computed(states.table, SEEN_POSITION, SEEN_VELOCITY, SEEN_APPLIED)
+        columns = self._columns(self._measured, window.measured, computed)
+        self.sensors.take(window.stamps, judged, columns)
+
+    def check_state(self, trunk: Trunk, stamp_ns: int) -> Check:
+        """Compare a true state on record with a computed one."""
+        check, stamps = Check(PLANT), np.array([stamp_ns])
+        recorded = six(self._truth, self._truth.rows_of(stamps))
+        x, theta, x_dot, theta_dot = trunk.state
+        computed = np.array([[x, theta, x_dot, theta_dot, 0.0, trunk.effort]])
+        check.take(stamps, np.ones(1, bool), self._columns(self._truth, recorded, computed))
+        return check
+
+    def _columns(self, table: JointTable, recorded: Floats, computed: Floats) -> list[Column]:
+        return [
+            Column(table.topic, f"{quantity}[{table.names[joint]}]", recorded[:, i], computed[:, i])
+            for i, (quantity, joint) in enumerate(_FIELDS)
+        ]
+
+    def _follows(self, rows: Integers) -> Bools:
+        """Return for which states all that leads to them is on record."""
+        before = rows - 1
+        first = rows == self._span[0]
+        before[first] = rows[first]
+        known = self.inputs.disturbance_known[before]
+        if self._wire is None:
+            known = known & self.inputs.command_known[before]
+        else:
+            used = self._row_of(self._wire.used[self._index[before]])
+            there = (used >= self._span[0]) & self.inputs.command_known[np.maximum(used, 0)]
+            known = known & (there | (self._wire.used[self._index[before]] < 0))
+        known[first] = self._index[rows[first]] == 0
+        return known
+
+    def _is_seen(self, rows: Integers) -> Bools:
+        """Return for which states all that their measurement is made of is on record."""
+        source = rows if self._wire is None else self._row_of(self._wire.seen[self._index[rows]])
+        inside = source >= self._span[0]
+        oldest = source - self.simulator.config.delay_steps
+        if self._index[self._span[0]] > 0:
+            inside &= oldest >= self._span[0]
+        known: Bools = inside & self.inputs.disturbance_known[np.maximum(source, 0)]
+        return known
+
+    def _row_of(self, index: Integers) -> Integers:
+        """Return the rows of states of the same span, by their indices."""
+        return index - int(self._index[self._span[0]]) + self._span[0]
+
+    def _take_answers(self, states: States, window: _Window) -> None:
+        table, commands = states.table, self._commands
+        active = table[:, ACTIVE].astype(np.int64)
+        given = window.commands >= 0
+        efforts = np.full(len(active), np.nan)
+        if given.any():
+            efforts[given] = commands.columns("effort", 1)[window.commands[given], 0]
+        readable = ~np.isnan(window.measured[:, 0])
+        effort = None
+        if given.any():
+            name = f"effort[{commands.names[0]}]"
+            effort = Column(commands.topic, name, efforts, table[:, EFFORT])
+        for place, answers in enumerate(self.answers.values()):
+            acts = (active >> place & 1) == 1
+            mine = active == 1 << place
+            if self._partial:
+                mine = answers.answered(window.stamps) & answers.is_own(window.commands)
+            known = answers.is_known(window.stamps, readable, mine)
+            fresh = table[:, FRESH] != 0.0
+            terms = window.terms[place]
+            answers.take(window.stamps, mine, given, known & acts, effort, fresh, terms, table)
+            if self._partial:
+                self._note_turns(window.stamps, mine & known & ~acts, active)
+        if not self._partial and self.answers:
+            odd = given & ((active & (active - 1) != 0) | (active == 0))
+            self._note_turns(window.stamps, odd, active)
+
+    def _note_turns(self, stamps: Integers, odd: Bools, active: Integers) -> None:
+        for row in np.flatnonzero(odd).tolist():
+            count = float(int(active[row]).bit_count())
+            self.nobodys.note(Difference(int(stamps[row]), "", ACTIVE_CONTROLLERS, count, 1.0))
+
+
+def simulator_of(run: RecordedRun) -> Process:
+    """Return the process of the simulator whose run it is: the first that started."""
+    processes = run.processes("simulator")
+    started = [p for p in processes if any(e.message == Event.STARTED for e in p.events)]
+    return (started or processes)[0]
+
+
+def six(table: JointTable, rows: Integers) -> Floats:
+    """Return positions, velocities and efforts of two joints [n, 6] in these rows, NaN in row -1."""
+    values = np.full((len(rows), 6), np.nan)
+    there = rows >= 0
+    if not there.any():
+        return values
+    at = rows if there.all() else rows[there]
+    for i, quantity in enumerate(_QUANTITIES):
+        values[there, 2 * i : 2 * i + 2] = table.columns(quantity, 2)[at]
+    return values
+
+
+def _computed(table: Floats, position: slice, velocity: slice, effort: int) -> Floats:
+    zeros = np.zeros((len(table), 1))
+    return np.hstack([table[:, position], table[:, velocity], zeros, table[:, effort, None]])
+
+
+def _labelled(processes: Sequence[Process]) -> Iterator[tuple[str, Process]]:
+    """Yield each process with a name of its own."""
+    counts: dict[str, int] = {}
+    for process in processes:
+        number = counts[process.node] = counts.get(process.node, 0) + 1
+        yield process.node if number == 1 else f"{process.node}, process {number}", process

@@ -1,0 +1,549 @@
+"""A run's states from the closed loop, segment by segment between changes of parameters.
+
+Compiled code computes them where that is possible and faster, CPython otherwise; both give the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
+from functools import partial
+from math import inf
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trunk_control.controller import Controller
+from trunk_control.decide import Answer
+from trunk_control.laws import law_named
+from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.units import seconds
+from trunk_msgs_util.with_arrays import with_arrays
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.disturbance_config import DisturbanceConfig
+from trunk_sim.disturbances import Disturbance
+from trunk_sim.noise import noise_samples
+from trunk_sim.plant import PlantState
+from trunk_sim.quick import act_for, plant_for, worth_compiling
+from trunk_sim.simulation import DivergedError, diverged
+from trunk_sim.step import Trunk, act, at_rest, noisy
+
+from ..errors import PlanError
+from ..plans.operated import Operated
+from ..plans.plan import RunPlan
+from ..plans.timeline import Change, Timeline, begins_active
+from .loop import (
+    DIVERGED,
+    FELL,
+    LoopState,
+    Schedule,
+    Surroundings,
+    Wire,
+    beginning,
+    chain_of,
+    continued,
+    for_compiler,
+    participants_of,
+    segment_of,
+    states_of,
+    surroundings_of,
+    values_in,
+    wire_of,
+)
+from .offline import check
+from .states import (
+    ACTING,
+    ACTIVE,
+    APPLIED,
+    EFFORT,
+    FALLEN,
+    FRESH,
+    OFFSET,
+    POSITION,
+    REFERENCE,
+    SEEN_APPLIED,
+    SEEN_POSITION,
+    SEEN_VELOCITY,
+    TERMS,
+    VELOCITY,
+    States,
+    Step,
+    keep_states,
+    longest,
+    tell_terms,
+)
+
+
+class Checkpoint(NamedTuple):
+    """A run before its state with index ``first``: all that the rest of it depends on.
+
+    ``simulator``: the configuration in force. The controllers hold their memories themselves.
+    """
+
+    first: int
+    simulator: SimulatorConfig
+    controllers: Mapping[str, Controller]
+    state: LoopState
+    falls: bool  # the trunk fell in this state
+    history: Floats  # [delay + 1, 4], what the sensors still have to see, a row for each state
+    remembered: int  # the oldest state that they have not forgotten
+    wire: Wire | None
+    by_hand: (
+        bool  # at times no controller may be active; the last command holds until it is too old
+    )
+
+
+def start_of(plan: RunPlan) -> Checkpoint:
+    """Return a plan's run before its first state."""
+    controllers = {name: Controller(config) for name, config in plan.controllers.items()}
+    for name, controller in controllers.items():
+        if not begins_active(plan.controllers[name], plan.changes.get(name, ())):
+            controller.deactivate()
+    simulator = plan.simulator
+    return Checkpoint(
+        0,
+        simulator,
+        controllers,
+        beginning(at_rest(simulator.initial_state, simulator.plant), ()),
+        True,
+        np.empty((simulator.delay_steps + 1, 4)),
+        0,
+        wire_of(
+            simulator.network,
+            states_of(plan),
+            None if plan.inputs is None else plan.inputs.command_index,
+        ),
+        # Only a recorded run has a gap between two controllers.
+        any(plan.changes.get(name) for name in controllers),
+    )
+
+
+def states_of_run(plan: RunPlan, compiled: bool | None = None) -> Iterator[States]:
+    """Yield the states of a run in their order; ``compiled``: by compiled code; None: where it pays.
+
+    Raises PlanError for a plan that cannot be run offline, or if compiled code cannot run it, DivergedError
+    after the last finite state, ImportError for ``compiled`` without numba.
+    """
+    check(plan)
+    return Engine(plan, compiled=compiled).states()
+
+
+def steps(plan: RunPlan) -> Iterator[Step]:
+    """Yield a run's states one by one, as CPython computes them. Raises as `states_of_run` does."""
+    laws = {name: law_named(name) for name in plan.controllers}
+    joints, period_ns = plan.simulator.joints, plan.simulator.period_ns
+    for states in states_of_run(plan, compiled=False):
+        for row, values in enumerate(states.table.tolist()):
+            stamp_ns, name = (states.first + row) * period_ns, states.acting(row)
+            answer = None
+            if name:
+                terms = laws[name].no_terms
+                if values[FRESH]:
+                    terms = laws[name].terms(*values[TERMS + 2 :][: len(terms) - 1], False)
+                answer = Answer(
+                    True, values[EFFORT], bool(values[FRESH]), False, values[REFERENCE], terms
+                )
+            truth, measured = (
+                JointSample(
+                    stamp_ns, joints, tuple(values[p]), tuple(values[v]), (0.0, values[torque])
+                )
+                for p, v, torque in (
+                    (POSITION, VELOCITY, APPLIED),
+                    (SEEN_POSITION, SEEN_VELOCITY, SEEN_APPLIED),
+                )
+            )
+            acting = Disturbance(*values[ACTING], *values[OFFSET])
+            turned = tuple((who, on) for at, who, on in states.turned if at == row)
+            yield Step(stamp_ns, truth, measured, acting, name, answer, turned, row in states.falls)
+
+
+# The schedule of the states with indices in [first, stop).
+Given = Callable[[int, int], Schedule]
+# The angle that a controller saw at a stamp, rad; None: it saw no state then.
+Seen = Callable[[str, int], "float | None"]
+
+
+class Record(NamedTuple):
+    """What a recording puts in place of a run's own course: it goes on from each recorded state.
+
+    ``seen``: for controllers that did not get every state. ``stamps``: of the states, ns, where they are not
+    those of our plant.
+    """
+
+    given: Given
+    seen: Seen | None = None
+    stamps: Integers | None = None
+
+
+class Engine:
+    """Runs a plan from a checkpoint on, and is at one between any two states."""
+
+    def __init__(
+        self,
+        plan: RunPlan,
+        start: Checkpoint | None = None,
+        record: Record | None = None,
+        compiled: bool | None = None,
+    ) -> None:
+        """Take a plan that has the configurations in force at the checkpoint, and what changes from there on.
+
+        A ``record``'s states go on after a fall, and may have any number of active controllers. Raises
+        PlanError and ImportError as `states_of_run` does.
+        """
+        start = start_of(plan) if start is None else start
+        self.plan = plan
+        self.index = start.first
+        self._controllers = {name: copy(one) for name, one in start.controllers.items()}
+        self._side = _PlantSide(start)
+        self._state, self._by_hand = start.state, start.by_hand
+        self._fallen = start.state.trunk.fallen and not start.falls
+        self._history = start.history.copy()
+        longer = wire_of(start.simulator.network, states_of(plan)) if start.first else start.wire
+        self._wire = continued(start.wire, longer, start.first)
+        self._record = record
+        planned = _Planned(plan)
+        self._given = planned if record is None else record.given
+        self._stamps = None if record is None else record.stamps
+        seen = planned.seen if record is None else record.seen
+        self._timelines = {
+            name: Timeline(
+                plan.configs[name],
+                plan.changes.get(name, ()),
+                (lambda _: None) if seen is None else partial(seen, name),
+            )
+            for name in self._controllers
+        }
+        self._of_simulator = plan.timeline("simulator")
+        self._of_disturbance = None if plan.disturbance is None else plan.timeline("disturbance")
+        self._of_simulator.advance(self._stamp_ns(self.index) if self.index else -1)
+        self._length = longest(plan.simulator.substeps)
+        self._noise = _Noise(plan.simulator.seed, self._length)
+        self._compiled = compiled
+        self._code: Code | None = None
+
+    def _stamp_ns(self, index: int) -> int:
+        if self._stamps is not None:
+            return int(self._stamps[index])
+        return index * self.plan.simulator.period_ns
+
+    @property
+    def controllers(self) -> Mapping[str, Controller]:
+        """The controllers as they are before the state with index `index`."""
+        return self._controllers
+
+    def to_come(self) -> dict[str, list[Change]]:
+        """Return what has not taken effect yet, by node."""
+        timelines = {**self._timelines, "simulator": self._of_simulator}
+        if self._of_disturbance is not None:
+            timelines["disturbance"] = self._of_disturbance
+        return {name: one.to_come for name, one in timelines.items() if one.to_come}
+
+    @property
+    def disturbance(self) -> DisturbanceConfig | None:
+        """The disturbance's configuration in force."""
+        return None if self._of_disturbance is None else self._of_disturbance.config
+
+    def take_effect(self) -> None:
+        """Apply all that changes between the state before and the one with index `index`."""
+        stamp_ns = self._stamp_ns(self.index)
+        before_ns = self._stamp_ns(self.index - 1) + 1 if self.index else 0
+        for name, timeline in self._timelines.items():
+            timeline.advance(stamp_ns, self._controllers[name])
+        self._side.index = self.index
+        if self._of_simulator.advance(before_ns, self._side) and self._side.anew:
+            trunk, self._side.anew = self._side.trunk, False
+            self._state = self._state._replace(trunk=trunk)
+            self._fallen = trunk.fallen and self.index > 0
+        if self._of_disturbance is not None:
+            self._of_disturbance.advance(stamp_ns)
+
+    def jump(self, index: int, state: PlantState, effort: float, fallen: bool) -> None:
+        """Go on from a recorded state, with this torque over the step before it [N m]."""
+        self.index = index
+        self.take_effect()
+        trunk = Trunk(state, effort, fallen, False)
+        self._state = self._state._replace(trunk=trunk, begun=False)
+        self._side.remembered, self._fallen = index, fallen
+
+    def checkpoint(self) -> Checkpoint:
+        """Return where the run is: before the state with index `index`, the step to it made."""
+        self.take_effect()
+        state, falls = self._state, self.index == 0
+        if state.begun:
+            trunk = act(state.trunk, state.effort, state.acting, self._side.config.plant)
+            if trunk.diverged:
+                raise self._divergence()
+            falls = trunk.fallen and not state.trunk.fallen
+            state = state._replace(trunk=trunk, begun=False)
+        return Checkpoint(
+            self.index,
+            self._side.config,
+            {name: copy(one) for name, one in self._controllers.items()},
+            state,
+            falls,
+            self._history.copy(),
+            self._side.remembered,
+            _copied(self._wire),
+            by_hand=True,
+        )
+
+    def _divergence(self) -> DivergedError:
+        state = self._state
+        plant = self._side.config.plant
+        return diverged(self._stamp_ns(self.index - 1), state.trunk, state.effort, plant)
+
+    def states(self, stop: int | None = None) -> Iterator[States]:
+        """Yield the states up to the run's end, or to the one before index ``stop``. Raises DivergedError."""
+        end = states_of(self.plan) if stop is None else stop
+        while self.index < end:
+            self.take_effect()
+            window = self.index - self.index % self._length + self._length
+            states, why = self._segment(min(end, window, self._next_change()))
+            if len(states.table):
+                yield states
+            if why == DIVERGED:
+                raise self._divergence()
+            if why == FELL:
+                return
+
+    def _next_change(self) -> int:
+        """Return the index of the first state after this one before which something changes."""
+        timelines: list[Timeline] = [*self._timelines.values()]
+        if self._of_disturbance is not None:
+            timelines.append(self._of_disturbance)
+        first_ns = min((one.next_ns for one in timelines), default=inf)
+        if self._stamps is not None:
+            return max(int(np.searchsorted(self._stamps, first_ns, "right")), self.index + 1)
+        period_ns = self.plan.simulator.period_ns
+        rows = [int(first_ns) // period_ns + 1] if first_ns < inf else []
+        if (plant_ns := self._of_simulator.next_ns) < inf:
+            rows.append(-(-int(plant_ns) // period_ns) + 1)
+        return max(min(rows, default=1 << 62), self.index + 1)
+
+    def _segment(self, stop: int) -> tuple[States, int]:
+        """Compute the states up to an index, which no change separates."""
+        first, names = self.index, list(self._controllers)
+        disturbance = None if self._of_disturbance is None else self._of_disturbance.config
+        surroundings = surroundings_of(
+            self._side.config, disturbance, self._wire, self._side.remembered
+        )
+        if self._record is not None:
+            surroundings = surroundings._replace(fall_stop=False)
+        controllers = list(self._controllers.values())
+        before = [one.active for one in controllers]
+        state = self._state._replace(memories=chain_of([one.memory for one in controllers]))
+        records = {name: one.law.record_names for name, one in self._controllers.items()}
+        out = np.empty((stop - first, TERMS + max(map(len, records.values()), default=0)))
+        inputs = _Inputs(
+            surroundings,
+            state,
+            controllers,
+            self._noise.rows(first, stop, noisy(surroundings.sensor)),
+            self._history,
+            self._given(first, stop),
+            out,
+        )
+        if self._code is None:
+            self._code = _code_for(self.plan, first, inputs, self._compiled)
+        self.index, why, self._state = self._code(first, stop, inputs)
+        for controller, memory in zip(controllers, values_in(self._state.memories), strict=True):
+            controller.memory = memory
+        table = out[: self.index - first]
+        acts, turned = self._turns(first, names, before, table[:, ACTIVE].astype(np.int64))
+        fallen = table[:, FALLEN] != 0.0
+        falls = np.flatnonzero(fallen & ~np.append(self._fallen, fallen[:-1])[: len(fallen)])
+        self._fallen = bool(fallen[-1]) if len(fallen) else self._fallen
+        return States(first, table, acts, turned, falls.tolist(), records), why
+
+    def _turns(
+        self, first: int, names: list[str], before: list[bool], active: Any
+    ) -> tuple[list[tuple[int, str]], list[tuple[int, str, bool]]]:
+        """Return which controller answers from which row on, and the turns of the schedule, by row.
+
+        Raises PlanError unless exactly one is active, or none in a run that was changed by hand.
+        """
+        acts: list[tuple[int, str]] = []
+        turned: list[tuple[int, str, bool]] = []
+        last = sum(1 << place for place, one in enumerate(before) if one)
+        changes = np.flatnonzero(np.diff(active, prepend=last)).tolist()
+        for row in sorted({0, *changes}) if len(active) else ():
+            mask = int(active[row])
+            acting = [name for place, name in enumerate(names) if mask >> place & 1]
+            expected = self._record is not None or self.plan.inputs is not None
+            expected = expected or (self._by_hand and not acting)
+            if len(acting) != 1 and not expected:
+                at = seconds(self._stamp_ns(first + row))
+                raise PlanError(
+                    f"{len(acting)} controllers are active at t = {at:g} s: "
+                    "exactly one must act at any time; see active.times"
+                )
+            acts.append((row, acting[0] if acting else ""))
+            turned += [
+                (row, name, bool(mask >> place & 1))
+                for place, name in enumerate(names)
+                if (mask ^ last) >> place & 1
+            ]
+            last = mask
+        return acts, turned
+
+
+class _PlantSide:
+    """What changes of the simulator's parameters, and resets, act on."""
+
+    def __init__(self, start: Checkpoint) -> None:
+        self.config = start.simulator
+        self.remembered = start.remembered
+        self.trunk = start.state.trunk
+        self.index = start.first
+        self.anew = False
+
+    def retune(self, config: SimulatorConfig) -> None:
+        """Take other parameters; the state stays."""
+        self.config = config
+
+    def reset(self) -> None:
+        """Return the plant to its initial state; the sensors forget the past."""
+        self.trunk = at_rest(self.config.initial_state, self.config.plant)
+        self.remembered, self.anew = self.index, True
+
+
+class _Planned:
+    """What came from outside, by the plan: pushes, references by topic, a real-time run's inputs."""
+
+    def __init__(self, plan: RunPlan) -> None:
+        self._period_ns = plan.simulator.period_ns
+        self._references = plan.references
+        self._operated = Operated(plan.pushes, plan.simulator.operator_limits)
+        self._inputs = plan.inputs
+        self._names = list(plan.controllers)
+        self.seen: Seen | None = None if plan.inputs is None else self._angle
+
+    def _angle(self, name: str, stamp_ns: int) -> float | None:
+        return None if self._inputs is None else self._inputs.seen.get(stamp_ns)
+
+    def __call__(self, first: int, stop: int) -> Schedule:
+        """Return the schedule of the states with indices in [first, stop)."""
+        schedule = Schedule()
+        stamps = np.arange(first, stop) * self._period_ns
+        if self._operated:
+            schedule = schedule._replace(push=self._operated.over(stamps))
+        if self._references:
+            values = [self._references.get(at, np.nan) for at in stamps.tolist()]
+            schedule = schedule._replace(reference=np.array(values))
+        if (inputs := self._inputs) is not None:
+            answered = [np.isin(stamps, inputs.answered[name]) for name in self._names]
+            schedule = schedule._replace(
+                disturbance=inputs.disturbance[first:stop],
+                reads=np.ascontiguousarray(np.array(answered, np.int64).T),
+            )
+        return schedule
+
+
+class _Noise:
+    """The sensors' samples, many at a time, so that compiled code draws them."""
+
+    _WINDOWS = 16
+
+    def __init__(self, seed: int, length: int) -> None:
+        self._seed = seed
+        self._length = length * self._WINDOWS
+        self._first = -1
+        self._samples: Floats = np.zeros((1, 2))
+        self._none: Floats = np.zeros((1, 2))
+
+    def rows(self, first: int, stop: int, needed: bool) -> Floats:
+        """Return the samples of the states in [first, stop), which must lie in one block of samples."""
+        if not needed:
+            return self._none
+        begin = first - first % self._length
+        if begin != self._first:
+            self._first = begin
+            self._samples = noise_samples(self._seed, self._length, begin)
+        return self._samples[first - begin : stop - begin]
+
+
+class _Inputs(NamedTuple):
+    """What a segment takes, as `loop.segment_of` has it, but controllers instead of participants."""
+
+    surroundings: Surroundings
+    state: LoopState
+    controllers: Sequence[Controller]
+    noise: Floats
+    history: Floats
+    schedule: Schedule
+    out: Floats
+
+
+Code = Callable[[int, int, _Inputs], tuple[int, int, LoopState]]
+
+
+def _code_for(plan: RunPlan, first: int, inputs: _Inputs, compiled: bool | None) -> Code:
+    """Return the loop of a run from an index on: compiled, where that pays and can be done, or not.
+
+    Raises PlanError for a law that cannot be ``compiled``, ImportError without numba.
+    """
+    if compiled or (compiled is None and worth_compiling(plan.simulator, first)):
+        try:
+            return _compiled_code(plan, inputs)
+        except (ImportError, PlanError):  # numba is optional but faster
+            if compiled:
+                raise
+    return _plain_code(plan, inputs.controllers)
+
+
+def _plain_code(plan: RunPlan, controllers: Sequence[Controller]) -> Code:
+    """Return the loop in CPython; in a long run, as where numba refuses a law, at least `act` is compiled."""
+    step = act_for(plan.simulator)
+    laws = [one.law for one in controllers]
+    segment = segment_of(*laws, keep=keep_states, tell=tell_terms, act=step)
+
+    def code(first: int, stop: int, inputs: _Inputs) -> tuple[int, int, LoopState]:
+        surroundings, state, controllers, *arrays = inputs
+        chain = participants_of(
+            ((one.config, one.setting, one.constants) for one in controllers),
+            plan.simulator.joints,
+        )
+        plant = plant_for(step, surroundings.plant)
+        return segment(first, stop, surroundings._replace(plant=plant), state, chain, *arrays)
+
+    return code
+
+
+_compiled: dict[tuple[str, ...], Callable[..., tuple[int, int, LoopState]]] = {}
+
+
+def _compiled_code(plan: RunPlan, inputs: _Inputs) -> Code:
+    """Return the loop as compiled code, after a call that computes no state. Raises as `_code_for` does."""
+    from trunk_msgs_util.compiled import NumbaError, ready, reason_of
+
+    laws = tuple(one.law.name for one in inputs.controllers)
+
+    def given(inputs: _Inputs) -> tuple[Any, ...]:
+        surroundings, state, controllers, *arrays = inputs
+        chain = participants_of(
+            (
+                (one.config, with_arrays(one.setting), tuple(map(with_arrays, one.constants)))
+                for one in controllers
+            ),
+            plan.simulator.joints,
+        )
+        return for_compiler(surroundings), state, chain, *arrays
+
+    if laws not in _compiled:
+        loop = [one.law for one in inputs.controllers]
+        segment = segment_of(*loop, keep=keep_states, tell=tell_terms)
+        try:
+            _compiled[laws] = ready(segment, 0, 0, *given(inputs))
+        except NumbaError as error:
+            reason = reason_of(error)
+            raise PlanError(f"{', '.join(laws)}: not compilable: {reason}") from None
+    segment = _compiled[laws]
+    return lambda first, stop, inputs: segment(first, stop, *given(inputs))
+
+
+def _copied(wire: Wire | None) -> Wire | None:
+    """Return links with their own messages in flight."""
+    if wire is None:
+        return None
+    return wire._replace(readings=wire.readings.copy(), commands=wire.commands.copy())
