@@ -1,0 +1,113 @@
+"""Freezes what the project computes, or compares it with what was frozen.
+
+    source scripts/env.sh && python -m tests.frozen.check [compare|make] [runs]
+
+Exit code 1 if something differs that must not; a line for each difference.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+
+from .runs import LOCKSTEP, OFFLINE, Fingerprint, offline
+
+ROOT = Path(__file__).resolve().parents[2]
+RUNS = Path(__file__).with_name("runs.json")
+
+
+def computed(names: Collection[str] = ()) -> Iterator[tuple[str, Fingerprint]]:
+    """Yield what comes of the runs with these names, or of all, now."""
+    from .seeds import in_lockstep  # puts its own library below rclpy
+
+    with TemporaryDirectory() as folder:
+        for runs, run in ((OFFLINE, offline), (LOCKSTEP, in_lockstep)):
+            for name in runs:
+                if not names or name in names:
+                    yield name, run(name, Path(folder))
+
+
+def frozen_runs() -> dict[str, Fingerprint]:
+    """Return what came of each run when it was frozen."""
+    return {
+        name: Fingerprint(*values)
+        for name, values in json.loads(RUNS.read_text(encoding="utf-8")).items()
+    }
+
+
+def differences(before: Fingerprint, now: Fingerprint) -> Iterator[str]:
+    """Yield where a run is not as it was."""
+    if now.word != before.word:
+        yield f"{now.word}, was {before.word}"
+    if now.states != before.states:
+        yield f"{now.states} states, were {before.states}"
+    for topic in sorted({*before.digests, *now.digests}):
+        if topic not in now.digests:
+            yield f"{topic} is not there"
+        elif topic not in before.digests:
+            yield f"{topic} was not there"
+        elif now.digests[topic] != before.digests[topic]:
+            yield f"{topic} has other messages"
+
+
+def make_runs() -> int:
+    """Freeze all runs."""
+    lines = [f"{json.dumps(name)}: {json.dumps(run)}" for name, run in computed()]
+    RUNS.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+    print(f"{len(lines)} runs frozen")
+    return 0
+
+
+def compare_runs(names: Collection[str] = ()) -> int:
+    """Compare runs with what was frozen: all, or those with these names."""
+    if unknown := set(names) - {*OFFLINE, *LOCKSTEP}:
+        raise click.UsageError(f"no such run: {', '.join(sorted(unknown))}")
+    before, wrong, count = frozen_runs(), 0, 0
+    for name, now in computed(names):
+        lines = [*differences(before[name], now)] if name in before else ["not frozen"]
+        print("".join(f"{name}: {line}\n" for line in lines), end="", flush=True)
+        wrong += bool(lines)
+        count += 1
+    if not names:
+        gone = [name for name in before if name not in OFFLINE and name not in LOCKSTEP]
+        print("".join(f"{name}: there is no such run now\n" for name in gone), end="")
+        wrong += len(gone)
+    print(f"{count} runs, {wrong} differ")
+    return min(wrong, 1)
+
+
+PARTS = {"runs": (make_runs, compare_runs)}
+
+
+def _in_its_own_process(action: str, part: str, names: Collection[str]) -> int:
+    """Do a part where nothing is loaded yet: one part stands in for rclpy, another needs the real one."""
+    command = [sys.executable, "-m", "tests.frozen.check", action, part]
+    command += [f"--run={name}" for name in names]
+    environment = {**os.environ, "PYTHONHASHSEED": "0"}
+    return subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode
+
+
+@click.command()
+@click.argument("action", type=click.Choice(["compare", "make"]), default="compare")
+@click.argument("parts", type=click.Choice([*PARTS]), nargs=-1)
+@click.option("--run", "names", multiple=True, help="Compare only this run; may be repeated.")
+def main(action: str, parts: tuple[str, ...], names: tuple[str, ...]) -> None:
+    """Compare with what was frozen, or freeze it anew; all parts if none is named."""
+    if len(parts) != 1 or os.environ.get("PYTHONHASHSEED") != "0":
+        codes = [_in_its_own_process(action, part, names) for part in parts or PARTS]
+        raise SystemExit(max(codes))
+    make, compare = PARTS[parts[0]]
+    if action == "make":
+        raise SystemExit(make())
+    raise SystemExit(compare(names) if names else compare())
+
+
+if __name__ == "__main__":
+    main()

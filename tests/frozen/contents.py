@@ -1,0 +1,99 @@
+"""What is in a recording, as digests: a short one for each topic."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from hashlib import blake2b
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.exceptions import McapError
+from mcap.records import Channel, Message, Schema
+from mcap.stream_reader import StreamReader
+
+from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
+from trunk_msgs_util.recording.schemas import parse_event, parse_parameter_event
+from trunk_msgs_util.topics import (
+    DIAGNOSTIC_ARRAY_TYPE,
+    JOINT_STATE_TYPE,
+    PARAMETER_EVENT_TYPE,
+)
+
+_SIZE = 16  # bytes of a digest
+_HEAD = struct.Struct("<qI")
+# Of a graph, these depend on where and in which process it ran.
+_PROCESS, _OUTPUT = "process", "output"
+
+
+class Heard(NamedTuple):
+    """A recorded message."""
+
+    topic: str
+    kind: str  # its type's name
+    log_ns: int
+    data: bytes
+
+
+def messages_of(path: Path) -> Iterator[Heard]:
+    """Yield a recording's messages in the order of the file, as far as it can be read."""
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    with path.open("rb") as file:
+        try:
+            for record in StreamReader(file).records:
+                if isinstance(record, Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    channels[record.id] = record
+                elif isinstance(record, Message):
+                    channel = channels[record.channel_id]
+                    schema = schemas.get(channel.schema_id)
+                    kind = schema.name if schema else ""
+                    yield Heard(channel.topic, kind, record.log_time, record.data)
+        except (McapError, struct.error):  # a killed recorder's file ends anywhere
+            return
+
+
+def digests_of(path: Path, graph: bool) -> dict[str, str]:
+    """Return the digest of each topic's log times and messages in their order.
+
+    ``graph``: nodes wrote it. Then digests do not depend on what identifies a process, on the path of the
+    file, on the bytes between values, or on the order between the events or parameters of different nodes.
+    """
+    parts: dict[str, list[tuple[str, int, bytes]]] = {}
+    for heard in messages_of(path):
+        node, data = _reduced(heard) if graph else ("", heard.data)
+        parts.setdefault(heard.topic, []).append((node, heard.log_ns, data))
+    return {
+        topic: _digest(sorted(parts[topic], key=lambda part: part[0])) for topic in sorted(parts)
+    }
+
+
+def digest_of(path: Path) -> str:
+    """Return a digest of four digits of a whole recording of nodes."""
+    return blake2b(repr(digests_of(path, graph=True)).encode(), digest_size=2).hexdigest()
+
+
+def _digest(parts: list[tuple[str, int, bytes]]) -> str:
+    digest = blake2b(digest_size=_SIZE)
+    for _, log_ns, data in parts:
+        digest.update(_HEAD.pack(log_ns, len(data)))
+        digest.update(data)
+    return digest.hexdigest()
+
+
+def _reduced(heard: Heard) -> tuple[str, bytes]:
+    """Return which node an event or parameters are of, and of any message what each graph has alike."""
+    if heard.kind == JOINT_STATE_TYPE:
+        layout = JointStateLayout.parse(heard.data)
+        return "", layout.pack(layout.unpack(heard.data))
+    if heard.kind == DIAGNOSTIC_ARRAY_TYPE:
+        event = parse_event(heard.data)
+        values = {key: value for key, value in event.values.items() if key != _PROCESS}
+        return event.node, repr(event._replace(values=values)).encode()
+    if heard.kind == PARAMETER_EVENT_TYPE:
+        change = parse_parameter_event(heard.data)
+        new = {name: value for name, value in change.new.items() if name != _OUTPUT}
+        return change.node, repr(change._replace(new=new)).encode()
+    return "", heard.data

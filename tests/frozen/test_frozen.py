@@ -1,0 +1,133 @@
+"""Runs give the messages and the verdicts that were frozen: a sample each time, all of them with --all."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.events import Event
+from trunk_msgs_util.recording.schemas import event, parameter_event
+
+from ..edited import copied
+from .check import ROOT, differences, frozen_runs
+from .contents import digests_of
+from .runs import LOCKSTEP, OFFLINE, Fingerprint, offline
+
+LONG = [name for name in OFFLINE if name.startswith("long")]
+SHORT = [name for name in OFFLINE if name not in LONG]
+
+
+def shares(names: list[str], count: int) -> list[list[str]]:
+    """Return shares of about the same size, each with runs of every sort."""
+    return [names[number::count] for number in range(count)]
+
+
+def changed_since_frozen(names: list[str], folder: Path) -> list[str]:
+    before = frozen_runs()
+    return [
+        f"{name}: {line}"
+        for name in names
+        for line in differences(before[name], offline(name, folder))
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.one_in(20)
+@pytest.mark.parametrize("names", shares(SHORT, 20), ids=range(20))
+def test_offline_runs_are_as_they_were(names: list[str], tmp_path: Path) -> None:
+    assert changed_since_frozen(names, tmp_path) == []
+
+
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.parametrize("name", LONG)
+def test_compiled_runs_are_as_they_were(name: str, tmp_path: Path) -> None:
+    assert changed_since_frozen([name], tmp_path) == []
+
+
+@pytest.mark.slow
+@pytest.mark.one_in(8)
+@pytest.mark.parametrize("names", shares(list(LOCKSTEP), 8), ids=range(8))
+def test_runs_in_lockstep_are_as_they_were(names: list[str]) -> None:
+    """In a process of their own, which loads another rclpy."""
+    command = [sys.executable, "-m", "tests.frozen.check", "compare", "runs"]
+    command += [f"--run={name}" for name in names]
+    environment = {**os.environ, "PYTHONHASHSEED": "0"}
+    done = subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout == f"{len(names)} runs, 0 differ\n"
+
+
+def test_every_run_is_frozen() -> None:
+    assert list(frozen_runs()) == [*OFFLINE, *LOCKSTEP]
+
+
+@pytest.mark.parametrize(
+    ("now", "line"),
+    [
+        (Fingerprint("verified", 2, {"/a": "01", "/b": "02"}), None),
+        (Fingerprint("verified", 2, {"/a": "01", "/b": "03"}), "/b has other messages"),
+        (Fingerprint("verified", 2, {"/a": "01"}), "/b is not there"),
+        (Fingerprint("verified", 2, {"/a": "01", "/b": "02", "/c": "03"}), "/c was not there"),
+        (Fingerprint("verified", 3, {"/a": "01", "/b": "02"}), "3 states, were 2"),
+        (Fingerprint("diverges", 2, {"/a": "01", "/b": "02"}), "diverges, was verified"),
+    ],
+)
+def test_every_difference_is_found(now: Fingerprint, line: str | None) -> None:
+    before = Fingerprint("verified", 2, {"/a": "01", "/b": "02"})
+    assert list(differences(before, now)) == ([line] if line else [])
+
+
+def bit(messages: list[list[Any]]) -> None:
+    data = bytearray(messages[-1][2])
+    data[-1] ^= 1
+    messages[-1][2] = bytes(data)
+
+
+def log_time(messages: list[list[Any]]) -> None:
+    messages[-1][1] += 1
+
+
+def order(messages: list[list[Any]]) -> None:
+    messages[-1][1:3], messages[-2][1:3] = messages[-2][1:3], messages[-1][1:3]
+
+
+@pytest.mark.parametrize("edit", [bit, log_time, order])
+def test_a_digest_covers(edit: Callable[[list[list[Any]]], None], tmp_path: Path) -> None:
+    path, copy = tmp_path / "run.mcap", tmp_path / "copy.mcap"
+    record_offline(OFFLINE["noise, lqr"](), path)
+
+    def in_one_topic(messages: list[list[Any]]) -> None:
+        edit([message for message in messages if message[0] == "/joint_states"])
+
+    copied(path, copy, in_one_topic)
+    before, now = digests_of(path, graph=False), digests_of(copy, graph=False)
+    assert [topic for topic in before if before[topic] != now[topic]] == ["/joint_states"]
+
+
+def test_digests_of_a_graph_leave_out_processes_and_paths(tmp_path: Path) -> None:
+    def identities(messages: list[list[Any]]) -> None:
+        values = {"process": f"{path.stem}.1.0", "kind": "pid"}
+        data = event(-1, "/pid", Event.CONFIGURED, values)
+        messages.append(["/run/events", 0, data, 0, 0])
+        data = parameter_event(-1, "/recorder", {"output": str(path), "markers": False}, {})
+        messages.append(["/run/parameters", 0, data, 0, 0])
+
+    digests = []
+    record_offline(OFFLINE["noise, lqr"](), tmp_path / "run.mcap")
+    for path in (tmp_path / "first.mcap", tmp_path / "second.mcap"):
+        copied(tmp_path / "run.mcap", path, identities)
+        digests.append([digests_of(path, graph) for graph in (True, False)])
+    (graph, whole), (other_graph, other_whole) = digests
+    assert graph == other_graph
+    changed = [topic for topic in whole if whole[topic] != other_whole[topic]]
+    assert changed == ["/run/events", "/run/parameters"]
