@@ -1,6 +1,6 @@
 """Freezes what the project computes, or compares it with what was frozen.
 
-    source scripts/env.sh && python -m tests.frozen.check [compare|make] [runs]
+    source scripts/env.sh && python -m tests.frozen.check [compare|make] [runs] [seeds]
 
 Exit code 1 if something differs that must not; a line for each difference.
 """
@@ -18,9 +18,11 @@ from tempfile import TemporaryDirectory
 import click
 
 from .runs import LOCKSTEP, OFFLINE, Fingerprint, offline
+from .verdicts import as_kept, changes, kept
 
 ROOT = Path(__file__).resolve().parents[2]
-RUNS = Path(__file__).with_name("runs.json")
+RUNS, SEEDS = (Path(__file__).with_name(f"{part}.json") for part in ("runs", "seeds"))
+MEMORY = "/dev/shm"
 
 
 def computed(names: Collection[str] = ()) -> Iterator[tuple[str, Fingerprint]]:
@@ -83,7 +85,33 @@ def compare_runs(names: Collection[str] = ()) -> int:
     return min(wrong, 1)
 
 
-PARTS = {"runs": (make_runs, compare_runs)}
+def make_seeds() -> int:
+    """Freeze the verdicts on all seeds."""
+    from .seeds import outcomes
+
+    with TemporaryDirectory(dir=MEMORY) as folder:
+        values = as_kept(outcomes(Path(folder)))
+    SEEDS.write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
+    print("seeds frozen")
+    return 0
+
+
+def compare_seeds() -> int:
+    """Compare the verdicts on seeds with those that were frozen."""
+    from .seeds import outcomes
+
+    before = kept(json.loads(SEEDS.read_text(encoding="utf-8")))
+    with TemporaryDirectory(dir=MEMORY) as folder:
+        now = list(outcomes(Path(folder)))
+    changed = changes(before, now)
+    print("".join(f"{change.describe()}\n" for change in changed), end="")
+    recordings = sum(old.recording != new.recording for old, new in zip(before, now, strict=True))
+    verdicts = sum(len(change.seeds) for change in changed)
+    print(f"{len(now)} seeds: {verdicts} other verdicts, {recordings} other recordings")
+    return int(any(change.wrong for change in changed))
+
+
+PARTS = {"runs": (make_runs, compare_runs), "seeds": (make_seeds, compare_seeds)}
 
 
 def _in_its_own_process(action: str, part: str, names: Collection[str]) -> int:
@@ -106,7 +134,7 @@ def main(action: str, parts: tuple[str, ...], names: tuple[str, ...]) -> None:
     make, compare = PARTS[parts[0]]
     if action == "make":
         raise SystemExit(make())
-    raise SystemExit(compare(names) if names else compare())
+    raise SystemExit(compare_runs(names) if names else compare())
 
 
 if __name__ == "__main__":

@@ -19,18 +19,11 @@ from ..seeds.promises import Run
 from ..seeds.story import Story, draw
 from .contents import digest_of
 from .runs import LOCKSTEP, Fingerprint, fingerprint, word_of
+from .verdicts import LETTERS, NO_FILE, Outcome
 
 Judged = TypeVar("Judged")
 
-# The letter for each word: a capital if the recording is complete.
-LETTERS = {
-    "verified": "v",
-    "diverges": "d",
-    "cannot be judged": "c",
-    "no verdict": "e",
-    "unreadable": "u",
-    "no file": "n",
-}
+COUNT = 2100  # seeds that are frozen, from 0 on
 
 
 class _Planned(Story):
@@ -50,11 +43,12 @@ def in_lockstep(name: str, folder: Path) -> Fingerprint:
     return _played(story, folder, lambda run: fingerprint(run.path, graph=True))
 
 
-def outcome(seed: int, folder: Path) -> tuple[str, str, str]:
-    """Return what became of a seed: its mode, the letter of its verdict, its recording's digest."""
-    story = draw(seed)
-    letter, digest = _played(story, folder, lambda run: _letter(run.path))
-    return "lockstep" if story.lockstep else "real_time", letter, digest
+def outcomes(folder: Path) -> Iterator[Outcome]:
+    """Yield what becomes of each seed."""
+    for seed in range(COUNT):
+        story = draw(seed)
+        mode = "lockstep" if story.lockstep else "real_time"
+        yield Outcome(mode, *_played(story, folder, _judged))
 
 
 def _played(story: Story, folder: Path, judge: Callable[[Run], Judged]) -> Judged:
@@ -70,16 +64,18 @@ def _played(story: Story, folder: Path, judge: Callable[[Run], Judged]) -> Judge
     return judged[0]
 
 
-def _letter(path: Path) -> tuple[str, str]:
-    if not path.exists():
-        return LETTERS["no file"], ""
+def _judged(run: Run) -> tuple[str, str]:
+    """Return the letter of the verdict on a recording, and the recording's digest."""
+    if not run.path.exists():
+        return LETTERS["no file"], NO_FILE
+    digest = digest_of(run.path)
     try:
-        complete = Recording.open(path).complete
+        complete = Recording.open(run.path).complete
     except TrunkError:
-        return LETTERS["unreadable"], digest_of(path)
+        return LETTERS["unreadable"], digest
     try:
-        word = word_of(path)
+        word = word_of(run.path)
     except TrunkError:
         word = "no verdict"
     letter = LETTERS[word]
-    return letter.upper() if complete else letter, digest_of(path)
+    return letter.upper() if complete else letter, digest

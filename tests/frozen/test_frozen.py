@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from ..edited import copied
 from .check import ROOT, differences, frozen_runs
 from .contents import digests_of
 from .runs import LOCKSTEP, OFFLINE, Fingerprint, offline
+from .verdicts import NO_FILE, Outcome, as_kept, changes, kept
 
 LONG = [name for name in OFFLINE if name.startswith("long")]
 SHORT = [name for name in OFFLINE if name not in LONG]
@@ -131,3 +133,56 @@ def test_digests_of_a_graph_leave_out_processes_and_paths(tmp_path: Path) -> Non
     assert graph == other_graph
     changed = [topic for topic in whole if whole[topic] != other_whole[topic]]
     assert changed == ["/run/events", "/run/parameters"]
+
+
+SEEDS = [
+    Outcome("lockstep", "V", "0a1b"),
+    Outcome("real_time", "c", "ffff"),
+    Outcome("lockstep", "n", NO_FILE),
+]
+
+
+def test_what_became_of_seeds_is_kept() -> None:
+    many = SEEDS * 50
+    assert kept(json.loads(json.dumps(as_kept(many)))) == many
+
+
+@pytest.mark.parametrize(
+    ("seed", "now", "line", "wrong"),
+    [
+        (0, Outcome("lockstep", "V", "0000"), None, False),
+        (
+            0,
+            Outcome("lockstep", "c", "0a1b"),
+            (
+                "lockstep, verified, complete; now lockstep, cannot be judged: "
+                "1 seeds, 1 with the same recording: 0"
+            ),
+            True,
+        ),
+        (
+            1,
+            Outcome("real_time", "V", "0000"),
+            (
+                "real_time, cannot be judged; now real_time, verified, complete: "
+                "1 seeds, 0 with the same recording: 1"
+            ),
+            False,
+        ),
+        (
+            1,
+            Outcome("real_time", "d", "ffff"),
+            (
+                "real_time, cannot be judged; now real_time, diverges: "
+                "1 seeds, 1 with the same recording: 1"
+            ),
+            True,
+        ),
+    ],
+)
+def test_a_seed_with_another_verdict_is_found(
+    seed: int, now: Outcome, line: str | None, wrong: bool
+) -> None:
+    outcomes = [*SEEDS[:seed], now, *SEEDS[seed + 1 :]]
+    lines = [(change.describe(), change.wrong) for change in changes(SEEDS, outcomes)]
+    assert lines == ([(line, wrong)] if line else [])
