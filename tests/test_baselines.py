@@ -27,7 +27,7 @@ def recorded(path, scenario, controller, params=(), settings=(), duration=3.0):
 def test_a_recorded_run_verifies(controller, profile, tmp_path):
     verdict = verify(recorded(tmp_path / "run.mcap", "fig9", controller, [profile]))
     assert verdict.exit_code == VERIFIED, verdict
-    assert [part.steps for part in verdict.checks] == [3001, 3002, 3001]
+    assert [part.steps for part in verdict.checks] == [3001, 3001, 3001, 3002]
 
 
 def test_computed_torque_with_an_exact_model_obeys_its_error_equation(tmp_path):

@@ -9,6 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from trunk_experiments.replay.attributable import shared_from_ns
+from trunk_experiments.replay.real_time import PossibleDisturbances, replay_torques
+from trunk_experiments.replay.replay import acting_at
+from trunk_experiments.replay.replay_plant import PlantReplay
 
 from trunk_control.controller import Controller
 from trunk_experiments.plans.plan import make_plan
@@ -16,10 +20,6 @@ from trunk_experiments.plans.timeline import Change, Timeline
 from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay import replay, stretches
-from trunk_experiments.replay.attributable import shared_from_ns
-from trunk_experiments.replay.real_time import PossibleDisturbances, replay_torques
-from trunk_experiments.replay.replay import acting_at
-from trunk_experiments.replay.replay_plant import PlantReplay
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics

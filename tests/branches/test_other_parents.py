@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from trunk_experiments.replay.as_told import not_as_told
 
 from trunk_experiments.branching.branch import Branch
 from trunk_experiments.branching.change import branched
@@ -14,7 +15,6 @@ from trunk_experiments.branching.record import record_branch
 from trunk_experiments.branching.resume import resumed, state_at
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.as_told import not_as_told
 from trunk_experiments.replay.doubts import Late, late_steps
 from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline

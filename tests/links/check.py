@@ -21,12 +21,10 @@ from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
+from trunk_experiments.runs.engine import states_of_run, steps
 from trunk_experiments.runs.files import RunFiles
 from trunk_experiments.runs.graph import run_graph
-from trunk_experiments.runs.engine import steps
 from trunk_experiments.runs.offline_recording import record_steps
-from trunk_experiments.runs.quick import compiled_states
-from trunk_experiments.runs.states import in_stretches
 from trunk_msgs_util.parameters.declarations import build, values_of
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.simulation import DivergedError
@@ -67,8 +65,8 @@ def differences(plan: RunPlan, folder: Path, compiled: bool, graphs: Sequence[bo
     if verdict.exit_code != VERIFIED:
         found.append(f"{verdict.word}: {'; '.join(verdict.reasons)}")
     if compiled:
-        slow = np.vstack([some.table for some in in_stretches(steps(plan), 4096)])
-        quick = np.vstack([some.table for some in compiled_states(plan)])
+        slow = np.vstack([some.table for some in states_of_run(plan, compiled=False)])
+        quick = np.vstack([some.table for some in states_of_run(plan, compiled=True)])
         wrong = np.argwhere(slow.view(np.int64) != quick.view(np.int64))
         found += [f"compiled: row and column {wrong[0]}"] if len(wrong) else []
     for composed in graphs:

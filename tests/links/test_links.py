@@ -23,7 +23,6 @@ from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.doubts import Late, late_steps
-from trunk_experiments.replay.replay_plant import PlantReplay
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
 from trunk_experiments.runs.engine import steps
 from trunk_experiments.runs.offline_recording import record_offline
@@ -128,12 +127,14 @@ def test_sensors_that_always_fail_hold_the_first_reading(tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_long_runs_are_checked_in_stretches(tmp_path: Path) -> None:
+def test_long_runs_are_checked(tmp_path: Path) -> None:
     record_offline(bad(60.0), tmp_path / "long.mcap")
     assert judged(tmp_path / "long.mcap") == (VERIFIED, [])
-    looked_at = list(PlantReplay(RecordedRun.open(tmp_path / "long.mcap")))
-    assert sum(one.steps for one in looked_at) == 12_001
-    assert len(looked_at) < 100
+    checks = {
+        check.name: check.steps
+        for check in verdict_on(RecordedRun.open(tmp_path / "long.mcap")).checks
+    }
+    assert checks["states of the plant"] == checks["measured states"] == 12_001
 
 
 def test_the_last_torque_is_from_the_command_that_the_link_delivers(run: Path) -> None:
@@ -167,7 +168,7 @@ def test_counts_are_recorded_and_recomputed(run: Path, tmp_path: Path) -> None:
     )
     verdict = verdict_on(RecordedRun(fewer))
     assert verdict.exit_code != VERIFIED
-    assert "which is not what the links' seed gives" in str([verdict.reasons, verdict.obstacles])
+    assert "is not what the links' seed gives" in str([verdict.reasons, verdict.obstacles])
 
     def leave_out(messages: list[list]) -> None:
         messages[:] = [m for m in messages if b"passed on" not in m[2]]
@@ -175,9 +176,7 @@ def test_counts_are_recorded_and_recomputed(run: Path, tmp_path: Path) -> None:
     none = copied(run, tmp_path / "none.mcap", leave_out, ANEW)
     verdict = verdict_on(RecordedRun(none))
     assert verdict.exit_code != VERIFIED
-    assert "'passed on' 0 times, but the run ended 1 times" in str(
-        [verdict.reasons, verdict.obstacles]
-    )
+    assert "'passed on' 0 times" in str([verdict.reasons, verdict.obstacles])
 
 
 def test_an_edited_reading_is_found(run: Path, tmp_path: Path) -> None:

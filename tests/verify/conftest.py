@@ -1,4 +1,4 @@
-"""A recording to be edited, judged in both ways that `verify` has."""
+"""A recording to be edited, judged by compiled code and by CPython."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from dataclasses import replace
 import pytest
 
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.replay import replay, stretches
+from trunk_experiments.runs import engine
 from trunk_experiments.runs.offline_recording import record_offline
 
 
-@pytest.fixture(autouse=True, params=["step by step", "by stretches"])
-def way(request, monkeypatch):
-    """Judge every file in both ways: all in detail, and with compiled code for equal stretches."""
-    if request.param == "by stretches":
-        monkeypatch.setattr(replay, "WORTH_COMPILING", 0)
-        monkeypatch.setattr(stretches, "LONGEST", 300)  # of 1201 rows: several windows
+@pytest.fixture(autouse=True, params=["CPython", "compiled"])
+def engine_kind(request, monkeypatch):
+    """Judge every file with both: 1201 rows are several windows."""
+    compiled = request.param == "compiled"
+    monkeypatch.setattr(engine, "worth_compiling", lambda *_: compiled)
+    monkeypatch.setattr(engine, "longest", lambda _: 300)
 
 
 @pytest.fixture(scope="module")

@@ -34,8 +34,9 @@ def test_the_states_follow_from_the_commands_on_the_record(strangers):
     verdict = verify(Recording.open(strangers))
     assert verdict.exit_code == VERIFIED, verdict.reasons
     assert [(part.name, part.steps) for part in verdict.checks] == [
-        ("disturbances", 502),
+        ("measured states", 501),
         ("states of the plant", 501),
+        ("disturbances", 502),
     ]
     assert verdict.unjudged[0] == (
         "the commands and terms of stranger, another controller: the states follow from the commands"
@@ -48,7 +49,7 @@ def test_another_command_leads_to_another_state(strangers, tmp_path):
 
     verdict = verify(copied(strangers, tmp_path / "a.mcap", edit, digests=ANEW))
     assert verdict.exit_code == DIVERGES
-    (difference, *_) = verdict.checks[-1].first
+    (difference, *_) = verdict.checks[1].first
     assert difference.stamp_ns == 101_000_000
 
 
@@ -90,10 +91,3 @@ def test_a_law_that_is_not_installed_is_not_a_stranger(tmp_path, monkeypatch):
     verdict = verify(Recording.open(tmp_path / "ours.mcap"))
     assert verdict.exit_code == UNJUDGED
     assert not verdict.checks
-
-
-def test_the_origin_names_who_gave_the_commands(strangers, tmp_path):
-    said = {"controller": "somebody"}
-    found = verify(copied(strangers, tmp_path / "else.mcap", provenance=said, digests=ANEW))
-    assert found.exit_code == DIVERGES
-    assert any("origin: controller is 'somebody'" in line for line in found.contradictions)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import struct
 
 import pytest
+from trunk_experiments.replay.as_told import not_as_told
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.replay.as_told import not_as_told
 from trunk_experiments.replay.doctor import examine
 from trunk_experiments.replay.explain import explain
 from trunk_experiments.replay.verify import UNJUDGED, verify

@@ -26,8 +26,8 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.runs.loop import chains_of, surroundings_of
 from trunk_experiments.runs.engine import steps
+from trunk_experiments.runs.loop import Schedule
 from trunk_msgs_util import compiled
 from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_sim.actuator import saturate
@@ -69,8 +69,8 @@ def test_the_comparison_detects_one_changed_bit(batch, monkeypatch):
     plan = make_plan("fig8", "pid", everywhere={"duration": 0.1})
     loop = closed_loop.compiled_loop(tuple(plan.controllers))
 
-    def off(surroundings, memories, participants, noise, history, out):
-        result = loop(surroundings, memories, participants, noise, history, out)
+    def off(*given):
+        result, out = loop(*given), given[-1]
         out[closed_loop.THETA, 7] *= 1.0 + 2.0**-52
         return result
 
@@ -85,9 +85,8 @@ def test_the_same_loop_runs_in_cpython(batch):
     expected = batch.run(plan).table
     out = np.empty((closed_loop.ROWS, len(expected.t)))
     loop = closed_loop.loop_of(*(law_named(name) for name in plan.controllers))
-    surroundings, chains = surroundings_of(plan), chains_of(plan)
-    noise = closed_loop._NO_NOISE
-    assert loop(surroundings, *chains, noise, np.empty((1, 4)), out) == (51, False)
+    start, noise = closed_loop.start_of_loop(plan), closed_loop._NO_NOISE
+    assert loop(51, *start, noise, np.empty((1, 4)), Schedule(), out) == (51, False)
     assert out[closed_loop.THETA].tolist() == expected.theta.tolist()
 
 

@@ -16,11 +16,10 @@ from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
-from trunk_experiments.runs import offline_recording, quick
-from trunk_experiments.runs.engine import steps
+from trunk_experiments.runs import engine, offline_recording
+from trunk_experiments.runs.engine import states_of_run, steps
 from trunk_experiments.runs.offline import disturbance_source
 from trunk_experiments.runs.offline_recording import record_offline
-from trunk_experiments.runs.states import in_stretches
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import values_of
@@ -175,7 +174,7 @@ def one_by_one(plan, path):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(offline_recording, "OfflineRecorder", OneByOne)
         patch.setattr(OneByOne, "write", lambda self, some, w=OneByOne.write: w(self, some.step))
-        patch.setattr(offline_recording, "states_in_stretches", lambda p: map(Fell, steps(p)))
+        patch.setattr(offline_recording, "states_of_run", lambda p: map(Fell, steps(p)))
         return outcome(plan, path)
 
 
@@ -195,44 +194,33 @@ def test_states_in_stretches_make_the_same_file(name, tmp_path, monkeypatch):
     plan = (PLANS | BY_HAND)[name]()
     monkeypatch.setattr(chunked, "CHUNK_SIZE", 30_000)  # several chunks in one stretch
     expected = one_by_one(plan, tmp_path / "one_by_one.mcap")
-    monkeypatch.setattr(quick, "worth_compiling", lambda simulator: False)
-    monkeypatch.setattr(quick, "longest", lambda substeps: 70)
+    monkeypatch.setattr(engine, "worth_compiling", lambda *_: False)
+    monkeypatch.setattr(engine, "longest", lambda substeps: 70)
     assert outcome(plan, tmp_path / "in_bulk.mcap") == expected
 
 
 @pytest.mark.one_in(3)
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize("name", [*SOME, *BY_HAND])
 def test_compiled_states_make_the_same_file(name, tmp_path, monkeypatch):
-    plan = PLANS[name]()
+    plan = (PLANS | BY_HAND)[name]()
     expected = one_by_one(plan, tmp_path / "one_by_one.mcap")
-    monkeypatch.setattr(quick, "worth_compiling", lambda simulator: True)
-    monkeypatch.setattr(quick, "longest", lambda substeps: 70)
-    if not str(expected[0]).startswith("PlanError"):
-        monkeypatch.setattr(quick, "steps", None)  # CPython's must not be called
+    monkeypatch.setattr(engine, "worth_compiling", lambda *_: True)
+    monkeypatch.setattr(engine, "longest", lambda substeps: 70)
+    monkeypatch.setattr(engine, "_plain_code", None)  # CPython's must not be called
     assert outcome(plan, tmp_path / "compiled.mcap") == expected
-
-
-@pytest.mark.parametrize("name", BY_HAND)
-def test_cpython_does_what_the_compiled_loop_cannot_model(name, monkeypatch):
-    plan = BY_HAND[name]()
-    with pytest.raises(PlanError, match="are not compiled"):
-        quick.compiled_states(plan)
-    monkeypatch.setattr(quick, "worth_compiling", lambda simulator: True)
-    found = list(quick.states_in_stretches(plan))
-    expected = list(in_stretches(steps(plan), 4096))
-    assert sum(len(one.table) for one in found) == 601
-    assert found[0].table.tobytes() == expected[0].table.tobytes()
 
 
 def test_cpython_does_it_where_numba_is_missing(monkeypatch):
     plan = short("fig7 pid")
     monkeypatch.setitem(sys.modules, "numba", None)
     monkeypatch.delitem(sys.modules, "trunk_msgs_util.compiled", raising=False)
-    monkeypatch.setattr(quick, "worth_compiling", lambda simulator: True)
-    assert sum(len(one.table) for one in quick.states_in_stretches(plan)) == 201
+    monkeypatch.setattr(engine, "worth_compiling", lambda *_: True)
+    assert sum(len(states.table) for states in states_of_run(plan)) == 201
+    with pytest.raises(ImportError):
+        list(states_of_run(plan, compiled=True))
 
 
 def test_short_runs_do_not_load_the_compiler():
-    assert not quick.worth_compiling(short("fig8 pid").simulator)
-    assert quick.worth_compiling(plan_of("fig8 pid", duration=10.0).simulator)
+    assert not engine.worth_compiling(short("fig8 pid").simulator)
+    assert engine.worth_compiling(plan_of("fig8 pid", duration=10.0).simulator)

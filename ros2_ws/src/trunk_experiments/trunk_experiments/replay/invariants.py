@@ -73,6 +73,11 @@ def contradictions(run: RecordedRun, rerun: Rerun) -> list[str]:
         *_mode(run),
         *_pushes(run, rerun),
         *_links(run, rerun),
+        *(
+            f"run/events: {name} was to become {'active' if on else 'inactive'} at "
+            f"t = {seconds(stamp_ns):g} s, and no event says that it did"
+            for stamp_ns, name, on in rerun.unreported
+        ),
     ]
 
 

@@ -100,6 +100,9 @@ class Rerun:
         self._fell = {e.stamp_ns for e in self.simulator.events if e.message == Event.FELL}
         self._marked = "fall.angle" in self.simulator.parameters
         self._commands = run.table(topics.EFFORT_COMMAND)
+        self.unreported: list[
+            tuple[int, str, bool]
+        ] = []  # turns by the schedule without their events
         self._window: _Window | None = None
         self._span = 0, 0  # rows
         plan = self._plan
@@ -121,7 +124,7 @@ class Rerun:
         self.cut_ns: int | None = int(stamps[end]) if odd.any() else None
         self._rows, self._stamps, self._index = self._rows[:end], stamps[:end], index[:end]
         begins = np.flatnonzero(np.diff(self._index, prepend=-2) != 1).tolist()
-        self.spans = list(zip(begins, [*begins[1:], end], strict=True))
+        self.spans = list(zip(begins, [*begins[1:], end][: len(begins)], strict=True))
 
     @property
     def stamps(self) -> Integers:
@@ -284,6 +287,9 @@ class Rerun:
         self._take_plant(states, window, rows)
         self._take_sensors(states, window, rows)
         self._take_answers(states, window)
+        if not self._partial:
+            turns = [(int(window.stamps[row]), name, on) for row, name, on in states.turned]
+            self.unreported += turns
 
     def _take_plant(self, states: States, window: _Window, rows: Integers) -> None:
         judged = self._follows(rows)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.provenance import PACKAGE, packages_of_laws
+from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import seconds
 
@@ -31,7 +34,7 @@ __all__ = [
 ]
 
 _MODES = {"real_time": "in real time", "lockstep": "in lock-step", "offline": "offline"}
-_NO_INPUTS = "recorded before real-time runs recorded what acted on the plant (format 2): record the run again"
+_NO_INPUTS = "recorded before real-time runs recorded what acted on the plant: record the run again"
 
 
 def verify(recording: Recording) -> Verdict:
@@ -124,6 +127,11 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
     rerun = Rerun(run)
     rerun.compare()
     verdict.checks += rerun.checks
+    rivals = _rivals(run, rerun)
+    if rivals:
+        verdict.obstacles.append(rivals)
+        for check in rerun.checks:
+            check.excuse(rivals)
     for answers in rerun.answers.values():
         settle(run, answers.process, [answers.check])
         if answers.lacking is not None and is_whole(run, answers.process):
@@ -141,7 +149,7 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         if not complete:
             check.excuse("messages are missing")
         verdict.checks.append(check)
-    if complete:
+    if complete and not rivals:
         verdict.contradictions += contradictions(run, rerun)
     verdict.obstacles += _failures(run)
     verdict.obstacles += _missing(run, rerun)
@@ -156,6 +164,21 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
     ]
     verdict.judged = _span(run, rerun)
     verdict.unjudged += _unjudged(run)
+
+
+def _rivals(run: RecordedRun, rerun: Rerun) -> str:
+    """Return that two controllers gave commands in lock-step, where one must; empty if not.
+
+    The plant took one of them, and the record does not say which.
+    """
+    if run.mode != "lockstep":
+        return ""
+    stamps = np.sort(run.table(topics.EFFORT_COMMAND).stamp_ns)
+    twice = stamps[1:][np.diff(stamps) == 0][:1].tolist()
+    twice += [d.stamp_ns for d in rerun.nobodys.first if d.recorded > 1.0]
+    if not twice:
+        return ""
+    return f"two controllers, or one that was restarted, from t = {seconds(min(twice)):g} s on"
 
 
 def is_whole(run: RecordedRun, process: Process) -> bool:
@@ -195,32 +218,66 @@ def _failures(run: RecordedRun) -> list[str]:
 
 
 def _missing(run: RecordedRun, rerun: Rerun) -> list[str]:
-    """Return what of the run is not on record, a line each."""
+    """Return what of the run is not on record, or not in order, a line each."""
     lines = []
-    stamps = rerun.stamps
+    states, period_ns = rerun.stamps, rerun.simulator.config.period_ns
     if rerun.cut_ns is not None:
+        at = seconds(rerun.cut_ns)
         lines.append(
-            f"{topics.GROUND_TRUTH}: what follows t = {seconds(rerun.cut_ns):g} s belongs to no single run: "
+            f"{topics.GROUND_TRUTH}: stamps go backwards or beyond the run at t = {at:g} s: "
             "two simulators, or one that was restarted"
         )
-    if not len(stamps):
-        lines.append(f"{topics.GROUND_TRUTH}: no messages")
-        return lines
-    period_ns = rerun.simulator.config.period_ns
-    count = int(stamps[-1]) // period_ns + 1 - len(stamps)
-    if count:
-        gap = next(
-            row
-            for row in range(len(stamps) + 1)
-            if row == len(stamps) or stamps[row] != row * period_ns
-        )
-        at = seconds(gap * period_ns)
-        lines.append(f"{topics.GROUND_TRUTH}: {count} steps missing, the first at t = {at:g} s")
+    if not len(states):
+        return [*lines, f"{topics.GROUND_TRUTH}: no messages"]
+    last = int(states[-1]) // period_ns
+    lines += _absent(topics.GROUND_TRUTH, last + 1 - len(states), _first_gap(states, period_ns))
+    measured = run.table(topics.JOINT_STATES).stamp_ns
+    known = {
+        topics.JOINT_STATES: np.isin(states, measured),
+        topics.EFFORT_COMMAND: rerun.inputs.command_known,
+        topics.DISTURBANCE: rerun.inputs.disturbance_known,
+    }
+    if rerun.inputs.recorded:
+        known = {
+            topics.JOINT_STATES: known[topics.JOINT_STATES],
+            topics.PLANT_INPUTS: known[topics.EFFORT_COMMAND],
+        }
+    for relative, there in known.items():
+        lines += _absent(relative, int((~there).sum()), int(states[np.argmin(there)]))
+    for node, relative in (("simulator", topics.JOINT_STATES), ("disturbance", topics.DISTURBANCE)):
+        for process in run.processes(node) if node in run.parameters else ():
+            table = run.table(relative)
+            lines += _disorder(relative, table.stamp_ns[process.rows(table)])
+    commands = np.sort(run.table(topics.EFFORT_COMMAND).stamp_ns)
+    lines += _disorder(topics.EFFORT_COMMAND, commands) if run.exact else []
     if not rerun.answers and not run.another_controller:
         lines.append(
             "no controller of ours gave the commands: they are judged by the plant's inputs alone"
         )
     return lines
+
+
+def _first_gap(stamps: Integers, period_ns: int) -> int:
+    """Return the first multiple of a period that is not among ascending stamps, ns."""
+    gaps = np.flatnonzero(stamps != np.arange(len(stamps)) * period_ns)
+    return int(gaps[0] if len(gaps) else len(stamps)) * period_ns
+
+
+def _absent(relative: str, count: int, first_ns: int) -> list[str]:
+    if not count:
+        return []
+    return [f"{relative}: {count} steps missing, the first at t = {seconds(first_ns):g} s"]
+
+
+def _disorder(relative: str, stamps: Integers) -> list[str]:
+    falls = np.flatnonzero(np.diff(stamps) <= 0)
+    if not len(falls):
+        return []
+    before, after = (int(stamps[falls[0] + i]) for i in (0, 1))
+    if after == before:
+        return [f"{relative}: the stamp t = {seconds(after):g} s appears twice"]
+    there_and_back = f"from t = {seconds(before):g} s to t = {seconds(after):g} s"
+    return [f"{relative}: stamps go backwards, {there_and_back}"]
 
 
 def _span(run: RecordedRun, rerun: Rerun) -> str:
