@@ -91,9 +91,14 @@ def _reduced(heard: Heard) -> tuple[str, bytes]:
     if heard.kind == DIAGNOSTIC_ARRAY_TYPE:
         event = parse_event(heard.data)
         values = {key: value for key, value in event.values.items() if key != _PROCESS}
-        return event.node, repr(event._replace(values=values)).encode()
+        return event.node, _without_source(repr(event._replace(values=values)))
     if heard.kind == PARAMETER_EVENT_TYPE:
         change = parse_parameter_event(heard.data)
         new = {name: value for name, value in change.new.items() if name != _OUTPUT}
-        return change.node, repr(change._replace(new=new)).encode()
+        return change.node, _without_source(repr(change._replace(new=new)))
     return "", heard.data
+
+
+def _without_source(text: str) -> bytes:
+    """Return a message as it was before messages of real-time runs named their sources; others have none."""
+    return text.replace(", source=''", "").encode()

@@ -155,7 +155,7 @@ def test_what_became_of_seeds_is_kept() -> None:
             0,
             Outcome("lockstep", "c", "0a1b"),
             (
-                "lockstep, verified, complete; now lockstep, cannot be judged: "
+                "lockstep, verified, complete; now lockstep, inconclusive: "
                 "1 seeds, 1 with the same recording: 0"
             ),
             True,
@@ -164,7 +164,7 @@ def test_what_became_of_seeds_is_kept() -> None:
             1,
             Outcome("real_time", "V", "0000"),
             (
-                "real_time, cannot be judged; now real_time, verified, complete: "
+                "real_time, inconclusive; now real_time, verified, complete: "
                 "1 seeds, 0 with the same recording: 1"
             ),
             False,
@@ -173,7 +173,7 @@ def test_what_became_of_seeds_is_kept() -> None:
             1,
             Outcome("real_time", "d", "ffff"),
             (
-                "real_time, cannot be judged; now real_time, diverges: "
+                "real_time, inconclusive; now real_time, diverges: "
                 "1 seeds, 1 with the same recording: 1"
             ),
             True,

@@ -12,7 +12,7 @@ _OTHER_MODE = "."
 LETTERS = {
     "verified": "v",
     "diverges": "d",
-    "cannot be judged": "c",
+    "inconclusive": "c",
     "no verdict": "e",
     "unreadable": "u",
     "no file": "n",
