@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import count
 from math import inf, nan
 
@@ -201,4 +202,4 @@ def test_change_in_a_recorded_run_is_replayed(children: Children, peer: Peer) ->
     assert nodes == ["/fuzzy_pid", "/fuzzy_pid", "/simulator", "/simulator"]
     assert all(0 < change.stamp_ns < 5_000_000_000 for change in changes)
     text = verified(folder / "run.mcap")
-    assert "states of the plant: 1001 steps checked, all equal" in text
+    assert re.search("states of the plant .* 1001 +verified", text)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import random
+import re
 import signal
 from pathlib import Path
 
@@ -73,7 +74,7 @@ def test_same_bits_everywhere(
     for run in (processes, composed):
         assert f"identical: {messages} messages" in said("diff", offline, run)
     for run in (offline, processes, composed):
-        assert f"states of the plant: {steps} steps checked, all equal" in verified(run)
+        assert re.search(rf"states of the plant .* {steps} +verified", verified(run))
 
 
 def test_same_bits_on_a_custom_hip_path(children: Children, tmp_path: Path) -> None:
@@ -153,7 +154,7 @@ def test_nodes_follow_csv_files_and_random_pulses_as_the_offline_run_does(
     succeed(children.trunk("run", *options, "--lockstep", "--output", processes.parent))
     children.none_left()
     assert "identical: " in said("diff", offline, processes)
-    assert "disturbances: 102 steps checked, all equal" in verified(processes)
+    assert re.search("disturbances .* 102 +verified", verified(processes))
     table = tmp_path / "run.csv"
     said("export", processes, "--csv", table)
     with table.open(newline="") as file:

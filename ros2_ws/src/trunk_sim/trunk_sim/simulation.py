@@ -1,8 +1,7 @@
-"""One simulated trunk, step by step: what the simulator node, the offline run and a replay drive."""
+"""One simulated trunk, step by step: what the simulator node drives."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import ClassVar
 
 from trunk_msgs_util.elementary import LARGEST_ANGLE
@@ -59,31 +58,6 @@ class Simulation:
         self._wire = None if config.network is None else _Wire(config.network)
         self.retune(config)
         self._begin()
-
-    @classmethod
-    def resumed(
-        cls,
-        config: SimulatorConfig,
-        step_index: int,
-        trunk: Trunk,
-        falls_now: bool,
-        past: Iterable[PlantState],
-        act: Act | None = None,
-        wire: Iterable[tuple[Seen, float]] = (),
-    ) -> Simulation:
-        """Return the simulation at a state of a run; ``past``: the true states that its sensors still see.
-
-        ``wire``: where there are links, all readings and commands that were sent before, from the first.
-        """
-        one = cls(config, act)
-        one.step_index, one.trunk, one.falls_now = step_index, trunk, falls_now
-        for state in past:
-            one._delay.push(state)
-        if one._wire is not None:
-            for k, (seen, effort) in enumerate(wire):
-                one._wire.read(k, seen)
-                one._wire.command(k, effort)
-        return one
 
     def retune(self, config: SimulatorConfig) -> None:
         """Change plant, sensor or limit parameters; the state stays."""

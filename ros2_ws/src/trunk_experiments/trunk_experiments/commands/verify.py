@@ -15,11 +15,12 @@ from ..console.common import file_option
 from ..console.document import json_option, write_json
 from ..console.progress import progress_bar
 from ..console.reading import reading, run_values
+from ..console.tables import print_table
 from ..errors import PlanError
 from ..recorded.run import RecordedRun
 from ..replay.signed import judge_signature
 from ..replay.verdict import SignatureCheck
-from ..replay.verify import Verdict, describe, verify
+from ..replay.verify import Check, Verdict, describe, verify
 
 
 def as_values(verdict: Verdict) -> dict[str, object]:
@@ -30,8 +31,11 @@ def as_values(verdict: Verdict) -> dict[str, object]:
         "parts": [
             {
                 "name": part.name,
+                "result": part.result,
                 "steps_checked": part.steps,
                 "steps_diverging": part.wrong_steps,
+                "steps_not_judged": part.unjudged,
+                "reason": part.reason or None,
                 "from_s": None if part.from_ns is None else seconds(part.from_ns),
                 "until_s": None if part.until_ns is None else seconds(part.until_ns),
                 "first_divergence": [describe(d) for d in part.first],
@@ -45,6 +49,13 @@ def as_values(verdict: Verdict) -> dict[str, object]:
         "notes": verdict.notes,
         "signature": _signature_values(verdict.signature),
     }
+
+
+def _row(check: Check) -> tuple[str, ...]:
+    """Return a check as a row: its name, its span in s, its steps and its result."""
+    span = ["" if ns is None else f"{seconds(ns):g} s" for ns in (check.from_ns, check.until_ns)]
+    result = f"{check.wrong_steps} diverge" if check.wrong_steps else check.result
+    return check.name, *span, str(check.steps), result
 
 
 def _signature_values(check: SignatureCheck | None) -> dict[str, object] | None:
@@ -111,12 +122,11 @@ def command(
     if verdict.judged:
         what = "recomputed all the same" if verdict.obstacles else "judged"
         click.echo(f"  {what}: {verdict.judged}")
-    for part in verdict.checks:
-        outcome = f"{part.wrong_steps} diverge" if part.wrong_steps else "all equal to the last bit"
-        checked = f"{part.steps} steps checked, {outcome}" if part.steps else "nothing checked"
-        click.echo(f"  {part.name}: {checked}")
-        for difference in part.first:
-            click.echo(f"    first: {describe(difference)}")
+    if verdict.checks:
+        print_table("checks", ("check", "from", "to", "steps", "result"), map(_row, verdict.checks))
+    for check in verdict.checks:
+        for difference in check.first:
+            click.echo(f"  {check.name}: first: {describe(difference)}")
     for what in verdict.altered:
         click.echo(f"  altered: {what}: not as the recorder wrote it, by its digest")
     for contradiction in verdict.contradictions:

@@ -46,9 +46,14 @@ class Doubts:
     late: int = 0
     steps: int = 0
     moved_deg: float | None = None  # the angle, at most, by what was late; None if not known
+    leans_deg: float | None = (
+        None  # the last angle, beyond 90 degrees although no fall is on record
+    )
+    limit_deg: float | None = None  # the fall angle in force then
 
     def __bool__(self) -> bool:
-        return bool(self.incomplete or self.fell_at_s is not None or self.late or self.moved_deg)
+        fell = self.fell_at_s is not None or self.leans_deg is not None
+        return bool(self.incomplete or fell or self.late or self.moved_deg)
 
     @property
     def until(self) -> str:
@@ -68,6 +73,13 @@ class Doubts:
         if self.fell_at_s is not None:
             angle = "" if self.fell_angle_deg is None else f", {self.fell_angle_deg:.0f} degrees"
             found.append(f"FELL: at t = {self.fell_at_s:g} s{angle}")
+        if self.leans_deg is not None:
+            limit = (
+                ""
+                if self.limit_deg is None
+                else f", but fall.angle is {self.limit_deg:.3g} degrees"
+            )
+            found.append(f"BEYOND 90 degrees: it ends at {self.leans_deg:.0f} degrees{limit}")
         if self.late or self.moved_deg:
             moved = ""
             if self.moved_deg is not None:
@@ -86,6 +98,9 @@ class Doubts:
             "planned_s": self.planned_s,
             "fell": self.fell_at_s,
             "fell_angle_deg": self.fell_angle_deg,
+            "beyond_90": None
+            if self.leans_deg is None
+            else {"angle_deg": self.leans_deg, "fall_angle_deg": self.limit_deg},
             "late": {"steps": self.late, "of": self.steps, "moved_deg": self.moved_deg}
             if self.steps
             else None,
@@ -119,7 +134,23 @@ def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts
         late.late if late else 0,
         late.steps if late else 0,
         moved,
+        *(_leans(run) if whole and fall is None else (None, None)),
     )
+
+
+def _leans(run: RecordedRun) -> tuple[float | None, float | None]:
+    """Return the last true angle if it is beyond 90 degrees, and the fall angle in force, in degrees."""
+    if not run.count(topics.GROUND_TRUTH):
+        return None, None
+    try:
+        truth = run.table(topics.GROUND_TRUTH)
+        angle = degrees(float(truth.values("position")[-1, 1]))
+        timeline = run.timeline("simulator")
+        timeline.advance(int(truth.stamp_ns[-1]) + 1)
+        limit = degrees(timeline.config.fall_angle)
+    except (TrunkError, KeyError, IndexError):
+        return None, None
+    return (angle, limit) if abs(angle) > 90.0 else (None, None)
 
 
 def incomplete(run: RecordedRun) -> list[str]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from trunk_control.laws import law_named
 from trunk_msgs_util import topics
-from trunk_msgs_util.events import ENDS, Event, as_count
+from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.parameters.declarations import declarations
 from trunk_msgs_util.units import seconds, step_count
 from trunk_sim.hardware_parameters import LINK
@@ -321,14 +321,3 @@ def _links(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
         yield f"run/events: {str(Event.PASSED_ON)!r} {len(counted)} times"
     elif network is not None and counted[0].values != Traffic(network).counts(len(rerun.stamps)):
         yield f"run/events: {str(Event.PASSED_ON)!r} is not what the links' seed gives"
-
-
-def counted(run: RecordedRun, relative: str) -> int | None:
-    """Return how many messages on a topic the nodes say they published; None if none of them said so."""
-    topic = run.recording.topic(relative)
-    counts = [
-        event.values[topic]
-        for event in run.events
-        if event.message == Event.PUBLISHED and topic in event.values
-    ]
-    return sum(map(as_count, counts)) if counts else None

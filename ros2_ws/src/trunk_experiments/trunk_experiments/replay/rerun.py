@@ -318,8 +318,9 @@ class Rerun:
         return check
 
     def _columns(self, table: JointTable, recorded: Floats, computed: Floats) -> list[Column]:
+        names = table.names or self.simulator.config.joints
         return [
-            Column(table.topic, f"{quantity}[{table.names[joint]}]", recorded[:, i], computed[:, i])
+            Column(table.topic, f"{quantity}[{names[joint]}]", recorded[:, i], computed[:, i])
             for i, (quantity, joint) in enumerate(_FIELDS)
         ]
 
