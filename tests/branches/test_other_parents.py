@@ -18,7 +18,6 @@ from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.doubts import Late, late_steps
 from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
-from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.recording.schemas import event
 
@@ -80,7 +79,7 @@ def test_a_branch_may_begin_before_the_disturbances_that_its_parent_took(
     def edit(messages: list[list]) -> None:
         messages[:] = [m for m in messages if m[0] != "/disturbance"]
         topic, log_time, _, *rest = next(m for m in messages if m[0] == "/run/events")
-        said = event(-1, "/simulator", Event.DISTURBED, {"disturbances": 1})
+        said = event(-1, "/simulator", "disturbed", {"disturbances": 1})
         messages.append([topic, log_time, said, *rest])
 
     copied(tmp_path / "b.mcap", tmp_path / "c.mcap", edit, ANEW, provenance={"mode": "real_time"})

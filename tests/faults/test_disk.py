@@ -138,7 +138,8 @@ def test_second_recorder_on_one_file(children: Children, peer: Peer, tmp_path: P
     first = children.node("recorder", "output:=run.mcap")
     peer.until_up("recorder")
     until((tmp_path / "run.mcap").exists, "the first one has its file")
-    second = children.node("recorder", "output:=run.mcap", "overwrite:=true", name="second")
+    another = ("output:=run.mcap", "overwrite:=true", "-r", "__node:=another")
+    second = children.node("recorder", *another, name="second")
     assert second.wait() == 2
     said = second.stderr.splitlines()
     assert said[-1].startswith("recorder: error: parameter 'output': ")

@@ -91,7 +91,8 @@ def refusal(child: Child) -> str:
 def test_wrong_value(children: Children, executable: str) -> None:
     cases = WRONG[executable]
     started = [
-        children.node(executable, argument, name=f"{executable}-{i}")
+        # Each in its namespace: a second node of a name would be refused for that.
+        children.node(executable, argument, "-r", f"__ns:=/n{i}", name=f"{executable}-{i}")
         for i, (argument, _, _) in enumerate(cases)
     ]
     for child, (argument, value, allowed) in zip(started, cases, strict=True):

@@ -176,17 +176,23 @@ def test_a_silent_hand_lets_go_and_malformed_requests_do_no_harm(
     verified(tmp_path / "run" / "run.mcap")
 
 
-def test_a_strangers_pushes_make_a_recording_incomplete(
-    children: Children, peer: Peer, tmp_path: Path
+@pytest.mark.parametrize("mode", [LOCKSTEP, ()], ids=["lock-step", "real time"])
+def test_a_strangers_pushes_are_not_the_operators(
+    children: Children, peer: Peer, tmp_path: Path, mode: tuple[str, ...]
 ) -> None:
+    """Nobody uses them: in real time they name no source; in lock-step they cannot be told from others."""
     held = ("--set", "simulator.autostart=false")  # until the stranger has pushed
-    child = children.trunk("run", "demo", "--duration", 1, "--output", "run", *held)
+    child = children.trunk("run", "demo", "--duration", 1, "--output", "run", *mode, *held)
     assert Life(peer, "simulator").change("configure")
     stranger = peer.publisher(f"/{topics.OPERATOR_PUSH}", "recorder")
     peer.until_event("recorder", Event.READY)
     stranger.publish(sample_to_ros(JointSample(0, ("hip", "trunk"), effort=(0.0, 5.0))))
     peer.until_received(stranger)
     assert Life(peer, "simulator").change("activate")
-    assert child.wait() == 1
-    assert "operator/push" in (Recording.open(tmp_path / "run" / "run.mcap").end or {})["reason"]
+    assert child.wait() == (1 if mode else 0), child.stderr
+    found = Recording.open(tmp_path / "run" / "run.mcap")
+    assert found.complete == (not mode)
+    if not mode:
+        return
+    assert "operator/push" in (found.end or {})["reason"]
     said("verify", tmp_path / "run" / "run.mcap", code=UNJUDGED)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 from pathlib import Path
 
@@ -76,49 +75,6 @@ def test_recorder_is_killed(children: Children, peer: Peer, file: Path) -> None:
     assert not recording.complete
     assert any("without a footer" in warning for warning in recording.warnings)
     assert len(joints(recording, topics.GROUND_TRUTH)) >= before
-
-
-def test_a_second_set_of_nodes_is_refused(children: Children, peer: Peer, tmp_path: Path) -> None:
-    """Launched twice in one namespace, the two runs would be mixed in each recording."""
-
-    def launch(number: int) -> tuple[Child, Child, Child]:
-        lockstep, waits = "lockstep.enabled:=true", "wait_for:=[effort_command, recorder]"
-        pid = children.node("pid", lockstep, name=f"p{number}")
-        return (
-            children.node("recorder", f"output:={number}.mcap", lockstep, name=f"r{number}"),
-            children.node("simulator", lockstep, waits, "duration:=3600.0", name=f"s{number}"),
-            pid,
-        )
-
-    first = launch(1)
-    peer.until_event("simulator", "started")
-    second = launch(2)
-    codes = []
-    # A simulator may first see that two controllers answer. And the first set, which notices as well, may
-    # have ended before the second simulator came up: then nobody is left to refuse it.
-    for child, wanted in zip(
-        second,
-        (
-            r"another /recorder was running, in process \S+: ",
-            r"another /simulator was running, in process \S+: |2 nodes publish /effort_command: ",
-        ),
-        strict=False,
-    ):
-        until(
-            lambda child=child: any(
-                all(one.process.poll() is not None for one in ended)
-                for ended in ([child], first[:2])
-            ),
-            "it is refused, or the first ones have ended",
-        )
-        codes.append(child.stop())
-        if codes[-1]:
-            assert re.search(wanted, child.stderr)
-    for child in (first[2], second[2]):
-        child.stop()
-    # A recorder that is held up may find that the other one has ended: then only that one has noticed.
-    assert 1 in (first[0].stop(), codes[0]), first[0].stderr
-    assert first[1].wait() == 1, first[1].stderr
 
 
 @pytest.mark.parametrize("when", [pytest.param("before", marks=pytest.mark.long), "during"])

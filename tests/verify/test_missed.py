@@ -136,7 +136,7 @@ def test_a_disturbance_that_the_recorder_never_met_is_missed(whole, tmp_path, lo
         for message in of(messages, DISTURBANCE)[:lost]:
             messages.remove(message)
         for count in said:
-            say(messages, "/simulator", Event.DISTURBED, disturbances=count)
+            say(messages, "/simulator", "disturbed", disturbances=count)
         say(messages, "/simulator", Event.STOPPED, reason="", states=1201)
         counts(messages)
 
@@ -173,7 +173,7 @@ def test_a_disturbance_that_the_recorder_never_met_is_missed(whole, tmp_path, lo
 def test_the_simulator_can_say_only_such_counts(whole, tmp_path, mode, said, wrong):
     def edit(messages):
         for count in said:
-            say(messages, "/simulator", Event.DISTURBED, disturbances=count)
+            say(messages, "/simulator", "disturbed", disturbances=count)
             if count not in (1, 9):
                 say(messages, "/simulator", Event.STOPPED, reason="", states=1201)
 

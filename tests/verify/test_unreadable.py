@@ -41,7 +41,7 @@ def test_unreadable_messages_are_only_an_obstacle(honest, tmp_path):
 
 @pytest.mark.parametrize("end", [True, False], ids=["complete", "cut"])
 @pytest.mark.parametrize(
-    ("word", "name"), [(Event.PUBLISHED, COMMAND), (Event.DISTURBED, "disturbances")]
+    ("word", "name"), [(Event.PUBLISHED, COMMAND), ("disturbed", "disturbances")]
 )
 def test_a_count_of_thousands_of_digits_is_none(honest, tmp_path, end, word, name):
     """Python reads no such number: it raises ValueError."""

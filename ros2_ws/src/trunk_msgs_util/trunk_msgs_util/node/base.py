@@ -49,7 +49,6 @@ class TrunkNode(UniqueNode, Generic[Config]):
     def __init__(self, name: str, config_class: type[Config]) -> None:
         """Declare and check the parameters. Raises ParameterError, and NamesakeError if the name is taken."""
         super().__init__(name, start_parameter_services=False)  # they are made with the parameters
-        self.claim_name()
         self._born_s = time.monotonic()
         self._evidence: list[evidence.Evidence] = []
         self._accounted = False
@@ -60,6 +59,7 @@ class TrunkNode(UniqueNode, Generic[Config]):
         self._parameters_set = NodeParameters(
             self, config_class, self._on_parameters, lambda: ENDING if self.ending else ""
         )
+        self.claim_name()  # before anything is published
         self._parameters_topic = self.create_publisher(
             ParameterEvent, topics.RUN_PARAMETERS, qos.run_information()
         )
