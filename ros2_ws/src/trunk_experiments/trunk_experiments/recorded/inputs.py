@@ -42,7 +42,8 @@ class Inputs:
 
     def __init__(self, run: RecordedRun, stamps: Integers) -> None:
         """``stamps``: of the states, ns, ascending. Raises RecordingError for other messages."""
-        self.recorded = run.count(topics.PLANT_INPUTS) > 0
+        self.sources: tuple[str, ...] = (NO_SOURCE,)
+        self.recorded = run.sourced or run.count(topics.PLANT_INPUTS) > 0
         self._stamps = stamps
         self._commands = run.table(topics.EFFORT_COMMAND)
         self._disturbances = run.table(topics.DISTURBANCE)
@@ -52,7 +53,7 @@ class Inputs:
             self.command_known: Bools = self._table.rows_of(stamps) >= 0
             self.disturbance_known: Bools = self.command_known
             return
-        self.sources: tuple[str, ...] = ("",)
+        self.sources = ("",)
         answered = self._commands.rows_of(stamps) >= 0
         self.command_known = answered | np.isin(stamps, idle_ns(run))
         self.disturbance_known = np.ones(len(stamps), bool)
@@ -66,6 +67,8 @@ class Inputs:
             self.disturbance_known = there | (stamps < max(since_ns, exact_from_ns(run)))
 
     def _read_sources(self, run: RecordedRun, table: JointTable) -> None:
+        if not len(table):
+            return
         if table.names != NAMES or any(table.widths[q] != 5 for q in ("position", "velocity")):
             raise RecordingError(
                 f"{run.path}: {topics.PLANT_INPUTS}: not as a simulator writes it: it cannot be recomputed"
@@ -81,6 +84,8 @@ class Inputs:
         stamps = self._stamps[rows]
         if self._table is None:
             return self._by_stamp(stamps)
+        if not len(self._table):
+            return _nothing_known(len(stamps))
         at = self._table.rows_of(stamps)
         there = at >= 0
         position, age = (self._table.values(q)[at] for q in ("position", "velocity"))
@@ -98,9 +103,8 @@ class Inputs:
         )
 
     def _by_stamp(self, stamps: Integers) -> InForce:
-        command, command_ns = np.full(len(stamps), np.nan), np.full(len(stamps), -1)
-        disturbance, disturbance_ns = np.zeros((len(stamps), 4)), np.full(len(stamps), -1)
-        none = np.zeros(len(stamps), np.int64)
+        force = _nothing_known(len(stamps))
+        command, command_ns, _, disturbance, disturbance_ns, _ = force
         if len(self._commands):
             rows = self._commands.rows_of(stamps)
             there = rows >= 0
@@ -111,7 +115,14 @@ class Inputs:
             there = rows >= 0
             disturbance[there] = disturbances(self._disturbances, rows[there])
             disturbance_ns[there] = stamps[there]
-        return InForce(command, command_ns, none, disturbance, disturbance_ns, none)
+        return force
+
+
+def _nothing_known(count: int) -> InForce:
+    none = np.zeros(count, np.int64)
+    return InForce(
+        np.full(count, np.nan), none - 1, none, np.zeros((count, 4)), none - 1, none.copy()
+    )
 
 
 def disturbances(table: JointTable, rows: slice | Integers) -> Floats:

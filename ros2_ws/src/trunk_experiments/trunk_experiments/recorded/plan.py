@@ -50,13 +50,21 @@ def plan_of(run: RecordedRun, in_time: bool = False) -> RunPlan:
 def inputs_of(run: RecordedRun) -> RealTimeInputs | None:
     """Return what the wall clock decided in a real-time run; None where time was exact.
 
-    Raises RecordingError if a controller that is not known gave a command that acted.
+    Raises RecordingError if a controller that is not known gave a command that acted, or if some of what
+    acted is not on record.
     """
-    if not run.count(topics.PLANT_INPUTS):
-        return None
     period_ns = run.config("simulator").period_ns
     stamps = run.table(topics.GROUND_TRUTH).stamp_ns
-    force = Inputs(run, stamps).over(slice(None))
+    inputs = Inputs(run, stamps)
+    if not inputs.recorded:
+        return None
+    lost = np.flatnonzero(~inputs.command_known)
+    if len(lost):
+        at = seconds(int(stamps[lost[0]]))
+        raise RecordingError(
+            f"{run.path}: it cannot be run again: what acted at t = {at:g} s is not on record"
+        )
+    force = inputs.over(slice(None))
     answered: dict[str, Integers] = {}
     seen: dict[int, float] = {}
     measured, commands = run.table(topics.JOINT_STATES), run.table(topics.EFFORT_COMMAND)

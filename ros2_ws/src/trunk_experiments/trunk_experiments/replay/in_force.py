@@ -15,7 +15,7 @@ from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.disturbances import Signals, disturbance_at
 
 from ..plans.timeline import Timeline
-from ..recorded.inputs import NO_SOURCE, InForce, disturbances
+from ..recorded.inputs import NO_SOURCE, Bools, InForce, disturbances
 from ..recorded.joint_table import JointTable
 from ..recorded.processes import Process
 from ..recorded.run import RecordedRun
@@ -95,22 +95,20 @@ def check_inputs(run: RecordedRun, rerun: Rerun, until_ns: int | None = None) ->
         force, here = inputs.over(rows), stamps[rows]
         values = force.command[:, None]
         topic = commands.topic
-        columns = [
-            *_named(
-                topic, ["effort"], commands, force.command_ns, force.command_source, values, rerun
-            ),
-            *_named(
-                disturbed.topic,
-                list(_CHANNELS),
-                disturbed,
-                force.disturbance_ns,
-                force.disturbance_source,
-                force.disturbance,
-                rerun,
-            ),
-            *rule.columns(here, force),
-        ]
-        check.take(here, inputs.command_known[rows], columns)
+        command_columns, commanded = _named(
+            topic, ["effort"], commands, force.command_ns, force.command_source, values, rerun
+        )
+        disturbance_columns, known = _named(
+            disturbed.topic,
+            list(_CHANNELS),
+            disturbed,
+            force.disturbance_ns,
+            force.disturbance_source,
+            force.disturbance,
+            rerun,
+        )
+        columns = [*command_columns, *disturbance_columns, *rule.columns(here, force)]
+        check.take(here, inputs.command_known[rows] & commanded & known, columns)
     return check
 
 
@@ -122,34 +120,35 @@ def _named(
     source: Integers,
     values: Floats,
     rerun: Rerun,
-) -> Iterator[Column]:
-    """Yield the values in force beside those of the messages with their sources and stamps.
+) -> tuple[list[Column], Bools]:
+    """Return the values in force beside those of the messages with their sources and stamps; which are known.
 
-    What no node of ours sent, and is not on record, is taken as it is: its source is not known.
+    What no node of ours sent, and is not on record, is not known.
     """
-    expected = np.zeros_like(values)
+    expected = values.copy()
+    expected[stamp_ns < 0] = 0.0
     missing = np.zeros(len(values))
+    on_record = np.ones(len(values), bool)
     for place in np.unique(source).tolist():
         name = rerun.inputs.sources[place]
         mine = np.flatnonzero((source == place) & (stamp_ns >= 0))
         rows = _rows_of(table, name)
-        known = table.stamp_ns[rows]
-        order = np.argsort(known, kind="stable")
-        at = np.searchsorted(known[order], stamp_ns[mine])
-        at = np.minimum(at, max(len(known) - 1, 0))
-        there = known[order][at] == stamp_ns[mine] if len(known) else np.zeros(len(mine), bool)
-        found = rows[order][at[there]] if len(known) else rows
-        expected[mine[there]] = _values(table, found)
+        sent = table.stamp_ns[rows]
+        order = np.argsort(sent, kind="stable")
+        at = np.searchsorted(sent[order], stamp_ns[mine])
+        at = np.minimum(at, max(len(sent) - 1, 0))
+        there = sent[order][at] == stamp_ns[mine] if len(sent) else np.zeros(len(mine), bool)
+        if there.any():
+            expected[mine[there]] = _values(table, rows[order][at[there]])
         if name == NO_SOURCE:
-            expected[mine[~there]] = values[mine[~there]]
+            on_record[mine[~there]] = False
         else:
             missing[mine[~there]] = 1.0
-            expected[mine[~there]] = values[mine[~there]]
-    for i, field in enumerate(fields):
-        yield Column(
-            topic, f"{field.format('hip', 'trunk')} in force", values[:, i], expected[:, i]
-        )
-    yield Column(topic, MISSING, missing, np.zeros(len(missing)))
+    columns = [
+        Column(topic, f"{field.format('hip', 'trunk')} in force", values[:, i], expected[:, i])
+        for i, field in enumerate(fields)
+    ]
+    return [*columns, Column(topic, MISSING, missing, np.zeros(len(missing)))], on_record
 
 
 def _rows_of(table: JointTable, source: str) -> Integers:
