@@ -1,0 +1,147 @@
+"""Recordings of real-time runs, made without processes: with sources, and with what acted on the plant."""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trunk_experiments.plans.operated import RealTimeInputs
+from trunk_experiments.plans.plan import RunPlan
+from trunk_experiments.recorded.inputs import NO_SOURCE
+from trunk_experiments.runs.engine import states_of_run
+from trunk_experiments.runs.loop import states_of
+from trunk_experiments.runs.offline import disturbance_source
+from trunk_experiments.runs.offline_recording import OfflineRecorder, Within
+from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
+from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.recording.schemas import deserialize, event, serialize, stamp_of
+from trunk_msgs_util.recording.writer import RecordingWriter
+
+from .edited import ANEW, copied
+
+EVENTS, INPUTS = "/run/events", f"/{topics.PLANT_INPUTS}"
+COMMAND, DISTURBANCE = "/effort_command", "/disturbance"
+
+
+def source_of(node: str, process: int = 1) -> str:
+    """Return the source of the messages of a node's process."""
+    return f"{node}@machine-{process}"
+
+
+def late_inputs(
+    plan: RunPlan, commands: int | np.ndarray = 0, disturbances: int | np.ndarray = 0
+) -> RealTimeInputs:
+    """Return what acts if messages come so many steps late, an array: in each state."""
+    states, period_ns = states_of(plan), plan.simulator.period_ns
+    steps = np.arange(states)
+    command = np.maximum.accumulate(steps - commands)
+    acting, since = np.zeros((states, 4)), np.full(states, -1)
+    if plan.disturbance is not None:
+        disturbed = np.maximum.accumulate(steps - disturbances)
+        since = np.where(disturbed >= 0, disturbed * period_ns, -1)
+        source = disturbance_source(plan)
+        values = np.array([source(k * period_ns) for k in range(states)])
+        acting[disturbed >= 0] = values[disturbed[disturbed >= 0]]
+    return RealTimeInputs(
+        np.maximum(command, -1),
+        acting,
+        since,
+        dict.fromkeys(plan.controllers, steps * period_ns),
+        np.arange(states + 1) * period_ns,
+        {},
+    )
+
+
+def record_real_time(plan: RunPlan, path: Path, inputs: RealTimeInputs | None = None) -> Recording:
+    """Write a plan's run as the nodes do in real time; ``inputs``: what acted, None: each message in time."""
+    plan = replace(plan, inputs=inputs)
+    within = Within(source=source_of, held=(0.0, -1, ""))
+    source = path.with_suffix(".without_words.mcap")
+    with RecordingWriter(source) as writer:
+        recorder = OfflineRecorder(plan, tuple(plan.controllers), writer, within)
+        recorder.open()
+        assert recorder.write_all(states_of_run(plan), lambda done, of: None) is None
+
+    def edit(messages: list[list]) -> None:
+        name_commands(messages)
+        configure(messages, *(name for name in plan.configs if name != "recorder"))
+        count(messages)
+
+    written = copied(source, path, edit, ANEW, provenance={"mode": "real_time"})
+    source.unlink()
+    return written
+
+
+def name_commands(messages: list[list]) -> None:
+    """Name the source of each command in force, where the recorder of a plan with inputs does not."""
+    senders = {stamp_at(one[2]): frame_of(one[2]) for one in messages if one[0] == COMMAND}
+    for message in messages:
+        if message[0] == INPUTS:
+            row = deserialize(topics.JOINT_STATE_TYPE, message[2])
+            simulator, _, disturbance = row.header.frame_id.split(" ")
+            age = int(row.velocity[0])
+            sender = senders[stamp_of(row.header.stamp) - age] if age >= 0 else NO_SOURCE
+            message[2] = in_frame(message[2], f"{simulator} {sender} {disturbance}")
+
+
+def configure(messages: list[list], *nodes: str, process: int = 1, at: int = 0) -> None:
+    """Say that nodes were configured, before the message with this index."""
+    for node in nodes:
+        values = {"process": source_of(node, process).partition("@")[2], "kind": node}
+        data = event(-1, f"/{node}", Event.CONFIGURED, values, source=source_of(node, process))
+        messages.insert(at, [EVENTS, 0, data, 0, 0])
+    number(messages)
+
+
+def count(messages: list[list]) -> None:
+    """Say at the end what each process has published, instead of what was said before."""
+    messages[:] = [m for m in messages if m[0] != EVENTS or b"published" not in m[2]]
+    sent: dict[str, Counter[str]] = {}
+    for topic, _, data, *_ in messages:
+        if topic not in (EVENTS, "/run/parameters"):
+            sent.setdefault(frame_of(data).partition(" ")[0], Counter())[topic] += 1
+    last = max(message[1] for message in messages)
+    for source, counts in sent.items():
+        node = source.partition("@")[0]
+        data = event(last, f"/{node}", Event.PUBLISHED, counts, source=source)
+        messages.append([EVENTS, last, data, last, 0])
+    number(messages)
+
+
+def number(messages: list[list]) -> None:
+    """Give the messages of each topic their sequence numbers again."""
+    counts: Counter[str] = Counter()
+    for message in messages:
+        message[4] = counts[message[0]]
+        counts[message[0]] += 1
+
+
+def frame_of(data: bytes) -> str:
+    """Return the frame of a message with a header."""
+    length = int.from_bytes(data[12:16], "little")
+    return data[16 : 16 + length - 1].decode()
+
+
+def stamp_at(data: bytes) -> int:
+    """Return the stamp of a message with a header, ns."""
+    sec, nanosec = struct.unpack_from("<iI", data, 4)
+    return sec * 1_000_000_000 + nanosec
+
+
+def in_frame(data: bytes, frame: str) -> bytes:
+    """Return a joint state with another frame."""
+    return changed(data, lambda message: setattr(message.header, "frame_id", frame))
+
+
+def changed(data: bytes, edit: Callable[[Any], object]) -> bytes:
+    """Return a joint state after an edit of its fields."""
+    message = deserialize(topics.JOINT_STATE_TYPE, data)
+    edit(message)
+    return serialize(topics.JOINT_STATE_TYPE, message)

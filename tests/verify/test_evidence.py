@@ -1,0 +1,276 @@
+"""What acted in a real-time run is on record: no edit of it verifies, and no honest run is accused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.plans.timeline import Change
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.diff import diff
+from trunk_experiments.replay.doubts import Late, late_steps
+from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.events import Event
+from trunk_msgs_util.parameters.declarations import declarations
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.schemas import event, parameter_event, parse_parameter_event
+
+from .. import real_time
+from ..edited import ANEW, copied
+from ..real_time import changed, frame_of, in_frame, late_inputs, record_real_time, stamp_at
+from .messages import COMMAND, DISTURBANCE, STATE, TRUTH, of
+
+INPUTS = real_time.INPUTS
+TERMS, PARAMETERS, EVENTS = "/pid/state", "/run/parameters", "/run/events"
+PULSE = (
+    "disturbance.pulse.channel=trunk_effort",
+    "disturbance.pulse.start_times=[0.5]",
+    "disturbance.pulse.duration=0.1",
+    "disturbance.pulse.magnitude=5.0",
+)
+H = 5_000_000  # ns
+
+
+def plan_of(*settings):
+    everywhere = {"duration": 1.0, "update_rate": 200.0}
+    return make_plan("fig6", "pid", settings=settings, everywhere=everywhere)
+
+
+@pytest.fixture(scope="module")
+def in_time(tmp_path_factory):
+    path = tmp_path_factory.mktemp("evidence") / "in_time.mcap"
+    record_real_time(plan_of(*PULSE), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def late(tmp_path_factory):
+    """Return a run in which commands are one and two steps late, and disturbances up to three."""
+    path = tmp_path_factory.mktemp("evidence") / "late.mcap"
+    plan, steps = plan_of(*PULSE), np.arange(201)
+    record_real_time(plan, path, late_inputs(plan, 1 + steps // 7 % 2, steps // 11 % 4))
+    return path
+
+
+def verdict_on(source, path, edit, end=True):
+    """Return the verdict on an edited copy, in which all digests and counts are made to fit."""
+
+    def edit_all(messages):
+        edit(messages)
+        real_time.count(messages)
+
+    return verify(copied(source, path, edit_all, ANEW, end))
+
+
+def checks(verdict):
+    return {check.name: check for check in verdict.checks}
+
+
+def retune(messages, **values):
+    """Change a disturbance's parameters, and its messages' values where its pulse then acts."""
+    for message in of(messages, PARAMETERS):
+        told = parse_parameter_event(message[2])
+        if told.node == DISTURBANCE:
+            new = {**told.new, **{name.replace("_", ".", 1): v for name, v in values.items()}}
+            kinds = {n: d.kind for n, d in declarations(type(plan_of(*PULSE).disturbance)).items()}
+            message[2] = parameter_event(told.stamp_ns, told.node, new, {}, kinds, told.source)
+    start, duration = 500_000_000, values.get("pulse_duration", 0.1)
+    magnitude = values.get("pulse_magnitude", 5.0)
+    for message in of(messages, DISTURBANCE):
+        acts = start <= stamp_at(message[2]) < start + round(duration * 1e9)
+        effort = np.array([0.0, magnitude if acts else 0.0])
+        message[2] = changed(message[2], lambda joints, e=effort: setattr(joints, "effort", e))
+
+
+@pytest.mark.parametrize("name", ["in_time", "late"])
+def test_an_honest_run_verifies(name, request):
+    verdict = verify(Recording.open(request.getfixturevalue(name)))
+    assert verdict.exit_code == VERIFIED, verdict.reasons
+    assert {name: check.steps for name, check in checks(verdict).items()} == {
+        "commands of pid": 201,
+        "measured states": 201,
+        "states of the plant": 201,
+        "disturbances": 202,
+        "inputs of the plant": 201,
+    }
+
+
+@pytest.mark.parametrize("name", ["in_time", "late"])
+def test_an_honest_edit_of_nothing_verifies(name, request, tmp_path):
+    source = request.getfixturevalue(name)
+    verdict = verdict_on(source, tmp_path / "a.mcap", lambda m: retune(m, pulse_duration=0.1))
+    assert verdict.exit_code == VERIFIED, verdict.reasons
+
+
+@pytest.mark.parametrize("name", ["in_time", "late"])
+@pytest.mark.parametrize(
+    "pulse", [{"pulse_magnitude": 500.0}, {"pulse_duration": 0.005}], ids=["500 N m", "cut"]
+)
+def test_a_pulse_that_did_not_act_like_that_is_not_verified(name, pulse, request, tmp_path):
+    source = request.getfixturevalue(name)
+    verdict = verdict_on(source, tmp_path / "a.mcap", lambda m: retune(m, **pulse))
+    assert verdict.exit_code != VERIFIED
+    assert checks(verdict)["inputs of the plant"].wrong_steps
+
+
+def test_the_last_command_and_its_terms_are_missed(in_time, tmp_path):
+    def edit(messages):
+        for topic in (COMMAND, TERMS):
+            messages.remove(of(messages, topic)[-1])
+
+    assert verdict_on(in_time, tmp_path / "a.mcap", edit).exit_code != VERIFIED
+
+
+def edit_row(change):
+    """Return an edit of the inputs at t = 0.3 s."""
+
+    def edit(messages):
+        row = of(messages, INPUTS)[60]
+        row[2] = changed(row[2], change)
+
+    return edit
+
+
+def put(quantity, value):
+    def change(row):
+        values = getattr(row, quantity)
+        setattr(row, quantity, np.array([value, *values[1:]]))
+
+    return change
+
+
+def drop(row):
+    """Let no command be in force."""
+    put("position", 0.0)(row)
+    put("velocity", -1.0)(row)
+    rename("-")(row)
+
+
+def rename(source):
+    def change(row):
+        simulator, _, disturbance = row.header.frame_id.split(" ")
+        row.header.frame_id = f"{simulator} {source} {disturbance}"
+
+    return change
+
+
+ROWS = {
+    "a command that is changed": edit_row(put("position", 0.25)),
+    "a command that is dropped": edit_row(drop),
+    "a source that is renamed": edit_row(rename("pid@machine-2")),
+    "a source that is left out": edit_row(rename("-")),
+    "another age": edit_row(put("velocity", 3.0 * H)),
+    "an age from the future": edit_row(put("velocity", -2.0 * H)),
+    "an age between two states": edit_row(put("velocity", 0.5 * H)),
+    "a row that is removed": lambda m: m.remove(of(m, INPUTS)[60]),
+    "a row that is doubled": lambda m: m.append(list(of(m, INPUTS)[60])),
+    "all rows": lambda m: [m.remove(row) for row in of(m, INPUTS)],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["in_time", "late"])
+@pytest.mark.parametrize("edit", ROWS.values(), ids=ROWS.keys())
+def test_no_edit_of_what_acted_is_verified(name, edit, request, tmp_path):
+    source = request.getfixturevalue(name)
+    assert verdict_on(source, tmp_path / "a.mcap", edit).exit_code != VERIFIED
+
+
+def test_a_disturbance_one_step_late_is_late_and_verifies(tmp_path):
+    plan = plan_of(*PULSE)
+    inputs = late_inputs(plan, disturbances=(np.arange(201) == 100).astype(int))
+    recording = record_real_time(plan, tmp_path / "run.mcap", inputs)
+    assert late_steps(RecordedRun(recording)) == Late(1, 200)
+    assert verify(recording).exit_code == VERIFIED
+
+
+@pytest.mark.parametrize("topic", [COMMAND, TERMS])
+@pytest.mark.parametrize("lost", [1, 2, 5])
+def test_what_a_killed_controller_sent_last_may_be_missing(in_time, topic, lost, tmp_path):
+    """It did not say what it published; what acted on the plant is known all the same."""
+
+    def kill(messages):
+        for message in of(messages, topic)[-lost:]:
+            messages.remove(message)
+        real_time.count(messages)
+        words = [m for m in of(messages, EVENTS) if b"published" in m[2] and b"/pid" in m[2]]
+        messages.remove(next(m for m in words if frame_of(m[2]).startswith("pid@")))
+
+    verdict = verify(copied(in_time, tmp_path / "a.mcap", kill, ANEW, end=False))
+    assert verdict.exit_code == UNJUDGED, verdict.reasons
+    assert not any(check.wrong_steps for check in verdict.checks)
+    assert checks(verdict)["states of the plant"].result == "verified"
+    assert checks(verdict)["states of the plant"].steps == 201
+
+
+def restart(messages, at_ns):
+    """Let another process of the controller send from a state on; the first one was killed."""
+    second = real_time.source_of("pid", 2)
+    for message in messages:
+        if message[0] in (COMMAND, TERMS) and stamp_at(message[2]) >= at_ns:
+            message[2] = in_frame(message[2], second)
+        elif message[0] == INPUTS and stamp_at(message[2]) >= at_ns:
+            message[2] = changed(message[2], rename(second))
+    words = [m for m in of(messages, EVENTS) if b"/pid" in m[2] and b"published" not in m[2]]
+    for message in words[1:-1]:  # of the first process: only that it was configured
+        messages.remove(message)
+    activated = words[-1]
+    activated[2] = event(at_ns - 1, "/pid", Event.ACTIVATED, source=second)
+    at = messages.index(activated)
+    parameters = next(m for m in of(messages, PARAMETERS) if b"/pid" in m[2])
+    messages.insert(at, [*parameters[:2], parameters[2].replace(b"-1", b"-2"), *parameters[3:]])
+    real_time.configure(messages, "pid", process=2, at=at)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("anew", [True, False])
+def test_a_restarted_controller_is_judged_process_by_process(anew, tmp_path):
+    """The second process began from nothing just before its first state; one that did not is accused."""
+    at_ns = 100 * H
+    words = [Event.DEACTIVATED, *[Event.CLEANED_UP] * anew, Event.ACTIVATED]
+    plan = replace(plan_of(), changes={"pid": [Change(at_ns - 1, None, word) for word in words]})
+    source, path = tmp_path / "whole.mcap", tmp_path / "two.mcap"
+    record_real_time(plan, source)
+    verdict = verdict_on(source, path, lambda messages: restart(messages, at_ns), end=False)
+    assert verdict.exit_code == (UNJUDGED if anew else DIVERGES)
+    first, second = (
+        checks(verdict)[f"commands of pid{process}"] for process in ("", ", process 2")
+    )
+    assert (first.steps, first.wrong_steps, second.steps) == (100, 0, 101)
+    assert (second.wrong_steps == 0) == anew
+    assert checks(verdict)["states of the plant"].result == "verified"
+
+
+def test_a_gap_in_the_states_leaves_both_sides_judged(in_time, tmp_path):
+    def edit(messages):
+        for topic in (TRUTH, STATE):
+            for message in of(messages, topic)[80:90]:
+                messages.remove(message)
+
+    verdict = verdict_on(in_time, tmp_path / "a.mcap", edit, end=False)
+    assert verdict.exit_code == UNJUDGED
+    plant = checks(verdict)["states of the plant"]
+    assert (plant.wrong_steps, plant.unjudged) == (0, 1)
+    assert (plant.steps, plant.from_ns, plant.until_ns) == (190, 0, 200 * H)
+
+
+def test_a_late_run_is_repeated_bit_by_bit(late, tmp_path):
+    run = RecordedRun.open(late)
+    record_offline(run.plan(), tmp_path / "again.mcap")
+    again = RecordedRun.open(tmp_path / "again.mcap")
+    found = diff(run, again)
+    assert found.identical, found.describe()
+    assert found.compared > 1000
+    assert verify(again.recording).exit_code == VERIFIED
+
+
+@pytest.mark.parametrize("name", ["a row that is removed", "all rows"])
+def test_a_run_is_not_repeated_where_what_acted_is_not_on_record(late, name, tmp_path):
+    copied(late, tmp_path / "a.mcap", ROWS[name], ANEW)
+    run = RecordedRun.open(tmp_path / "a.mcap")
+    with pytest.raises(RecordingError, match=r"what acted at t = 0(\.3)? s is not on record"):
+        run.plan()
