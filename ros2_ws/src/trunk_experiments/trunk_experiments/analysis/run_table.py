@@ -288,13 +288,13 @@ def _last_torque(
     from trunk_sim.config import SimulatorConfig
     from trunk_sim.step import torque_of
 
-    from ..recorded.wire import RecordedWire
+    from ..recorded.inputs import delivered_ns
 
     try:
         config = build(SimulatorConfig, values)
     except ParameterError:
         effort = command(stamp_ns)
         return before if np.isnan(effort) else effort
-    sent = RecordedWire(config, states).told_ns(stamp_ns)
+    sent = int(delivered_ns(config, states)[-1])
     effort = command(sent) if sent >= 0 else 0.0
     return before if np.isnan(effort) else torque_of(before, effort, config.plant)

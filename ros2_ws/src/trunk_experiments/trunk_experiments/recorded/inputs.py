@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.traffic import Traffic
 
 from .turns import exact_from_ns, idle_ns
 
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
 
 Bools: TypeAlias = NDArray[np.bool_]
 
+_FAR = 100_000  # steps beyond ten times the number of states: no run has more
 NO_SOURCE = "-"  # as the simulator names a sender that is no node of ours
 NAMES = ("command", "hip_force", "trunk_torque", "hip_offset", "trunk_offset")
 
@@ -123,6 +126,18 @@ def _nothing_known(count: int) -> InForce:
     return InForce(
         np.full(count, np.nan), none - 1, none, np.zeros((count, 4)), none - 1, none.copy()
     )
+
+
+def delivered_ns(config: SimulatorConfig, stamps: Integers) -> Integers:
+    """Return which state's command the link delivers in each of these states, by stamp; -1: none."""
+    if config.network is None or not len(stamps):
+        return stamps
+    wanted = int(stamps.max()) // config.period_ns + 1
+    steps = max(min(wanted, 10 * len(stamps) + _FAR), 1)
+    used = Traffic(config.network).all_told(steps)[
+        np.clip(stamps // config.period_ns, 0, steps - 1)
+    ]
+    return np.where(used >= 0, used * config.period_ns, -1)
 
 
 def disturbances(table: JointTable, rows: slice | Integers) -> Floats:

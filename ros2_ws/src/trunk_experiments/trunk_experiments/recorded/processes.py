@@ -30,6 +30,10 @@ if TYPE_CHECKING:
 _TURNS = (Event.ACTIVATED, Event.DEACTIVATED, Event.CLEANED_UP)
 
 
+class UnorderedError(RecordingError):
+    """The order of a process's changes is not known: some of them are not on record."""
+
+
 @dataclass(frozen=True)
 class Process:
     """One process of a node; ``source`` is empty in simulated time."""
@@ -52,15 +56,14 @@ class Process:
     def changes(self) -> list[Change]:
         """Changes of parameters and resets, and a controller's turns, in their order.
 
-        Raises RecordingError if the order is not known: the events of changed parameters do not match the
-        changes.
+        Raises UnorderedError if the events of changed parameters do not match the changes.
         """
         # The plant's turns are pauses, in which simulated time stands still.
         turns = _TURNS if self.node in CONTROLLERS else ()
         events = [e for e in self.events if e.message in (Event.RETUNED, Event.RESET, *turns)]
         retuned = [event.stamp_ns for event in events if event.message == Event.RETUNED]
         if retuned != [change.stamp_ns for change in self.changed]:
-            raise RecordingError(
+            raise UnorderedError(
                 f"{self.path}: {self.node}: {len(self.changed)} changes of parameters, but {len(retuned)} "
                 "events that place them, or at other times: their order is not known"
             )

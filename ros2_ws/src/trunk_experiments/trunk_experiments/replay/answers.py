@@ -23,7 +23,7 @@ class Answers:
     """A controller's process in a run, and the check of its commands and terms."""
 
     def __init__(self, run: RecordedRun, process: Process, label: str, period_ns: int) -> None:
-        """``period_ns``: the plant's. Raises RecordingError if the order of changes is not known."""
+        """``period_ns``: the plant's. Raises UnorderedError, and RecordingError for other messages."""
         self.process = process
         self.check = Check(f"commands of {label}")
         self.topic = topics.controller_state(process.node)

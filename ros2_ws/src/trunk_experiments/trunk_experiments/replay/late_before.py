@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trunk_msgs_util import topics
 from trunk_sim.step import torque_of
 
-from ..recorded.wire import RecordedWire
+from ..recorded.inputs import delivered_ns
 from .doubts import Late
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def late_steps_by_torque(run: RecordedRun) -> Late | None:
     every = 1
     if len(told) > 1:
         every = max(1, int(np.median(np.diff(told)) // period_ns))
-    sent = RecordedWire(run.config("simulator"), truth.stamp_ns).all_told_ns(at)
+    sent = delivered_ns(run.config("simulator"), at)
     row = np.searchsorted(told, sent, side="right") - 1
     known = row >= 0
     age = np.where(known, sent - told[row], np.iinfo(np.int64).max)

@@ -34,7 +34,7 @@ from trunk_sim.step import Measurement, Trunk
 from ..plans.plan import RunPlan
 from ..recorded.inputs import Bools, Inputs
 from ..recorded.joint_table import JointTable
-from ..recorded.processes import Process
+from ..recorded.processes import Process, UnorderedError
 from ..recorded.run import RecordedRun
 from ..runs.engine import Engine, Record, start_of
 from ..runs.loop import Schedule, reading_of
@@ -70,9 +70,8 @@ class _Window(NamedTuple):
     truth: Floats  # [n, 6]: positions, velocities, efforts of hip and trunk
     measured: Floats  # [n, 6], likewise; NaN where it is missing
     commands: Integers  # [n], row of the recorded command, -1: none
-    terms: Sequence[
-        tuple[Bools, Floats]
-    ]  # of each controller: whether there are terms, and which [n, K]
+    # Of each controller: whether there are terms [n], and which [n, K].
+    terms: Sequence[tuple[Bools, Floats]]
 
 
 class Rerun:
@@ -92,17 +91,20 @@ class Rerun:
         self.nobodys = Check(NOBODYS)
         laws = () if run.another_controller else run.judgeable
         processes = [one for name in laws for one in run.processes(name) if one.parameters]
-        period_ns = self.simulator.config.period_ns
-        self.answers = {
-            label: Answers(run, one, label, period_ns) for label, one in _labelled(processes)
-        }
+        self.answers: dict[str, Answers] = {}
+        self._refused: list[Check] = []
+        for label, process in _labelled(processes):
+            try:
+                period_ns = self.simulator.config.period_ns
+                self.answers[label] = Answers(run, process, label, period_ns)
+            except UnorderedError as error:  # it was killed, say: the others can be judged
+                self._refused.append(Check(f"commands of {label}", reason=str(error)))
         self._partial = self.inputs.recorded or run.sourced  # controllers did not get every state
         self._fell = {e.stamp_ns for e in self.simulator.events if e.message == Event.FELL}
         self._marked = "fall.angle" in self.simulator.parameters
         self._commands = run.table(topics.EFFORT_COMMAND)
-        self.unreported: list[
-            tuple[int, str, bool]
-        ] = []  # turns by the schedule without their events
+        # Turns by the schedule without their events: stamp, controller, True for active.
+        self.unreported: list[tuple[int, str, bool]] = []
         self._window: _Window | None = None
         self._span = 0, 0  # rows
         plan = self._plan
@@ -132,15 +134,11 @@ class Rerun:
         return self._stamps
 
     @property
-    def whole(self) -> bool:
-        """True if every state is there, from the first one on."""
-        return self.cut_ns is None and len(self.spans) == 1 and int(self._index[0]) == 0
-
-    @property
     def checks(self) -> list[Check]:
         """All checks of what was run so far."""
         nobodys = [self.nobodys] if self.nobodys.steps else []
-        return [*(one.check for one in self.answers.values()), *nobodys, self.sensors, self.plant]
+        answers = (one.check for one in self.answers.values())
+        return [*answers, *self._refused, *nobodys, self.sensors, self.plant]
 
     @cached_property
     def _plan(self) -> RunPlan:
