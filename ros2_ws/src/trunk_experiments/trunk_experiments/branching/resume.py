@@ -90,7 +90,7 @@ def resumed(run: RecordedRun, first: int) -> Resumed:
     for name in run.parameters:
         if name not in usable() or name not in processes:
             continue
-        label = next((one for one, a in rerun.answers.items() if a.process is processes[name]), "")
+        label = next((key for key, a in rerun.answers.items() if a.process is processes[name]), "")
         if label:
             controllers[name] = checkpoint.controllers[label]
         else:  # it has not given a command, but it exists
@@ -99,9 +99,9 @@ def resumed(run: RecordedRun, first: int) -> Resumed:
     sources = {name: process.source for name, process in processes.items()}
     plan = _plan(run, rerun, checkpoint, processes, stamp_ns)
     commands = {
-        one.process.node: one.check.steps
-        for one in rerun.answers.values()
-        if one.process is processes.get(one.process.node)
+        answers.process.node: answers.check.steps
+        for answers in rerun.answers.values()
+        if answers.process is processes.get(answers.process.node)
     }
     commander = _commander(run, processes, stamp_ns)
     return Resumed(plan, checkpoint, first, stamp_ns, sources, commander, commands)
@@ -173,7 +173,7 @@ def _commander(run: RecordedRun, processes: Mapping[str, Process], stamp_ns: int
             terms = run.table(topics.controller_state(name))
             stamps = terms.stamp_ns[process.rows(terms)]
             last[name] = int(stamps[stamps < stamp_ns].max(initial=-1))
-    name = max(last, key=lambda one: last[one], default="")
+    name = max(last, key=lambda name: last[name], default="")
     return name if last.get(name, -1) >= 0 else ""
 
 
@@ -205,11 +205,13 @@ def _plan(
     return RunPlan(
         scenario=run.recording.provenance.get("scenario", ""),
         simulator=replace(simulator, duration=simulator.duration or seconds(last)),
-        controllers={name: one.config for name, one in checkpoint.controllers.items()},
+        controllers={
+            name: controller.config for name, controller in checkpoint.controllers.items()
+        },
         disturbance=disturbance,
         recorder=recorder,
         namespace=run.recording.namespace,
-        changes={name: some for name, some in changes.items() if some},
+        changes={name: later for name, later in changes.items() if later},
         references=references_of(run),
         pushes=run.operated.pushes,
     )

@@ -102,13 +102,13 @@ def _changes(events: Iterable[RunEvent], changed: Sequence[ParameterChange]) -> 
 def _without_second_reports(changes: Iterable[Change]) -> Iterable[Change]:
     """Yield the changes; of two activations of a controller that joins a run under way, the second."""
     listed = list(changes)
-    turns = [one for one in listed if one.event in (Event.ACTIVATED, Event.DEACTIVATED)]
+    turns = [change for change in listed if change.event in (Event.ACTIVATED, Event.DEACTIVATED)]
     twice = [
-        one
-        for one, after in pairwise(turns)
-        if one.event == after.event == Event.ACTIVATED and one.stamp_ns < after.stamp_ns
+        first
+        for first, after in pairwise(turns)
+        if first.event == after.event == Event.ACTIVATED and first.stamp_ns < after.stamp_ns
     ]
-    return [one for one in listed if not any(one is early for early in twice)]
+    return [change for change in listed if not any(change is early for early in twice)]
 
 
 def processes_of(run: RecordedRun, node: str) -> list[Process]:

@@ -132,7 +132,7 @@ class Answers:
             recorded, own = values[:, i].copy(), table[:, TERMS + i].copy()
             recorded[blank] = own[blank] = 0.0
             columns.append(Column(self.topic, f"position[{name}]", recorded, own))
-        self.check.take(stamps[mine], judged[mine], [_rows_of(one, mine) for one in columns])
+        self.check.take(stamps[mine], judged[mine], [_rows_of(column, mine) for column in columns])
         for row in np.flatnonzero(judged & there & ~fresh)[:1].tolist():
             self.check.note(Difference(int(stamps[row]), self.topic, UNEXPECTED, 0.0, 0.0))
         lacking = np.flatnonzero(judged & fresh & ~there)

@@ -121,7 +121,9 @@ class Check:
 
 def unequal(recorded: Floats, computed: Floats) -> Bools:
     """Return where two arrays do not have the same 64 bits [n]."""
-    a, b = (np.ascontiguousarray(one, np.float64).view(np.int64) for one in (recorded, computed))
+    a, b = (
+        np.ascontiguousarray(values, np.float64).view(np.int64) for values in (recorded, computed)
+    )
     different: Bools = a != b
     return different
 

@@ -256,7 +256,7 @@ def _parameters(run: RecordedRun) -> Iterator[str]:
         if change.new:
             counts[node, change.source] += 1
             groups = _LATER.get(node, ())
-            lacking = {n for some in groups if not set(some) & set(change.new) for n in some}
+            lacking = {n for group in groups if not set(group) & set(change.new) for n in group}
             missing = set(declared) - lacking - set(change.new)
             if missing:
                 yield f"run/parameters: the set of {node} lacks {', '.join(sorted(missing))}"

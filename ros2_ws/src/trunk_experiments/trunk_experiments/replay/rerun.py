@@ -90,7 +90,7 @@ class Rerun:
         self.plant, self.sensors = Check(PLANT), Check(SENSORS)
         self.nobodys = Check(NOBODYS)
         laws = () if run.another_controller else run.judgeable
-        processes = [one for name in laws for one in run.processes(name) if one.parameters]
+        processes = [p for name in laws for p in run.processes(name) if p.parameters]
         self.answers: dict[str, Answers] = {}
         self._refused: list[Check] = []
         for label, process in _labelled(processes):
@@ -137,7 +137,7 @@ class Rerun:
     def checks(self) -> list[Check]:
         """All checks of what was run so far."""
         nobodys = [self.nobodys] if self.nobodys.steps else []
-        answers = (one.check for one in self.answers.values())
+        answers = (answers.check for answers in self.answers.values())
         return [*answers, *self._refused, *nobodys, self.sensors, self.plant]
 
     @cached_property
@@ -147,13 +147,13 @@ class Rerun:
         return RunPlan(
             scenario=self.run.recording.provenance.get("scenario", ""),
             simulator=replace(config, duration=seconds(last * config.period_ns)),
-            controllers={label: one.process.config for label, one in self.answers.items()},
+            controllers={label: answers.process.config for label, answers in self.answers.items()},
             disturbance=None,
             recorder=RecorderConfig(),
             namespace=self.run.recording.namespace,
             changes={
                 "simulator": self.simulator.changes,
-                **{label: one.process.changes for label, one in self.answers.items()},
+                **{label: answers.process.changes for label, answers in self.answers.items()},
             },
         )
 
@@ -173,8 +173,8 @@ class Rerun:
         index = int(self._index[begin])
         if begin or index:
             self._jump(begin, index)
-            for one in self.answers.values():
-                one.lose()
+            for answers in self.answers.values():
+                answers.lose()
         stop = int(self._index[end - 1]) + 1
         while True:
             try:
@@ -244,12 +244,12 @@ class Rerun:
         truth = six(self._truth, self._rows[rows])
         measured = six(self._measured, self._measured.rows_of(stamps))
         force = self.inputs.over(rows)
-        terms = [one.terms_at(stamps) for one in self.answers.values()]
+        terms = [answers.terms_at(stamps) for answers in self.answers.values()]
         commands = self._commands.rows_of(stamps)
         self._window = _Window(stamps, truth, measured, commands, terms)
         reads = None
         if self._partial:
-            columns = [one.answered(stamps) for one in self.answers.values()]
+            columns = [answers.answered(stamps) for answers in self.answers.values()]
             reads = np.ascontiguousarray(np.array(columns, np.int64).reshape(-1, len(stamps)).T)
         return Schedule(
             truth=truth[:, _TRUTH],  # such a selection is contiguous
@@ -296,8 +296,8 @@ class Rerun:
         if self._marked:
             falls = np.zeros(len(rows))
             falls[states.falls] = 1.0
-            told_falls = np.isin(window.stamps, list(self._fell)).astype(float)
-            columns.append(Column(topics.RUN_EVENTS, str(Event.FELL), told_falls, falls))
+            recorded_falls = np.isin(window.stamps, list(self._fell)).astype(float)
+            columns.append(Column(topics.RUN_EVENTS, str(Event.FELL), recorded_falls, falls))
         self.plant.take(window.stamps, judged, columns)
 
     def _take_sensors(self, states: States, window: _Window, rows: Integers) -> None:

@@ -44,9 +44,11 @@ class RobotRerun:
         self.answers = {
             p.node if i == 0 else f"{p.node}, process {i + 1}": Answers(run, p, p.node, 0)
             for name in run.judgeable
-            for i, p in enumerate(one for one in processes if one.node == name)
+            for i, p in enumerate(p for p in processes if p.node == name)
         }
-        configs: list[ControllerConfig] = [one.process.config for one in self.answers.values()]
+        configs: list[ControllerConfig] = [
+            answers.process.config for answers in self.answers.values()
+        ]
         joint = configs[0].joint
         hip = next((config.hip for config in configs if config.hip is not None), NO_HIP)
         self._readings = _readings(run, self.stamps, joint, None if hip == NO_HIP else hip)
@@ -62,8 +64,10 @@ class RobotRerun:
 
     def _given(self, first: int, stop: int) -> Schedule:
         stamps = self.stamps[first:stop]
-        self._terms = [one.terms_at(stamps) for one in self.answers.values()]
-        answered = np.array([one.answered(stamps) for one in self.answers.values()], np.int64)
+        self._terms = [answers.terms_at(stamps) for answers in self.answers.values()]
+        answered = np.array(
+            [answers.answered(stamps) for answers in self.answers.values()], np.int64
+        )
         return Schedule(
             truth=np.zeros((len(stamps), 5)),
             measured=self._readings[first:stop],
@@ -120,10 +124,10 @@ def _plan(rerun: RobotRerun, joints: tuple[str, str], states: int) -> RunPlan:
     return RunPlan(
         scenario="",
         simulator=replace(plant, duration=seconds((states - 1) * plant.period_ns)),
-        controllers={label: one.process.config for label, one in rerun.answers.items()},
+        controllers={label: answers.process.config for label, answers in rerun.answers.items()},
         disturbance=None,
         recorder=RecorderConfig(),
-        changes={label: one.process.changes for label, one in rerun.answers.items()},
+        changes={label: answers.process.changes for label, answers in rerun.answers.items()},
     )
 
 
@@ -151,7 +155,7 @@ def judge_robot(run: RecordedRun, verdict: Verdict) -> None:
         if not reasons:
             rerun = RobotRerun(run)
             rerun.compare()
-            verdict.checks += [one.check for one in rerun.answers.values()]
+            verdict.checks += [answers.check for answers in rerun.answers.values()]
             span = seconds(int(np.ptp(commands)))
             verdict.judged = f"{len(commands)} commands in {span:g} s to a plant that is not ours"
     verdict.obstacles.append("no simulator of ours: its states come from elsewhere")

@@ -194,7 +194,9 @@ class Engine:
         start = start_of(plan) if start is None else start
         self.plan = plan
         self.index = start.first
-        self._controllers = {name: copy(one) for name, one in start.controllers.items()}
+        self._controllers = {
+            name: copy(controller) for name, controller in start.controllers.items()
+        }
         self._side = _PlantSide(start)
         self._state, self._by_hand = start.state, start.by_hand
         self._fallen = start.state.trunk.fallen and not start.falls
@@ -237,7 +239,7 @@ class Engine:
         timelines = {**self._timelines, "simulator": self._of_simulator}
         if self._of_disturbance is not None:
             timelines["disturbance"] = self._of_disturbance
-        return {name: one.to_come for name, one in timelines.items() if one.to_come}
+        return {name: line.to_come for name, line in timelines.items() if line.to_come}
 
     @property
     def disturbance(self) -> DisturbanceConfig | None:
@@ -279,7 +281,7 @@ class Engine:
         return Checkpoint(
             self.index,
             self._side.config,
-            {name: copy(one) for name, one in self._controllers.items()},
+            {name: copy(controller) for name, controller in self._controllers.items()},
             state,
             falls,
             self._history.copy(),
@@ -312,7 +314,7 @@ class Engine:
         timelines: list[Timeline] = [*self._timelines.values()]
         if self._of_disturbance is not None:
             timelines.append(self._of_disturbance)
-        first_ns = min((one.next_ns for one in timelines), default=inf)
+        first_ns = min((line.next_ns for line in timelines), default=inf)
         if self._stamps is not None:
             return max(int(np.searchsorted(self._stamps, first_ns, "right")), self.index + 1)
         period_ns = self.plan.simulator.period_ns
@@ -331,9 +333,9 @@ class Engine:
         if self._record is not None:
             surroundings = surroundings._replace(fall_stop=False)
         controllers = list(self._controllers.values())
-        before = [one.active for one in controllers]
-        state = self._state._replace(memories=chain_of([one.memory for one in controllers]))
-        records = {name: one.law.record_names for name, one in self._controllers.items()}
+        before = [controller.active for controller in controllers]
+        state = self._state._replace(memories=chain_of([c.memory for c in controllers]))
+        records = {name: c.law.record_names for name, c in self._controllers.items()}
         out = np.empty((stop - first, TERMS + max(map(len, records.values()), default=0)))
         inputs = _Inputs(
             surroundings,
@@ -365,7 +367,7 @@ class Engine:
         """
         acts: list[tuple[int, str]] = []
         turned: list[tuple[int, str, bool]] = []
-        last = sum(1 << place for place, one in enumerate(before) if one)
+        last = sum(1 << place for place, active in enumerate(before) if active)
         changes = np.flatnonzero(np.diff(active, prepend=last)).tolist()
         for row in sorted({0, *changes}) if len(active) else ():
             mask = int(active[row])
@@ -495,13 +497,13 @@ def _code_for(plan: RunPlan, first: int, inputs: _Inputs, compiled: bool | None)
 def _plain_code(plan: RunPlan, controllers: Sequence[Controller]) -> Code:
     """Return the loop in CPython; in a long run, as where numba refuses a law, at least `act` is compiled."""
     step = act_for(plan.simulator)
-    laws = [one.law for one in controllers]
+    laws = [controller.law for controller in controllers]
     segment = segment_of(*laws, keep=keep_states, tell=tell_terms, act=step)
 
     def code(first: int, stop: int, inputs: _Inputs) -> tuple[int, int, LoopState]:
         surroundings, state, controllers, *arrays = inputs
         chain = participants_of(
-            ((one.config, one.setting, one.constants) for one in controllers),
+            ((c.config, c.setting, c.constants) for c in controllers),
             plan.simulator.joints,
         )
         plant = plant_for(step, surroundings.plant)
@@ -517,21 +519,21 @@ def _compiled_code(plan: RunPlan, inputs: _Inputs) -> Code:
     """Return the loop as compiled code, after a call that computes no state. Raises as `_code_for` does."""
     from trunk_msgs_util.compiled import NumbaError, ready, reason_of
 
-    laws = tuple(one.law.name for one in inputs.controllers)
+    laws = tuple(controller.law.name for controller in inputs.controllers)
 
     def given(inputs: _Inputs) -> tuple[Any, ...]:
         surroundings, state, controllers, *arrays = inputs
         chain = participants_of(
             (
-                (one.config, with_arrays(one.setting), tuple(map(with_arrays, one.constants)))
-                for one in controllers
+                (c.config, with_arrays(c.setting), tuple(map(with_arrays, c.constants)))
+                for c in controllers
             ),
             plan.simulator.joints,
         )
         return for_compiler(surroundings), state, chain, *arrays
 
     if laws not in _compiled:
-        loop = [one.law for one in inputs.controllers]
+        loop = [controller.law for controller in inputs.controllers]
         segment = segment_of(*loop, keep=keep_states, tell=tell_terms)
         try:
             _compiled[laws] = ready(segment, 0, 0, *given(inputs))

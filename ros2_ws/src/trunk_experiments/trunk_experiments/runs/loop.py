@@ -165,7 +165,7 @@ def decide_by(
 
     def decide_one(
         memory: Any,
-        one: Any,
+        participant: Any,
         stamp_ns: int,
         measured: Measurement,
         effort: float,
@@ -173,8 +173,10 @@ def decide_by(
         out: Floats,
         row: int,
     ) -> tuple[Any, Acted]:
-        reading = reading_of(stamp_ns, measured, effort, one.hip, reference)
-        after, a = decide(memory, reading, one.setting, one.constants, update, take_over)
+        reading = reading_of(stamp_ns, measured, effort, participant.hip, reference)
+        after, a = decide(
+            memory, reading, participant.setting, participant.constants, update, take_over
+        )
         if a.active and a.fresh:
             write_down(out, row, a, measured)
         return after, Acted(bit if a.active else 0, a.fresh, a.effort, a.reference)

@@ -69,7 +69,7 @@ class StateMessages:
         layout = JointStateLayout(joints, 2, 2, 2, self._source("simulator"))
         effort, felt = np.zeros((2, len(table), 2))
         effort[:, 1], felt[:, 1] = table[:, APPLIED], table[:, SEEN_APPLIED]
-        found = [
+        rows_of_all = [
             self._joints(
                 topics.GROUND_TRUTH,
                 every * PLACES + _TRUTH,
@@ -90,13 +90,13 @@ class StateMessages:
             ),
         ]
         if self._plan.disturbance is not None:
-            found.append(self._disturbances(states))
+            rows_of_all.append(self._disturbances(states))
         for name, rows in states.answers():
             names = states.told.get(name, ())
-            found += self._answers(name, names, table[rows], stamp_ns[rows], every[rows])
+            rows_of_all += self._answers(name, names, table[rows], stamp_ns[rows], every[rows])
         if topics.PLANT_INPUTS in self._channels:
-            found += self._inputs(states, stamp_ns)
-        return found
+            rows_of_all += self._inputs(states, stamp_ns)
+        return rows_of_all
 
     def _inputs(self, states: States, stamp_ns: Integers) -> Iterator[Rows]:
         """Yield what acts in each state, as the simulator records it in real time."""
@@ -114,14 +114,15 @@ class StateMessages:
             disturbed = since >= 0
         else:
             effort, at_ns, name = self._held
+            held_source = self._source(name) or NO_SOURCE
             answered = np.zeros(count, bool)
-            for name, some in states.answers():
-                answered[some], sources[some] = True, self._source(name) or NO_SOURCE
+            for name, span in states.answers():
+                answered[span], sources[span] = True, self._source(name) or NO_SOURCE
             last = np.maximum.accumulate(np.where(answered, np.arange(count), -1))
             known = last >= 0
             at = np.where(known, stamp_ns[last], at_ns)
             values[:, 0] = np.where(known, table[last, EFFORT], effort)
-            sources = np.where(known, sources[last], self._source(name) or NO_SOURCE)
+            sources = np.where(known, sources[last], held_source)
             acts = (at >= 0) & (stamp_ns - at <= nanoseconds(plan.simulator.command_timeout))
             self._held = float(values[-1, 0]), int(at[-1]), name
             values[~acts, 0], sources[~acts] = 0.0, NO_SOURCE
