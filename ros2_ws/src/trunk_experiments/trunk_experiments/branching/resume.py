@@ -10,6 +10,7 @@ import numpy as np
 
 from trunk_control.controller import Controller
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import nanoseconds, seconds
@@ -144,7 +145,7 @@ def _going_on(run: RecordedRun, rerun: Rerun, stamp_ns: int) -> dict[str, Proces
     going: dict[str, Process] = {"simulator": rerun.simulator}
     for name in run.parameters:
         for process in run.processes(name) if name not in ("simulator", "recorder") else ():
-            began = [e.stamp_ns for e in process.events[:1]]
+            began = [e.stamp_ns for e in process.events if e.message == Event.CONFIGURED]
             if process.parameters and (not began or began[0] < stamp_ns):
                 going[name] = process
     return going
@@ -185,7 +186,7 @@ def _plan(
     stamp_ns: int,
 ) -> RunPlan:
     """Return the plan from a stamp on, to the time that was planned, or else to the last state."""
-    simulator = checkpoint.simulator
+    simulator, planned = checkpoint.simulator, rerun.simulator.config.duration
     last = int(run.table(topics.GROUND_TRUTH).stamp_ns.max())
     changes: dict[str, list[Change]] = {"simulator": rerun.engine.to_come().get("simulator", [])}
     disturbance = None
@@ -204,7 +205,7 @@ def _plan(
         recorder = RecorderConfig(controllers=tuple(checkpoint.controllers), markers=pictures)
     return RunPlan(
         scenario=run.recording.provenance.get("scenario", ""),
-        simulator=replace(simulator, duration=simulator.duration or seconds(last)),
+        simulator=replace(simulator, duration=planned or seconds(last)),
         controllers={
             name: controller.config for name, controller in checkpoint.controllers.items()
         },

@@ -16,6 +16,7 @@ from trunk_control.laws import law_named
 from trunk_control.pid import PidLaw, Terms, limited
 from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util import topics
+from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.provenance import ARITHMETIC
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import nanoseconds, seconds
@@ -136,6 +137,14 @@ def explain(run: RecordedRun, at: float) -> Explanation:
 
     Raises RecordingError if the run has no such command or its controller is unknown.
     """
+    try:
+        return _explain(run, at)
+    except ParameterError as error:
+        why = f"recorded parameters cannot be used: {error}"
+        raise RecordingError(f"{run.path}: {why}") from None
+
+
+def _explain(run: RecordedRun, at: float) -> Explanation:
     names = [name for name in run.controllers if name in CONTROLLERS]
     if not names:
         raise RecordingError(
@@ -207,13 +216,14 @@ def explain(run: RecordedRun, at: float) -> Explanation:
 def _update(rerun: Rerun | RobotRerun, label: str, stamp_ns: int) -> _Update:
     """Return a controller's update on the state with this stamp, after all that came before it.
 
-    Raises RecordingError if its memory then does not follow from the record.
+    Raises RecordingError if there is no command, or if it does not follow from the record.
     """
     reading = rerun.reading(label, stamp_ns)
-    if reading is None or not rerun.run_to(label, stamp_ns):
+    given = stamp_ns in rerun.run.table(topics.EFFORT_COMMAND)
+    if not given or reading is None or not rerun.run_to(label, stamp_ns):
         at = seconds(stamp_ns - rerun.run.begin_ns)
         raise RecordingError(
-            f"{rerun.run.path}: what the command at t = {at:g} s follows from is not all on record "
+            f"{rerun.run.path}: the command at t = {at:g} s, and what it follows from, are not all on record "
             "(trunk verify says why): give --at a time before that"
         )
     controller = rerun.engine.controllers[label]

@@ -301,6 +301,9 @@ class Rerun:
         self.plant.take(window.stamps, judged, columns)
 
     def _take_sensors(self, states: States, window: _Window, rows: Integers) -> None:
+        if not len(self._measured):
+            self.sensors.unjudged += len(rows)
+            return
         judged = ~np.isnan(window.measured[:, 0]) & self._is_seen(rows)
         computed = _computed(states.table, SEEN_POSITION, SEEN_VELOCITY, SEEN_APPLIED)
         columns = self._columns(self._measured, window.measured, computed)

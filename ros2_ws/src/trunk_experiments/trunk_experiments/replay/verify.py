@@ -134,10 +134,14 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
             check.excuse(rivals)
     for answers in rerun.answers.values():
         settle(run, answers.process, [answers.check])
-        if answers.lacking is not None and is_whole(run, answers.process):
-            answers.check.note(answers.lacking)
-        elif answers.lacking is not None:
-            verdict.obstacles.append(describe(answers.lacking))
+        if (lacking := answers.lacking) is None:
+            continue
+        # A file that was cut may end with a command whose terms were still to come.
+        cut = not complete and lacking.stamp_ns == rerun.stamps[-1]
+        if is_whole(run, answers.process) and not cut:
+            answers.check.note(lacking)
+        else:
+            verdict.obstacles.append(describe(lacking))
     settle(run, rerun.simulator, [rerun.plant, rerun.sensors, rerun.nobodys])
     for process in run.processes("disturbance") if run.count(topics.DISTURBANCE) else ():
         if process.parameters and len(process.rows(run.table(topics.DISTURBANCE))):
