@@ -310,5 +310,5 @@ def test_a_bad_message_is_named(tmp_path, short_run):
     (finding,) = examine(path)
     assert finding.message.startswith("/run/events: 1 of 3 messages cannot be read (message 2, ")
     verdict = verify(Recording.open(path))
-    assert [part.wrong_steps for part in verdict.checks] == [0, 0, 0]
+    assert not any(check.wrong_steps for check in verdict.checks)
     assert verdict.obstacles == [finding.message]
