@@ -136,9 +136,11 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         settle(run, answers.process, [answers.check])
         if (lacking := answers.lacking) is None:
             continue
-        # A file that was cut may end with a command whose terms were still to come.
+        # A file that was cut may end with a command whose terms were still to come, and a controller that was
+        # killed after the end may have taken its last terms with it.
         cut = not complete and lacking.stamp_ns == rerun.stamps[-1]
-        if is_whole(run, answers.process) and not cut:
+        killed = run.mode != "offline" and answers.process.published is None
+        if is_whole(run, answers.process) and not cut and not killed:
             answers.check.note(lacking)
         else:
             verdict.obstacles.append(describe(lacking))
