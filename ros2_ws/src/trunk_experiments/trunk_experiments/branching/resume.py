@@ -81,9 +81,10 @@ def resumed(run: RecordedRun, first: int) -> Resumed:
             checks.append(check_disturbances(run, process, stamp_ns - 1))
     if rerun.inputs.recorded:
         checks.append(check_inputs(run, rerun, stamp_ns - 1))
-    for check in checks:
-        if check.first or check.unjudged:
-            raise _refused(run, stamp_ns, _fault(check))
+    faulty = [check for check in checks if check.first or check.unjudged]
+    if faulty:
+        earliest = min(faulty, key=lambda one: one.first[0].stamp_ns if one.first else stamp_ns)
+        raise _refused(run, stamp_ns, _fault(earliest))
     checkpoint = rerun.engine.checkpoint()
     _check_state(run, rerun, checkpoint, stamp_ns)
     processes = _going_on(run, rerun, stamp_ns)

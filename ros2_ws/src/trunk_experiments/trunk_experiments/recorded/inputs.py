@@ -64,7 +64,7 @@ class Inputs:
             self._disturbances.stamp_ns[: len(stamps)], stamps
         ):
             since_ns = int(self._disturbances.stamp_ns.min())
-            if run.branch is None and "disturbance" in run.config("simulator").wait_for:
+            if "disturbance" in run.config("simulator").wait_for and not _may_have_joined(run):
                 since_ns = 0
             there = self._disturbances.rows_of(stamps) >= 0
             self.disturbance_known = there | (stamps < max(since_ns, exact_from_ns(run)))
@@ -119,6 +119,15 @@ class Inputs:
             disturbance[there] = disturbances(self._disturbances, rows[there])
             disturbance_ns[there] = stamps[there]
         return force
+
+
+def _may_have_joined(run: RecordedRun) -> bool:
+    """Return True if the disturbance may be one that a branch added: such a node is silent at its start."""
+    if run.branch is None or "disturbance" not in run.parameters:
+        return run.branch is not None
+    config = run.config("disturbance")
+    silent = type(config)(update_rate=config.update_rate, joints=config.joints)
+    return bool(config.signals == silent.signals)
 
 
 def _nothing_known(count: int) -> InForce:
