@@ -11,8 +11,9 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
-from trunk_experiments.replay.doubts import Late, late_steps
+from trunk_experiments.replay.doubts import Late, doubts_of, late_steps
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
+from trunk_experiments.runs import engine
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import declarations
@@ -33,6 +34,13 @@ PULSE = (
     "disturbance.pulse.magnitude=5.0",
 )
 H = 5_000_000  # ns
+
+
+@pytest.fixture(autouse=True)
+def engine_kind(monkeypatch):
+    """Judge every file with CPython, in several windows: what is compared does not depend on it."""
+    monkeypatch.setattr(engine, "worth_compiling", lambda *_: False)
+    monkeypatch.setattr(engine, "longest", lambda _: 64)
 
 
 def plan_of(*settings):
@@ -186,6 +194,13 @@ def test_a_disturbance_one_step_late_is_late_and_verifies(tmp_path):
     recording = record_real_time(plan, tmp_path / "run.mcap", inputs)
     assert late_steps(RecordedRun(recording)) == Late(1, 200)
     assert verify(recording).exit_code == VERIFIED
+
+
+def test_a_late_run_is_doubtful_and_how_far_it_was_moved_is_known(in_time, late):
+    assert not doubts_of(RecordedRun.open(in_time))
+    found = doubts_of(RecordedRun.open(late))
+    assert (found.late, found.steps) == (200, 200)
+    assert found.moved_deg > 0.01
 
 
 @pytest.mark.parametrize("topic", [COMMAND, TERMS])

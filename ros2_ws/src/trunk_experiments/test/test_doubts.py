@@ -40,7 +40,7 @@ def told(monkeypatch, capsys):
 
 
 def in_real_time(source: Path, path: Path, late=(), unanswered=(), complete=True) -> Path:
-    """Copy an offline run as one in real time.
+    """Copy an offline run as one in real time, of a version that did not record what acted.
 
     The torque of some ``late`` steps is that of the step before; some states are ``unanswered``.
     """
@@ -48,7 +48,7 @@ def in_real_time(source: Path, path: Path, late=(), unanswered=(), complete=True
     with source.open("rb") as file, RecordingWriter(path) as writer:
         reader = make_reader(file)
         kept = {one.name: one.metadata for one in reader.iter_metadata()}
-        writer.add_metadata(PROVENANCE, {**kept[PROVENANCE], "mode": "real_time"})
+        writer.add_metadata(PROVENANCE, {**kept[PROVENANCE], "mode": "real_time", "format": ""})
         channels: dict[str, int] = {}
         for schema, channel, message in reader.iter_messages(log_time_order=False):
             if channel.topic not in channels:
