@@ -25,7 +25,8 @@ def _in(folder: str, *names: str) -> tuple[str, ...]:
     return tuple(f"{folder}test/test_{name}.py" for name in names)
 
 
-_REPLAYS = ("tests/replay",)
+_LOOP = (*_in(EXPERIMENTS, "closed_loop"), "tests/test_turns.py")
+_VERIFY = ("tests/verify", "tests/test_turns.py", "-k", "not compiled")
 
 MODULES = {
     "mechanics": Module(
@@ -66,12 +67,10 @@ MODULES = {
     "metrics": Module(
         EXPERIMENTS + "trunk_experiments/analysis/metrics.py", ("tests/test_metrics.py",)
     ),
-    "replay": Module(
-        EXPERIMENTS + "trunk_experiments/replay/replay.py",
-        ("tests/replay/test_replay.py", "tests/test_turns.py"),
-    ),
+    "loop": Module(EXPERIMENTS + "trunk_experiments/runs/loop.py", _LOOP),
+    "engine": Module(EXPERIMENTS + "trunk_experiments/runs/engine.py", _LOOP),
     **{
-        name: Module(EXPERIMENTS + f"trunk_experiments/replay/{name}.py", _REPLAYS)
-        for name in ("replay_plant", "plant_states", "plant_torques", "plant_windows", "windows")
+        name: Module(EXPERIMENTS + f"trunk_experiments/replay/{name}.py", _VERIFY)
+        for name in ("rerun", "answers", "in_force", "invariants")
     },
 }
