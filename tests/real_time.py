@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trunk_experiments.plans.operated import RealTimeInputs
 from trunk_experiments.plans.plan import RunPlan
@@ -27,7 +28,9 @@ from trunk_msgs_util.recording.writer import RecordingWriter
 from .edited import ANEW, copied
 
 EVENTS, INPUTS = "/run/events", f"/{topics.PLANT_INPUTS}"
-COMMAND, DISTURBANCE = "/effort_command", "/disturbance"
+COMMAND = "/effort_command"
+
+Late = int | NDArray[Any]  # steps, of all or of each state
 
 
 def source_of(node: str, process: int = 1) -> str:
@@ -35,9 +38,7 @@ def source_of(node: str, process: int = 1) -> str:
     return f"{node}@machine-{process}"
 
 
-def late_inputs(
-    plan: RunPlan, commands: int | np.ndarray = 0, disturbances: int | np.ndarray = 0
-) -> RealTimeInputs:
+def late_inputs(plan: RunPlan, commands: Late = 0, disturbances: Late = 0) -> RealTimeInputs:
     """Return what acts if messages come so many steps late, an array: in each state."""
     states, period_ns = states_of(plan), plan.simulator.period_ns
     steps = np.arange(states)

@@ -12,7 +12,6 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.turns import parse_swap
 from trunk_experiments.recorded import run as recorded_run
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording import schemas
@@ -23,6 +22,7 @@ from trunk_msgs_util.recording.writer import RecordingWriter
 from trunk_msgs_util.samples import JointSample
 
 from .edited import ANEW, copied
+from .real_time import record_real_time, source_of
 
 
 def table_of(path) -> RunTable:
@@ -62,10 +62,9 @@ def test_in_real_time_the_first_answer_may_come_late(tmp_path, profile, before):
     plan = make_plan("demo", "pid", settings=settings, everywhere={"duration": 0.5})
     if profile == "topic":
         plan = replace(plan, references={0: 0.1})
-    record_offline(plan, tmp_path / "run.mcap")
-
     source, late = tmp_path / "run.mcap", tmp_path / "late.mcap"
-    copied(source, late, without_the_first_answers, ANEW, provenance={"mode": "real_time"})
+    record_real_time(plan, source)
+    copied(source, late, without_the_first_answers, ANEW)
     table = table_of(late)
     found = [None if np.isnan(one) else one for one in table.reference.tolist()]
     assert found[:40] == before
@@ -86,7 +85,7 @@ def test_a_reference_before_the_first_answer_may_not_be_known(tmp_path, monkeypa
         settings=("pid.reference.value=0.1", "fuzzy_pid.reference.value=-0.3"),
         everywhere={"duration": 0.5},
     )
-    record_offline(plan, tmp_path / "run.mcap")
+    record_real_time(plan, tmp_path / "run.mcap")
 
     def edit(messages):
         without_the_first_answers(messages)
@@ -94,12 +93,14 @@ def test_a_reference_before_the_first_answer_may_not_be_known(tmp_path, monkeypa
             messages[:] = [m for m in messages if m[0] != "/pid/state"]
         elif why == "order of changes not known":
             topic, log_time, _, *rest = next(m for m in messages if m[0] == "/run/events")
-            messages.append([topic, log_time, event(-1, "/pid", Event.RETUNED), *rest])
+            messages.append(
+                [topic, log_time, event(-1, "/pid", Event.RETUNED, source=source_of("pid")), *rest]
+            )
 
     source, path = tmp_path / "run.mcap", tmp_path / "edited.mcap"
-    copied(source, path, without_the_first_answers, ANEW, provenance={"mode": "real_time"})
+    copied(source, path, without_the_first_answers, ANEW)
     assert not np.isnan(table_of(path).reference).any()
-    copied(source, path, edit, ANEW, provenance={"mode": "real_time"})
+    copied(source, path, edit, ANEW)
     if why == "unknown law":
         monkeypatch.setattr(recorded_run, "usable", lambda: ("fuzzy_pid",))
     assert np.isnan(table_of(path).reference[:40]).all()

@@ -6,8 +6,8 @@ import struct
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
-from trunk_experiments.replay.as_told import not_as_told
 
 from trunk_experiments.branching.branch import Branch
 from trunk_experiments.branching.change import branched
@@ -19,9 +19,9 @@ from trunk_experiments.replay.doubts import Late, late_steps
 from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.reader import RecordingError
-from trunk_msgs_util.recording.schemas import event
 
 from ..edited import ANEW, copied
+from ..real_time import late_inputs, record_real_time
 
 AT = 500_000_000  # ns
 Edit = Callable[[list[list]], None]
@@ -70,24 +70,20 @@ def test_removed_disturbances_before_a_branch_are_noticed(parent: Path, tmp_path
     assert "disturbance: 100 steps missing, the first at t = 0 s" in verdict.obstacles
 
 
-def test_a_branch_may_begin_before_the_disturbances_that_its_parent_took(
-    parent: Path, tmp_path: Path
-) -> None:
-    """Those of another node are not repeated; that the first of them was taken stays on record."""
-    branch(parent, 0.5, tmp_path / "b.mcap")
-
-    def edit(messages: list[list]) -> None:
-        messages[:] = [m for m in messages if m[0] != "/disturbance"]
-        topic, log_time, _, *rest = next(m for m in messages if m[0] == "/run/events")
-        said = event(-1, "/simulator", "disturbed", {"disturbances": 1})
-        messages.append([topic, log_time, said, *rest])
-
-    copied(tmp_path / "b.mcap", tmp_path / "c.mcap", edit, ANEW, provenance={"mode": "real_time"})
-    run = RecordedRun.open(tmp_path / "c.mcap")
-    told = [one for one in run.events if one.node == "/simulator"]
-    assert run.branch is not None
-    assert not run.exact
-    assert not [line for line in not_as_told(run, "simulator", told) if "took" in line]
+@pytest.mark.slow
+def test_a_real_time_run_is_branched_after_late_commands(tmp_path: Path) -> None:
+    """The last command before the branch holds until its first own one, which comes in time."""
+    plan = make_plan("demo", "pid", everywhere={"duration": 1.0})
+    steps = np.arange(201)
+    inputs = late_inputs(plan, steps // 3 % 3, steps // 5 % 2)
+    record_real_time(plan, tmp_path / "late.mcap", inputs)
+    run = branch(tmp_path / "late.mcap", 0.5, tmp_path / "b.mcap")
+    verdict = verdict_on(run)
+    assert verdict.exit_code == VERIFIED, verdict.reasons
+    parent, late = (late_steps(one) for one in (RecordedRun.open(tmp_path / "late.mcap"), run))
+    assert parent is not None
+    assert late is not None
+    assert 0 < late.late < parent.late
 
 
 def test_a_file_that_ends_early_is_branched_as_far_as_it_goes(parent: Path, tmp_path: Path) -> None:
@@ -106,16 +102,7 @@ def test_a_lagging_drive_makes_no_step_late(tmp_path: Path) -> None:
     """In real time, the torque of a lagging drive is not the command, however soon that came."""
     settings = ("simulator.actuator.time_constant=0.02",)
     plan = make_plan("demo", "pid", everywhere={"duration": 1.0}, settings=settings)
-    record_offline(plan, tmp_path / "lags.mcap")
-    copied(
-        tmp_path / "lags.mcap", tmp_path / "a.mcap", digests=ANEW, provenance={"mode": "real_time"}
-    )
-    assert late_steps(RecordedRun.open(tmp_path / "a.mcap")) == Late(0, 200)
-
-    def edit(messages: list[list]) -> None:
-        later = [m for m in messages if m[:2] == ["/effort_command", AT]]
-        messages[:] = [m for m in messages if m not in later]
-
-    path = tmp_path / "b.mcap"
-    copied(tmp_path / "lags.mcap", path, edit, ANEW, provenance={"mode": "real_time"})
-    assert late_steps(RecordedRun.open(path)) == Late(1, 200)
+    record_real_time(plan, tmp_path / "lags.mcap")
+    assert late_steps(RecordedRun.open(tmp_path / "lags.mcap")) == Late(0, 200)
+    record_real_time(plan, tmp_path / "late.mcap", late_inputs(plan, np.arange(201) == 100))
+    assert late_steps(RecordedRun.open(tmp_path / "late.mcap")) == Late(1, 200)

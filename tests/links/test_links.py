@@ -30,6 +30,7 @@ from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.schemas import event
 
 from ..edited import ANEW, copied
+from ..real_time import record_real_time
 from . import check
 
 BAD = (
@@ -190,9 +191,10 @@ def test_an_edited_reading_is_found(run: Path, tmp_path: Path) -> None:
     assert judged(path)[0] != VERIFIED
 
 
-def test_in_real_time_a_link_makes_no_step_late(run: Path, tmp_path: Path) -> None:
-    copied(run, tmp_path / "a.mcap", digests=ANEW, provenance={"mode": "real_time"})
-    assert late_steps(RecordedRun.open(tmp_path / "a.mcap")) == Late(0, 200)
+def test_in_real_time_a_link_makes_no_step_late(tmp_path: Path) -> None:
+    recording = record_real_time(bad(), tmp_path / "a.mcap")
+    assert late_steps(RecordedRun(recording)) == Late(0, 200)
+    assert judged(tmp_path / "a.mcap") == (VERIFIED, [])
 
 
 def test_an_episode_has_no_links() -> None:
