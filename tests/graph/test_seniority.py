@@ -97,7 +97,7 @@ def test_the_younger_ends_and_says_so_on_record_only_if_its_run_is_under_way(
     node = simulator(events)
     hears(node, older, "/robot2/simulator")
     assert node.exit_code is None, "in a namespace of its own it is another one"
-    node.run_stamp_ns = 0 if under_way else -1
+    node._running = under_way
     hears(node, older)
     assert node.exit_code == 1
     assert events == (["failed"] if under_way else [])
@@ -129,7 +129,7 @@ def test_of_two_machines_the_one_with_a_run_or_the_settled_one_stays(
     other = Node("simulator")
     own = ("simulator", "/")
     until(lambda: node.get_node_names_and_namespaces().count(own) == 2, "both are in the graph")
-    node.run_stamp_ns = 0 if under_way else -1
+    node._running = under_way
     node._configured_s -= configured_s
     hears(node, ELSEWHERE)
     assert (node.exit_code is None) == stays

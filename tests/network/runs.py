@@ -28,8 +28,12 @@ class SpreadRun:
 
     def simulator_ends(self) -> tuple[int, str]:
         """Return the simulator's exit code and stderr, once it has ended by itself."""
-        simulator = self._running.pop("simulator")
-        return simulator.wait(), simulator.stderr
+        return self.ends("simulator")
+
+    def ends(self, name: str) -> tuple[int, str]:
+        """Return a node's exit code and stderr, once it has ended by itself."""
+        node = self._running.pop(name)
+        return node.wait(), node.stderr
 
     def stop(self, name: str) -> None:
         """Stop a node; it must end cleanly."""

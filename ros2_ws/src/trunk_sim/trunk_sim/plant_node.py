@@ -125,6 +125,11 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         )
         return False
 
+    @property
+    def leads_a_run(self) -> bool:
+        """True from the first state to the last."""
+        return self._running
+
     # The loop, as `pacing.Loop` wants it.
 
     @property

@@ -64,6 +64,8 @@ class SimulatorNode(PlantNode):
         if self.ending:
             return  # nothing would report how that run ended
         missing = self._participants.missing(time.monotonic())
+        if not missing and self.may_be_second():
+            return
         if not missing and not self._truth_published:
             self._publish_clock()
             self._publish_truth()

@@ -49,6 +49,7 @@ class TrunkNode(UniqueNode, Generic[Config]):
     def __init__(self, name: str, config_class: type[Config]) -> None:
         """Declare and check the parameters. Raises ParameterError, and NamesakeError if the name is taken."""
         super().__init__(name, start_parameter_services=False)  # they are made with the parameters
+        self.run_stamp_ns = -1  # before the first state
         self._born_s = time.monotonic()
         self._evidence: list[evidence.Evidence] = []
         self._accounted = False

@@ -19,6 +19,9 @@ from .managed import ManagedNode
 # Of two on different machines without a run, one that is configured for so long is not the newcomer;
 # multiplied by TRUNK_PATIENCE.
 _SETTLED_S = 3.0
+# A node that the graph shows under one's own name says within this time who it is; one that was killed says
+# nothing. Multiplied by TRUNK_PATIENCE.
+_SPEAKS_S = 1.0
 
 
 class NamesakeError(TrunkError):
@@ -29,8 +32,6 @@ class NamesakeError(TrunkError):
 
 class UniqueNode(ManagedNode):
     """A node whose name in its namespace and domain is its own: a recording would mix two."""
-
-    run_stamp_ns = -1  # before the first state
 
     def claim_name(self) -> None:
         """Hold the name against later processes of this machine. Raises NamesakeError if one has it.
@@ -48,6 +49,13 @@ class UniqueNode(ManagedNode):
             raise NamesakeError(_reason(name, str(error))) from None
         self._processes = {name: process_id()}  # of nodes by name: the oldest that is alive
         self._configured_s = time.monotonic()
+        self._doubled_since_s: float | None = None
+        self._met_namesake = False
+
+    @property
+    def leads_a_run(self) -> bool:
+        """True while a run of this node's own is under way."""
+        return False
 
     def release_name(self) -> None:
         """Let another process have the name."""
@@ -76,19 +84,29 @@ class UniqueNode(ManagedNode):
             or not self._is_alive(node, process)
         ):
             return
+        self._met_namesake = True
         first = is_older(process_id(), process)
         if first is None:
             waited = time.monotonic() - self._configured_s
-            first = self.run_stamp_ns >= 0 or waited > _SETTLED_S * settings.patience()
+            first = self.leads_a_run or waited > _SETTLED_S * settings.patience()
         if first:
             self.get_logger().warning(
                 f"a second {node} was started, in process {printable(process)}: it ends by itself"
             )
-        elif self.run_stamp_ns >= 0:
+        elif self.leads_a_run:
             self.fail(_reason(node, process))
         else:  # without an event: the older node's recording would take it for that node's
             self.get_logger().error(printable(_reason(node, process)))
             self.exit_code = EXIT_FAILED
+
+    def may_be_second(self) -> bool:
+        """Return True, for a bounded time, while the graph shows another node of this name that is silent."""
+        if self._met_namesake or not self._is_doubled(self.get_fully_qualified_name()):
+            self._doubled_since_s = None
+            return False
+        if self._doubled_since_s is None:
+            self._doubled_since_s = time.monotonic()
+        return time.monotonic() - self._doubled_since_s < _SPEAKS_S * settings.patience()
 
     def is_second(self, node: str, process: str) -> bool:
         """Return True for the process of a node whose name an older process that is alive has: it ends.
@@ -110,6 +128,10 @@ class UniqueNode(ManagedNode):
         """
         if same_machine(process):
             return local_pid(process) is not None
+        return self._is_doubled(node)
+
+    def _is_doubled(self, node: str) -> bool:
+        """Return True if the graph shows more than one node of a name."""
         namespace, _, name = node.rpartition("/")
         return self.get_node_names_and_namespaces().count((name, namespace or "/")) > 1
 
