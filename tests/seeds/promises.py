@@ -86,7 +86,8 @@ def _processes(run: Run) -> Iterator[str]:
             for line in process.log:
                 if "a callback raised" in line or "Traceback" in line:
                     yield f"{name}: {line.strip().splitlines()[-1]}"
-            if process.exit_code == 1 and not process.log:
+            refused = "another /" in run.complaints  # before it had a logger
+            if process.exit_code == 1 and not (process.log or refused):
                 yield f"{name} failed without a word"
 
 

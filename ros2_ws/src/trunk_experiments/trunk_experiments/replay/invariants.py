@@ -264,8 +264,8 @@ def _parameters(run: RecordedRun) -> Iterator[str]:
         if fixed:
             yield f"run/parameters: {node} changes {', '.join(fixed)}, which is fixed at start"
     for (node, _), count in counts.items():
-        if count > 1:
-            yield f"run/parameters: {count} parameter sets of {node}: it was restarted"
+        if count > 1 and run.mode == "offline":
+            yield f"run/parameters: {count} parameter sets of {node}"
     for event in run.events:
         node = run.recording.relative(event.node)
         if node in NODES and node not in run.parameters:

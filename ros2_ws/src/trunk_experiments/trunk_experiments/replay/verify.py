@@ -158,7 +158,7 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
     if complete and not rivals:
         verdict.contradictions += contradictions(run, rerun)
     verdict.obstacles += _failures(run)
-    verdict.obstacles += _missing(run, rerun)
+    verdict.obstacles += [*_missing(run, rerun), *_restarted(run)]
     verdict.obstacles += [
         f"{check.name}: {check.reason}" for check in verdict.checks if check.reason
     ]
@@ -261,6 +261,16 @@ def _missing(run: RecordedRun, rerun: Rerun) -> list[str]:
             "no controller of ours gave the commands: they are judged by the plant's inputs alone"
         )
     return lines
+
+
+def _restarted(run: RecordedRun) -> list[str]:
+    """Return which nodes were restarted in lock-step, where their messages do not name their processes."""
+    sets = [run.recording.relative(c.node) for c in run.recording.parameter_messages() if c.new]
+    return [
+        f"{node} was restarted: what its processes sent cannot be told apart"
+        for node in sorted(set(sets))
+        if run.mode == "lockstep" and sets.count(node) > 1
+    ]
 
 
 def _first_gap(stamps: Integers, period_ns: int) -> int:
