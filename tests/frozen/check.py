@@ -1,6 +1,6 @@
 """Freezes what the project computes, or compares it with what was frozen.
 
-    source scripts/env.sh && python -m tests.frozen.check [compare|make] [runs] [seeds]
+    source scripts/env.sh && python -m tests.frozen.check [compare|make] [runs] [seeds] [edits]
 
 Exit code 1 if something differs that must not; a line for each difference.
 """
@@ -17,11 +17,12 @@ from tempfile import TemporaryDirectory
 
 import click
 
+from . import caught, verdicts
 from .runs import LOCKSTEP, OFFLINE, Fingerprint, offline
-from .verdicts import as_kept, changes, kept
 
 ROOT = Path(__file__).resolve().parents[2]
 RUNS, SEEDS = (Path(__file__).with_name(f"{part}.json") for part in ("runs", "seeds"))
+EDITS = Path(__file__).with_name("edits.json.xz")
 MEMORY = "/dev/shm"
 
 
@@ -90,7 +91,7 @@ def make_seeds() -> int:
     from .seeds import outcomes
 
     with TemporaryDirectory(dir=MEMORY) as folder:
-        values = as_kept(outcomes(Path(folder)))
+        values = verdicts.packed(outcomes(Path(folder)))
     SEEDS.write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
     print("seeds frozen")
     return 0
@@ -100,18 +101,45 @@ def compare_seeds() -> int:
     """Compare the verdicts on seeds with those that were frozen."""
     from .seeds import outcomes
 
-    before = kept(json.loads(SEEDS.read_text(encoding="utf-8")))
+    before = verdicts.unpacked(json.loads(SEEDS.read_text(encoding="utf-8")))
     with TemporaryDirectory(dir=MEMORY) as folder:
         now = list(outcomes(Path(folder)))
-    changed = changes(before, now)
+    changed = verdicts.changes(before, now)
     print("".join(f"{change.describe()}\n" for change in changed), end="")
     recordings = sum(old.recording != new.recording for old, new in zip(before, now, strict=True))
-    verdicts = sum(len(change.seeds) for change in changed)
-    print(f"{len(now)} seeds: {verdicts} other verdicts, {recordings} other recordings")
+    count = sum(len(change.seeds) for change in changed)
+    print(f"{len(now)} seeds: {count} other verdicts, {recordings} other recordings")
     return int(any(change.wrong for change in changed))
 
 
-PARTS = {"runs": (make_runs, compare_runs), "seeds": (make_seeds, compare_seeds)}
+def make_edits() -> int:
+    """Freeze what becomes of each edit of the recordings in tests/tampering."""
+    edits = _edits()
+    EDITS.write_bytes(caught.packed(edits))
+    print(f"{len(edits)} edits frozen")
+    return 0
+
+
+def compare_edits() -> int:
+    """Compare what becomes of each edit with what was frozen."""
+    comparison = caught.compared(caught.unpacked(EDITS.read_bytes()), _edits())
+    print("\n".join(comparison.lines()))
+    return int(comparison.wrong)
+
+
+def _edits() -> dict[str, caught.Caught]:
+    from .edits import judged_edits
+
+    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    with TemporaryDirectory(dir=MEMORY) as folder:
+        return dict(judged_edits(Path(folder)))
+
+
+PARTS = {
+    "runs": (make_runs, compare_runs),
+    "seeds": (make_seeds, compare_seeds),
+    "edits": (make_edits, compare_edits),
+}
 
 
 def _in_its_own_process(action: str, part: str, names: Collection[str]) -> int:

@@ -7,20 +7,27 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from trunk_experiments.plans.timeline import Change
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.schemas import event, parameter_event
 
-from ..edited import copied
+from ..edited import Content, content, copied
+from ..tampering.kit import copy_of
+from . import caught, verdicts
+from .caught import Caught
 from .check import ROOT, differences, frozen_runs
 from .contents import digests_of
-from .runs import LOCKSTEP, OFFLINE, Fingerprint, offline
-from .verdicts import NO_FILE, Outcome, as_kept, changes, kept
+from .edits import numbers_of
+from .features import FEATURES
+from .runs import LOCKSTEP, MS, OFFLINE, Fingerprint, offline, pushed, swapped
+from .verdicts import NO_FILE, Outcome
 
 LONG = [name for name in OFFLINE if name.startswith("long")]
 SHORT = [name for name in OFFLINE if name not in LONG]
@@ -144,7 +151,7 @@ SEEDS = [
 
 def test_what_became_of_seeds_is_kept() -> None:
     many = SEEDS * 50
-    assert kept(json.loads(json.dumps(as_kept(many)))) == many
+    assert verdicts.unpacked(json.loads(json.dumps(verdicts.packed(many)))) == many
 
 
 @pytest.mark.parametrize(
@@ -184,5 +191,94 @@ def test_a_seed_with_another_verdict_is_found(
     seed: int, now: Outcome, line: str | None, wrong: bool
 ) -> None:
     outcomes = [*SEEDS[:seed], now, *SEEDS[seed + 1 :]]
-    lines = [(change.describe(), change.wrong) for change in changes(SEEDS, outcomes)]
+    lines = [(change.describe(), change.wrong) for change in verdicts.changes(SEEDS, outcomes)]
     assert lines == ([(line, wrong)] if line else [])
+
+
+EDITS = {
+    "offline: stamps: /joint_states first stamp + 1 ns": Caught("n", "d"),
+    "offline: parameter: pid.gains.p, set, another value (0)": Caught("n", "p", "never used"),
+    "lockstep: header: library": Caught("o", "d"),
+}
+CAUGHT, LISTED, HEADER = EDITS
+
+
+def test_what_became_of_edits_is_kept() -> None:
+    assert caught.unpacked(caught.packed(EDITS)) == EDITS
+
+
+NEW = "offline: order: /joint_states backwards"
+
+
+@pytest.mark.parametrize(
+    ("name", "now", "line", "wrong"),
+    [
+        (CAUGHT, "nd", "0 edits that change a number pass now and did not", False),
+        (CAUGHT, "np", f"{CAUGHT}: a number changed: it was caught, and passes now", True),
+        (CAUGHT, "nr", f"{CAUGHT}: verify raises", True),
+        (CAUGHT, "nc", "1 caught as before by another word: diverges, now inconclusive", False),
+        (LISTED, "nd", "1 caught now that passed; parameter: 1", False),
+        (HEADER, "op", "1 others pass now and did not; header: 1", False),
+        (NEW, "np", f"{NEW}: a number changed: it passes, and was not frozen", False),
+        (NEW, "op", "1 not frozen, 0 gone", False),
+    ],
+)
+def test_an_edit_that_slips_through_is_found(name: str, now: str, line: str, wrong: bool) -> None:
+    comparison = caught.compared(EDITS, {**EDITS, name: Caught(*now)})
+    assert line in comparison.lines()
+    assert comparison.wrong == wrong
+
+
+def without(event: Event) -> Callable[[list[list[Any]]], None]:
+    def edit(messages: list[list[Any]]) -> None:
+        messages[:] = [message for message in messages if event.encode() not in message[2]]
+
+    return edit
+
+
+@pytest.fixture(scope="module")
+def eventful(tmp_path_factory: pytest.TempPathFactory) -> Content:
+    """Return a recording with pushes, disturbances, a turn, a fall, a reset and a change."""
+    path = tmp_path_factory.mktemp("eventful") / "run.mcap"
+    plan = pushed("pid", "simulator.fall.angle=0.3", *FEATURES["sine"])
+    changes = [Change(150 * MS, None), Change(200 * MS, {"plant.length": 1.1})]
+    turns = swapped("pid", (0.1, "lqr")).controllers
+    record_offline(replace(plan, controllers=turns, changes={"simulator": changes}), path)
+    return content(path)
+
+
+@pytest.mark.parametrize(
+    ("topic", "edit", "number"),
+    [
+        ("/joint_states", bit, True),
+        ("/ground_truth/joint_states", log_time, False),
+        ("/disturbance", order, False),
+        ("/effort_command", list.clear, True),
+        ("/pid/state", lambda messages: messages.append(messages[0]), False),
+        ("/pid/state", lambda messages: messages.pop(), True),
+        ("/operator/push", bit, True),
+        ("/run/events", without(Event.RESET), True),
+        ("/run/events", without(Event.FELL), True),
+        ("/run/events", without(Event.ACTIVATED), True),
+        ("/run/events", without(Event.STARTED), False),
+        ("/run/parameters", lambda messages: messages.pop(), True),
+    ],
+)
+def test_an_edit_of_a_number_is_known_by_what_it_changes(
+    topic: str, edit: Callable[[list[list[Any]]], object], number: bool, eventful: Content
+) -> None:
+    edited = copy_of(eventful)
+    messages = edited.of(topic)
+    edited.messages = [message for message in edited.messages if message[0] != topic]
+    edit(messages)
+    edited.messages += messages
+    assert (numbers_of(edited) != numbers_of(eventful)) == number
+
+
+def test_a_namespace_and_an_order_are_no_numbers(eventful: Content) -> None:
+    edited = copy_of(eventful)
+    for message in edited.messages:
+        message[0] = f"/robot{message[0]}"
+    edited.channels = {f"/robot{topic}": channel for topic, channel in edited.channels.items()}
+    edited.messages.reverse()
+    assert numbers_of(edited) == numbers_of(eventful)

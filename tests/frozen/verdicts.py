@@ -53,7 +53,7 @@ class Change(NamedTuple):
         return f"{self.before}; now {self.now}: {count}: {seeds}"
 
 
-def as_kept(outcomes: Iterable[Outcome]) -> dict[str, object]:
+def packed(outcomes: Iterable[Outcome]) -> dict[str, object]:
     """Return outcomes as strings: a letter in that of the mode, and a digest for each seed."""
     outcomes = list(outcomes)
     texts = {
@@ -74,8 +74,8 @@ def _lines(text: str, length: int) -> list[str]:
     return [text[at : at + length] for at in range(0, len(text), length)]
 
 
-def kept(values: Mapping[str, Sequence[str]]) -> list[Outcome]:
-    """Return the outcomes that were kept."""
+def unpacked(values: Mapping[str, Sequence[str]]) -> list[Outcome]:
+    """Return the outcomes that were packed so."""
     letters = {mode: "".join(values[mode]) for mode in MODES}
     outcomes = []
     for seed, recording in enumerate(_lines("".join(values["recordings"]), len(NO_FILE))):
