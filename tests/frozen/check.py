@@ -121,18 +121,26 @@ def make_edits() -> int:
 
 
 def compare_edits() -> int:
-    """Compare what becomes of each edit with what was frozen."""
-    comparison = caught.compared(caught.unpacked(EDITS.read_bytes()), _edits())
+    """Compare what becomes of each edit with what was frozen.
+
+    In real time no two recordings are the same: an edit slips through if it passes in each of three.
+    """
+    before, edits = caught.unpacked(EDITS.read_bytes()), _edits()
+    for _ in range(2):
+        if slipped := caught.compared(before, edits).slipped:
+            print(f"{len(slipped)} edits again: {'; '.join(slipped[:5])}", flush=True)
+            edits |= _edits(slipped)
+    comparison = caught.compared(before, edits)
     print("\n".join(comparison.lines()))
     return int(comparison.wrong)
 
 
-def _edits() -> dict[str, caught.Caught]:
+def _edits(names: Collection[str] | None = None) -> dict[str, caught.Caught]:
     from .edits import judged_edits
 
     os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
     with TemporaryDirectory(dir=MEMORY) as folder:
-        return dict(judged_edits(Path(folder)))
+        return dict(judged_edits(Path(folder), names))
 
 
 PARTS = {

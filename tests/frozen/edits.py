@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Hashable, Iterator
+from collections.abc import Collection, Hashable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from trunk_msgs_util.recording.schemas import parse_event, parse_parameter_event
 from ..edited import ANEW, Content, content
 from ..tampering.bases import BASES, make_base
 from ..tampering.check import _DURATION_S
-from ..tampering.kit import copy_of, edits_of, outcome
+from ..tampering.kit import Outcome, copy_of, edits_of, outcome
 from .caught import NUMBER, OTHER, PASSES, RAISES, Caught
 
 _LETTERS = {0: PASSES, 1: "d", 2: "c"}  # by exit code
@@ -29,23 +29,35 @@ _LOOP = (
 _ACTS = (Event.FELL, Event.RESET, Event.ACTIVATED, Event.DEACTIVATED)
 
 
-def judged_edits(folder: Path) -> Iterator[tuple[str, Caught]]:
-    """Make the recordings that are edited, and yield every edit that changes one, by its name."""
+def judged_edits(
+    folder: Path, names: Collection[str] | None = None
+) -> Iterator[tuple[str, Caught]]:
+    """Make the recordings that are edited, and yield what becomes of each edit by its name.
+
+    ``names``: only of these edits. What changes nothing in a recording is left out.
+    """
     for base in BASES:
+        if names is not None and not any(name.startswith(f"{base}: ") for name in names):
+            continue
         path = folder / f"{base}.mcap"
+        path.unlink(missing_ok=True)
         make_base(base, path, _DURATION_S[base])
         original = content(path)
         before = numbers_of(original)
         for edit in edits_of(original):
-            result = outcome(base, original, edit, ANEW, folder)
-            if result.exit_code is None:
-                continue
-            edited = copy_of(original)
-            edit.apply(edited)
-            mark = OTHER if numbers_of(edited) == before else NUMBER
-            letter = RAISES if result.raised else _LETTERS[result.exit_code]
-            reason = result.reason if letter == PASSES else ""
-            yield result.name, Caught(mark, letter, reason)
+            name = f"{base}: {edit.kind}: {edit.name}"
+            if names is None or name in names:
+                result = outcome(base, original, edit, ANEW, folder)
+                if result.exit_code is not None:
+                    edited = copy_of(original)
+                    edit.apply(edited)
+                    yield name, _caught(result, numbers_of(edited) != before)
+
+
+def _caught(result: Outcome, number: bool) -> Caught:
+    letter = RAISES if result.raised else _LETTERS[result.exit_code or 0]
+    mark = NUMBER if number else OTHER
+    return Caught(mark, letter, result.reason if letter == PASSES else "")
 
 
 def numbers_of(recorded: Content) -> frozenset[Hashable]:
