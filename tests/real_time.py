@@ -82,7 +82,7 @@ def record_real_time(plan: RunPlan, path: Path, inputs: RealTimeInputs | None = 
 
 def name_commands(messages: list[list]) -> None:
     """Name the source of each command in force, where the recorder of a plan with inputs does not."""
-    senders = {stamp_at(one[2]): frame_of(one[2]) for one in messages if one[0] == COMMAND}
+    senders = {stamp_at(m[2]): frame_of(m[2]) for m in messages if m[0] == COMMAND}
     for message in messages:
         if message[0] == INPUTS:
             row = deserialize(topics.JOINT_STATE_TYPE, message[2])

@@ -80,7 +80,7 @@ def test_a_real_time_run_is_branched_after_late_commands(tmp_path: Path) -> None
     run = branch(tmp_path / "late.mcap", 0.5, tmp_path / "b.mcap")
     verdict = verdict_on(run)
     assert verdict.exit_code == VERIFIED, verdict.reasons
-    parent, late = (late_steps(one) for one in (RecordedRun.open(tmp_path / "late.mcap"), run))
+    parent, late = (late_steps(r) for r in (RecordedRun.open(tmp_path / "late.mcap"), run))
     assert parent is not None
     assert late is not None
     assert 0 < late.late < parent.late

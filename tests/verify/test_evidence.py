@@ -81,11 +81,13 @@ def checks(verdict):
 def retune(messages, **values):
     """Change a disturbance's parameters, and its messages' values where its pulse then acts."""
     for message in of(messages, PARAMETERS):
-        told = parse_parameter_event(message[2])
-        if told.node == DISTURBANCE:
-            new = {**told.new, **{name.replace("_", ".", 1): v for name, v in values.items()}}
+        parameters = parse_parameter_event(message[2])
+        if parameters.node == DISTURBANCE:
+            new = {**parameters.new, **{name.replace("_", ".", 1): v for name, v in values.items()}}
             kinds = {n: d.kind for n, d in declarations(type(plan_of(*PULSE).disturbance)).items()}
-            message[2] = parameter_event(told.stamp_ns, told.node, new, {}, kinds, told.source)
+            message[2] = parameter_event(
+                parameters.stamp_ns, parameters.node, new, {}, kinds, parameters.source
+            )
     start, duration = 500_000_000, values.get("pulse_duration", 0.1)
     magnitude = values.get("pulse_magnitude", 5.0)
     for message in of(messages, DISTURBANCE):
@@ -198,9 +200,9 @@ def test_a_disturbance_one_step_late_is_late_and_verifies(tmp_path):
 
 def test_a_late_run_is_doubtful_and_how_far_it_was_moved_is_known(in_time, late):
     assert not doubts_of(RecordedRun.open(in_time))
-    found = doubts_of(RecordedRun.open(late))
-    assert (found.late, found.steps) == (200, 200)
-    assert found.moved_deg > 0.01
+    doubts = doubts_of(RecordedRun.open(late))
+    assert (doubts.late, doubts.steps) == (200, 200)
+    assert doubts.moved_deg > 0.01
 
 
 @pytest.mark.parametrize("topic", [COMMAND, TERMS])
@@ -277,9 +279,9 @@ def test_a_late_run_is_repeated_bit_by_bit(late, tmp_path):
     run = RecordedRun.open(late)
     record_offline(run.plan(), tmp_path / "again.mcap")
     again = RecordedRun.open(tmp_path / "again.mcap")
-    found = diff(run, again)
-    assert found.identical, found.describe()
-    assert found.compared > 1000
+    compared = diff(run, again)
+    assert compared.identical, compared.describe()
+    assert compared.compared > 1000
     assert verify(again.recording).exit_code == VERIFIED
 
 

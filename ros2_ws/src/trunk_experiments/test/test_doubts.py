@@ -194,6 +194,7 @@ def test_words_and_values():
         "planned_s": 10.0,
         "fell": 1.06,
         "fell_angle_deg": -93.2,
+        "beyond_90": None,
         "late": {"steps": 35, "of": 10_000, "moved_deg": 140.2},
         "judged": "diverges",
     }
@@ -204,6 +205,7 @@ def test_words_and_values():
         "planned_s": None,
         "fell": None,
         "fell_angle_deg": None,
+        "beyond_90": None,
         "late": None,
         "judged": None,
     }

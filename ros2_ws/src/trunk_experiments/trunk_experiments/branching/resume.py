@@ -83,7 +83,9 @@ def resumed(run: RecordedRun, first: int) -> Resumed:
         checks.append(check_inputs(run, rerun, stamp_ns - 1))
     faulty = [check for check in checks if check.first or check.unjudged]
     if faulty:
-        earliest = min(faulty, key=lambda one: one.first[0].stamp_ns if one.first else stamp_ns)
+        earliest = min(
+            faulty, key=lambda check: check.first[0].stamp_ns if check.first else stamp_ns
+        )
         raise _refused(run, stamp_ns, _fault(earliest))
     checkpoint = rerun.engine.checkpoint()
     _check_state(run, rerun, checkpoint, stamp_ns)
