@@ -89,7 +89,7 @@ def check_inputs(run: RecordedRun, rerun: Rerun, until_ns: int | None = None) ->
     if until_ns is not None:
         stamps = stamps[stamps <= until_ns]
     commands, disturbed = run.table(topics.EFFORT_COMMAND), run.table(topics.DISTURBANCE)
-    rule = _Rule(rerun.simulator, stamps)
+    rule = _Rule(rerun.simulator, _is_awaited(disturbed, rerun.simulator))
     for begin in range(0, len(stamps), _ROWS):
         rows = slice(begin, min(begin + _ROWS, len(stamps)))
         force, here = inputs.over(rows), stamps[rows]
@@ -166,10 +166,17 @@ def _values(table: JointTable, rows: Integers) -> Floats:
     return table.values("effort")[rows, -1:]
 
 
+def _is_awaited(disturbed: JointTable, simulator: Process) -> bool:
+    """Return True if the first state waited for a disturbance of ours, which then is in force in it."""
+    ours = all("@" in frame for frame in disturbed.frames)
+    return ours and 0 in disturbed and topics.DISTURBANCE in simulator.config.wait_for
+
+
 class _Rule:
     """The simulator's rule: what is in force is the newest that has come, and nothing too old."""
 
-    def __init__(self, simulator: Process, stamps: Integers) -> None:
+    def __init__(self, simulator: Process, awaited: bool) -> None:
+        self._awaited = awaited
         timeline = Timeline(simulator.config, simulator.changes)
         self._since = [-1]
         self._timeouts = [nanoseconds(simulator.config.command_timeout)]
@@ -196,6 +203,8 @@ class _Rule:
             wrong = acts & ((stamp_ns < before) | (stamps - stamp_ns > longest))
             wrong |= acts & (stamp_ns > stamps)
             wrong |= ~acts & (before >= 0) & (stamps - before <= shortest)
+            if self._awaited and force.disturbance_ns is stamp_ns:
+                wrong |= ~acts & (stamps == 0)
             yield Column(
                 topics.PLANT_INPUTS, f"{what} in force", wrong.astype(float), np.zeros(len(wrong))
             )
