@@ -45,11 +45,12 @@ def late_inputs(plan: RunPlan, commands: Late = 0, disturbances: Late = 0) -> Re
     command = np.maximum.accumulate(steps - commands)
     acting, since = np.zeros((states, 4)), np.full(states, -1)
     if plan.disturbance is not None:
-        disturbed = np.maximum.accumulate(steps - disturbances)
-        since = np.where(disturbed >= 0, disturbed * period_ns, -1)
+        # The first state waits for its own.
+        disturbed = np.maximum(np.maximum.accumulate(steps - disturbances), 0)
+        since = disturbed * period_ns
         source = disturbance_source(plan)
         values = np.array([source(k * period_ns) for k in range(states)])
-        acting[disturbed >= 0] = values[disturbed[disturbed >= 0]]
+        acting = values[disturbed]
     return RealTimeInputs(
         np.maximum(command, -1),
         acting,

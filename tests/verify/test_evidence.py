@@ -127,6 +127,18 @@ def test_a_pulse_that_did_not_act_like_that_is_not_verified(name, pulse, request
     assert checks(verdict)["inputs of the plant"].wrong_steps
 
 
+def test_a_pulse_that_never_acted_is_not_verified(tmp_path):
+    """The first state waits for the disturbance node: its first message is in force there."""
+    plan, path = plan_of(*PULSE), tmp_path / "run.mcap"
+    in_force = late_inputs(plan)
+    never = replace(
+        in_force,
+        disturbance=np.zeros_like(in_force.disturbance),
+        disturbance_ns=np.full_like(in_force.disturbance_ns, -1),
+    )
+    assert verify(record_real_time(plan, path, never)).exit_code == DIVERGES
+
+
 def test_the_last_command_and_its_terms_are_missed(in_time, tmp_path):
     def edit(messages):
         for topic in (COMMAND, TERMS):
