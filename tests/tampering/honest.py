@@ -102,7 +102,7 @@ def _graph_plan(index: int, rng: np.random.Generator, lockstep: bool) -> RunPlan
         return for_graph(plan, lockstep, speed)
 
 
-def _values(config: object, rng: np.random.Generator, duration: float) -> Mapping[str, Value]:
+def random_values(config: object, rng: np.random.Generator, duration: float) -> Mapping[str, Value]:
     """Return some random values of a configuration that can change, allowed together; maybe none."""
     draw = Draw(rng, duration)
     declared = [d for d in declarations(type(config)).values() if not d.fixed]
@@ -132,7 +132,7 @@ def _changes(plan: RunPlan, rng: np.random.Generator) -> dict[str, list[Change]]
             if node != "disturbance" and rng.random() < 0.3:
                 changes.append(Change(stamp_ns, None))
                 continue
-            values = _values(config, rng, plan.simulator.duration)
+            values = random_values(config, rng, plan.simulator.duration)
             if values:
                 config = build(type(config), {**values_of(config), **values})
                 changes.append(Change(stamp_ns, values))
@@ -166,7 +166,7 @@ def _actions(plan: RunPlan, rng: np.random.Generator) -> Iterator[Action]:
 def _held(plan: RunPlan, rng: np.random.Generator, at: int) -> Iterator[Action]:
     """Yield transitions of the simulator, with a change while it is inactive; or, in real time, of others."""
     yield transition(at, "simulator", "deactivate")
-    values = _values(plan.simulator, rng, plan.simulator.duration)
+    values = random_values(plan.simulator, rng, plan.simulator.duration)
     if values:
         yield retune(at, "simulator", values)
     if rng.random() < 0.5:
@@ -177,7 +177,7 @@ def _held(plan: RunPlan, rng: np.random.Generator, at: int) -> Iterator[Action]:
     node = str(rng.choice([plan.controller_name, *(["disturbance"] if plan.disturbance else [])]))
     if len(plan.controllers) == 1 or node == "disturbance":
         yield transition(at, node, "deactivate")
-        values = _values(plan.configs[node], rng, plan.simulator.duration)
+        values = random_values(plan.configs[node], rng, plan.simulator.duration)
         if values:
             yield retune(at, node, values)
         if rng.random() < 0.3 and node != "disturbance":
