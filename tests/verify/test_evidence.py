@@ -274,6 +274,33 @@ def test_a_restarted_controller_is_judged_process_by_process(anew, tmp_path):
     assert checks(verdict)["states of the plant"].result == "verified"
 
 
+@pytest.mark.parametrize(("sets", "code"), [(2, VERIFIED), (3, DIVERGES)])
+def test_each_process_of_a_disturbance_may_leave_its_first_parameters_unnamed(
+    in_time, sets, code, tmp_path
+):
+    """It names no source before its first state; each process has one set of parameters."""
+    at_ns = 100 * H
+    first, second = (real_time.source_of("disturbance", number) for number in (1, 2))
+
+    def edit(messages):
+        for message in messages:
+            if message[0] == DISTURBANCE and stamp_at(message[2]) >= at_ns:
+                message[2] = in_frame(message[2], second)
+            elif message[0] == INPUTS and stamp_at(message[2]) >= at_ns:
+                message[2] = in_frame(message[2], frame_of(message[2]).replace(first, second))
+        (known,) = (m for m in of(messages, PARAMETERS) if b"/disturbance" in m[2])
+        parameters = parse_parameter_event(known[2])
+        kinds = {n: d.kind for n, d in declarations(type(plan_of(*PULSE).disturbance)).items()}
+        known[2] = parameter_event(-1, parameters.node, parameters.new, {}, kinds)
+        for _ in range(sets - 1):
+            messages.insert(messages.index(known), [*known])
+        real_time.configure(messages, "disturbance", process=2, at=len(messages) // 2)
+
+    verdict = verdict_on(in_time, tmp_path / "a.mcap", edit)
+    assert verdict.exit_code == code, verdict.reasons
+    assert ("3 parameter sets" in " ".join(verdict.contradictions)) == (sets == 3)
+
+
 def test_a_gap_in_the_states_leaves_both_sides_judged(in_time, tmp_path):
     def edit(messages):
         for topic in (TRUTH, STATE):

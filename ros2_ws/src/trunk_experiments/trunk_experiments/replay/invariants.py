@@ -263,8 +263,11 @@ def _parameters(run: RecordedRun) -> Iterator[str]:
         fixed = [name for name in change.changed if name in declared and declared[name].fixed]
         if fixed:
             yield f"run/parameters: {node} changes {', '.join(fixed)}, which is fixed at start"
-    for (node, _), count in counts.items():
-        if count > 1 and run.mode == "offline":
+    for (node, source), count in counts.items():
+        # A disturbance names no source before its first state: each of its processes has such a set.
+        unnamed = run.sourced and not source
+        most = len(run.processes(node)) if unnamed else 1
+        if count > most and run.mode != "lockstep":  # there, it was restarted
             yield f"run/parameters: {count} parameter sets of {node}"
     for event in run.events:
         node = run.recording.relative(event.node)
