@@ -46,8 +46,7 @@ def test_what_is_missing_is_seen(domain: int, tmp_path: Path) -> None:
     content = Content(whole)
     assert content.complete
     assert list(lacking(content, {})) == []
-    changes = {"simulator": [{"plant.length": 1.1}]}
-    assert list(lacking(content, changes)) == []
+    assert list(lacking(content, {"simulator": [{"plant.length": 1.1}]})) == []
     assert list(lacking(content, {"simulator": [{"plant.length": 1.2}]}))
     for topic in (*content.joints, "/run/events"):
         if topic == "/reference":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -70,7 +70,7 @@ def _value(value: Any) -> Any:
     return tuple(held) if value.type > 4 else held
 
 
-def lacking(content: Content, changes: Mapping[str, list[Mapping[str, Any]]]) -> Iterator[str]:
+def lacking(content: Content, changes: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
     """Yield what a complete recording lacks; ``changes``: those that each node's process has accepted."""
     ends = [e for e in content.events if e[2] == "finished" and e[1].endswith("simulator")]
     if len(ends) != 1:
@@ -128,7 +128,7 @@ def _uncounted(content: Content) -> Iterator[str]:
                 yield f"{topic}: {there[source, topic]} of {count} messages of {source}"
 
 
-def _unchanged(content: Content, changes: Mapping[str, list[Mapping[str, Any]]]) -> Iterator[str]:
+def _unchanged(content: Content, changes: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
     """Yield changes of parameters that a node's process has accepted, but that are not on record."""
     for node, accepted in changes.items():
         recorded = [values.items() for _, name, values in content.parameters if name == f"/{node}"]
