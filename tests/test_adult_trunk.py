@@ -8,7 +8,7 @@ import pytest
 
 from trunk_experiments.batch.closed_loop import Batch
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.engine import steps
+from trunk_experiments.runs.steps import steps
 from trunk_experiments.tuning.linear import linearise
 from trunk_experiments.tuning.methods import by_lqr, by_poles
 

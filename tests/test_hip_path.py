@@ -19,8 +19,8 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.verify import DIVERGES, VERIFIED, verdict_on
-from trunk_experiments.runs.engine import steps
 from trunk_experiments.runs.offline_recording import record_offline
+from trunk_experiments.runs.steps import steps
 from trunk_experiments.tuning.floquet import floquet
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.samples import JointSample

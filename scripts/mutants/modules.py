@@ -68,6 +68,7 @@ MODULES = {
         EXPERIMENTS + "trunk_experiments/analysis/metrics.py", ("tests/test_metrics.py",)
     ),
     "loop": Module(EXPERIMENTS + "trunk_experiments/runs/loop.py", _LOOP),
+    "loop_schedule": Module(EXPERIMENTS + "trunk_experiments/runs/schedule.py", _LOOP),
     "engine": Module(EXPERIMENTS + "trunk_experiments/runs/engine.py", _LOOP),
     **{
         name: Module(EXPERIMENTS + f"trunk_experiments/replay/{name}.py", _VERIFY)

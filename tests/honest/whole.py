@@ -128,7 +128,9 @@ def _uncounted(content: Content) -> Iterator[str]:
                 yield f"{topic}: {there[source, topic]} of {count} messages of {source}"
 
 
-def _unchanged(content: Content, changes: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
+def _unchanged(
+    content: Content, changes: Mapping[str, Sequence[Mapping[str, Any]]]
+) -> Iterator[str]:
     """Yield changes of parameters that a node's process has accepted, but that are not on record."""
     for node, accepted in changes.items():
         recorded = [values.items() for _, name, values in content.parameters if name == f"/{node}"]

@@ -21,10 +21,11 @@ from trunk_experiments.plans.plan import RunPlan, make_plan
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
-from trunk_experiments.runs.engine import states_of_run, steps
+from trunk_experiments.runs.engine import states_of_run
 from trunk_experiments.runs.files import RunFiles
 from trunk_experiments.runs.graph import run_graph
 from trunk_experiments.runs.offline_recording import record_steps
+from trunk_experiments.runs.steps import steps
 from trunk_msgs_util.parameters.declarations import build, values_of
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.simulation import DivergedError

@@ -24,8 +24,8 @@ from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.doubts import Late, late_steps
 from trunk_experiments.replay.verify import VERIFIED, verdict_on
-from trunk_experiments.runs.engine import steps
 from trunk_experiments.runs.offline_recording import record_offline
+from trunk_experiments.runs.steps import steps
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.schemas import event
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import click
 
-from trunk_experiments.runs import engine
+from trunk_experiments.runs import segments
 
 from . import nodes
 from .faults import Run
@@ -129,7 +129,7 @@ def main(
 ) -> None:
     """Play COUNT seeds; the exit code is 1 if one breaks a promise."""
     if compiled:
-        engine.worth_compiling = lambda *_: True  # type: ignore[assignment]
+        segments.worth_compiling = lambda *_: True  # type: ignore[assignment]
     folder = Path(tempfile.mkdtemp(prefix="seeds_", dir="/dev/shm"))
     done = failed = 0
     begun = time.perf_counter()

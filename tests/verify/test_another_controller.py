@@ -10,8 +10,8 @@ from trunk_experiments.plans import nodes
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.replay import verify as verify_module
 from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
-from trunk_experiments.runs.engine import steps
 from trunk_experiments.runs.offline_recording import record_offline, record_steps
+from trunk_experiments.runs.steps import steps
 from trunk_msgs_util.recording.reader import Recording
 
 from ..edited import ANEW, KEPT, copied

@@ -26,8 +26,8 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
-from trunk_experiments.runs.engine import steps
-from trunk_experiments.runs.loop import Schedule
+from trunk_experiments.runs.schedule import Schedule
+from trunk_experiments.runs.steps import steps
 from trunk_msgs_util import compiled
 from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_sim.actuator import saturate

@@ -16,10 +16,11 @@ from trunk_experiments.plans.nodes import CONTROLLERS
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
 from trunk_experiments.plans.turns import Swap
-from trunk_experiments.runs import engine, offline_recording
-from trunk_experiments.runs.engine import states_of_run, steps
+from trunk_experiments.runs import engine, offline_recording, segments
+from trunk_experiments.runs.engine import states_of_run
 from trunk_experiments.runs.offline import disturbance_source
 from trunk_experiments.runs.offline_recording import record_offline
+from trunk_experiments.runs.steps import steps
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import values_of
@@ -194,7 +195,7 @@ def test_states_in_stretches_make_the_same_file(name, tmp_path, monkeypatch):
     plan = (PLANS | BY_HAND)[name]()
     monkeypatch.setattr(chunked, "CHUNK_SIZE", 30_000)  # several chunks in one stretch
     expected = one_by_one(plan, tmp_path / "one_by_one.mcap")
-    monkeypatch.setattr(engine, "worth_compiling", lambda *_: False)
+    monkeypatch.setattr(segments, "worth_compiling", lambda *_: False)
     monkeypatch.setattr(engine, "longest", lambda substeps: 70)
     assert outcome(plan, tmp_path / "in_bulk.mcap") == expected
 
@@ -205,9 +206,9 @@ def test_states_in_stretches_make_the_same_file(name, tmp_path, monkeypatch):
 def test_compiled_states_make_the_same_file(name, tmp_path, monkeypatch):
     plan = (PLANS | BY_HAND)[name]()
     expected = one_by_one(plan, tmp_path / "one_by_one.mcap")
-    monkeypatch.setattr(engine, "worth_compiling", lambda *_: True)
+    monkeypatch.setattr(segments, "worth_compiling", lambda *_: True)
     monkeypatch.setattr(engine, "longest", lambda substeps: 70)
-    monkeypatch.setattr(engine, "_plain_code", None)  # CPython's must not be called
+    monkeypatch.setattr(segments, "_plain_code", None)  # CPython's must not be called
     assert outcome(plan, tmp_path / "compiled.mcap") == expected
 
 
@@ -215,12 +216,12 @@ def test_cpython_does_it_where_numba_is_missing(monkeypatch):
     plan = short("fig7 pid")
     monkeypatch.setitem(sys.modules, "numba", None)
     monkeypatch.delitem(sys.modules, "trunk_msgs_util.compiled", raising=False)
-    monkeypatch.setattr(engine, "worth_compiling", lambda *_: True)
+    monkeypatch.setattr(segments, "worth_compiling", lambda *_: True)
     assert sum(len(states.table) for states in states_of_run(plan)) == 201
     with pytest.raises(ImportError):
         list(states_of_run(plan, compiled=True))
 
 
 def test_short_runs_do_not_load_the_compiler():
-    assert not engine.worth_compiling(short("fig8 pid").simulator)
-    assert engine.worth_compiling(plan_of("fig8 pid", duration=10.0).simulator)
+    assert not segments.worth_compiling(short("fig8 pid").simulator)
+    assert segments.worth_compiling(plan_of("fig8 pid", duration=10.0).simulator)

@@ -9,8 +9,8 @@ from trunk_control.pid_law import PidConfig
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change, Timeline
 from trunk_experiments.replay.verify import VERIFIED, verify
-from trunk_experiments.runs.engine import steps
 from trunk_experiments.runs.offline_recording import record_offline
+from trunk_experiments.runs.steps import steps
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.recording.reader import Recording
 

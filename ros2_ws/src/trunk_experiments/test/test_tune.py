@@ -17,7 +17,7 @@ from trunk_experiments.cli import trunk
 from trunk_experiments.commands.tune import command
 from trunk_experiments.errors import PlanError, TuningError
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.engine import steps
+from trunk_experiments.runs.steps import steps
 from trunk_experiments.tuning.linear import Linear, LinearLoop, largest_delay, linearise, margins
 from trunk_experiments.tuning.methods import by_lqr, by_poles, relay, ultimate
 from trunk_experiments.tuning.search import fuzzy_space, gains_space

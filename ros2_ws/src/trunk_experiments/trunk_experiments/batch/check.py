@@ -12,8 +12,7 @@ from trunk_sim.traffic import Traffic
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan
-from ..runs.engine import steps
-from ..runs.states import Step
+from ..runs.steps import Step, steps
 from .block import regular_run, run_block, summary_of
 from .closed_loop import Batch, Outcome, gains_of
 from .columns import LANES

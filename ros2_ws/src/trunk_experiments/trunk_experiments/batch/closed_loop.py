@@ -31,7 +31,6 @@ from ..runs.loop import (
     Acted,
     Chain,
     LoopState,
-    Schedule,
     Surroundings,
     beginning,
     chain_of,
@@ -41,8 +40,8 @@ from ..runs.loop import (
     segment_of,
     states_of,
     surroundings_of,
-    wire_of,
 )
+from ..runs.schedule import Schedule, wire_of
 
 # Rows of a run's result. The first four are the state; all are RunTable's, in its order.
 X, THETA, X_DOT, THETA_DOT, MEASURED, REFERENCE, TORQUE, KP, KI, KD, ALPHA = range(11)

@@ -134,7 +134,7 @@ def mujoco_run(mujoco: Any, plan: RunPlan, integrator: str, steps: int) -> float
 
 def _scikit_loop(plan: RunPlan) -> Callable[[], None]:
     """Return a loop of `_SCIKIT_STEPS` samples whose gains scikit-fuzzy infers, plant in Python."""
-    from ..runs.engine import steps
+    from ..runs.steps import steps
 
     config = plan.controller
     if not isinstance(config, FuzzyPidConfig):

@@ -19,7 +19,7 @@ from trunk_sim.simulation import DivergedError, Simulation
 from ..plans.plan import RunPlan
 from ..runs.offline import disturbance_source
 from ..runs.offline_recording import record_steps
-from ..runs.states import Step
+from ..runs.steps import Step
 from .task import Drawn, Task
 
 POLICY = "policy"  # the controller's name in the recording

@@ -37,7 +37,8 @@ from ..recorded.joint_table import JointTable
 from ..recorded.processes import Process, UnorderedError
 from ..recorded.run import RecordedRun
 from ..runs.engine import Engine, Record, start_of
-from ..runs.loop import Schedule, reading_of
+from ..runs.loop import reading_of
+from ..runs.schedule import Schedule
 from ..runs.states import (
     ACTIVE,
     APPLIED,

@@ -23,7 +23,8 @@ from ..plans.plan import RunPlan
 from ..recorded.inputs import Bools
 from ..recorded.run import RecordedRun
 from ..runs.engine import Engine, Record, start_of
-from ..runs.loop import Schedule, reading_of
+from ..runs.loop import reading_of
+from ..runs.schedule import Schedule
 from ..runs.states import ACTIVE, EFFORT, FRESH, States
 from .answers import Answers
 from .checks import Column, references

@@ -5,7 +5,7 @@ Compiled code computes them where that is possible and faster, CPython otherwise
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from functools import partial
 from math import inf
@@ -14,18 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trunk_control.controller import Controller
-from trunk_control.decide import Answer
-from trunk_control.laws import law_named
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
-from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import seconds
-from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
-from trunk_sim.disturbances import Disturbance
 from trunk_sim.noise import noise_samples
 from trunk_sim.plant import PlantState
-from trunk_sim.quick import act_for, plant_for, worth_compiling
 from trunk_sim.simulation import DivergedError, diverged
 from trunk_sim.step import Trunk, act, at_rest, noisy
 
@@ -37,41 +31,21 @@ from .loop import (
     DIVERGED,
     FELL,
     LoopState,
-    Schedule,
-    Surroundings,
-    Wire,
     beginning,
     chain_of,
-    continued,
-    for_compiler,
-    participants_of,
-    segment_of,
     states_of,
     surroundings_of,
     values_in,
-    wire_of,
 )
 from .offline import check
+from .schedule import Schedule, Wire, continued, wire_of
+from .segments import Code, SegmentInputs, code_for
 from .states import (
-    ACTING,
     ACTIVE,
-    APPLIED,
-    EFFORT,
     FALLEN,
-    FRESH,
-    OFFSET,
-    POSITION,
-    REFERENCE,
-    SEEN_APPLIED,
-    SEEN_POSITION,
-    SEEN_VELOCITY,
     TERMS,
-    VELOCITY,
     States,
-    Step,
-    keep_states,
     longest,
-    tell_terms,
 )
 
 
@@ -89,9 +63,7 @@ class Checkpoint(NamedTuple):
     history: Floats  # [delay + 1, 4], what the sensors still have to see, a row for each state
     remembered: int  # the oldest state that they have not forgotten
     wire: Wire | None
-    by_hand: (
-        bool  # at times no controller may be active; the last command holds until it is too old
-    )
+    by_hand: bool  # at times nobody may be active: the last command holds until it is too old
 
 
 def start_of(plan: RunPlan) -> Checkpoint:
@@ -127,35 +99,6 @@ def states_of_run(plan: RunPlan, compiled: bool | None = None) -> Iterator[State
     """
     check(plan)
     return Engine(plan, compiled=compiled).states()
-
-
-def steps(plan: RunPlan) -> Iterator[Step]:
-    """Yield a run's states one by one, as CPython computes them. Raises as `states_of_run` does."""
-    laws = {name: law_named(name) for name in plan.controllers}
-    joints, period_ns = plan.simulator.joints, plan.simulator.period_ns
-    for states in states_of_run(plan, compiled=False):
-        for row, values in enumerate(states.table.tolist()):
-            stamp_ns, name = (states.first + row) * period_ns, states.acting(row)
-            answer = None
-            if name:
-                terms = laws[name].no_terms
-                if values[FRESH]:
-                    terms = laws[name].terms(*values[TERMS + 2 :][: len(terms) - 1], False)
-                answer = Answer(
-                    True, values[EFFORT], bool(values[FRESH]), False, values[REFERENCE], terms
-                )
-            truth, measured = (
-                JointSample(
-                    stamp_ns, joints, tuple(values[p]), tuple(values[v]), (0.0, values[torque])
-                )
-                for p, v, torque in (
-                    (POSITION, VELOCITY, APPLIED),
-                    (SEEN_POSITION, SEEN_VELOCITY, SEEN_APPLIED),
-                )
-            )
-            acting = Disturbance(*values[ACTING], *values[OFFSET])
-            turned = tuple((who, on) for at, who, on in states.turned if at == row)
-            yield Step(stamp_ns, truth, measured, acting, name, answer, turned, row in states.falls)
 
 
 # The schedule of the states with indices in [first, stop).
@@ -337,7 +280,7 @@ class Engine:
         state = self._state._replace(memories=chain_of([c.memory for c in controllers]))
         records = {name: c.law.record_names for name, c in self._controllers.items()}
         out = np.empty((stop - first, TERMS + max(map(len, records.values()), default=0)))
-        inputs = _Inputs(
+        inputs = SegmentInputs(
             surroundings,
             state,
             controllers,
@@ -347,7 +290,7 @@ class Engine:
             out,
         )
         if self._code is None:
-            self._code = _code_for(self.plan, first, inputs, self._compiled)
+            self._code = code_for(self.plan, first, inputs, self._compiled)
         self.index, why, self._state = self._code(first, stop, inputs)
         for controller, memory in zip(controllers, values_in(self._state.memories), strict=True):
             controller.memory = memory
@@ -463,85 +406,6 @@ class _Noise:
             self._first = begin
             self._samples = noise_samples(self._seed, self._length, begin)
         return self._samples[first - begin : stop - begin]
-
-
-class _Inputs(NamedTuple):
-    """What a segment takes, as `loop.segment_of` has it, but controllers instead of participants."""
-
-    surroundings: Surroundings
-    state: LoopState
-    controllers: Sequence[Controller]
-    noise: Floats
-    history: Floats
-    schedule: Schedule
-    out: Floats
-
-
-Code = Callable[[int, int, _Inputs], tuple[int, int, LoopState]]
-
-
-def _code_for(plan: RunPlan, first: int, inputs: _Inputs, compiled: bool | None) -> Code:
-    """Return the loop of a run from an index on: compiled, where that pays and can be done, or not.
-
-    Raises PlanError for a law that cannot be ``compiled``, ImportError without numba.
-    """
-    if compiled or (compiled is None and worth_compiling(plan.simulator, first)):
-        try:
-            return _compiled_code(plan, inputs)
-        except (ImportError, PlanError):  # numba is optional but faster
-            if compiled:
-                raise
-    return _plain_code(plan, inputs.controllers)
-
-
-def _plain_code(plan: RunPlan, controllers: Sequence[Controller]) -> Code:
-    """Return the loop in CPython; in a long run, as where numba refuses a law, at least `act` is compiled."""
-    step = act_for(plan.simulator)
-    laws = [controller.law for controller in controllers]
-    segment = segment_of(*laws, keep=keep_states, tell=tell_terms, act=step)
-
-    def code(first: int, stop: int, inputs: _Inputs) -> tuple[int, int, LoopState]:
-        surroundings, state, controllers, *arrays = inputs
-        chain = participants_of(
-            ((c.config, c.setting, c.constants) for c in controllers),
-            plan.simulator.joints,
-        )
-        plant = plant_for(step, surroundings.plant)
-        return segment(first, stop, surroundings._replace(plant=plant), state, chain, *arrays)
-
-    return code
-
-
-_compiled: dict[tuple[str, ...], Callable[..., tuple[int, int, LoopState]]] = {}
-
-
-def _compiled_code(plan: RunPlan, inputs: _Inputs) -> Code:
-    """Return the loop as compiled code, after a call that computes no state. Raises as `_code_for` does."""
-    from trunk_msgs_util.compiled import NumbaError, ready, reason_of
-
-    laws = tuple(controller.law.name for controller in inputs.controllers)
-
-    def given(inputs: _Inputs) -> tuple[Any, ...]:
-        surroundings, state, controllers, *arrays = inputs
-        chain = participants_of(
-            (
-                (c.config, with_arrays(c.setting), tuple(map(with_arrays, c.constants)))
-                for c in controllers
-            ),
-            plan.simulator.joints,
-        )
-        return for_compiler(surroundings), state, chain, *arrays
-
-    if laws not in _compiled:
-        loop = [controller.law for controller in inputs.controllers]
-        segment = segment_of(*loop, keep=keep_states, tell=tell_terms)
-        try:
-            _compiled[laws] = ready(segment, 0, 0, *given(inputs))
-        except NumbaError as error:
-            reason = reason_of(error)
-            raise PlanError(f"{', '.join(laws)}: not compilable: {reason}") from None
-    segment = _compiled[laws]
-    return lambda first, stop, inputs: segment(first, stop, *given(inputs))
 
 
 def _copied(wire: Wire | None) -> Wire | None:

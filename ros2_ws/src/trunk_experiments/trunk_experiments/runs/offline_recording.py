@@ -30,7 +30,8 @@ from .engine import states_of_run
 from .loop import states_of
 from .offline import disturbance_source
 from .state_messages import FELL, PICTURE, PLACES, TURNED, StateMessages
-from .states import APPLIED, POSITION, REFERENCE, VELOCITY, States, Step, in_stretches, longest
+from .states import APPLIED, POSITION, REFERENCE, VELOCITY, States, longest
+from .steps import Step, in_stretches
 
 Progress = Callable[[int, int], None]
 

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
-import numpy as np
-
 from trunk_control.decide import Answer, state_record
-from trunk_control.law import Law, names_of_record
+from trunk_control.law import Law
 from trunk_msgs_util.recording.joint_arrays import Floats
-from trunk_msgs_util.samples import JointSample
 from trunk_sim.disturbances import Disturbance
-from trunk_sim.simulation import DivergedError
 from trunk_sim.step import Measurement, Plant, Trunk
 
 from .loop import Acted
@@ -33,21 +29,6 @@ TERMS = 19  # and following: a law's record of an update, by `Law.record_names`
 # A signal waits for the end of a stretch at most; a stretch also fits into the cache.
 _LONGEST = 4096  # states
 _SUBSTEPS = 1 << 18  # Runge-Kutta steps
-
-
-class Step(NamedTuple):
-    """All messages of one stamp."""
-
-    stamp_ns: int
-    truth: JointSample
-    measured: JointSample
-    acting: Disturbance
-    controller: str  # the controller that answers; empty: none
-    answer: Answer | None
-    turned: tuple[
-        tuple[str, bool], ...
-    ]  # made active or inactive by the schedule, before the answer
-    falls: bool  # the trunk fell in this state
 
 
 class States(NamedTuple):
@@ -118,65 +99,3 @@ def tell_terms(law: Law) -> Callable[[Floats, int, Answer, Measurement], None]:
             out[row, TERMS + i] = said[i]
 
     return write_down
-
-
-def in_stretches(steps: Iterable[Step], states: int, first: int = 0) -> Iterator[States]:
-    """Yield steps that CPython computes, in stretches of states; ``first`` is the first one's index.
-
-    Raises what ``steps`` raises; where that is DivergedError, what was done before it is yielded first.
-    """
-    rows: list[tuple[float, ...]] = []
-    found = _Irregular([], [], [], {})
-    try:
-        for step in steps:
-            rows.append(_row(step))
-            found.take(len(rows) - 1, step)
-            if len(rows) == states:
-                yield States(first, _table(rows), *found)
-                first += len(rows)
-                rows, found = [], _Irregular([], [], [], {})
-    except DivergedError:
-        if rows:
-            yield States(first, _table(rows), *found)
-        raise
-    if rows:
-        yield States(first, _table(rows), *found)
-
-
-class _Irregular(NamedTuple):
-    acts: list[tuple[int, str]]
-    turned: list[tuple[int, str, bool]]
-    falls: list[int]
-    told: dict[str, tuple[str, ...]]
-
-    def take(self, row: int, step: Step) -> None:
-        if not self.acts or self.acts[-1][1] != step.controller:
-            self.acts.append((row, step.controller))
-        self.turned.extend((row, name, active) for name, active in step.turned)
-        if step.falls:
-            self.falls.append(row)
-        if step.answer is not None and step.controller not in self.told:
-            self.told[step.controller] = names_of_record(step.answer.terms)
-
-
-def _table(rows: list[tuple[float, ...]]) -> Floats:
-    width = max(map(len, rows))
-    return np.array([row + (0.0,) * (width - len(row)) for row in rows])
-
-
-def _row(step: Step) -> tuple[float, ...]:
-    truth, measured, answer = step.truth, step.measured, step.answer
-    felt = measured.effort[1]
-    told: tuple[float, ...] = (0.0, 0.0, 0.0, felt, 0.0, 0.0)
-    if answer is not None:
-        said = state_record(answer, measured.position[1]) if answer.fresh else ()
-        told = answer.effort, float(answer.fresh), answer.reference, felt, 1.0, 0.0, *said
-    return (
-        *truth.position,
-        *truth.velocity,
-        *measured.position,
-        *measured.velocity,
-        truth.effort[1],
-        *step.acting,
-        *told,
-    )
