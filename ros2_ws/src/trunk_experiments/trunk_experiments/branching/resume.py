@@ -175,7 +175,7 @@ def _commander(run: RecordedRun, processes: Mapping[str, Process], stamp_ns: int
     for name, process in processes.items():
         if name in run.controllers:
             terms = run.table(topics.controller_state(name))
-            stamps = terms.stamp_ns[process.rows(terms)]
+            stamps = process.stamps(terms)
             last[name] = int(stamps[stamps < stamp_ns].max(initial=-1))
     name = max(last, key=lambda name: last[name], default="")
     return name if last.get(name, -1) >= 0 else ""

@@ -69,9 +69,17 @@ class Process:
             )
         return list(_without_second_reports(_changes(events, self.changed)))
 
+    def sent_all(self, table: JointTable) -> bool:
+        """Return True if every message of a topic is this process's."""
+        return not self.source or table.frames == (self.source,)
+
+    def stamps(self, table: JointTable) -> Integers:
+        """Return the stamps of the messages of a topic that this process sent, ns, in file order."""
+        return table.stamp_ns if self.sent_all(table) else table.stamp_ns[self.rows(table)]
+
     def rows(self, table: JointTable) -> Integers:
         """Return the rows of a topic that this process sent, in the order of the file."""
-        if not self.source or table.frames == (self.source,):
+        if self.sent_all(table):
             return np.arange(len(table))
         if self.source not in table.frames:
             return np.zeros(0, np.int64)

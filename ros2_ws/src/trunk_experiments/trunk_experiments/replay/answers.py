@@ -31,13 +31,15 @@ class Answers:
         commands, self._table = run.table(topics.EFFORT_COMMAND), run.table(self.topic)
         if len(self._table):
             self._table.check_columns("position", len(law_named(process.node).record_names))
-        self._rows = process.rows(commands)
-        self._stamps = commands.stamp_ns[self._rows]
-        self._terms_rows = process.rows(self._table)
-        stamps = self._table.stamp_ns[self._terms_rows]
+        # Rows of all commands and terms; None: they are all this process's.
+        self._rows = None if process.sent_all(commands) else process.rows(commands)
+        self._stamps = process.stamps(commands)
+        self._terms_rows = None if process.sent_all(self._table) else process.rows(self._table)
+        self._terms_stamps = stamps = process.stamps(self._table)
         if (np.diff(stamps) <= 0).any():
-            self._terms_rows = self._terms_rows[np.argsort(stamps, kind="stable")]
-        self._terms_stamps = self._table.stamp_ns[self._terms_rows]
+            order = np.argsort(stamps, kind="stable")
+            self._terms_rows = order if self._terms_rows is None else self._terms_rows[order]
+            self._terms_stamps = stamps[order]
         self._known = True
         self._anew = list(_anew(process, period_ns))
 
@@ -57,7 +59,7 @@ class Answers:
 
     def is_own(self, rows: Integers) -> Bools:
         """Return which of some commands, by their rows, are this process's."""
-        return np.isin(rows, self._rows)
+        return rows >= 0 if self._rows is None else np.isin(rows, self._rows)
 
     def terms_at(self, stamps: Integers) -> tuple[Bools, Floats]:
         """Return for which states there are terms, and which [n, K]; NaN where there are none."""
@@ -68,7 +70,7 @@ class Answers:
             return there, values
         at = np.minimum(np.searchsorted(known, stamps), len(known) - 1)
         there = known[at] == stamps
-        rows = self._terms_rows[at[there]]
+        rows = at[there] if self._terms_rows is None else self._terms_rows[at[there]]
         if len(rows):
             first = int(rows.min())
             values[there] = self._table.positions(first, int(rows.max()) + 1)[rows - first]

@@ -26,6 +26,7 @@ from ..plans.nodes import CONTROLLERS, NODES
 from ..recorded.turns import idle_ns
 
 if TYPE_CHECKING:
+    from trunk_msgs_util.recording.joint_arrays import Integers
     from trunk_sim.config import SimulatorConfig
 
     from ..recorded.run import RecordedRun
@@ -191,7 +192,6 @@ def _order(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     """Yield messages of one process that are doubled, out of order, or belong to no state."""
     period_ns = rerun.simulator.config.period_ns
     states = rerun.stamps
-    ahead = states[-1:] + period_ns
     for relative, nodes in (
         (topics.JOINT_STATES, ["simulator"]),
         (topics.DISTURBANCE, ["disturbance"]),
@@ -204,24 +204,31 @@ def _order(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
         table = run.table(relative)
         for node in nodes:
             for process in run.processes(node) if node in run.parameters else ():
-                stamps = table.stamp_ns[process.rows(table)]
+                stamps = process.stamps(table)
                 if relative == topics.EFFORT_COMMAND and run.exact:
                     stamps = np.sort(stamps)  # a file does not keep the order between publishers
                 falls = np.flatnonzero(np.diff(stamps) <= 0)
                 if len(falls):
                     at = seconds(int(stamps[falls[0] + 1]))
                     yield f"{relative}: the message at t = {at:g} s is doubled or out of order"
-                known = np.append(states, ahead) if relative == topics.DISTURBANCE else states
-                odd = np.setdiff1d(stamps, known)
+                odd = _beyond(stamps, states, period_ns if relative == topics.DISTURBANCE else 0)
                 if len(odd):
                     at = seconds(int(odd[0]))
                     yield f"{relative}: {len(odd)} messages for no state, the first at t = {at:g} s"
     for name in run.controllers:
         terms, commands = run.table(topics.controller_state(name)), run.table(topics.EFFORT_COMMAND)
-        alone = np.setdiff1d(terms.stamp_ns, commands.stamp_ns)
+        alone = _beyond(terms.stamp_ns, commands.stamp_ns, 0)
         if len(alone):
             at = seconds(int(alone[0]))
             yield f"{terms.topic}: {len(alone)} records without a command, the first at t = {at:g} s"
+
+
+def _beyond(stamps: Integers, known: Integers, ahead_ns: int) -> Integers:
+    """Return the stamps that are not among those known, nor ``ahead_ns`` after the last of them."""
+    if np.array_equal(stamps[: len(known)], known):  # an hour's would take much memory to sort
+        stamps = stamps[len(known) :]
+    odd = np.setdiff1d(stamps, known)
+    return odd[odd != int(known.max(initial=-1)) + ahead_ns] if ahead_ns else odd
 
 
 def _falls(run: RecordedRun, rerun: Rerun) -> Iterator[str]:

@@ -85,7 +85,9 @@ class Rerun:
         self._truth, self._measured = (
             run.table(topic) for topic in (topics.GROUND_TRUTH, topics.JOINT_STATES)
         )
-        self._rows = self.simulator.rows(self._truth)
+        # Of the states in their table; None: all of them. Large arrays are not made twice.
+        alone = self.simulator.sent_all(self._truth)
+        self._rows = None if alone else self.simulator.rows(self._truth)
         self._place_states()
         self.inputs = Inputs(run, self._stamps)
         self.plant, self.sensors = Check(PLANT), Check(SENSORS)
@@ -116,7 +118,7 @@ class Rerun:
     def _place_states(self) -> None:
         """Find the states of one run: on the grid, ascending, without an impossible gap."""
         period_ns = self.simulator.config.period_ns
-        stamps = self._truth.stamp_ns[self._rows]
+        stamps = self.simulator.stamps(self._truth)
         odd = (stamps < 0) | (stamps % period_ns != 0)
         odd[1:] |= np.diff(stamps) <= 0
         index = stamps // period_ns
@@ -125,7 +127,7 @@ class Rerun:
         odd[gaps[_MOST_GAPS:] + 1] = True
         end = int(np.argmax(odd)) if odd.any() else len(stamps)
         self.cut_ns: int | None = int(stamps[end]) if odd.any() else None
-        self._rows, self._stamps, self._index = self._rows[:end], stamps[:end], index[:end]
+        self._stamps, self._index = stamps[:end], index[:end]
         begins = np.flatnonzero(np.diff(self._index, prepend=-2) != 1).tolist()
         self.spans = list(zip(begins, [*begins[1:], end][: len(begins)], strict=True))
 
@@ -190,14 +192,14 @@ class Rerun:
                 self._jump(row, self.engine.index)
 
     def _note_divergence(self, row: int) -> None:
-        angle = float(self._truth.values("position")[self._rows[row], 1])
+        angle = float(self._states(row, row + 1)[0, 1])
         stamp_ns = int(self._stamps[row])
         self.plant.note(
             Difference(stamp_ns, self._truth.topic, "position[finite]", angle, float("nan"))
         )
 
     def _jump(self, row: int, index: int) -> None:
-        values = six(self._truth, self._rows[row : row + 1])[0].tolist()
+        values = self._states(row, row + 1)[0].tolist()
         stamp_ns = int(self._stamps[row])
         fallen = any(fell_ns < stamp_ns for fell_ns in self._fell)
         self.engine.jump(index, PlantState(*values[:4]), values[5], fallen)
@@ -235,6 +237,11 @@ class Rerun:
             return Disturbance()
         return Disturbance(*self.inputs.over(slice(row, row + 1)).disturbance[0].tolist())
 
+    def _states(self, first: int, stop: int) -> Floats:
+        """Return positions, velocities and efforts of some of the states [n, 6]."""
+        rows = np.arange(first, stop) if self._rows is None else self._rows[first:stop]
+        return six(self._truth, rows)
+
     # The schedule of the loop.
 
     def _given(self, first: int, stop: int) -> Schedule:
@@ -242,7 +249,7 @@ class Rerun:
         begin = self._span[0] + first - int(self._index[self._span[0]])
         rows = slice(begin, begin + stop - first)
         stamps = self._stamps[rows]
-        truth = six(self._truth, self._rows[rows])
+        truth = self._states(begin, begin + stop - first)
         measured = six(self._measured, self._measured.rows_of(stamps))
         force = self.inputs.over(rows)
         terms = [answers.terms_at(stamps) for answers in self.answers.values()]

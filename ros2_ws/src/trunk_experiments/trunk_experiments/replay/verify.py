@@ -146,7 +146,7 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
             verdict.obstacles.append(describe(lacking))
     settle(run, rerun.simulator, [rerun.plant, rerun.sensors, rerun.nobodys])
     for process in run.processes("disturbance") if run.count(topics.DISTURBANCE) else ():
-        if process.parameters and len(process.rows(run.table(topics.DISTURBANCE))):
+        if process.parameters and len(process.stamps(run.table(topics.DISTURBANCE))):
             check = check_disturbances(run, process)
             settle(run, process, [check])
             verdict.checks.append(check)
@@ -200,7 +200,7 @@ def is_whole(run: RecordedRun, process: Process) -> bool:
         or not run.sourced
         or all(
             topic in run.recording.topics
-            and len(process.rows(run.table(run.recording.relative(topic)))) == count
+            and len(process.stamps(run.table(run.recording.relative(topic)))) == count
             for topic, count in counts.items()
         )
     )
@@ -237,9 +237,9 @@ def _missing(run: RecordedRun, rerun: Rerun) -> list[str]:
         return [*lines, f"{topics.GROUND_TRUTH}: no messages"]
     last = int(states[-1]) // period_ns
     lines += _absent(topics.GROUND_TRUTH, last + 1 - len(states), _first_gap(states, period_ns))
-    measured = run.table(topics.JOINT_STATES).stamp_ns
+    measured = run.table(topics.JOINT_STATES)
     known = {
-        topics.JOINT_STATES: np.isin(states, measured),
+        topics.JOINT_STATES: measured.rows_of(states) >= 0,
         topics.EFFORT_COMMAND: rerun.inputs.command_known,
         topics.DISTURBANCE: rerun.inputs.disturbance_known,
     }
@@ -253,7 +253,7 @@ def _missing(run: RecordedRun, rerun: Rerun) -> list[str]:
     for node, relative in (("simulator", topics.JOINT_STATES), ("disturbance", topics.DISTURBANCE)):
         for process in run.processes(node) if node in run.parameters else ():
             table = run.table(relative)
-            lines += _disorder(relative, table.stamp_ns[process.rows(table)])
+            lines += _disorder(relative, process.stamps(table))
     commands = np.sort(run.table(topics.EFFORT_COMMAND).stamp_ns)
     lines += _disorder(topics.EFFORT_COMMAND, commands) if run.exact else []
     if not rerun.answers and not run.another_controller:
