@@ -69,21 +69,24 @@ class Process:
             )
         return list(_without_second_reports(_changes(events, self.changed)))
 
+    def _frames(self, table: JointTable) -> list[int]:
+        """Return which frames of a topic are this process's; that of an input begins with its source."""
+        frames = [frame.partition(" ")[0] for frame in table.frames]
+        return [place for place, source in enumerate(frames) if source == self.source]
+
     def sent_all(self, table: JointTable) -> bool:
         """Return True if every message of a topic is this process's."""
-        return not self.source or table.frames == (self.source,)
-
-    def stamps(self, table: JointTable) -> Integers:
-        """Return the stamps of the messages of a topic that this process sent, ns, in file order."""
-        return table.stamp_ns if self.sent_all(table) else table.stamp_ns[self.rows(table)]
+        return not self.source or len(self._frames(table)) == len(table.frames)
 
     def rows(self, table: JointTable) -> Integers:
         """Return the rows of a topic that this process sent, in the order of the file."""
         if self.sent_all(table):
             return np.arange(len(table))
-        if self.source not in table.frames:
-            return np.zeros(0, np.int64)
-        return np.flatnonzero(table.frame == table.frames.index(self.source))
+        return np.flatnonzero(np.isin(table.frame, self._frames(table)))
+
+    def stamps(self, table: JointTable) -> Integers:
+        """Return the stamps of the messages of a topic that this process sent, ns, in file order."""
+        return table.stamp_ns if self.sent_all(table) else table.stamp_ns[self.rows(table)]
 
     @property
     def published(self) -> Mapping[str, int] | None:
@@ -178,3 +181,22 @@ def _only_process(run: RecordedRun, node: str, name: str) -> Process:
         mine.append(event)
     parameters = run.parameters.get(node, {})
     return Process(node, "", str(run.path), parameters, mine, run.parameter_changes(node))
+
+
+def is_whole(run: RecordedRun, process: Process) -> bool:
+    """Return True if all that a process sent is on record, so that it can be held to it."""
+    if run.mode == "offline":
+        return True
+    complete = (run.recording.end or {}).get("complete") == "true"
+    counts = process.published
+    if counts is None:
+        return complete and run.exact
+    return (
+        complete
+        or not run.sourced
+        or all(
+            topic in run.recording.topics
+            and len(process.stamps(run.table(run.recording.relative(topic)))) == count
+            for topic, count in counts.items()
+        )
+    )

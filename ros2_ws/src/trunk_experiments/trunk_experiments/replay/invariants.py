@@ -22,7 +22,10 @@ from trunk_sim.hardware_parameters import LINK
 from trunk_sim.operator_input import Applied
 from trunk_sim.traffic import Traffic
 
+from ..errors import PlanError
 from ..plans.nodes import CONTROLLERS, NODES
+from ..plans.plan import check_rates
+from ..recorded.processes import is_whole
 from ..recorded.turns import idle_ns
 
 if TYPE_CHECKING:
@@ -71,13 +74,14 @@ def contradictions(run: RecordedRun, rerun: Rerun) -> list[str]:
         *_order(run, rerun),
         *_falls(run, rerun),
         *_parameters(run),
-        *_mode(run),
+        *_mode(run, rerun),
         *_pushes(run, rerun),
         *_links(run, rerun),
         *(
             f"run/events: {name} was to become {'active' if on else 'inactive'} at "
             f"t = {seconds(stamp_ns):g} s, and no event says that it did"
             for stamp_ns, name, on in rerun.unreported
+            if is_whole(run, rerun.answers[name].process)
         ),
     ]
 
@@ -85,6 +89,11 @@ def contradictions(run: RecordedRun, rerun: Rerun) -> list[str]:
 def _joints(run: RecordedRun) -> Iterator[str]:
     """Yield where messages name other joints than the parameters, or hold other quantities."""
     joints = run.config("simulator").joints
+    for node in ("disturbance", *run.judgeable):
+        config = run.config(node) if node in run.parameters else None
+        named = () if config is None else getattr(config, "joints", None) or (config.joint,)
+        if not set(named) <= set(joints):
+            yield f"{node}: {', '.join(named)}: the simulator's joints are {', '.join(joints)}"
     every = ("position", "velocity", "effort")
     known = [name for name in run.controllers if name in CONTROLLERS and name in run.parameters]
     expected = {
@@ -173,8 +182,13 @@ def _counts(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
         for process in run.processes(node) if node in run.parameters else ():
             if process.published is None:
                 uncounted |= {run.recording.topic(topic) for topic in _published_by(node)}
-            else:
-                claims.update(process.published)
+                continue
+            claims.update(process.published)
+            for topic, count in process.published.items() if process.source else ():
+                known = topic in run.recording.topics
+                own = len(process.stamps(run.table(run.recording.relative(topic)))) if known else 0
+                if own != count and not anew:
+                    yield f"{topic}: {own} messages of {process.source}, which published {count}"
     for topic, count in claims.items():
         there = run.recording.topics.get(topic)
         messages = there.count if there else 0
@@ -215,6 +229,12 @@ def _order(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
                 if len(odd):
                     at = seconds(int(odd[0]))
                     yield f"{relative}: {len(odd)} messages for no state, the first at t = {at:g} s"
+    if run.exact and run.count(topics.DISTURBANCE) and len(states):
+        process = run.processes("disturbance")[0]
+        last = int(states[-1]) + process.config.period_ns
+        counted = run.mode == "offline" or process.published is not None
+        if counted and last not in run.table(topics.DISTURBANCE):
+            yield f"{topics.DISTURBANCE}: none for the step after the last state"
     for name in run.controllers:
         terms, commands = run.table(topics.controller_state(name)), run.table(topics.EFFORT_COMMAND)
         alone = _beyond(terms.stamp_ns, commands.stamp_ns, 0)
@@ -235,6 +255,10 @@ def _falls(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     """Yield falls whose angle is not that of their state, or whose limit is not the one in force."""
     truth = run.table(topics.GROUND_TRUTH)
     timeline = run.timeline("simulator")
+    simulator = run.recording.topic("simulator")
+    for event in run.events:
+        if event.message == Event.FELL and event.node != simulator:
+            yield f"run/events: {event.message!r} of {event.node}, which is not the simulator"
     for event in rerun.simulator.events:
         if event.message != Event.FELL or event.stamp_ns not in truth:
             continue
@@ -283,7 +307,7 @@ def _parameters(run: RecordedRun) -> Iterator[str]:
             return
 
 
-def _mode(run: RecordedRun) -> Iterator[str]:
+def _mode(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     """Yield where mode and controllers of the run's origin are not those of its nodes."""
     if run.mode not in (*_MODES, "offline"):
         yield f"mode {run.mode!r}: the modes are real_time, lockstep and offline"
@@ -293,6 +317,11 @@ def _mode(run: RecordedRun) -> Iterator[str]:
     for node in ("simulator", *run.judgeable) if run.mode in _MODES else ():
         if run.config(node).lockstep != _MODES[run.mode]:
             yield f"mode {run.mode}, but {node} has lockstep.enabled = {run.config(node).lockstep}"
+    if run.mode == "lockstep":
+        try:
+            check_rates(rerun.engine.plan)
+        except PlanError as error:
+            yield str(error)
     planned = run.recording.provenance.get("controller", "").split()
     if not set(run.controllers) <= {*planned, *(run.joined if planned else run.controllers)}:
         names = ", ".join(run.controllers)

@@ -293,9 +293,7 @@ class Rerun:
         self._take_plant(states, window, rows)
         self._take_sensors(states, window, rows)
         self._take_answers(states, window)
-        if not self._partial:
-            turns = [(int(window.stamps[row]), name, on) for row, name, on in states.turned]
-            self.unreported += turns
+        self.unreported += [(int(window.stamps[row]), name, on) for row, name, on in states.turned]
 
     def _take_plant(self, states: States, window: _Window, rows: Integers) -> None:
         judged = self._follows(rows)

@@ -13,7 +13,7 @@ from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import seconds
 
 from ..plans.nodes import CONTROLLERS, NODES, unknown_controllers
-from ..recorded.processes import Process
+from ..recorded.processes import Process, is_whole
 from ..recorded.run import RecordedRun
 from .checks import describe
 from .in_force import check_disturbances, check_inputs
@@ -98,6 +98,8 @@ def _unjudgeable(run: RecordedRun) -> str:
     if not (known or strange or run.another_controller):
         unknown = unknown_controllers(run.controllers)
         return unknown or "no known controller's state is recorded"
+    if "simulator" in run.parameters and not run.count(topics.GROUND_TRUTH):
+        return f"{topics.GROUND_TRUTH}: no messages, but a simulator of ours ran"
     plant = {"simulator"} if run.count(topics.GROUND_TRUTH) else set()
     disturbed = {"disturbance"} if run.count(topics.DISTURBANCE) and not run.sourced else set()
     laws = set(run.controllers) if known else set()
@@ -185,25 +187,6 @@ def _rivals(run: RecordedRun, rerun: Rerun) -> str:
     if not twice:
         return ""
     return f"two controllers, or one that was restarted, from t = {seconds(min(twice)):g} s on"
-
-
-def is_whole(run: RecordedRun, process: Process) -> bool:
-    """Return True if all that a process sent is on record, so that it can be held to it."""
-    if run.mode == "offline":
-        return True
-    complete = (run.recording.end or {}).get("complete") == "true"
-    counts = process.published
-    if counts is None:
-        return complete and run.exact
-    return (
-        complete
-        or not run.sourced
-        or all(
-            topic in run.recording.topics
-            and len(process.stamps(run.table(run.recording.relative(topic)))) == count
-            for topic, count in counts.items()
-        )
-    )
 
 
 def settle(run: RecordedRun, process: Process, checks: list[Check]) -> None:
