@@ -22,6 +22,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import sample_to_ros
 from trunk_msgs_util.samples import JointSample
@@ -66,20 +67,15 @@ class Play:
             self._prepare(incident)
         plan = self.trial.plan()
         plan.write_parameters(self._folder / "params.yaml")
-        stranger = "stranger instead" in self.trial.kinds
-        absent = {"recorder"} if self.trial.recorder_s is not None else set()
-        absent |= {self.trial.controller} if stranger else set()
         for name in plan.configs:
-            if name not in absent:
+            if name not in self.trial.absent:
                 self._start(name)
-        if stranger:
+        if "stranger instead" in self.trial.kinds:
             self._start_stranger(0.5)
         self._wait(self._begun, "the run begins")
         now = time.monotonic()
         for incident in self.trial.incidents:
             self._due.append((now + incident.at_s, partial(self._strike, incident)))
-        if self.trial.recorder_s is not None:
-            self._due.append((now + self.trial.recorder_s, partial(self._start, "recorder")))
         patience_s = _LATE * self.trial.duration + 10.0
         self._peer.until(
             lambda: self._over() or time.monotonic() > now + patience_s, "the run is over"
@@ -137,6 +133,8 @@ class Play:
 
     def _prepare(self, incident: Incident) -> None:
         kind, node = incident.kind, f"/{incident.node}"
+        if incident.held:
+            self._client("/simulator/pause", SetBool)
         create = self._peer.node.create_publisher
         if kind in _TRANSITIONS:
             self._client(f"{node}/change_state", ChangeState)
@@ -181,13 +179,14 @@ class Play:
             publisher = self._peer.node.create_publisher(Float64, f"/{node}", 10)
             publisher.publish(Float64(data=1.0))
         elif kind == "stranger":
-            self._start_stranger(value)
-        elif kind == "namesake":
-            self._start(node)
+            self._held(incident, partial(self._start_stranger, value))
+        elif kind in ("begin", "namesake"):
+            self._held(incident, partial(self._start, node))
         else:
-            self._signal(kind, node, value)
+            self._signal(incident)
 
-    def _signal(self, kind: str, node: str, value: Any) -> None:
+    def _signal(self, incident: Incident) -> None:
+        _, kind, node, value, _ = incident
         child = next((c for c in self.processes[node] if c.process.poll() is None), None)
         if child is None:
             return
@@ -200,7 +199,31 @@ class Play:
             child.send(signal.SIGKILL)
             self.changes.pop(node, None)
             if kind == "restart":
-                self._due.append((time.monotonic() + value, partial(self._start, node)))
+                start = partial(self._held, incident, partial(self._start, node))
+                self._due.append((time.monotonic() + value, start))
+
+    def _held(self, incident: Incident, start: Callable[[], Child]) -> None:
+        """Start a process; the plant is paused meanwhile, if it is to be: a busy machine takes its time."""
+        before = self._signs(incident.node)
+        if incident.held:
+            self._ask("/simulator/pause", SetBool.Request(data=True))
+        child = start()
+        if incident.held:
+            self._resume(child, incident.node, before)
+
+    def _resume(self, child: Child, node: str, before: int) -> None:
+        """Let the plant go on once a process that was started acts, or has ended."""
+        if child.process.poll() is None and self._signs(node) == before:
+            again = partial(self._resume, child, node, before)
+            self._due.append((time.monotonic() + _ASK_AGAIN_S, again))
+        else:
+            self._ask("/simulator/pause", SetBool.Request(data=False))
+
+    def _signs(self, node: str) -> int:
+        """Return how often a node was activated; without a name: how many give commands."""
+        if not node:
+            return self._peer.node.count_publishers(f"/{topics.EFFORT_COMMAND}")
+        return [event[:2] for event in self._peer.events].count((f"/{node}", Event.ACTIVATED))
 
     def _ask(self, service: str, request: Any) -> Any:
         """Call a service without waiting for the answer; return the call, None if nobody is there yet."""
@@ -233,17 +256,19 @@ class Play:
         if response is not None and response.result.successful and not ended:
             self.changes[node].append(values)
 
-    def _start(self, name: str) -> None:
+    def _start(self, name: str) -> Child:
         children = self.processes[name]
         given: list[object] = ["--params-file", self._folder / "params.yaml"]
         if name == "recorder":
             given.append(f"output:={self._folder / 'run.mcap'}")
         children.append(self._children.node(name, *given, name=f"{name}_{len(children)}"))
+        return children[-1]
 
-    def _start_stranger(self, gain: float) -> None:
+    def _start_stranger(self, gain: float) -> Child:
         frame = self._folder.name if self.trial.seed % 2 else ""
         child = self._children.start("stranger", sys.executable, _STRANGER, gain, frame)
         self.processes["stranger"].append(child)
+        return child
 
 
 def _ended(children: Iterable[Child]) -> bool:

@@ -20,6 +20,7 @@ CONTROLLERS = ("pid", "fuzzy_pid", "lqr", "computed_torque")
 RATES = (200.0, 250.0, 333.0, 500.0, 1000.0)
 CLEAN = "clean"
 _CLEAN_SHARE = 0.15
+_STARTS = ("begin", "restart", "namesake", "stranger")  # a process
 
 
 class Incident(NamedTuple):
@@ -29,11 +30,13 @@ class Incident(NamedTuple):
     kind: str
     node: str = ""
     value: Any = None
+    held: bool = False  # is the plant paused until a process that is started acts?
 
     def describe(self) -> str:
         """Return it as a few words."""
-        value = "" if self.value is None else f" {self.value}"
-        return f"{self.kind} {self.node}{value} at {self.at_s:.3f} s".replace("  ", " ")
+        words = [self.kind, self.node, "" if self.value is None else str(self.value)]
+        words += [f"at {self.at_s:.3f} s", ", the plant waits" if self.held else ""]
+        return " ".join(filter(None, words)).replace(" ,", ",")
 
 
 class Trial(NamedTuple):
@@ -48,19 +51,23 @@ class Trial(NamedTuple):
     incidents: tuple[Incident, ...]
     settings: tuple[tuple[str, object], ...]  # NODE.PARAMETER and value
     simulator: Mapping[str, Value]  # links and a drive
-    recorder_s: float | None = None  # how long after the start it comes; None: before
     recorder_last: bool = True  # of those that are stopped at the end
 
     def describe(self) -> str:
         """Return the trial as a line."""
         kinds = ", ".join(self.kinds) or CLEAN
-        late = [] if self.recorder_s is None else [f"recorder at {self.recorder_s:.2f} s"]
         early = [] if self.recorder_last else ["recorder stopped first"]
-        done = "; ".join([*map(Incident.describe, self.incidents), *late, *early])
+        done = "; ".join([*map(Incident.describe, self.incidents), *early])
         return (
             f"seed {self.seed} ({kinds}; {self.controller}, {self.rate:g} Hz, "
             f"{self.duration:g} s){': ' if done else ''}{done}"
         )
+
+    @property
+    def absent(self) -> set[str]:
+        """The nodes that are not started with the others."""
+        begun = {incident.node for incident in self.incidents if incident.kind == "begin"}
+        return begun | ({self.controller} if "stranger instead" in self.kinds else set())
 
     def plan(self) -> RunPlan:
         """Return the plan of its nodes."""
@@ -71,8 +78,8 @@ class Trial(NamedTuple):
             everywhere={"duration": self.duration, "update_rate": self.rate},
             standby=[self.second] if self.second else (),
         )
-        absent = {"effort_command"} if "stranger instead" in self.kinds else set()
-        absent |= set() if self.recorder_s is None else {"recorder"}
+        answers = {self.controller: "effort_command"}
+        absent = {answers.get(name, name) for name in self.absent}
         values = {**values_of(plan.simulator), **self.simulator}
         values["wait_for"] = tuple(n for n in plan.simulator.wait_for if n not in absent)
         return replace(plan, simulator=build(SimulatorConfig, values))
@@ -91,14 +98,15 @@ class _Draft:
         self.incidents: list[Incident] = []
         self.settings: dict[str, object] = {}
         self.simulator: dict[str, Value] = {}
-        self.recorder_s: float | None = None
         self.recorder_last = True
 
     def when(self) -> float:
         return self.chance.uniform(0.0, self.duration)
 
     def add(self, kind: str, node: str = "", value: Any = None, at_s: float | None = None) -> None:
-        self.incidents.append(Incident(self.when() if at_s is None else at_s, kind, node, value))
+        held = kind in _STARTS and self.chance.random() < 0.5
+        at_s = self.when() if at_s is None else at_s
+        self.incidents.append(Incident(at_s, kind, node, value, held))
 
     # Kinds of disturbance.
 
@@ -121,7 +129,7 @@ class _Draft:
         self.add("kill", "recorder")
 
     def recorder_late(self) -> None:
-        self.recorder_s = round(self.chance.uniform(0.0, 0.8 * self.duration), 2)
+        self.add("begin", "recorder")
 
     def recorder_first(self) -> None:
         self.recorder_last = False
@@ -202,6 +210,11 @@ class _Draft:
     def stranger_with(self) -> None:
         self.add("stranger", value=round(self.chance.uniform(0.1, 2.0), 2))
 
+    def stranger_after(self) -> None:
+        at_s = self.when()
+        self.add("kill", self.controller, at_s=at_s)
+        self.add("stranger", value=0.5, at_s=at_s + 0.05)
+
     def stranger_instead(self) -> None:
         """Start it with the others: the simulator waits for no controller of ours."""
 
@@ -229,6 +242,7 @@ KINDS: dict[str, tuple[float, Callable[[_Draft], None]]] = {
     "references": (0.7, _Draft.references),
     "mistyped": (0.7, _Draft.mistyped),
     "stranger with": (1.0, _Draft.stranger_with),
+    "stranger after": (0.7, _Draft.stranger_after),
     "stranger instead": (0.7, _Draft.stranger_instead),
 }
 
@@ -253,7 +267,6 @@ def draw(seed: int) -> Trial:
         tuple(sorted(draft.incidents, key=lambda incident: incident.at_s)),
         tuple(draft.settings.items()),
         draft.simulator,
-        draft.recorder_s,
         draft.recorder_last,
     )
     return trial._replace(incidents=_with_values(trial, draft.rng))
