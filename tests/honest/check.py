@@ -166,7 +166,7 @@ def busy(count: int) -> Iterator[None]:
 
 
 def check(seeds: list[int], workers: int, folder: Path) -> int:
-    """Play the seeds, print failures and totals, and return how many failed."""
+    """Play the seeds, print failures and, even if it is interrupted, totals; return how many failed."""
     rows: dict[str, Counter[str]] = {}
     total: Counter[str] = Counter()
     pool = ProcessPoolExecutor(workers, get_context("spawn"), _begin_worker)
@@ -176,12 +176,17 @@ def check(seeds: list[int], workers: int, folder: Path) -> int:
             for kind in outcome.kinds or (CLEAN,):
                 rows.setdefault(kind, Counter()).update({"runs", *outcome.columns})
             total.update({"runs", *outcome.columns})
-            for line in outcome.failures:
-                print(f"{line}\n    {outcome.trial}", flush=True)
-            if not outcome.failures:
+            if outcome.failures:
+                print(f"{outcome.trial}: {'; '.join(outcome.failures)}", flush=True)
+            else:
                 shutil.rmtree(folder / str(outcome.seed))
     finally:
         pool.shutdown(wait=sys.exc_info()[0] is None, cancel_futures=True)
+        _report(rows, total)
+    return total["failed"]
+
+
+def _report(rows: dict[str, Counter[str]], total: Counter[str]) -> None:
     heads = ("runs", *_COLUMNS)
     print(f"{'kind':22}" + "".join(f"{head:>{len(head) + 3}}" for head in heads))
     for kind, row in sorted(rows.items()):
@@ -191,7 +196,6 @@ def check(seeds: list[int], workers: int, folder: Path) -> int:
         f"{total['inconclusive']} inconclusive, {total['no file']} without a file, "
         f"{total['diverge']} diverge, {total['falsely complete']} falsely complete"
     )
-    return total["failed"]
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
