@@ -44,8 +44,6 @@ class Outcome(NamedTuple):
             return f"verify raised {self.raised}"
         if self.exit_code == VERIFIED and not self.reason:
             return "verified"
-        if self.exit_code not in (VERIFIED, None) and self.reason:
-            return f"refused, but listed as let pass: {self.reason}"
         return ""
 
 
