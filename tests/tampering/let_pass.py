@@ -1,7 +1,7 @@
 """What `trunk verify` lets pass although the digests were written anew, and why.
 
-A pattern matches an edit's whole name: the base, the kind, what is edited. What is listed may pass: none of it
-changes a state, a command, a term, a disturbance that acted, a fall or a metric.
+A pattern matches an edit's whole name: the base, the kind, what is edited. What is listed may pass:
+none of it changes a state, a command, a term, a disturbance that acted, a fall or a metric.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LET_PASS: tuple[tuple[str, str], ...] = (
         "a message whose names and values are turned: the same numbers, by name",
     ),
     (
-        rf"{_ANY}: (sequence|log times|order): .*",
+        rf"{_ANY}: (sequence|log times|order|order across topics): .*",
         "sequence numbers, log and publish times, and order in the file: stamps give the order of the run",
     ),
     (
@@ -37,12 +37,19 @@ LET_PASS: tuple[tuple[str, str], ...] = (
         "when an event was received: its stamp says where it belongs",
     ),
     (
-        rf"{_ANY}: event's content: .*, (another level|another hardware_id|a value more|a second status|a frame_id)",
+        (
+            rf"{_ANY}: event's content: .*, "
+            r"(another level|another hardware_id|a value more|a second status|a frame_id)"
+        ),
         "what surrounds an event in its message",
     ),
     (
-        rf"{_ANY}: event( \w+|'s \w+): {_STILL}( half way| at the end|,.*| \+.*| -.*| to .*|)"
-        rf"|{_ANY}: events: all (of (recorder|disturbance|simulator)|ready|published|configured) .*",
+        (
+            rf"{_ANY}: event( \w+|'s \w+): {_STILL}( half way| at the end|,.*| \+.*| -.*| to .*|)"
+            rf"|{_ANY}: events: all (of (recorder|disturbance|simulator)"
+            r"|ready|published|configured|paused|resumed) .*"
+            rf"|{_ANY}: event stamped: /simulator started .*"
+        ),
         "events on which no state depends: how a run was started, watched, held and counted",
     ),
     (
@@ -50,8 +57,10 @@ LET_PASS: tuple[tuple[str, str], ...] = (
         "a second turn, reset or fall between the same two states",
     ),
     (
-        rf"{_ANY}: event added: ((fuzzy_pid|pid) (reset|activated|deactivated|cleaned up|fell)|simulator (reset|paused))"
-        r" (half way|at the end)",
+        (
+            rf"{_ANY}: event added: ((fuzzy_pid|pid) (reset|activated|deactivated|cleaned up)"
+            r"|simulator (reset|paused)) (half way|at the end)"
+        ),
         "a reset or a turn of a controller while another acts, and any after the last state",
     ),
     (
@@ -63,14 +72,19 @@ LET_PASS: tuple[tuple[str, str], ...] = (
         "in real time, a turn that the controller's own schedule makes at the same state",
     ),
     (
-        rf"{_ANY}: parameter (another type|a value of another type besides|doubled): .*"
-        rf"|{_ANY}: parameter (not set|removed): recorder\..*",
+        (
+            rf"{_ANY}: parameter (another type|a value of another type besides|doubled): .*"
+            rf"|{_ANY}: parameter (not set|removed): recorder\..*"
+        ),
         "how a parameter is written, its value being the same",
     ),
     (
-        rf"{_ANY}: parameters' message: \w+, (set|changed), (sequence|publish time|log time|one deleted too"
-        r"|order of parameters|to the end|to the beginning).*"
-        rf"|{_ANY}: parameters' message: \w+, set, stamp .*",
+        (
+            rf"{_ANY}: parameters' message: \w+, (set|changed), "
+            r"(sequence|publish time|log time|one deleted too"
+            r"|order of parameters|to the end|to the beginning).*"
+            rf"|{_ANY}: parameters' message: \w+, set, stamp .*"
+        ),
         "when a set of parameters was received, and how it is written",
     ),
     (
@@ -78,7 +92,7 @@ LET_PASS: tuple[tuple[str, str], ...] = (
         "the recorder's own parameters: the file is there",
     ),
     (
-        "lockstep: mode: 'offline', parameters too, without lifecycle",
+        "lockstep: mode: 'offline', (parameters too, )?without lifecycle",
         "a lock-step run without its nodes' events, called offline: the same numbers",
     ),
     (
