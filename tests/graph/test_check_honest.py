@@ -20,6 +20,7 @@ pytestmark = pytest.mark.graph
 CHECK = (sys.executable, Path(__file__).parents[2] / "scripts" / "check_honest.py")
 
 
+@pytest.mark.long
 def test_two_runs(children: Children) -> None:
     check = children.start("check", *CHECK, 2, "--workers", 2, "--busy", 1)
     assert check.wait() == 0, check.stdout + check.stderr
@@ -27,6 +28,7 @@ def test_two_runs(children: Children) -> None:
     assert re.fullmatch(r"2 honest runs: .* 0 diverge, 0 falsely complete", last), last
 
 
+@pytest.mark.long
 def test_it_ends_what_it_started(children: Children) -> None:
     check = children.start("check", *CHECK, 50)
     until(lambda: len(children.pids()) > 8, "it starts processes, they start nodes")
