@@ -32,14 +32,19 @@ class Answers:
         if len(self._table):
             self._table.check_columns("position", len(law_named(process.node).record_names))
         # Rows of all commands and terms; None: they are all this process's.
-        self._rows = None if process.sent_all(commands) else process.rows(commands)
-        self._stamps = process.stamps(commands)
         self._terms_rows = None if process.sent_all(self._table) else process.rows(self._table)
         self._terms_stamps = stamps = process.stamps(self._table)
         if (np.diff(stamps) <= 0).any():
             order = np.argsort(stamps, kind="stable")
             self._terms_rows = order if self._terms_rows is None else self._terms_rows[order]
             self._terms_stamps = stamps[order]
+        self._rows = None if process.sent_all(commands) else process.rows(commands)
+        self._stamps = process.stamps(commands)
+        if not process.source and run.count(
+            topics.PLANT_INPUTS
+        ):  # a copy of a real-time run: its terms tell whose
+            self._rows = np.flatnonzero(np.isin(self._stamps, self._terms_stamps))
+            self._stamps = self._stamps[self._rows]
         self._known = True
         self._anew = list(_anew(process, period_ns))
 

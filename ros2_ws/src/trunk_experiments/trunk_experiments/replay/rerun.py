@@ -293,7 +293,9 @@ class Rerun:
         self._take_plant(states, window, rows)
         self._take_sensors(states, window, rows)
         self._take_answers(states, window)
-        self.unreported += [(int(window.stamps[row]), name, on) for row, name, on in states.turned]
+        if not self._partial:  # states that a controller was not given turn nothing
+            turned = states.turned
+            self.unreported += [(int(window.stamps[row]), name, on) for row, name, on in turned]
 
     def _take_plant(self, states: States, window: _Window, rows: Integers) -> None:
         judged = self._follows(rows)
