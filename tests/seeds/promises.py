@@ -157,7 +157,7 @@ def _what_acted(found: RecordedRun) -> Iterator[str]:
         (topics.DISTURBANCE, 1, "effort"),
     ):
         table = found.table(topic)
-        values = table.values(quantity)[:, 0]
+        values = table.values(quantity)[:, 0] if len(table) else ()
         there = {
             (stamp, table.frames[frame]): value
             for stamp, frame, value in zip(table.stamps, table.frame, values, strict=True)

@@ -28,8 +28,8 @@ from ..plans.nodes import CONTROLLERS
 from ..plans.plan import RunPlan
 from ..runs.loop import (
     DIVERGED,
-    Acted,
     Chain,
+    Decision,
     LoopState,
     Surroundings,
     beginning,
@@ -84,7 +84,7 @@ def keep_rows(
     acting: Disturbance,
     measured: Measurement,
     felt: float,
-    acted: Acted,
+    acted: Decision,
     effort: float,
     plant: Plant,
 ) -> None:

@@ -22,7 +22,7 @@ REPRODUCED, PARTLY, NOT = "reproduced", "partly", "not reproduced"
 
 
 @dataclass(frozen=True)
-class Check:
+class ClaimCheck:
     """One comparison ``value relation bound``, true or not."""
 
     figure: str
@@ -80,7 +80,7 @@ class Claim:
     paper: str  # what it says, in short
     tolerance: str
     why: str  # what causes the result; no verdict, and no number of a run
-    checks: Callable[[Runs, str], list[Check]]
+    checks: Callable[[Runs, str], list[ClaimCheck]]
     see: tuple[str, str] | None = None  # a part of the report that says more: its id and its name
 
 
@@ -89,7 +89,7 @@ class ClaimVerdict:
     """The result of a claim for one set of runs."""
 
     claim: Claim
-    checks: tuple[Check, ...]
+    checks: tuple[ClaimCheck, ...]
 
     @property
     def word(self) -> str:
@@ -138,12 +138,12 @@ _WORDS = {
 
 def _within(
     figure: str, contenders: tuple[str, ...], key: str, bound: float, relation: str = "<="
-) -> Callable[[Runs, str], list[Check]]:
+) -> Callable[[Runs, str], list[ClaimCheck]]:
     """Return the checks of a metric against a fixed bound."""
 
-    def checks(runs: Runs, profile: str) -> list[Check]:
+    def checks(runs: Runs, profile: str) -> list[ClaimCheck]:
         return [
-            Check(
+            ClaimCheck(
                 figure,
                 name,
                 _WORDS[key],
@@ -158,13 +158,13 @@ def _within(
     return checks
 
 
-def _pid_worse(figure: str, key: str) -> Callable[[Runs, str], list[Check]]:
+def _pid_worse(figure: str, key: str) -> Callable[[Runs, str], list[ClaimCheck]]:
     """Return the checks that each PID's metric is larger than Fuzzy-PID's with the printed tables."""
 
-    def checks(runs: Runs, profile: str) -> list[Check]:
+    def checks(runs: Runs, profile: str) -> list[ClaimCheck]:
         bound = runs[Case(profile, figure, FUZZY[0])].value(key)
         return [
-            Check(
+            ClaimCheck(
                 figure,
                 name,
                 f"{_WORDS[key]}{_ABOVE}",
@@ -180,7 +180,9 @@ def _pid_worse(figure: str, key: str) -> Callable[[Runs, str], list[Check]]:
     return checks
 
 
-def _all(*parts: Callable[[Runs, str], list[Check]]) -> Callable[[Runs, str], list[Check]]:
+def _all(
+    *parts: Callable[[Runs, str], list[ClaimCheck]],
+) -> Callable[[Runs, str], list[ClaimCheck]]:
     return lambda runs, profile: [check for part in parts for check in part(runs, profile)]
 
 

@@ -34,13 +34,13 @@ class InForce(NamedTuple):
 
     command: Floats  # [n] over the step from the state, N m; NaN: not on record
     command_ns: Integers  # [n], the state that it answers
-    command_source: Integers  # [n], index into `Inputs.sources`
+    command_source: Integers  # [n], index into `RecordedInputs.sources`
     disturbance: Floats  # [n, 4], in the order of the channels; zeros where it is not on record
     disturbance_ns: Integers  # [n]
     disturbance_source: Integers  # [n]
 
 
-class Inputs:
+class RecordedInputs:
     """A run's inputs. ``command_known`` [N], ``disturbance_known`` [N]: what is on record of each state's."""
 
     def __init__(self, run: RecordedRun, stamps: Integers) -> None:

@@ -16,7 +16,7 @@ from trunk_msgs_util.units import seconds
 from ..plans.nodes import unknown_controllers
 from ..plans.operated import RealTimeInputs
 from ..plans.plan import RunPlan
-from .inputs import Inputs
+from .inputs import RecordedInputs
 from .run import RecordedRun, usable
 
 
@@ -55,7 +55,7 @@ def inputs_of(run: RecordedRun) -> RealTimeInputs | None:
     """
     period_ns = run.config("simulator").period_ns
     stamps = run.table(topics.GROUND_TRUTH).stamp_ns
-    inputs = Inputs(run, stamps)
+    inputs = RecordedInputs(run, stamps)
     if not inputs.recorded:
         return None
     lost = np.flatnonzero(~inputs.command_known)

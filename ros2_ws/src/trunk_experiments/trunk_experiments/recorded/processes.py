@@ -5,7 +5,7 @@ In real time every message names the process that sent it. In simulated time the
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -67,7 +67,7 @@ class Process:
                 f"{self.path}: {self.node}: {len(self.changed)} changes of parameters, but {len(retuned)} "
                 "events that place them, or at other times: their order is not known"
             )
-        return list(_without_second_reports(_changes(events, self.changed)))
+        return list(_without_second_reports(_changes(events, self.changed), not self.source))
 
     def _frames(self, table: JointTable) -> list[int]:
         """Return which frames of a topic are this process's; that of an input begins with its source."""
@@ -110,16 +110,24 @@ def _changes(events: Iterable[RunEvent], changed: Sequence[ParameterChange]) -> 
             yield Change(stamp_ns, None, event.message)
 
 
-def _without_second_reports(changes: Iterable[Change]) -> Iterable[Change]:
-    """Yield the changes; of two activations of a controller that joins a run under way, the second."""
+def _without_second_reports(changes: Iterable[Change], alone: bool) -> Iterator[Change]:
+    """Yield the changes; of two activations of a controller that joins a run under way, the second.
+
+    ``alone``: it is the only process, so that states before it would be taken for states that it saw.
+    """
     listed = list(changes)
     turns = [change for change in listed if change.event in (Event.ACTIVATED, Event.DEACTIVATED)]
     twice = [
-        first
+        (first, after)
         for first, after in pairwise(turns)
         if first.event == after.event == Event.ACTIVATED and first.stamp_ns < after.stamp_ns
     ]
-    return [change for change in listed if not any(change is early for early in twice)]
+    for change in listed:
+        if any(change is early for early, _ in twice):
+            continue
+        if alone and any(change is late for _, late in twice):
+            yield Change(change.stamp_ns, None, Event.CLEANED_UP)
+        yield change
 
 
 def processes_of(run: RecordedRun, node: str) -> list[Process]:

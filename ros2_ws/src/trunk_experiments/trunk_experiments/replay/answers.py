@@ -16,7 +16,7 @@ from ..recorded.inputs import Bools
 from ..recorded.processes import Process
 from ..recorded.run import RecordedRun
 from ..runs.states import TERMS
-from .checks import MISSING, UNEXPECTED, Check, Column, Difference
+from .checks import MISSING, UNEXPECTED, Check, ComparedColumn, Difference
 
 
 class Answers:
@@ -117,7 +117,7 @@ class Answers:
         mine: Bools,
         given: Bools,
         known: Bools,
-        effort: Column | None,
+        effort: ComparedColumn | None,
         fresh: Bools,
         terms: tuple[Bools, Floats],
         table: Floats,
@@ -138,7 +138,7 @@ class Answers:
         for i, name in enumerate(names):
             recorded, own = values[:, i].copy(), table[:, TERMS + i].copy()
             recorded[blank] = own[blank] = 0.0
-            columns.append(Column(self.topic, f"position[{name}]", recorded, own))
+            columns.append(ComparedColumn(self.topic, f"position[{name}]", recorded, own))
         self.check.take(stamps[mine], judged[mine], [_rows_of(column, mine) for column in columns])
         for row in np.flatnonzero(judged & there & ~fresh)[:1].tolist():
             self.check.note(Difference(int(stamps[row]), self.topic, UNEXPECTED, 0.0, 0.0))
@@ -147,7 +147,7 @@ class Answers:
             self.lacking = Difference(int(stamps[lacking[0]]), self.topic, MISSING, 0.0, 0.0)
 
 
-def _rows_of(column: Column, rows: Bools) -> Column:
+def _rows_of(column: ComparedColumn, rows: Bools) -> ComparedColumn:
     return column._replace(recorded=column.recorded[rows], computed=column.computed[rows])
 
 

@@ -30,7 +30,7 @@ class Difference(NamedTuple):
     computed: float
 
 
-class Column(NamedTuple):
+class ComparedColumn(NamedTuple):
     """Values of one field of a topic, as recorded and as computed [n]."""
 
     topic: str
@@ -63,7 +63,7 @@ class Check:
             return "diverges"
         return "inconclusive" if self.reason or not self.steps else "verified"
 
-    def take(self, stamps: Integers, judged: Bools, columns: Sequence[Column]) -> None:
+    def take(self, stamps: Integers, judged: Bools, columns: Sequence[ComparedColumn]) -> None:
         """Compare some steps [n], those that can be ``judged``."""
         self.unjudged += int(np.count_nonzero(~judged))
         rows = np.flatnonzero(judged)
@@ -75,7 +75,7 @@ class Check:
         self.add(stamps, rows, np.flatnonzero(wrong & judged), columns)
 
     def add(
-        self, stamps: Integers, rows: Integers, wrong: Integers, columns: Sequence[Column]
+        self, stamps: Integers, rows: Integers, wrong: Integers, columns: Sequence[ComparedColumn]
     ) -> None:
         """Count the steps in these rows, of which those in the rows ``wrong`` differ."""
         if len(wrong) and not self.first:

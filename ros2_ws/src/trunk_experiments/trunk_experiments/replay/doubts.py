@@ -197,10 +197,10 @@ def late_steps(run: RecordedRun) -> Late | None:
         from .late_before import late_steps_by_torque  # in recordings of earlier versions
 
         return late_steps_by_torque(run)
-    from ..recorded.inputs import Inputs
+    from ..recorded.inputs import RecordedInputs
 
     stamps = np.unique(run.table(topics.GROUND_TRUTH).stamp_ns)[:-1]
-    inputs = Inputs(run, stamps)
+    inputs = RecordedInputs(run, stamps)
     force = inputs.over(slice(None))
     periods = {name: run.config(name).period_ns for name in run.judgeable}
     step_ns = run.config("simulator").period_ns

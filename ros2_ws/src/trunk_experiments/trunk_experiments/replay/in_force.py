@@ -19,7 +19,7 @@ from ..recorded.inputs import NO_SOURCE, Bools, InForce, disturbances
 from ..recorded.joint_table import JointTable
 from ..recorded.processes import Process
 from ..recorded.run import RecordedRun
-from .checks import MISSING, Check, Column
+from .checks import MISSING, Check, ComparedColumn
 from .rerun import Rerun
 
 _WORTH_COMPILING = (
@@ -65,7 +65,8 @@ def check_disturbances(run: RecordedRun, process: Process, until_ns: int | None 
                 out[row] = disturbance_at(stamp_ns, signals)
         recorded = disturbances(table, rows[begin:end])
         columns = [
-            Column(table.topic, name, recorded[:, i], out[:, i]) for i, name in enumerate(names)
+            ComparedColumn(table.topic, name, recorded[:, i], out[:, i])
+            for i, name in enumerate(names)
         ]
         check.take(stamps[begin:end], np.ones(end - begin, bool), columns)
     return check
@@ -120,7 +121,7 @@ def _named(
     source: Integers,
     values: Floats,
     rerun: Rerun,
-) -> tuple[list[Column], Bools]:
+) -> tuple[list[ComparedColumn], Bools]:
     """Return the values in force beside those of the messages with their sources and stamps; which are known.
 
     What no node of ours sent, and is not on record, is not known.
@@ -145,10 +146,12 @@ def _named(
         else:
             missing[mine[~there]] = 1.0
     columns = [
-        Column(topic, f"{field.format('hip', 'trunk')} in force", values[:, i], expected[:, i])
+        ComparedColumn(
+            topic, f"{field.format('hip', 'trunk')} in force", values[:, i], expected[:, i]
+        )
         for i, field in enumerate(fields)
     ]
-    return [*columns, Column(topic, MISSING, missing, np.zeros(len(missing)))], on_record
+    return [*columns, ComparedColumn(topic, MISSING, missing, np.zeros(len(missing)))], on_record
 
 
 def _rows_of(table: JointTable, source: str) -> Integers:
@@ -186,7 +189,7 @@ class _Rule:
                 self._timeouts.append(nanoseconds(timeline.config.command_timeout))
         self._newest = {"command": -1, "disturbance": -1}
 
-    def columns(self, stamps: Integers, force: InForce) -> Iterator[Column]:
+    def columns(self, stamps: Integers, force: InForce) -> Iterator[ComparedColumn]:
         """Yield 1 where a message in force is older than one before it, too old, or dropped too early."""
         at = np.searchsorted(self._since, stamps, "right") - 1
         # A change is taken in between two steps: either timeout may have been in force.
@@ -205,6 +208,6 @@ class _Rule:
             wrong |= ~acts & (before >= 0) & (stamps - before <= shortest)
             if self._awaited and force.disturbance_ns is stamp_ns:
                 wrong |= ~acts & (stamps == 0)
-            yield Column(
+            yield ComparedColumn(
                 topics.PLANT_INPUTS, f"{what} in force", wrong.astype(float), np.zeros(len(wrong))
             )

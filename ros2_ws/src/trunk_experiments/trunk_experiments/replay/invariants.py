@@ -177,7 +177,7 @@ def _counts(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
             yield f"{relative}: {run.count(relative)} messages for {wanted} states"
     anew = any(event.message == Event.CLEANED_UP for event in run.events)
     claims: Counter[str] = Counter()
-    uncounted: set[str] = set()  # a process that was killed may have published there
+    uncounted = set(_topics_of_strangers(run))  # a process that was killed may have published there
     for node in NODES:
         for process in run.processes(node) if node in run.parameters else ():
             if process.published is None:
@@ -194,6 +194,14 @@ def _counts(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
         messages = there.count if there else 0
         if messages < count or (messages > count and not anew and topic not in uncounted):
             yield f"{topic}: {messages} messages, but {count} were published by the nodes' own count"
+
+
+def _topics_of_strangers(run: RecordedRun) -> Iterator[str]:
+    """Yield topics with messages of processes of which nothing else is on record."""
+    known = {process.source for node in NODES for process in run.processes(node)}
+    for relative in (topics.EFFORT_COMMAND, topics.DISTURBANCE) if run.sourced else ():
+        if any(frame not in known for frame in run.table(relative).frames):
+            yield run.recording.topic(relative)
 
 
 def _published_by(node: str) -> tuple[str, ...]:

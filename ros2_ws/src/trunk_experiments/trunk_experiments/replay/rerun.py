@@ -32,11 +32,11 @@ from trunk_sim.simulation import DivergedError
 from trunk_sim.step import Measurement, Trunk
 
 from ..plans.plan import RunPlan
-from ..recorded.inputs import Bools, Inputs
+from ..recorded.inputs import Bools, RecordedInputs
 from ..recorded.joint_table import JointTable
 from ..recorded.processes import Process, UnorderedError
 from ..recorded.run import RecordedRun
-from ..runs.engine import Engine, Record, start_of
+from ..runs.engine import Engine, RecordSource, start_of
 from ..runs.loop import reading_of
 from ..runs.schedule import Schedule
 from ..runs.states import (
@@ -52,7 +52,7 @@ from ..runs.states import (
     States,
 )
 from .answers import Answers
-from .checks import ACTIVE_CONTROLLERS, Check, Column, Difference, references
+from .checks import ACTIVE_CONTROLLERS, Check, ComparedColumn, Difference, references
 
 _QUANTITIES = ("position", "velocity", "effort")
 _FIELDS = tuple((quantity, joint) for quantity in _QUANTITIES for joint in (0, 1))
@@ -89,7 +89,7 @@ class Rerun:
         alone = self.simulator.sent_all(self._truth)
         self._rows = None if alone else self.simulator.rows(self._truth)
         self._place_states()
-        self.inputs = Inputs(run, self._stamps)
+        self.inputs = RecordedInputs(run, self._stamps)
         self.plant, self.sensors = Check(PLANT), Check(SENSORS)
         self.nobodys = Check(NOBODYS)
         laws = () if run.another_controller else run.judgeable
@@ -111,7 +111,7 @@ class Rerun:
         self._window: _Window | None = None
         self._span = 0, 0  # rows
         plan = self._plan
-        record = Record(self._given, self._seen if self._partial else None)
+        record = RecordSource(self._given, self._seen if self._partial else None)
         self.engine = Engine(plan, start_of(plan), record)
         self._wire = start_of(plan).wire
 
@@ -305,7 +305,9 @@ class Rerun:
             falls = np.zeros(len(rows))
             falls[states.falls] = 1.0
             recorded_falls = np.isin(window.stamps, list(self._fell)).astype(float)
-            columns.append(Column(topics.RUN_EVENTS, str(Event.FELL), recorded_falls, falls))
+            columns.append(
+                ComparedColumn(topics.RUN_EVENTS, str(Event.FELL), recorded_falls, falls)
+            )
         self.plant.take(window.stamps, judged, columns)
 
     def _take_sensors(self, states: States, window: _Window, rows: Integers) -> None:
@@ -326,10 +328,14 @@ class Rerun:
         check.take(stamps, np.ones(1, bool), self._columns(self._truth, recorded, computed))
         return check
 
-    def _columns(self, table: JointTable, recorded: Floats, computed: Floats) -> list[Column]:
+    def _columns(
+        self, table: JointTable, recorded: Floats, computed: Floats
+    ) -> list[ComparedColumn]:
         names = table.names or self.simulator.config.joints
         return [
-            Column(table.topic, f"{quantity}[{names[joint]}]", recorded[:, i], computed[:, i])
+            ComparedColumn(
+                table.topic, f"{quantity}[{names[joint]}]", recorded[:, i], computed[:, i]
+            )
             for i, (quantity, joint) in enumerate(_FIELDS)
         ]
 
@@ -373,7 +379,7 @@ class Rerun:
         effort = None
         if given.any():
             name = f"effort[{commands.names[0]}]"
-            effort = Column(commands.topic, name, efforts, table[:, EFFORT])
+            effort = ComparedColumn(commands.topic, name, efforts, table[:, EFFORT])
         for place, answers in enumerate(self.answers.values()):
             acts = (active >> place & 1) == 1
             mine = active == 1 << place

@@ -22,12 +22,12 @@ from trunk_sim.step import Measurement
 from ..plans.plan import RunPlan
 from ..recorded.inputs import Bools
 from ..recorded.run import RecordedRun
-from ..runs.engine import Engine, Record, start_of
+from ..runs.engine import Engine, RecordSource, start_of
 from ..runs.loop import reading_of
 from ..runs.schedule import Schedule
 from ..runs.states import ACTIVE, EFFORT, FRESH, States
 from .answers import Answers
-from .checks import Column, references
+from .checks import ComparedColumn, references
 from .verdict import Verdict
 
 NO_HIP = "hip"  # stands for the hip of controllers that use none
@@ -54,7 +54,9 @@ class RobotRerun:
         hip = next((config.hip for config in configs if config.hip is not None), NO_HIP)
         self._readings = _readings(run, self.stamps, joint, None if hip == NO_HIP else hip)
         plan = _plan(self, (hip, joint), len(self.stamps))
-        self.engine = Engine(plan, start_of(plan), Record(self._given, self._seen, self.stamps))
+        self.engine = Engine(
+            plan, start_of(plan), RecordSource(self._given, self._seen, self.stamps)
+        )
         self._first, self._terms = 0, list[tuple[Bools, Floats]]()
 
     def _seen(self, label: str, stamp_ns: int) -> float | None:
@@ -111,7 +113,9 @@ class RobotRerun:
         at = commands.rows_of(stamps)
         given = at >= 0
         efforts = np.where(given, commands.columns("effort", 1)[at, 0], np.nan)
-        effort = Column(commands.topic, f"effort[{commands.names[0]}]", efforts, table[:, EFFORT])
+        effort = ComparedColumn(
+            commands.topic, f"effort[{commands.names[0]}]", efforts, table[:, EFFORT]
+        )
         active = table[:, ACTIVE].astype(np.int64)
         for place, answers in enumerate(self.answers.values()):
             mine = answers.answered(stamps) & answers.is_own(at)

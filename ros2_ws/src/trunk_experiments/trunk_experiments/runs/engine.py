@@ -107,7 +107,7 @@ Given = Callable[[int, int], Schedule]
 Seen = Callable[[str, int], "float | None"]
 
 
-class Record(NamedTuple):
+class RecordSource(NamedTuple):
     """What a recording puts in place of a run's own course: it goes on from each recorded state.
 
     ``seen``: for controllers that did not get every state. ``stamps``: of the states, ns, where they are not
@@ -126,7 +126,7 @@ class Engine:
         self,
         plan: RunPlan,
         start: Checkpoint | None = None,
-        record: Record | None = None,
+        record: RecordSource | None = None,
         compiled: bool | None = None,
     ) -> None:
         """Take a plan that has the configurations in force at the checkpoint, and what changes from there on.

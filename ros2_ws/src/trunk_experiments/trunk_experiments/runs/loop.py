@@ -85,7 +85,7 @@ class Participant(NamedTuple):
     hip: int  # 0: the hip's, 1: the trunk's, -1: none
 
 
-class Acted(NamedTuple):
+class Decision(NamedTuple):
     """What the loop uses of the first active controller's answer: of the same type for all laws."""
 
     active: int  # bit i: the controller at place i is active
@@ -94,7 +94,7 @@ class Acted(NamedTuple):
     reference: float  # rad
 
 
-Decided = tuple[Chain, Acted]
+Decided = tuple[Chain, Decision]
 
 # Of a law: the function that writes down an update, ``tell(out, row, answer, measured)``.
 Tell = Callable[[Law], Callable[[Floats, int, Answer, Measurement], None]]
@@ -151,14 +151,14 @@ def decide_by(
         reference: float,
         out: Floats,
         row: int,
-    ) -> tuple[Any, Acted]:
+    ) -> tuple[Any, Decision]:
         reading = reading_of(stamp_ns, measured, effort, participant.hip, reference)
         after, a = decide(
             memory, reading, participant.setting, participant.constants, update, take_over
         )
         if a.active and a.fresh:
             write_down(out, row, a, measured)
-        return after, Acted(bit if a.active else 0, a.fresh, a.effort, a.reference)
+        return after, Decision(bit if a.active else 0, a.fresh, a.effort, a.reference)
 
     def last(
         memories: Chain,
@@ -172,7 +172,7 @@ def decide_by(
         row: int,
     ) -> Decided:
         if not reads_state(row, place, reads):
-            return memories, Acted(0, False, 0.0, 0.0)
+            return memories, Decision(0, False, 0.0, 0.0)
         after, acted = decide_one(
             memories[0], participants[0], stamp_ns, measured, effort, reference, out, row
         )
@@ -192,7 +192,7 @@ def decide_by(
         out: Floats,
         row: int,
     ) -> Decided:
-        after, acted = memories[0], Acted(0, False, 0.0, 0.0)
+        after, acted = memories[0], Decision(0, False, 0.0, 0.0)
         if reads_state(row, place, reads):
             after, acted = decide_one(
                 memories[0], participants[0], stamp_ns, measured, effort, reference, out, row
@@ -203,7 +203,7 @@ def decide_by(
         if acted.active == 0:
             return (after, rest), other
         both = acted.active | other.active
-        return (after, rest), Acted(both, acted.fresh, acted.effort, acted.reference)
+        return (after, rest), Decision(both, acted.fresh, acted.effort, acted.reference)
 
     return first
 
@@ -220,7 +220,7 @@ def decide_none(
     row: int,
 ) -> Decided:
     """Return that nobody answers: the commands come from a schedule."""
-    return memories, Acted(0, False, 0.0, 0.0)
+    return memories, Decision(0, False, 0.0, 0.0)
 
 
 # How a segment ends.
@@ -228,7 +228,7 @@ GOES_ON, FELL, DIVERGED = range(3)
 
 # Writes down one state: ``keep(out, row, trunk, acting, measured, felt, acted, effort, plant)``. A controller
 # reads the torque ``felt``, the plant receives ``effort``, both N m.
-Keep = Callable[[Floats, int, Trunk, Disturbance, Measurement, float, Acted, float, Plant], None]
+Keep = Callable[[Floats, int, Trunk, Disturbance, Measurement, float, Decision, float, Plant], None]
 
 
 def segment_of(

@@ -11,7 +11,7 @@ from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.step import Measurement, Plant, Trunk
 
-from .loop import Acted
+from .loop import Decision
 
 # Columns of the table. A position or velocity has two: hip, trunk.
 POSITION, VELOCITY = slice(0, 2), slice(2, 4)  # true
@@ -65,7 +65,7 @@ def keep_states(
     acting: Disturbance,
     measured: Measurement,
     felt: float,
-    acted: Acted,
+    acted: Decision,
     effort: float,
     plant: Plant,
 ) -> None:
