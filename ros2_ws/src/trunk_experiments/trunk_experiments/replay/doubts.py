@@ -145,12 +145,14 @@ def _leans(run: RecordedRun) -> tuple[float | None, float | None]:
     try:
         truth = run.table(topics.GROUND_TRUTH)
         angle = degrees(float(truth.values("position")[-1, 1]))
+        if abs(angle) <= 90.0:
+            return None, None
         timeline = run.timeline("simulator")
         timeline.advance(int(truth.stamp_ns[-1]) + 1)
         limit = degrees(timeline.config.fall_angle)
     except (TrunkError, KeyError, IndexError):
         return None, None
-    return (angle, limit) if abs(angle) > 90.0 else (None, None)
+    return angle, limit
 
 
 def incomplete(run: RecordedRun) -> list[str]:
