@@ -134,7 +134,7 @@ def test_what_no_digest_covers_is_neither_verified_nor_signed(signed, original, 
     assert recording.digests[ATTACHMENTS] == "1"
     (signed.parent / "run.mcap.sig").write_text(to_text(sign(recording.digested, ALICE)))
     refused(trunk, "run.mcap.sig cannot cover the attachments' content")
-    assert trunk("verify", "run.mcap")[0] == 1
+    assert trunk("verify", "run.mcap")[0] == 2
     code, _, err = trunk("sign", "run.mcap", "--key", "alice", "--force", "--unverified")
     assert (code, "no digests of the attachments' content" in err) == (1, True)
 
