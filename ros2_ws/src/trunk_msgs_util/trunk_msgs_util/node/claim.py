@@ -9,10 +9,12 @@ import struct
 from contextlib import suppress
 from hashlib import blake2b
 
+from ..errors import TrunkError
+
 _CREDENTIALS = struct.Struct("3i")  # pid, uid, gid: unix(7), SO_PEERCRED
 
 
-class HeldError(Exception):
+class HeldError(TrunkError):
     """Another process holds the name; the text is its number, or empty."""
 
 
