@@ -290,6 +290,17 @@ def _span(run: RecordedRun, rerun: Rerun) -> str:
     return f"t = {first:g} to {last:g} s, {len(stamps)} states, {mode}"
 
 
+def _strangers(run: RecordedRun) -> list[str]:
+    """Return of which inputs of the plant no law is known: no node of ours sent them."""
+    lines = []
+    for relative in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
+        table = run.table(relative)
+        strange = [place for place, frame in enumerate(table.frames) if "@" not in frame]
+        if count := int(np.isin(table.frame, strange).sum()):
+            lines.append(f"{relative}: {count} messages of somebody else's node")
+    return lines
+
+
 def _unjudged(run: RecordedRun) -> list[str]:
     """Return what no check of this run looks at."""
     lines = [
@@ -298,6 +309,7 @@ def _unjudged(run: RecordedRun) -> list[str]:
     ]
     if not run.exact:
         lines.append("when commands and disturbances arrived: the wall clock decides that")
+    lines += _strangers(run) if run.sourced else []
     if any(run.recording.topic(name) in run.recording.topics for name in topics.PICTURES):
         lines.append(f"the picture ({', '.join(topics.PICTURES)}): covered by digests alone")
     if run.another_controller:
