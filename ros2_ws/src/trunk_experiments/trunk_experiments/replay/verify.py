@@ -19,7 +19,7 @@ from .checks import describe
 from .in_force import check_disturbances, check_inputs
 from .invariants import contradictions
 from .rerun import Rerun
-from .robot import judge_robot
+from .robot import judge_robot, recorder_was_inactive
 from .verdict import DIVERGES, ORIGIN, UNJUDGED, VERIFIED, Check, Verdict
 
 __all__ = [
@@ -160,6 +160,7 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
     if complete and not rivals:
         verdict.contradictions += contradictions(run, rerun)
     verdict.obstacles += _failures(run)
+    verdict.obstacles += [] if complete else recorder_was_inactive(run)
     verdict.obstacles += [*_missing(run, rerun), *_restarted(run)]
     verdict.obstacles += [
         f"{check.name}: {check.reason}" for check in verdict.checks if check.reason
