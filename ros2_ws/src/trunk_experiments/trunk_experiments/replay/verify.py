@@ -17,7 +17,7 @@ from ..recorded.processes import Process, is_whole
 from ..recorded.run import RecordedRun
 from .checks import describe
 from .in_force import check_disturbances, check_inputs
-from .invariants import contradictions
+from .invariants import contradictions, without_commands
 from .rerun import Rerun
 from .robot import judge_robot, recorder_was_inactive
 from .verdict import DIVERGES, ORIGIN, UNJUDGED, VERIFIED, Check, Verdict
@@ -136,6 +136,8 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
             check.excuse(rivals)
     for answers in rerun.answers.values():
         settle(run, answers.process, [answers.check])
+        if not is_whole(run, answers.process):
+            verdict.obstacles += without_commands(run, answers.process)
         if (lacking := answers.lacking) is None:
             continue
         # A file that was cut may end with a command whose terms were still to come, and a controller that was
