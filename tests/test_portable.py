@@ -26,7 +26,19 @@ EXACT = {
 }
 # Of NumPy: what makes, moves, compares and rounds; `PCG64` for its raw stream.
 EXACT_OF_NUMPY = {
-    *("ndarray", "dtype", "void", "uint8", "uint64", "int64", "float64", "integer", "bool_", "nan"),
+    *(
+        "ndarray",
+        "dtype",
+        "void",
+        "uint8",
+        "uint64",
+        "int32",
+        "int64",
+        "float64",
+        "integer",
+        "bool_",
+        "nan",
+    ),
     *(
         "array",
         "asarray",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from trunk_experiments.branching.record import record_branch
 from trunk_experiments.branching.resume import resumed, state_at
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import RunDiff, diff
-from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verdict_on
+from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verdict_on
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
@@ -21,6 +22,7 @@ from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import nanoseconds, seconds
 
 from ..branches.check import differences
+from ..edited import ANEW, copied
 from .lifecycle import Life
 from .peer import Peer
 from .processes import Children
@@ -131,7 +133,24 @@ def test_a_branch_may_begin_before_somebody_elses_disturbances(
     path = tmp_path / "run.mcap"
     run = RecordedRun.open(path)
     assert run.recording.complete
-    assert verdict_on(run).exit_code == UNJUDGED  # that node's parameters are not on record
+    verdict = verdict_on(run)
+    assert verdict.exit_code == VERIFIED, verdict.reasons
+    # What acted is on record. What that node should have said is not, and the verdict tells so.
+    assert "disturbance: 1 messages of somebody else's node" in verdict.unjudged
+    assert "disturbances" not in {check.name for check in verdict.checks}
+    states = run.count(topics.GROUND_TRUTH)
+    assert [check.steps for check in verdict.checks if "plant" in check.name] == [states, states]
+
+    def altered(messages: list[list]) -> None:
+        (message,) = (message for message in messages if message[0] == f"/{topics.DISTURBANCE}")
+        message[2] = message[2][:-8] + struct.pack("<d", 6.0)
+
+    def unheard(messages: list[list]) -> None:
+        messages[:] = [message for message in messages if message[0] != f"/{topics.DISTURBANCE}"]
+
+    for edit, code in ((altered, DIVERGES), (unheard, UNJUDGED)):
+        found = verdict_on(RecordedRun(copied(path, tmp_path / "edited.mcap", edit, ANEW)))
+        assert found.exit_code == code, found.reasons
     (said_ns,) = (event.stamp_ns for event in run.events if event.message == Event.PAUSED)
     assert said_ns < stamp_ns
     for at_ns in (100_000_000, said_ns, stamp_ns - 5_000_000):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import struct
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from trunk_experiments.replay.verdict import Verdict
-from trunk_experiments.replay.verify import UNJUDGED, VERIFIED, verify
+from trunk_experiments.replay.verify import DIVERGES, UNJUDGED, VERIFIED, verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.node.conversions import stamp_from_ros
 from trunk_msgs_util.recording.reader import Recording
@@ -181,7 +182,7 @@ def test_a_controller_joins_a_run_under_way(children: Children, peer: Peer, tmp_
 def test_a_controller_that_outlives_the_recorder_is_not_held_against_the_run(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
-    """How many commands it gave is not on record: an obstacle, but nothing speaks against the run."""
+    """How many commands it gave is not on record; those that are there follow, and it is not accused."""
     recorder = children.node("recorder", "output:=run.mcap")
     pid, fuzzy_pid = children.node("pid"), children.node("fuzzy_pid", "autostart:=false")
     peer.until_up("fuzzy_pid")
@@ -195,13 +196,41 @@ def test_a_controller_that_outlives_the_recorder_is_not_held_against_the_run(
     peer.until(lambda: len(updates) > 100, "it answers")
     for child in (simulator, pid, recorder, fuzzy_pid):
         assert child.stop() == 0, child.stderr
-    verdict = verify(Recording.open(tmp_path / "run.mcap"))
-    assert verdict.exit_code == UNJUDGED
-    assert not verdict.contradictions
-    assert not any(part.wrong_steps for part in verdict.checks)
-    (obstacle,) = verdict.obstacles
-    assert obstacle.startswith("incomplete: effort_command: ")
-    assert obstacle.endswith(": not all of them reported a count")
+    path = tmp_path / "run.mcap"
+    recording = Recording.open(path)
+    assert {e.node for e in recording.events() if e.message == "published"} == {
+        "/simulator",
+        "/pid",
+    }
+    verdict = verify(recording)
+    assert verdict.exit_code == VERIFIED, verdict.reasons
+    given = [len(recording.joints(f"/{name}/state")) for name in ("pid", "fuzzy_pid")]
+    states = len(recording.joints("/ground_truth/joint_states"))
+    assert min(given) > 0
+    assert [(check.name, check.steps) for check in verdict.checks] == [
+        ("commands of pid", given[0]),
+        ("commands of fuzzy_pid", given[1]),
+        ("measured states", states),
+        ("states of the plant", states),
+        ("inputs of the plant", states),
+    ]
+
+    def without_terms(name: str, messages: list[list]) -> None:
+        own = [m for m in messages if m[0] == f"/{name}/state"]
+        messages.remove(own[len(own) // 2])
+
+    def turned_round(name: str, messages: list[list]) -> None:
+        for message in messages:
+            if message[0] == "/effort_command" and f"\0{name}@".encode() in message[2]:
+                message[2] = message[2][:-1] + bytes([message[2][-1] ^ 0x80])
+
+    for edit, name, code in (
+        (without_terms, "fuzzy_pid", UNJUDGED),  # it may never have been received
+        (without_terms, "pid", DIVERGES),  # which said how many there were
+        (turned_round, "fuzzy_pid", DIVERGES),  # the plant's inputs tell what acted
+    ):
+        found = verify(copied(path, tmp_path / "edited.mcap", partial(edit, name), ANEW))
+        assert found.exit_code == code, (edit.__name__, name, found.reasons)
 
 
 def run_swapped(children: Children, *arguments: object) -> Child:
@@ -225,29 +254,34 @@ def test_a_swap_in_lockstep_has_the_offline_bits(
     path = tmp_path / "run" / "run.mcap"
     said("simulate", "--like", path, "-o", tmp_path / "again.mcap")
     said("diff", path, tmp_path / "again.mcap")
-    text = verified(path)
-    assert "commands of pid: 201 steps" in text
-    assert "commands of fuzzy_pid: 100 steps" in text
+    rows = [" ".join(line.split()) for line in verified(path).splitlines()]
+    assert "commands of pid 0 s 1.5 s 201 verified" in rows
+    assert "commands of fuzzy_pid 0.5 s 0.995 s 100 verified" in rows
 
-    def ended(node: str, at_ns: int) -> Verdict:
-        """Judge the run as if a node's final count of its messages had come at another state."""
+    counts = {"fuzzy_pid": b"100", "pid": b"201"}
+
+    def told(node: str, at_ns: int, count: bytes) -> Verdict:
+        """Judge the run as if a node had counted its messages at another state, and as so many."""
 
         def edit(messages: list[list]) -> None:
-            for message in messages:
-                words = (f"/{node}\0".encode(), b"published\0")
-                if message[0] == "/run/events" and all(word in message[2] for word in words):
-                    stamp = struct.pack("<iI", *divmod(at_ns, 1_000_000_000))
-                    message[2] = message[2][:4] + stamp + message[2][12:]
-                    message[1] = message[3] = at_ns
+            words = (f"/{node}\0".encode(), b"published\0")
+            events = [m for m in messages if m[0] == "/run/events"]
+            (message,) = (m for m in events if all(word in m[2] for word in words))
+            stamp = struct.pack("<iI", *divmod(at_ns, 1_000_000_000))
+            message[2] = message[2][:4] + stamp + message[2][12:]
+            assert counts[node] + b"\0" in message[2]
+            message[2] = message[2].replace(counts[node] + b"\0", count + b"\0")
+            message[1] = message[3] = at_ns
 
-        return verify(copied(tmp_path / "run" / "run.mcap", tmp_path / "edited.mcap", edit, ANEW))
+        return verify(copied(path, tmp_path / "edited.mcap", edit, ANEW))
 
-    last_ns, turn_over_ns = 1_500_000_000, 1_000_000_000
-    # The plant does not wait for a controller whose turn is over.
-    assert ended("fuzzy_pid", 1_420_000_000).exit_code == VERIFIED
-    assert ended("fuzzy_pid", turn_over_ns - 10_000_000).contradictions
-    assert ended("pid", last_ns).exit_code == VERIFIED
-    assert ended("pid", last_ns - 5_000_000).contradictions
+    false = {"fuzzy_pid": (b"101", b"999"), "pid": (b"200", b"202")}
+    # No state depends on when it was counted; what was counted is there, no more and no less.
+    for node, last_ns in (("fuzzy_pid", 995_000_000), ("pid", 1_500_000_000)):
+        for at_ns in (last_ns - 5_000_000, last_ns, 1_420_000_000):
+            assert told(node, at_ns, counts[node]).exit_code == VERIFIED, (node, at_ns)
+        for count in false[node]:
+            assert told(node, last_ns, count).contradictions, (node, count)
 
 
 @pytest.mark.long
@@ -291,11 +325,11 @@ def test_a_run_whose_recorder_is_managed_by_hand(children: Children, peer: Peer)
 def test_a_recorder_that_was_inactive_for_a_while(
     children: Children, peer: Peer, tmp_path: Path
 ) -> None:
-    """The recording has its transitions; what it missed is judged neither right nor wrong."""
+    """The recording has its transitions; both sides of what it missed are judged, the gap is not."""
     truth = peer.hear(topics.GROUND_TRUTH)
     recorder = children.node("recorder", "output:=run.mcap", "controllers:=[pid]")
     pid = children.node("pid")
-    simulator = children.node("simulator", "duration:=0.0")
+    simulator = children.node("simulator", "duration:=0.0", "wait_for:=[effort_command,recorder]")
     life = Life(peer, "recorder")
     for label in ("deactivate", "activate"):
         later = len(truth) + 100
@@ -307,12 +341,22 @@ def test_a_recorder_that_was_inactive_for_a_while(
         assert child.stop() == 0, child.stderr
     recording = Recording.open(tmp_path / "run.mcap")
     turns = [e.message for e in recording.events() if e.node == "/recorder"]
-    # On a busy machine it reports only then that it is ready.
-    assert [turn for turn in turns if turn != "ready"][-2:] == ["deactivated", "activated"]
+    assert turns[-2:] == ["deactivated", "activated"]
     verdict = verify(recording)
     assert verdict.exit_code == UNJUDGED, verdict
-    assert any("the recorder was inactive from" in text for text in verdict.obstacles)
+    assert "the recorder was inactive for a while: what it missed is not known" in verdict.obstacles
     assert len(verdict.obstacles) == len(set(verdict.obstacles))
+    states = recording.joints("/ground_truth/joint_states").stamp_ns
+    (gap,) = np.flatnonzero(np.diff(states) > 5_000_000)
+    checks = {check.name: check for check in verdict.checks}
+    for name in ("states of the plant", "measured states"):
+        assert (checks[name].from_ns, checks[name].until_ns) == (0, states[-1]), name
+    # What the controller remembers of the gap is not known: none of its later commands is judged.
+    commands = checks["commands of pid"]
+    assert commands.from_ns == 0
+    assert commands.until_ns is not None
+    assert commands.until_ns <= states[gap]
+    assert commands.steps + commands.unjudged == len(recording.joints("/effort_command"))
 
     def without_queue(topic: str) -> Verdict:
         """Judge the recording as if one topic's messages had still been queued, and so were dropped."""
@@ -323,5 +367,6 @@ def test_a_recorder_that_was_inactive_for_a_while(
 
         return verify(copied(tmp_path / "run.mcap", tmp_path / "edited.mcap", edit, ANEW))
 
-    for topic in ("/pid/state", "/effort_command", "/joint_states", "/ground_truth/joint_states"):
+    queues = "/pid/state", "/effort_command", "/joint_states", "/ground_truth/joint_states"
+    for topic in (*queues, "/plant/inputs"):
         assert without_queue(topic).exit_code == UNJUDGED, topic

@@ -6,16 +6,18 @@ from pathlib import Path
 
 import pytest
 
-from trunk_experiments.replay.verify import UNJUDGED, verify
+from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util import topics
 from trunk_msgs_util.node.conversions import stamp_from_ros
 from trunk_msgs_util.recording.reader import Recording
 
+from ..edited import ANEW, copied
 from .peer import Peer
 from .processes import Children
 
 pytestmark = pytest.mark.graph
 
+COMMANDS = f"/{topics.EFFORT_COMMAND}"
 TOPICS = "[effort_command, disturbance]"
 
 
@@ -41,7 +43,7 @@ def test_two_runs_with_the_same_others(children: Children, peer: Peer) -> None:
 def test_a_controller_that_takes_the_place_of_one_that_ended(
     children: Children, peer: Peer, tmp_path: Path, second: str
 ) -> None:
-    """The run goes on; it is judged as far as the first one was there."""
+    """The run goes on, and either is judged and held to what it published: each message says whose it is."""
     recorder = children.node("recorder", "output:=run.mcap")
     simulator = children.node("simulator", "duration:=0.0")
     first = children.node("pid")
@@ -52,10 +54,30 @@ def test_a_controller_that_takes_the_place_of_one_that_ended(
     other = children.node(second, name="second")
     peer.until(lambda: len(updates) > before + 100, "the other one answers")
     assert [one.stop() for one in (simulator, other, recorder)] == [0, 0, 0]
-    verdict = verify(Recording.open(tmp_path / "run.mcap"))
-    assert verdict.exit_code == UNJUDGED, verdict
-    assert not verdict.contradictions
-    assert not any(part.wrong_steps for part in verdict.checks)
-    assert verdict.checks[0].name == "commands of pid"
-    assert verdict.checks[0].steps > 0
-    assert any("one that was restarted" in line for line in verdict.obstacles)
+    recording = Recording.open(tmp_path / "run.mcap")
+    verdict = verify(recording)
+    assert verdict.exit_code == VERIFIED, verdict.reasons
+    again = "commands of pid, process 2" if second == "pid" else f"commands of {second}"
+    assert [check.name for check in verdict.checks[:2]] == ["commands of pid", again]
+    counts = {
+        event.source: int(event.values[COMMANDS])
+        for event in recording.events()
+        if event.message == "published" and COMMANDS in event.values
+    }
+    assert [check.steps for check in verdict.checks[:2]] == list(counts.values())
+    assert min(counts.values()) > 0
+    ended, begun = verdict.checks[0].until_ns, verdict.checks[1].from_ns
+    assert ended is not None
+    assert begun is not None
+    assert ended < begun
+    states = recording.joints(f"/{topics.GROUND_TRUTH}").stamp_ns
+    assert [check.steps for check in verdict.checks[2:]] == [len(states)] * 3
+    for source in counts:
+
+        def without_one(messages: list[list], source: str = source) -> None:
+            own = [m for m in messages if m[0] == COMMANDS and f"\0{source}\0".encode() in m[2]]
+            messages.remove(own[len(own) // 2])
+
+        found = verify(copied(tmp_path / "run.mcap", tmp_path / "edited.mcap", without_one, ANEW))
+        count = f"{COMMANDS}: {counts[source] - 1} messages of {source}, which published"
+        assert any(line.startswith(count) for line in found.contradictions), found.reasons

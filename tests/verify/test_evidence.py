@@ -217,6 +217,13 @@ def test_a_late_run_is_doubtful_and_how_far_it_was_moved_is_known(in_time, late)
     assert doubts.moved_deg > 0.01
 
 
+def take_back_count(messages):
+    """Let the controller not say what it published; what the others say is made to fit."""
+    real_time.count(messages)
+    words = [m for m in of(messages, EVENTS) if b"published" in m[2] and b"/pid" in m[2]]
+    messages.remove(next(m for m in words if frame_of(m[2]).startswith("pid@")))
+
+
 @pytest.mark.parametrize("topic", [COMMAND, TERMS])
 @pytest.mark.parametrize("lost", [1, 2, 5])
 def test_what_a_killed_controller_sent_last_may_be_missing(in_time, topic, lost, tmp_path):
@@ -225,15 +232,29 @@ def test_what_a_killed_controller_sent_last_may_be_missing(in_time, topic, lost,
     def kill(messages):
         for message in of(messages, topic)[-lost:]:
             messages.remove(message)
-        real_time.count(messages)
-        words = [m for m in of(messages, EVENTS) if b"published" in m[2] and b"/pid" in m[2]]
-        messages.remove(next(m for m in words if frame_of(m[2]).startswith("pid@")))
+        take_back_count(messages)
 
     verdict = verify(copied(in_time, tmp_path / "a.mcap", kill, ANEW, end=False))
     assert verdict.exit_code == UNJUDGED, verdict.reasons
     assert not any(check.wrong_steps for check in verdict.checks)
     assert checks(verdict)["states of the plant"].result == "verified"
     assert checks(verdict)["states of the plant"].steps == 201
+
+
+@pytest.mark.parametrize("killed", [True, False])
+def test_a_command_that_acted_in_no_step_is_missing_beside_its_terms(late, killed, tmp_path):
+    """A complete recording may lack it if nobody counted it, and only then; it is not passed over."""
+
+    def edit(messages):
+        messages.remove(of(messages, COMMAND)[-1])
+        (take_back_count if killed else real_time.count)(messages)
+
+    verdict = verify(copied(late, tmp_path / "a.mcap", edit, ANEW))
+    assert verdict.exit_code == (UNJUDGED if killed else DIVERGES)
+    assert not any(check.wrong_steps for check in verdict.checks)
+    says = ["pid/state: 1 records without a command, the first at t = 1 s"]
+    found = (verdict.obstacles, verdict.contradictions)
+    assert found == ((says, []) if killed else ([], says))
 
 
 def restart(messages, at_ns):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import acted
-from trunk_msgs_util.node.acted import Acted
+from trunk_msgs_util.node.acted import ActedRecord
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.source import frame_of_inputs
 
@@ -30,7 +30,7 @@ def line(topic, sender, at, more=""):
 
 
 def test_what_acted_is_on_record():
-    found = Acted()
+    found = ActedRecord()
     found.record(COMMAND, 0, PID)
     found.record(topics.DISTURBANCE, 0, PUSH)
     found.record(topics.JOINT_STATES, 0, PLANT)
@@ -40,7 +40,7 @@ def test_what_acted_is_on_record():
 
 
 def test_each_topic_that_lacks_something_is_named_with_the_first_of_it():
-    found = Acted()
+    found = ActedRecord()
     found.record(COMMAND, 2 * MS, "")  # of a stranger
     for k in range(5):
         found.row(*row(k * MS, (k * MS, PID if k < 2 else ""), (k * MS if k > 2 else -1, "")))
@@ -51,7 +51,7 @@ def test_each_topic_that_lacks_something_is_named_with_the_first_of_it():
 
 
 def test_another_sources_message_of_the_stamp_is_another_message():
-    found = Acted()
+    found = ActedRecord()
     found.record(COMMAND, 0, LQR)
     found.row(*row(0, (0, PID)))
     assert list(found.missing()) == [line(COMMAND, PID, "0")]
@@ -71,7 +71,7 @@ def test_the_order_of_arrival_does_not_matter(data):
     recorded = [key for key in sent if key not in lost]
     arrivals = [True] * len(in_force) + [False] * len(recorded)
     rows, messages = iter(enumerate(in_force)), iter(recorded)
-    found = Acted()
+    found = ActedRecord()
     for is_row in data.draw(st.permutations(arrivals)):
         if is_row:
             k, command = next(rows)
@@ -90,7 +90,7 @@ def test_the_order_of_arrival_does_not_matter(data):
 
 def test_it_remembers_no_more_than_it_needs(monkeypatch):
     monkeypatch.setattr(acted, "_REMEMBERED", 10)
-    found = Acted()
+    found = ActedRecord()
     for k in range(1000):
         found.record(COMMAND, k * MS, PID)
         found.row(*row(k * MS, (k * MS, PID)))
@@ -113,4 +113,4 @@ def test_it_remembers_no_more_than_it_needs(monkeypatch):
 )
 def test_what_no_simulator_sends_is_no_row(sample, frame):
     with pytest.raises(ValueError, match="not a row"):
-        Acted().row(sample, frame)
+        ActedRecord().row(sample, frame)

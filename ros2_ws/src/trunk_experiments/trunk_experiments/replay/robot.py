@@ -181,13 +181,17 @@ def obstacles(run: RecordedRun) -> Sequence[str]:
         lines.append(f"our controllers command several joints: {', '.join(joints)}")
     if states.min(initial=0) < 0:
         lines.append("states before t = 0: their order is not known")
+    return [*lines, *recorder_was_inactive(run)]
+
+
+def recorder_was_inactive(run: RecordedRun) -> list[str]:
+    """Return that the recorder was inactive between two of the recorded messages; empty if it was not."""
     node, inactive = run.recording.topic("recorder"), False
     for event in run.events:
         inactive |= event.node == node and event.message == Event.DEACTIVATED
         if inactive and event.node == node and event.message == Event.ACTIVATED:
-            lines.append("the recorder was inactive for a while: what it missed is not known")
-            break
-    return lines
+            return ["the recorder was inactive for a while: what it missed is not known"]
+    return []
 
 
 def explicable(run: RecordedRun) -> None:

@@ -17,9 +17,9 @@ from ..recorded.processes import Process, is_whole
 from ..recorded.run import RecordedRun
 from .checks import describe
 from .in_force import check_disturbances, check_inputs
-from .invariants import contradictions
+from .invariants import contradictions, without_commands
 from .rerun import Rerun
-from .robot import judge_robot
+from .robot import judge_robot, recorder_was_inactive
 from .verdict import DIVERGES, ORIGIN, UNJUDGED, VERIFIED, Check, Verdict
 
 __all__ = [
@@ -136,6 +136,8 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
             check.excuse(rivals)
     for answers in rerun.answers.values():
         settle(run, answers.process, [answers.check])
+        if not is_whole(run, answers.process):
+            verdict.obstacles += without_commands(run, answers.process)
         if (lacking := answers.lacking) is None:
             continue
         # A file that was cut may end with a command whose terms were still to come, and a controller that was
@@ -160,6 +162,7 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
     if complete and not rivals:
         verdict.contradictions += contradictions(run, rerun)
     verdict.obstacles += _failures(run)
+    verdict.obstacles += [] if complete else recorder_was_inactive(run)
     verdict.obstacles += [*_missing(run, rerun), *_restarted(run)]
     verdict.obstacles += [
         f"{check.name}: {check.reason}" for check in verdict.checks if check.reason
@@ -291,6 +294,17 @@ def _span(run: RecordedRun, rerun: Rerun) -> str:
     return f"t = {first:g} to {last:g} s, {len(stamps)} states, {mode}"
 
 
+def _strangers(run: RecordedRun) -> list[str]:
+    """Return of which inputs of the plant no law is known: no node of ours sent them."""
+    lines = []
+    for relative in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
+        table = run.table(relative)
+        strange = [place for place, frame in enumerate(table.frames) if "@" not in frame]
+        if count := int(np.isin(table.frame, strange).sum()):
+            lines.append(f"{relative}: {count} messages of somebody else's node")
+    return lines
+
+
 def _unjudged(run: RecordedRun) -> list[str]:
     """Return what no check of this run looks at."""
     lines = [
@@ -299,6 +313,7 @@ def _unjudged(run: RecordedRun) -> list[str]:
     ]
     if not run.exact:
         lines.append("when commands and disturbances arrived: the wall clock decides that")
+    lines += _strangers(run) if run.sourced else []
     if any(run.recording.topic(name) in run.recording.topics for name in topics.PICTURES):
         lines.append(f"the picture ({', '.join(topics.PICTURES)}): covered by digests alone")
     if run.another_controller:

@@ -1,4 +1,4 @@
-"""`Acted`: what acted on the plant, as ``plant/inputs`` names it, against what is on record. Pure."""
+"""`ActedRecord`: what acted on the plant, as ``plant/inputs`` names it, against what is on record. Pure."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class _Topic:
         return sorted(self._missing)
 
 
-class Acted:
+class ActedRecord:
     """Takes rows, commands and disturbances in any order."""
 
     def __init__(self) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from .. import topics
 from ..recording.joint_state_cdr import frame_in
 from ..source import source_in, sources_of_inputs
-from .acted import Acted
+from .acted import ActedRecord
 from .conversions import WireReader
 from .tally import NO_COMMAND, OF_STATES, Tally
 
@@ -25,7 +25,7 @@ class SourcedTally(Tally):
     def __init__(self, name_of: Callable[[str], str]) -> None:
         super().__init__(name_of)
         self._of: Counter[tuple[str, str]] = Counter()  # messages, by source and relative topic
-        self._acted = Acted()
+        self._acted = ActedRecord()
         self._read_row = WireReader()
 
     def take(self, topic: str, stamp_ns: int, data: bytes) -> None:
