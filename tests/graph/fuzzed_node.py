@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections import Counter
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -64,7 +65,10 @@ class Callbacks(RuleBasedStateMachine):
         """Fail if the node must not publish this now."""
 
     def teardown(self) -> None:
+        """Leave the next example a graph without this node, which a second one would wait for."""
         self.node.destroy_node()
+        del self.node  # listed in the graph for as long as anything refers to it
+        gc.collect()
 
     def deliver(self, topic: str, data: Any) -> None:
         for subscription in self.node.subscriptions:

@@ -65,7 +65,9 @@ class GraphParticipants(Participants):
         return 0 if subscription is None else int(subscription.get_publisher_count())
 
     def _command_givers(self) -> list[str]:
-        return meeting.names(self._node.get_publishers_info_by_topic(topics.EFFORT_COMMAND))
+        """Return who publishes commands; what another type's publisher says there, nobody receives."""
+        publishing = self._node.get_publishers_info_by_topic(topics.EFFORT_COMMAND)
+        return meeting.names(p for p in publishing if p.topic_type == topics.JOINT_STATE_TYPE)
 
     def _reporting(self, topic: str) -> set[str]:
         return meeting.reporting(self._node, _ANSWERED[topic][0])
