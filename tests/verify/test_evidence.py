@@ -9,6 +9,7 @@ import pytest
 
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change
+from trunk_experiments.plans.turns import Swap
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_experiments.replay.diff import diff
 from trunk_experiments.replay.doubts import Late, doubts_of, late_steps
@@ -343,6 +344,21 @@ def test_a_late_run_is_repeated_bit_by_bit(late, tmp_path):
     assert compared.identical, compared.describe()
     assert compared.compared > 1000
     assert verify(again.recording).exit_code == VERIFIED
+
+
+def test_a_swap_is_judged_in_a_run_and_in_its_copy(tmp_path):
+    """Of a copy's commands none names its sender: the terms beside each tell whose it is."""
+    everywhere = {"duration": 1.0, "update_rate": 200.0}
+    swaps = (Swap(0.3, "lqr"), Swap(0.6, "pid"))
+    plan = make_plan("fig6", "pid", settings=PULSE, everywhere=everywhere, swaps=swaps)
+    path, copy = tmp_path / "run.mcap", tmp_path / "copy.mcap"
+    record_real_time(plan, path)
+    record_offline(RecordedRun.open(path).plan(), copy)
+    for recording in (path, copy):
+        verdict = verify(Recording.open(recording))
+        assert verdict.exit_code == VERIFIED, verdict.reasons
+        steps = [checks(verdict)[f"commands of {name}"].steps for name in ("pid", "lqr")]
+        assert steps == [141, 60]
 
 
 @pytest.mark.parametrize("name", ["a row that is removed", "all rows"])
