@@ -346,11 +346,19 @@ def test_a_late_run_is_repeated_bit_by_bit(late, tmp_path):
     assert verify(again.recording).exit_code == VERIFIED
 
 
-def test_a_swap_is_judged_in_a_run_and_in_its_copy(tmp_path):
+@pytest.mark.parametrize("by_hand", [True, False])
+def test_a_swap_is_judged_in_a_run_and_in_its_copy(by_hand, tmp_path):
     """Of a copy's commands none names its sender: the terms beside each tell whose it is."""
     everywhere = {"duration": 1.0, "update_rate": 200.0}
-    swaps = (Swap(0.3, "lqr"), Swap(0.6, "pid"))
-    plan = make_plan("fig6", "pid", settings=PULSE, everywhere=everywhere, swaps=swaps)
+    turns = {"standby": ["lqr"]} if by_hand else {"swaps": [Swap(0.3, "lqr"), Swap(0.6, "pid")]}
+    plan = make_plan("fig6", "pid", settings=PULSE, everywhere=everywhere, **turns)
+    if by_hand:
+        words = (Event.DEACTIVATED, Event.ACTIVATED)
+        first, second = (
+            [Change(k * H, None, word) for k, word in zip((59, 119), order, strict=True)]
+            for order in (words, words[::-1])
+        )
+        plan = replace(plan, changes={"pid": first, "lqr": second})
     path, copy = tmp_path / "run.mcap", tmp_path / "copy.mcap"
     record_real_time(plan, path)
     record_offline(RecordedRun.open(path).plan(), copy)
