@@ -23,7 +23,10 @@ class Answers:
     """A controller's process in a run, and the check of its commands and terms."""
 
     def __init__(self, run: RecordedRun, process: Process, label: str, period_ns: int) -> None:
-        """``period_ns``: the plant's. Raises UnorderedError, and RecordingError for other messages."""
+        """``period_ns``: the plant's; 0: it is another robot.
+
+        Raises UnorderedError, and RecordingError for other messages.
+        """
         self.process = process
         self.check = Check(f"commands of {label}")
         self.topic = topics.controller_state(process.node)
@@ -160,6 +163,6 @@ def _anew(process: Process, period_ns: int) -> Iterator[int]:
         begins = change.event == Event.RESET or (change.event == Event.ACTIVATED and not active)
         # A controller that joins a run under way begins just before the first state that it sees.
         joins = change.event == Event.ACTIVATED and change.stamp_ns > 0
-        if begins or (joins and (change.stamp_ns + 1) % period_ns == 0):
+        if begins or (joins and period_ns and (change.stamp_ns + 1) % period_ns == 0):
             yield change.stamp_ns
         active = change.event not in (Event.DEACTIVATED, Event.CLEANED_UP)
