@@ -31,7 +31,6 @@ from .checks import ComparedColumn, references
 from .verdict import Verdict
 
 NO_HIP = "hip"  # stands for the hip of controllers that use none
-ANY_NS = 1  # stands for the period of a plant whose states may have any stamp
 
 
 class RobotRerun:
@@ -44,7 +43,7 @@ class RobotRerun:
         self.stamps: Integers = np.unique(self._measured.stamp_ns)
         processes = [p for name in run.judgeable for p in run.processes(name) if p.parameters]
         self.answers = {
-            p.node if i == 0 else f"{p.node}, process {i + 1}": Answers(run, p, p.node, ANY_NS)
+            p.node if i == 0 else f"{p.node}, process {i + 1}": Answers(run, p, p.node, 0)
             for name in run.judgeable
             for i, p in enumerate(p for p in processes if p.node == name)
         }
