@@ -35,7 +35,9 @@ class Robot:
         self.states = peer.node.create_publisher(JointState, topics.JOINT_STATES, 10)
         self.commands = 0
         self.now_ns = time.time_ns()
-        peer.node.create_subscription(JointState, topics.EFFORT_COMMAND, self._on_command, 10)
+        self.answers = peer.node.create_subscription(
+            JointState, topics.EFFORT_COMMAND, self._on_command, 10
+        )
 
     def _on_command(self, command: JointState) -> None:
         self.torque = command.effort[list(command.name).index("arm")]
@@ -79,6 +81,7 @@ def test_commands_to_another_robot_are_judged(
     pid = children.node("pid", "joint:=arm", *gains)
     peer.until(lambda: robot.states.get_subscription_count() == 2, "the controller listens too")
     peer.until_event("pid", "ready")
+    peer.until(robot.answers.get_publisher_count, "its commands will be heard")
     for k in range(400):
         if k % 4 == 0:
             peer.until_received(robot.states)  # they are kept ten messages deep
