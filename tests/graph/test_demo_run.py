@@ -71,6 +71,7 @@ def assert_readable_by_all(path: Path) -> None:
         "/ground_truth/joint_states",
         "/effort_command",
         "/disturbance",
+        "/plant/inputs",
         "/fuzzy_pid/state",
         "/run/parameters",
         "/run/events",
