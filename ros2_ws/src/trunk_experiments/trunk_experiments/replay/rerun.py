@@ -388,7 +388,9 @@ class Rerun:
             known = answers.is_known(window.stamps, readable, mine)
             fresh = table[:, FRESH] != 0.0
             terms = window.terms[place]
-            answers.take(window.stamps, mine, given, known & acts, effort, fresh, terms, table)
+            # Of two that answered one state, the table has the effort of one and the terms of the other.
+            judged = known & (active == 1 << place)
+            answers.take(window.stamps, mine, given, judged, effort, fresh, terms, table)
             if self._partial:
                 self._note_turns(window.stamps, mine & known & ~acts, active)
         if not self._partial and self.answers:
