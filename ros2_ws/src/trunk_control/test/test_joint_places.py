@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_control.joint_places import JointPlaces, Places
+from trunk_control.controller import JointPlaces, Places
 
 NAMES = st.lists(st.text(max_size=6), unique=True, max_size=8).map(tuple)
 

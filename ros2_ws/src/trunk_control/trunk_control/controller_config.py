@@ -5,28 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
-from typing import Any, ClassVar
+from typing import Any
 
-from trunk_msgs_util.parameters.config import ManagedConfig
 from trunk_msgs_util.parameters.declarations import ParameterError, parameter
-from trunk_msgs_util.parameters.rows import check_rows, times_parameter
-from trunk_msgs_util.parameters.table_keys import FILE, ONLY_PLANNED, TableFile
-from trunk_msgs_util.units import nanoseconds, period_ns
+from trunk_msgs_util.units import nanoseconds
 
 from .pid import PidLaw
-from .reference import PROFILES, ReferenceProfile
-from .reference_file import REFERENCE_FILE
+from .reference_config import ReferenceConfig
 
-REFERENCE_PROFILES = (*PROFILES, "topic")  # in the order of their kinds
 DERIVATIVE_MODES = ("error", "measurement", "rate")
 ANTIWINDUP_STRATEGIES = ("none", "conditional_integration", "back_calculation")
 
 
 @dataclass(frozen=True)
-class ControllerConfig(ManagedConfig):
+class ControllerConfig(ReferenceConfig):
     """What every controller declares: its rate, joint, reference, derivative and limits."""
-
-    table_files: ClassVar[tuple[TableFile, ...]] = (REFERENCE_FILE,)
 
     update_rate: float = parameter(
         "update_rate",
@@ -42,53 +35,6 @@ class ControllerConfig(ManagedConfig):
         False,
         "Answer every state; between updates, repeat the last command",
         fixed=True,
-    )
-    joint: str = parameter("joint", "trunk", "The joint that is controlled", fixed=True)
-    reference_profile: str = parameter(
-        "reference.profile",
-        "constant",
-        "Shape of the reference; topic: the latest message on the reference topic, the value until then",
-        choices=REFERENCE_PROFILES,
-        elsewhere=((FILE, ONLY_PLANNED),),
-    )
-    reference_value: float = parameter(
-        "reference.value",
-        0.0,
-        "Constant, final value of the step, or mean of the sine",
-        unit="rad",
-        minimum=-1e3,
-        maximum=1e3,
-    )
-    reference_initial: float = parameter(
-        "reference.initial",
-        0.0,
-        "Before the step, or before the sequence begins",
-        unit="rad",
-        minimum=-1e3,
-        maximum=1e3,
-    )
-    reference_step_time: float = parameter(
-        "reference.step_time", 2.0, "Time of the step", unit="s", minimum=0.0, maximum=1e6
-    )
-    reference_amplitude: float = parameter(
-        "reference.amplitude", 0.0, "Amplitude of the sine", unit="rad", minimum=-1e3, maximum=1e3
-    )
-    reference_frequency: float = parameter(
-        "reference.frequency", 0.5, "Frequency of the sine", unit="Hz", minimum=0.0, maximum=1e5
-    )
-    reference_times: tuple[float, ...] = times_parameter(
-        "reference.times",
-        "When the levels of the sequence begin, or the times of the points, ascending",
-    )
-    reference_values: tuple[float, ...] = parameter(
-        "reference.values",
-        (),
-        "The levels of the sequence, or the values of the points",
-        unit="rad",
-        element=float,
-        longest=10_000,
-        minimum=-1e3,
-        maximum=1e3,
     )
     derivative_mode: str = parameter(
         "derivative_mode",
@@ -164,18 +110,9 @@ class ControllerConfig(ManagedConfig):
             raise ParameterError(
                 "u_clamp_max", self.u_clamp_max, f"greater than u_clamp_min ({self.u_clamp_min:g})"
             )
-        check_rows("reference", self.reference_times, self.reference_values)
-        if self.reference_profile == "interpolated" and not self.reference_times:
-            raise ParameterError(
-                "reference.profile", "interpolated", "at least one of reference.times is needed"
-            )
+        super().__post_init__()
         if any(b <= a for a, b in pairwise(self.active_times)):
             raise ParameterError("active.times", self.active_times, "strictly ascending times")
-
-    @property
-    def period_ns(self) -> int:
-        """The control period in ns."""
-        return period_ns(self.update_rate)
 
     @property
     def active_times_ns(self) -> tuple[int, ...]:
@@ -214,18 +151,4 @@ class ControllerConfig(ManagedConfig):
             self.i_clamp_max,
             ANTIWINDUP_STRATEGIES.index(self.antiwindup_strategy),
             self.tracking_time_constant,
-        )
-
-    @property
-    def reference(self) -> ReferenceProfile:
-        """The profile that `reference_at` evaluates."""
-        return ReferenceProfile(
-            REFERENCE_PROFILES.index(self.reference_profile),
-            self.reference_value,
-            self.reference_initial,
-            nanoseconds(self.reference_step_time),
-            self.reference_amplitude,
-            self.reference_frequency,
-            tuple(nanoseconds(t) for t in self.reference_times),
-            self.reference_values,
         )

@@ -13,10 +13,9 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import WireReader
 
-from .controller import hip_seen
+from .controller import JointPlaces, hip_seen
 from .controller_config import ControllerConfig
 from .decide import Reading
-from .joint_places import JointPlaces
 
 OWN_REFERENCE = topics.own_reference("~")
 

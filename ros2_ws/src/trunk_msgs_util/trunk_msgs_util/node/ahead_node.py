@@ -1,0 +1,84 @@
+"""`AheadNode`: a node that knows ahead of time what holds in each state, and says so on one topic."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import TypeVar
+
+from sensor_msgs.msg import JointState
+
+from .. import topics
+from ..events import Event
+from ..parameters.config import ManagedConfig
+from ..samples import JointSample
+from ..source import source_in
+from ..units import LAST_STAMP_NS
+from . import meeting, qos
+from .base import TrunkNode
+from .conversions import WireReader, sample_to_wire
+from .evidence import Evidence
+
+Config = TypeVar("Config", bound=ManagedConfig)
+
+
+class AheadNode(TrunkNode[Config]):
+    """Answers each true state with what holds in the next one, so that the simulator never waits for it.
+
+    The first state is answered with its own value and the next one's, every other with the next one's.
+    """
+
+    def __init__(self, name: str, config_class: type[Config], topic: str) -> None:
+        super().__init__(name, config_class)
+        self._topic = topic
+        self._read = WireReader()
+        self._publisher: Evidence
+        self.retune(self.config)
+
+    def set_up(self) -> None:
+        """Listen for states."""
+        self._sent_ns = -1
+        self._publisher = self.create_evidence(self._topic)
+        self.create_subscription(
+            JointState, topics.GROUND_TRUTH, self._on_state, qos.control(), raw=True
+        )
+        self._ready_timer = self.every(0.02, self._announce)
+
+    @property
+    @abstractmethod
+    def period_ns(self) -> int:
+        """The plant's period, ns."""
+
+    @abstractmethod
+    def sample_at(self, stamp_ns: int) -> JointSample:
+        """Return what holds in the state with this stamp."""
+
+    def _announce(self) -> None:
+        """Say ready once it is active and the simulator is matched in both directions."""
+        if not self.active:
+            return
+        if meeting.met(self, hears=topics.GROUND_TRUTH, answers=self._topic):
+            self._ready_timer.cancel()
+            self.event(Event.READY, answers=self._topic)
+
+    def _on_state(self, data: bytes) -> None:
+        if not self.active:
+            return
+        stamp_ns = self._read(data).stamp_ns
+        next_ns = stamp_ns + self.period_ns
+        if stamp_ns < 0 or next_ns > LAST_STAMP_NS:
+            self.counters["states malformed"] += 1
+            return
+        if next_ns < self._sent_ns:  # the simulator has restarted, and time with it
+            self.counters["states out of order"] += 1
+            self._sent_ns = -1
+            self.be_in_real_time(False)  # unless this run's states say so, too
+        if source_in(self._read.frame_id):
+            self.be_in_real_time(True)
+        if self._sent_ns < stamp_ns:
+            self._publish(stamp_ns)
+        if self._sent_ns < next_ns:
+            self._publish(next_ns)
+
+    def _publish(self, stamp_ns: int) -> None:
+        self._publisher.publish(sample_to_wire(self.sample_at(stamp_ns), self.source))
+        self._sent_ns = self.run_stamp_ns = stamp_ns
