@@ -20,7 +20,11 @@ WRONG = {
         ("plant.gravity:=.nan", "nan", "finite double, >= 0"),
         ("initial.position:=[0.25]", "[0.25]", "double array of 2"),
         ("hip.mode:=flying", "'flying'", "one of passive, prescribed"),
-        ("wait_for:=[nobody]", "['nobody']", "each one of effort_command, disturbance, recorder"),
+        (
+            "wait_for:=[nobody]",
+            "['nobody']",
+            "each one of effort_command, disturbance, reference, recorder",
+        ),
     ],
     "disturbance": [
         ("update_rate:=0.0", "0.0", "double, >= 0.001"),

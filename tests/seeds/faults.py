@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import signal
+from collections.abc import Set
 from pathlib import Path
 from typing import Any
 
@@ -94,8 +95,10 @@ class Run:
             self.kept = self.path.read_bytes()
         self.world.crash(process)
 
-    def published(self, topic: str) -> tuple[int, int]:
+    def published(self, topic: str, counted: Set[str] | None = None) -> tuple[int, int]:
         """Return how many messages there were at least and at most.
+
+        ``counted``: at least those of these processes; None: of all.
 
         What a killed process kept is lost; what is sent once the recorder has ended comes too late for it, as
         from a controller that slept until the run was over.
@@ -107,7 +110,7 @@ class Run:
             sum(
                 sent_ns <= until_ns
                 for one in writers
-                if not one.process.crashed
+                if not one.process.crashed and (counted is None or one.process.identity in counted)
                 for sent_ns in one.sent_ns
             ),
             sum(len(one.sent_ns) for one in writers),

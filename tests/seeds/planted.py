@@ -56,13 +56,12 @@ BUGS = (
         "            self._answered[topic] = stamp_ns - (stamp_ns == 3 * self._loop.period_ns)\n"
         "            self._advance(now_ns)"),
     Bug("an answer during a pause is lost", _SIM + "pacing.py",
-        "        now = self._loop.stamp_ns\n        if stamp_ns < now:",
-        "        if self.paused:\n            return\n        now = self._loop.stamp_ns\n"
-        "        if stamp_ns < now:"),
-    Bug("doubled disturbances", _SIM + "disturbance_node.py",
+        "        self._unstamped = self._unstamped + 1",
+        "        if self.paused:\n            return\n        self._unstamped = self._unstamped + 1"),
+    Bug("doubled disturbances", _NODE + "ahead_node.py",
         "            self._publish(next_ns)\n",
         "            self._publish(next_ns)\n            self._publish(next_ns)\n"),
-    Bug("the first disturbance is missing", _SIM + "disturbance_node.py",
+    Bug("the first disturbance is missing", _NODE + "ahead_node.py",
         "        if self._sent_ns < stamp_ns:\n            self._publish(stamp_ns)\n", ""),
     Bug("a reset of the plant is not told", _SIM + "simulator_node.py",
         "        self.event(Event.RESET)\n", ""),

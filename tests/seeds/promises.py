@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Protocol
 
@@ -13,6 +13,7 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.recording.reader import Recording
+from trunk_msgs_util.source import process_of
 
 from .story import Story
 
@@ -52,7 +53,7 @@ class Run(Protocol):
     def complaints(self) -> str:
         """What all have written to stderr apart from their logs."""
 
-    def published(self, topic: str) -> tuple[int, int] | None:
+    def published(self, topic: str, counted: Set[str] | None = None) -> tuple[int, int] | None:
         """Return how many messages there were at least and at most; None if nobody has counted."""
 
 
@@ -139,10 +140,14 @@ def _everything(run: Run, found: RecordedRun) -> Iterator[str]:
     ends = [event for event in found.events if event.message == Event.FINISHED]
     if not ends:
         yield "complete without an end"
+    counted: set[str] | None = None
     if not run.story.lockstep:
         yield from _what_acted(found)
+        # What acted on nothing, and nobody has counted, may be missing.
+        said = [event.source for event in found.events if event.message == Event.PUBLISHED]
+        counted = set(map(process_of, said))
     for topic in (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.EFFORT_COMMAND):
-        least, most = run.published(topic) or (0, found.count(topic))
+        least, most = run.published(topic, counted) or (0, found.count(topic))
         if not least <= found.count(topic) <= most:
             yield f"complete with {found.count(topic)} of {least} to {most} messages on {topic}"
 

@@ -42,7 +42,10 @@ setup(
     entry_points={
         "console_scripts": []
         if wheel
-        else [f"{name} = trunk_control.executables:{name}" for name in (*laws, "fuzzy_gains")],
+        else [
+            f"{name} = trunk_control.executables:{name}"
+            for name in (*laws, "fuzzy_gains", "reference")
+        ],
         "trunk.controllers": [f"{name} = trunk_control.{name}_law:LAW" for name in laws],
     },
 )

@@ -40,7 +40,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         self.run_stamp_ns = -1
         self._controller.forget()
         self._controller.deactivate()
-        self._inputs = Inputs(self.config, self.counters)
+        self._inputs = Inputs(self.config, self.refuse)
         self._commensurate_known = False
         self._updates = 0
         self._diagnosed = (time.monotonic(), 0)

@@ -16,6 +16,7 @@ from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.executor import LoopExecutor
 from trunk_msgs_util.node.ros_parameters import NodeParameters
 from trunk_msgs_util.node.run import run_beside
+from trunk_msgs_util.printable import printable
 
 from .controller import Controller
 from .decide import Reading
@@ -45,15 +46,20 @@ class GainsNode(Node):
         config = self._parameters_set.config
         self._controller = Controller(config)
         self._counters: Counter[str] = Counter()
+        self._reasons: dict[str, str] = {}
         self._warned = 0
         self._warn_after_s = 0.0  # by the monotonic clock
         self._gains = self.create_publisher(Float64MultiArray, GAINS, qos.live())
-        self._inputs = Inputs(config, self._counters)
+        self._inputs = Inputs(config, self._refuse)
         self._inputs.follow(self, self._on_reading)
 
     def _retune(self, old: FuzzyPidConfig, new: FuzzyPidConfig) -> None:
         self._controller.retune(new)
         self._inputs.retune(new)
+
+    def _refuse(self, what: str, why: str) -> None:
+        self._counters[what] += 1
+        self._reasons[what] = why
 
     def _on_reading(self, reading: Reading) -> None:
         answer = self._controller.decide(reading)
@@ -69,8 +75,9 @@ class GainsNode(Node):
         now = time.monotonic()
         if self._counters.total() > self._warned and now > self._warn_after_s:
             self._warned, self._warn_after_s = self._counters.total(), now + _WARN_EVERY_S
-            found = ", ".join(f"{what} ({count})" for what, count in self._counters.items())
-            self.get_logger().warning(found)
+            counts = self._counters.items()
+            lines = (f"{what} ({count}): {self._reasons[what]}" for what, count in counts)
+            self.get_logger().warning(printable("; ".join(lines)))
 
 
 def main() -> None:

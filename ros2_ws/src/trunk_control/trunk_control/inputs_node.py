@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from math import isfinite
 
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import qos
+from trunk_msgs_util.node.adaptive import AdaptiveSubscription
 from trunk_msgs_util.node.conversions import WireReader
+from trunk_msgs_util.printable import quoted_names
+from trunk_msgs_util.samples import JointSample
 
 from .controller import JointPlaces, hip_seen
 from .controller_config import ControllerConfig
@@ -26,9 +27,10 @@ class Inputs:
     Unusable messages are counted and ignored.
     """
 
-    def __init__(self, config: ControllerConfig, counters: Counter[str]) -> None:
+    def __init__(self, config: ControllerConfig, refuse: Callable[[str, str], None]) -> None:
+        """``refuse`` is told of each message that is not used, and why."""
         self._config = config
-        self._counters = counters
+        self._refuse = refuse
         self._places = JointPlaces(config.joint, config.hip)
         self._read_state = WireReader()
         self._read_reference = WireReader()
@@ -42,11 +44,9 @@ class Inputs:
             if reading is not None:
                 on_reading(reading)
 
-        node.create_subscription(JointState, topics.JOINT_STATES, on_state, qos.control(), raw=True)
+        AdaptiveSubscription(node, topics.JOINT_STATES, on_state)
         for topic in (topics.REFERENCE, OWN_REFERENCE):
-            node.create_subscription(
-                JointState, topic, self._on_reference, qos.control(1), raw=True
-            )
+            AdaptiveSubscription(node, topic, self._on_reference, qos.control(1))
 
     def retune(self, config: ControllerConfig) -> None:
         """Take a changed configuration. A profile other than ``topic`` forgets the reference received."""
@@ -59,7 +59,7 @@ class Inputs:
         message = self._read_state(data)
         places = self._places(message.name)
         if places is None or places.last >= len(message.position):
-            self._counters["states without the joint"] += 1
+            self._refuse("states without the joint", self._lacks(message))
             return None
         needed = self._config.uses_rate
         velocity = 0.0
@@ -68,12 +68,17 @@ class Inputs:
             if not (needed or isfinite(velocity)):
                 velocity = 0.0  # a broadcaster's NaN for what its hardware does not measure
         elif needed:
-            self._counters["states without the velocity that the law needs"] += 1
+            self._refuse(
+                "states without the velocity that the law needs",
+                f"{len(message.velocity)} values of velocity: one for each name is needed, in rad/s, or a "
+                "derivative_mode other than rate",
+            )
             return None
         position = message.position[places.joint]
         hip = hip_seen(places.hip, message.position, message.velocity)
         if not (isfinite(position) and isfinite(velocity) and all(map(isfinite, hip))):
-            self._counters["states not finite"] += 1
+            values = ", ".join(f"{value:g}" for value in (position, velocity, *hip))
+            self._refuse("states not finite", f"position and velocity are {values}")
             return None
         effort = message.effort[places.joint] if places.joint < len(message.effort) else 0.0
         return Reading(
@@ -88,15 +93,25 @@ class Inputs:
 
     def _on_reference(self, data: bytes) -> None:
         if self._config.reference_profile != "topic":
-            self._counters["references ignored (reference.profile is not 'topic')"] += 1
+            self._refuse(
+                "references ignored (reference.profile is not 'topic')",
+                f"it is {self._config.reference_profile!r}: set it to 'topic' to follow them",
+            )
             return
         message = self._read_reference(data)
         try:
             value = message.position[message.name.index(self._config.joint)]
         except (ValueError, IndexError):
-            self._counters["references without the joint"] += 1
+            self._refuse("references without the joint", self._lacks(message))
             return
         if isfinite(value):
             self._reference = value
         else:
-            self._counters["references not finite"] += 1
+            self._refuse("references not finite", f"the position is {value}, rad")
+
+    def _lacks(self, message: JointSample) -> str:
+        needed = [name for name in (self._config.joint, self._config.hip) if name is not None]
+        return (
+            f"their names are {quoted_names(message.name)}, with {len(message.position)} values of position: "
+            f"{' and '.join(map(repr, needed))} must be there"
+        )

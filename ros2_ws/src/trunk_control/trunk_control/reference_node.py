@@ -28,9 +28,7 @@ class ReferenceNode(AheadNode[ReferenceConfig]):
 
     def sample_at(self, stamp_ns: int) -> JointSample:
         """Return the reference of the state with this stamp, rad."""
-        return JointSample(
-            stamp_ns, (self.config.joint,), (reference_at(stamp_ns, self._profile),)
-        )
+        return JointSample(stamp_ns, (self.config.joint,), (reference_at(stamp_ns, self._profile),))
 
 
 main = main_for(ReferenceNode, "reference")

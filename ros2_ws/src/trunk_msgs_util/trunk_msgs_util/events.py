@@ -57,6 +57,27 @@ class Event(str, Enum):
         "angle",
         "limit",
     )
+    CONNECTED = (
+        "connected",
+        "simulator",
+        "A node of somebody else's publishes commands: its name, if it is a ROS node, and its DDS",
+        "node",
+        "middleware",
+    )
+    DISCONNECTED = (
+        "disconnected",
+        "simulator",
+        "It publishes commands no longer",
+        "node",
+        "middleware",
+    )
+    REFUSED = (
+        "refused",
+        "every node",
+        "The first message of a kind that the node does not use, and why; at its end, how many there were",
+        "what",
+        "why",
+    )
     PASSED_ON = (
         "passed on",
         "simulator",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import Any, TextIO
 
 # Control characters except tab and newline; separators and bidirectional marks; lone surrogates, as in names
@@ -15,6 +16,13 @@ _UNPRINTABLE = re.compile(
 def printable(text: str) -> str:
     r"""Return the text with each character that acts on a terminal written as JSON would: ``\u001b``."""
     return _UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+def quoted_names(names: Sequence[str]) -> str:
+    """Return names from a message as a line quotes them: the first few, each of bounded length."""
+    shown = [repr(name if len(name) <= 40 else name[:37] + "...") for name in names[:4]]
+    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+    return f"[{', '.join(shown)}]{more}"
 
 
 class PrintableStream:

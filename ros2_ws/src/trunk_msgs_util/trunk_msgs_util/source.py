@@ -9,7 +9,16 @@ from __future__ import annotations
 import re
 from functools import lru_cache
 
-NO_SOURCE = "-"  # in ``plant/inputs``, of what somebody else's node sent, or where nothing acts
+# In ``plant/inputs``: of what somebody else's node sent, or where nothing acts.
+NO_SOURCE = "-"
+# In ``plant/inputs``: of a command that answers no state by its stamp, and acts from its arrival.
+ARRIVAL = "*"
+# Under which names the simulator counts such commands.
+NO_STAMP, CLOCK_STAMP, ODD_STAMP = ARRIVALS = (
+    "commands without a stamp",
+    "commands with a clock's stamp",
+    "commands with no state's stamp",
+)
 
 # No blank, no second @; three of them are still a frame that every reader takes.
 _SOURCE = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,239}@[!-?A-~]{0,98}")
@@ -41,7 +50,10 @@ def frame_of_inputs(simulator: str, command: str, disturbance: str) -> str:
 def sources_of_inputs(frame_id: str) -> tuple[str, str, str] | None:
     """Return the three sources that a row's frame names, empty where there is none; None for any other."""
     texts = frame_id.split(" ")
-    if len(texts) != 3 or not all(text == NO_SOURCE or source_in(text) for text in texts):
+    if len(texts) != 3 or not all(
+        text == NO_SOURCE or source_in(text) or (place == 1 and text == ARRIVAL)
+        for place, text in enumerate(texts)
+    ):
         return None
     simulator, command, disturbance = ("" if text == NO_SOURCE else text for text in texts)
     return simulator, command, disturbance

@@ -16,6 +16,9 @@ RUN_PARAMETERS = "run/parameters"
 RUN_EVENTS = "run/events"
 RECORDER_PROGRESS = "recorder/progress"
 
+# What a run with somebody else's controller goes by as long as that has no name.
+EXTERNAL = "external"
+
 # The picture of a run, for 3-D views.
 MARKERS = "markers"
 TF = "tf"
@@ -46,6 +49,8 @@ STRANGERS_DEPTH = 10
 
 # Discovery's name for a node of which it knows only an endpoint.
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+# Fast DDS's name, as its ROS middleware gives it, for a participant that no ROS node belongs to.
+BARE_NODE = "_CREATED_BY_BARE_DDS_APP_"
 
 # What each topic carries, for docs/topics.md: name, type, publisher, content.
 DESCRIPTIONS = (
@@ -68,7 +73,10 @@ DESCRIPTIONS = (
         EFFORT_COMMAND,
         JOINT_STATE_TYPE,
         "controller",
-        "trunk: effort [N m]; its stamp is the stamp of the state it answers",
+        (
+            "trunk: effort [N m]; its stamp is the stamp of the state it answers; of anybody's node, one of "
+            "no state acts when it arrives"
+        ),
     ),
     (
         DISTURBANCE,
@@ -82,8 +90,11 @@ DESCRIPTIONS = (
     (
         REFERENCE,
         JOINT_STATE_TYPE,
-        "anyone",
-        "trunk: position [rad]; used if `reference.profile` is `topic`",
+        "anyone; with a controller of somebody else's, the reference node",
+        (
+            "trunk: position [rad]; our controllers use it if `reference.profile` is `topic`; the reference "
+            "node publishes each state's one step ahead"
+        ),
     ),
     (
         OPERATOR_REQUEST,
@@ -113,7 +124,8 @@ DESCRIPTIONS = (
             "from it; command, hip_force, trunk_torque, hip_offset, trunk_offset: position = value [N m, N, "
             "N m, m, rad], velocity = its age [ns], the state's stamp minus that of the command or "
             "disturbance, -1 where none is in force; `header.frame_id`: the sources of the row, the command "
-            "and the disturbance, `-` for none and for one that is not ours"
+            "and the disturbance, `-` for none and for one that is not ours, `*` for a command that acts "
+            "from its arrival: it is known by its value"
         ),
     ),
     (

@@ -39,3 +39,7 @@ class CountingLoop:
         assert isinstance(number, int)
         assert number != 0
         self.counts[what] = self.counts.get(what, 0) + number
+
+    def refuse(self, what, why):
+        assert why
+        self.count(what)

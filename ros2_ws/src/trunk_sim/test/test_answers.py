@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from math import inf, nan
 
 import pytest
@@ -18,10 +19,24 @@ def test_a_command_is_found_by_its_joint():
     assert effort_of(command, "trunk") == 2.0
 
 
-@pytest.mark.parametrize("names", [(), ("hip",), ("hip", "trunk")])
-def test_a_command_without_the_joint_or_its_effort_is_refused(names):
-    with pytest.raises(RefusedError, match=r"^commands without the joint$"):
+@pytest.mark.parametrize(
+    ("names", "what", "why"),
+    [
+        ((), "the joint", r"their names are \[\]: 'trunk' must be there, once"),
+        (("hip",), "the joint", r"their names are \['hip'\]"),
+        (("trunk", "trunk"), "the joint", r"'trunk' must be there, once"),
+        (("hip", "trunk"), "an effort", r"1 values of effort for the names \['hip', 'trunk'\]"),
+        (
+            tuple(f"{'x' * 90}{i}" for i in range(9)),
+            "the joint",
+            r"^their names are .{100,200} and 5 more",
+        ),
+    ],
+)
+def test_a_command_without_the_joint_or_its_effort_is_refused(names, what, why):
+    with pytest.raises(RefusedError, match=f"^commands without {what}$") as refused:
         effort_of(JointSample(0, names, effort=(1.0,)), "trunk")
+    assert re.search(why, refused.value.why)
 
 
 @pytest.mark.parametrize("effort", [nan, inf, -inf])

@@ -191,3 +191,29 @@ def test_the_speed_changes_during_the_run():
     assert loop.stamp_ns == before  # from now on, a tenth of a period later
     pacing.tick(loop.period_ns // 2 + loop.period_ns // 10)
     assert loop.stamp_ns == before + loop.period_ns
+
+
+@pytest.mark.parametrize(
+    ("stamp_ns", "fault"),
+    [
+        (1_795_000_000 * 10**9, "they carry the wall clock's stamps"),
+        (H + 1, "they carry stamps of no state"),
+    ],
+)
+def test_a_stamp_that_no_state_can_have_ends_the_run(stamp_ns, fault):
+    loop, pacing = lockstep()
+    pacing.begin(0)
+    pacing.command(stamp_ns, 1.0, 1)
+    assert loop.efforts == []
+    assert fault in loop.failure
+    assert "copy header.stamp of the state" in loop.failure
+
+
+def test_silence_names_commands_without_a_stamp():
+    loop, pacing = lockstep()
+    pacing.begin(0)
+    pacing.command(0, 1.0, 1)
+    pacing.command(0, 1.0, 1)
+    pacing.tick(2 * 10**9)
+    assert loop.efforts == [1.0]
+    assert "1 commands came without a stamp: copy header.stamp" in loop.failure

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import pytest
 
+from trunk_msgs_util.source import ARRIVAL
 from trunk_sim.pacing import MAX_CATCH_UP, RealTimePacing
 
 from .counting_loop import CountingLoop, H
+
+
+def give(pacing, stamp_ns, effort, now_ns):
+    """Give a command of a controller of ours."""
+    pacing.command(stamp_ns, effort, now_ns, "pid@process")
 
 
 @pytest.fixture
@@ -25,9 +31,9 @@ def test_nothing_happens_before_it_begins():
 
 def test_each_tick_steps_with_the_latest_command(real_time):
     loop, pacing = real_time
-    pacing.command(0, 3.0, 1001)
+    give(pacing, 0, 3.0, 1001)
     pacing.tick(1000 + H)
-    pacing.command(H, 4.0, 1002 + H)
+    give(pacing, H, 4.0, 1002 + H)
     pacing.tick(1000 + 2 * H)
     assert loop.efforts == [3.0, 4.0]
 
@@ -68,12 +74,12 @@ def test_as_far_behind_as_it_may_be_it_still_catches_up(real_time):
 
 def test_an_old_command_is_not_used_but_the_next_fresh_one_is(real_time):
     loop, pacing = real_time
-    pacing.command(0, 3.0, 1001)
+    give(pacing, 0, 3.0, 1001)
     for k in range(1, 8):
         pacing.tick(1000 + k * H)
     assert loop.efforts == [3.0] * 6 + [0.0]  # at 5 ms it is still in use, at 6 ms no longer
     assert loop.counts == {"steps without a fresh command": 1}
-    pacing.command(7 * H, 5.0, 1)
+    give(pacing, 7 * H, 5.0, 1)
     pacing.tick(1000 + 8 * H)
     assert loop.efforts[-1] == 5.0
 
@@ -87,11 +93,11 @@ def test_before_the_first_command_none_is_missed(real_time):
 
 def test_a_command_after_its_step_is_used_and_counted_as_late(real_time):
     loop, pacing = real_time
-    pacing.command(0, 3.0, 1001)
+    give(pacing, 0, 3.0, 1001)
     pacing.tick(1000 + H)
     assert "commands late" not in loop.counts
     pacing.tick(1000 + 2 * H)
-    pacing.command(H, 4.0, 1002 + 2 * H)
+    give(pacing, H, 4.0, 1002 + 2 * H)
     pacing.tick(1000 + 3 * H)
     assert loop.efforts == [3.0, 3.0, 4.0]
     assert loop.counts["commands late"] == 1
@@ -126,7 +132,7 @@ def test_unanswered_states_are_counted(answered, missed):
     pacing.begin(0)
     for k in range(11):
         if k in answered:
-            pacing.command(k * H, 1.0, k * H)
+            give(pacing, k * H, 1.0, k * H)
         pacing.tick((k + 1) * H)
     pacing.tick(2_000_000_000)
     assert loop.finished
@@ -139,7 +145,7 @@ def test_a_busy_controller_that_answers_every_other_state_is_not_a_slow_one():
     pacing.begin(0)
     for k in range(61):
         if k < 4 or k % 2 == 0:
-            pacing.command(k * H, 1.0, k * H)
+            give(pacing, k * H, 1.0, k * H)
         pacing.tick((k + 1) * H)
     assert loop.counts["states unanswered"] == 28  # 5, 7, ... 59
 
@@ -151,7 +157,7 @@ def test_a_slow_controller_that_takes_over_misses_nothing(every):
     pacing.begin(0)
     for k in range(401):
         if k < 4 or k % every == 0:
-            pacing.command(k * H, 1.0, k * H)
+            give(pacing, k * H, 1.0, k * H)
         pacing.tick((k + 1) * H)
     assert loop.counts["states unanswered"] == 0
 
@@ -159,8 +165,8 @@ def test_a_slow_controller_that_takes_over_misses_nothing(every):
 @pytest.mark.parametrize("stamp_ns", [-H, 0, H], ids=["older", "same", "from the future"])
 def test_commands_out_of_order_are_counted_and_ignored(real_time, stamp_ns):
     loop, pacing = real_time
-    pacing.command(0, 3.0, 1001)
-    pacing.command(stamp_ns, 9.0, 1002)
+    give(pacing, 0, 3.0, 1001)
+    give(pacing, stamp_ns, 9.0, 1002)
     pacing.tick(1000 + H)
     assert loop.efforts == [3.0]
     assert loop.counts["commands out of order"] == 1
@@ -200,6 +206,90 @@ def test_the_last_state_waits_for_its_answer_up_to_the_timeout(answered):
     pacing.tick(7 * H)  # 5 ms after the step after the last would have been due
     assert not loop.finished
     if answered:
-        pacing.command(H, 1.0, 7 * H)
+        give(pacing, H, 1.0, 7 * H)
     pacing.tick(7 * H if answered else 7 * H + 1)
     assert loop.finished
+
+
+# Of somebody else's node, which names no source.
+
+
+@pytest.mark.parametrize(
+    ("stamp_ns", "counted"),
+    [
+        (1_795_000_000 * 10**9, "commands with a clock's stamp"),
+        (3 * H + 1, "commands with no state's stamp"),
+        (4 * H, "commands with no state's stamp"),
+        (-H, "commands with no state's stamp"),
+        (0, "commands without a stamp"),
+    ],
+)
+def test_a_strangers_command_without_a_states_stamp_acts_when_it_arrives(
+    real_time, stamp_ns, counted
+):
+    loop, pacing = real_time
+    pacing.command(0, 1.0, 1001)
+    for k in (1, 2, 3):
+        pacing.tick(1000 + k * H)
+    pacing.command(stamp_ns, 5.0, 1)
+    assert pacing.in_force == (3 * H, 5.0, ARRIVAL)
+    pacing.tick(1000 + 4 * H)
+    assert loop.efforts == [1.0, 1.0, 1.0, 5.0]
+    assert loop.counts == {counted: 1}
+    for k in range(5, 11):
+        pacing.tick(1000 + k * H)
+    assert loop.efforts[4:] == [5.0] * 5 + [0.0]  # and no longer than the timeout
+
+
+def test_a_strangers_first_command_stamped_0_answers_the_first_state(real_time):
+    loop, pacing = real_time
+    pacing.tick(1000 + H)
+    pacing.command(0, 3.0, 1)
+    assert pacing.in_force == (0, 3.0, "")
+    assert loop.counts == {}
+
+
+def test_a_stranger_may_answer_a_state_more_often_than_once(real_time):
+    loop, pacing = real_time
+    pacing.command(0, 3.0, 1)
+    pacing.command(0, 4.0, 1)
+    assert (
+        pacing.in_force.effort == 3.0
+    )  # the record names a command by its stamp: the first counts
+    assert loop.counts == {"repeated answers ignored": 1}
+
+
+@pytest.mark.parametrize("every", [2, 4])
+def test_a_stranger_with_a_rate_of_its_own_leaves_no_state_unanswered(real_time, every):
+    loop, pacing = real_time
+    for k in range(400):
+        if k % every == (k // 100) % 2:  # its timer drifts
+            pacing.command(k * H, 1.0, 1)
+        pacing.tick(1000 + (k + 1) * H)
+    assert loop.counts == {}
+
+
+def test_a_strangers_missed_turns_are_counted_by_its_usual_gap(real_time):
+    loop, pacing = real_time
+    for k in range(0, 400, 2):
+        if k not in (300, 302):
+            pacing.command(k * H, 1.0, 1)
+        pacing.tick(1000 + (k + 1) * H)
+        pacing.tick(1000 + (k + 2) * H)
+    assert loop.counts["states unanswered"] == 2
+
+
+def test_a_stranger_that_answers_every_state_is_late_as_ours_are(real_time):
+    loop, pacing = real_time
+    for k in range(100):
+        pacing.tick(1000 + (k + 1) * H)
+        pacing.command(k * H, 1.0, 1)
+    assert 0 < loop.counts["commands late"] <= 100
+
+
+def test_an_answer_counts_for_more_than_what_arrived_in_its_state(real_time):
+    _, pacing = real_time
+    pacing.tick(1000 + H)
+    pacing.command(7 * H, 9.0, 1)
+    pacing.command(H, 3.0, 1)
+    assert pacing.in_force == (H, 3.0, "")

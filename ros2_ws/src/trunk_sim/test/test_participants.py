@@ -129,8 +129,8 @@ def test_an_unknown_node_is_awaited_but_not_for_ever():
     those = participants(controllers=["/pid", f"/{UNKNOWN_NODE}"])
     assert those.rivals() == []  # nobody can be told whom to stop
     assert those.unsettled(5.0)
-    assert those.unsettled(7.9)
-    assert not those.unsettled(8.1)
+    assert those.unsettled(8.9)
+    assert not those.unsettled(9.1)
 
 
 def test_rivals_are_judged_by_one_look_at_the_graph():

@@ -158,7 +158,7 @@ class SimulatorConfig(ManagedConfig):
         ("effort_command",),
         "Hold the first state until these topics are matched; empty: start at once",
         element=str,
-        choices=("effort_command", "disturbance", "recorder"),
+        choices=("effort_command", "disturbance", "reference", "recorder"),
         fixed=True,
     )
     controllers: tuple[str, ...] = parameter(

@@ -37,9 +37,17 @@ class DisturbanceFeed:
     def take(self, stamp_ns: int, disturbance: Disturbance, now_ns: int, source: str = "") -> None:
         """Queue what acts from a stamp on. Raises RefusedError for one out of order or too far ahead."""
         if stamp_ns <= self._told_until_ns:
-            raise RefusedError("disturbances out of order")
+            raise RefusedError(
+                "disturbances out of order",
+                f"t = {seconds(stamp_ns):g} s comes after t = {seconds(self._told_until_ns):g} s: "
+                "stamps must ascend",
+            )
         if stamp_ns - now_ns > self._ahead_ns:
-            raise RefusedError(f"disturbances more than {seconds(self._ahead_ns):g} s ahead")
+            raise RefusedError(
+                f"disturbances more than {seconds(self._ahead_ns):g} s ahead",
+                f"t = {seconds(stamp_ns):.9g} s, while the state is at t = {seconds(now_ns):g} s: "
+                "stamp them in simulated time",
+            )
         self._told_until_ns = stamp_ns
         self._told.append(Disturbed(stamp_ns, disturbance, source))
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 from math import isfinite
 from typing import NamedTuple
 
+from trunk_msgs_util.printable import quoted_names
 from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.units import seconds
 
 from .answers import RefusedError
 from .disturbances import Disturbance
@@ -61,9 +63,15 @@ def with_operator(acting: Disturbance, applied: Applied) -> Disturbance:
 def asked_of(sample: JointSample, joints: tuple[str, ...]) -> Applied:
     """Return what a message asks for: an effort for each joint. Raises RefusedError."""
     if sample.name != joints or len(sample.effort) != 2 or sample.position or sample.velocity:
-        raise RefusedError("requests of the operator malformed")
+        raise RefusedError(
+            "requests of the operator malformed",
+            f"the names must be {quoted_names(joints)}, with two values of effort alone; "
+            f"they are {quoted_names(sample.name)}",
+        )
     if not all(map(isfinite, sample.effort)):
-        raise RefusedError("requests of the operator not finite")
+        raise RefusedError(
+            "requests of the operator not finite", f"the values are {sample.effort}, N and N m"
+        )
     return Applied(*sample.effort)
 
 
@@ -84,14 +92,27 @@ class Operator:
         the timeout or the last one.
         """
         if not name or len(name) > _LONGEST_NAME:
-            raise RefusedError("requests of an operator without a name")
+            raise RefusedError(
+                "requests of an operator without a name",
+                f"header.frame_id must name the operator, in at most {_LONGEST_NAME} characters",
+            )
         if stamp_ns > now_ns or stamp_ns < now_ns - self._limits.timeout_ns:
-            raise RefusedError("requests of the operator out of time")
+            raise RefusedError(
+                "requests of the operator out of time",
+                f"t = {seconds(stamp_ns):.9g} s, while the state is at t = {seconds(now_ns):g} s: copy "
+                "header.stamp of the state that was seen, or leave it empty",
+            )
         silent = self._since_ns < 0 or now_ns - self._since_ns > self._limits.timeout_ns
         if self._name not in ("", name) and not silent:
-            raise RefusedError("requests of a second operator")
+            raise RefusedError(
+                "requests of a second operator",
+                f"{self._name[:40]!r} is the operator; {name[:40]!r} has to wait",
+            )
         if name == self._name and stamp_ns < self._stamp_ns:
-            raise RefusedError("requests of the operator out of order")
+            raise RefusedError(
+                "requests of the operator out of order",
+                f"t = {seconds(stamp_ns):g} s comes after t = {seconds(self._stamp_ns):g} s",
+            )
         self._name, self._stamp_ns, self._since_ns = name, stamp_ns, now_ns
         self._asked, self._new = self._limits.clip(asked), True
 

@@ -6,11 +6,13 @@ Pure: time comes in as integers, the loop is reached through `Loop`; the simulat
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.patience import READ_FROM
+from trunk_msgs_util.source import ARRIVAL, CLOCK_STAMP, NO_STAMP, ODD_STAMP
 from trunk_msgs_util.units import NANOSECONDS, nanoseconds, seconds
 
 from .acting import NO_COMMAND, Command
@@ -21,6 +23,8 @@ _LOCKSTEP_TICK_S = 0.05
 # If it is further behind the wall clock than this, it does not catch up: time is re-anchored.
 MAX_CATCH_UP = 50
 _SETTLED_GAPS = 50
+# Stamps beyond this, ns, are from a clock that counts from 1970: no run lasts for 30 years.
+_WALL_CLOCK_NS = 10**18
 
 
 class Loop(Protocol):
@@ -49,6 +53,9 @@ class Loop(Protocol):
 
     def count(self, what: str, number: int = 1) -> None:
         """Count something for diagnostics."""
+
+    def refuse(self, what: str, why: str) -> None:
+        """Count a message that is not used as it was meant, and say why."""
 
     def participant(self, topic: str) -> str:
         """Return who answers on a topic, as readable text."""
@@ -110,13 +117,20 @@ class RealTimePacing(Pacing):
         # Between answered states; 0: not known yet.
         self._gap_ns = self._last_gap_ns = 0
         self._same_gaps = 0
+        self._strangers_gaps: Counter[int] = Counter()
 
     def set_timeout(self, command_timeout: float) -> None:
         """Use no command that answers a state older than this, s."""
         self._timeout_ns = nanoseconds(command_timeout)
 
     def command(self, stamp_ns: int, effort: float, now_ns: int, source: str = "") -> None:
-        """Take the command if it is newer than the last."""
+        """Take the command if it is newer than the last.
+
+        One of a node that is not ours, stamped otherwise than any state so far, acts from its arrival.
+        """
+        if not source:
+            self._strangers_command(stamp_ns, effort)
+            return
         if stamp_ns <= self._latest.stamp_ns or stamp_ns > self._loop.stamp_ns:
             self._loop.count("commands out of order")
             return
@@ -124,6 +138,41 @@ class RealTimePacing(Pacing):
             self._loop.count("commands late")  # the step from that state was made without it
         self._count_unanswered(stamp_ns)
         self._latest = Command(stamp_ns, effort, source)
+
+    def _strangers_command(self, stamp_ns: int, effort: float) -> None:
+        now = self._loop.stamp_ns
+        if not self._is_of_a_state(stamp_ns):
+            what, fault = no_states_stamp(stamp_ns, now)
+            self._loop.refuse(
+                what, f"they act when they arrive, and lateness cannot be judged, as {fault}"
+            )
+            self._latest = Command(now, effort, ARRIVAL)
+            return
+        arrived = (
+            self._latest.source == ARRIVAL
+        )  # in this state perhaps: its answer counts for more
+        if stamp_ns < self._latest.stamp_ns + (not arrived):
+            repeated = stamp_ns == self._latest.stamp_ns
+            self._loop.count("repeated answers ignored" if repeated else "commands out of order")
+            return
+        gaps = self._strangers_gaps
+        if self._latest.stamp_ns >= 0 and not arrived:
+            gaps[(stamp_ns - self._latest.stamp_ns) // self._loop.period_ns] += 1
+        usual = gaps.most_common(1)[0][0] if gaps.total() >= _SETTLED_GAPS else 0
+        if usual == 1 and stamp_ns < now:  # one at a rate of its own is late for no state
+            self._loop.count("commands late")
+        if usual:
+            missed = (stamp_ns - self._latest.stamp_ns) // (usual * self._loop.period_ns) - 1
+            if missed > 0:
+                self._loop.count("states unanswered", missed)
+        self._latest = Command(stamp_ns, effort, "")
+
+    def _is_of_a_state(self, stamp_ns: int) -> bool:
+        """Return True if a stranger's stamp is a published state's; 0 may also be that of no stamp."""
+        now = self._loop.stamp_ns
+        if stamp_ns == 0:
+            return now == 0 or (self._latest.stamp_ns < 0 and now <= self._timeout_ns)
+        return 0 < stamp_ns <= now and stamp_ns % self._loop.period_ns == 0
 
     def _count_unanswered(self, stamp_ns: int) -> None:
         """Count the states between the last answered one and this one that should have been answered.
@@ -158,7 +207,8 @@ class RealTimePacing(Pacing):
         if loop.at_end:
             if self._latest.stamp_ns < loop.stamp_ns and late <= self._timeout_ns:
                 return
-            self._count_unanswered(loop.stamp_ns + (self._gap_ns or period))
+            if self._latest.source or self._latest.stamp_ns < 0:
+                self._count_unanswered(loop.stamp_ns + (self._gap_ns or period))
             loop.finish()
             return
         if late >= period:
@@ -184,6 +234,18 @@ class RealTimePacing(Pacing):
         return acting.effort
 
 
+def no_states_stamp(stamp_ns: int, now_ns: int) -> tuple[str, str]:
+    """Return under which name a command is counted that answers no state by its stamp, and the reason."""
+    if stamp_ns == 0:
+        what, stamp = NO_STAMP, "they carry no stamp"
+    elif stamp_ns >= _WALL_CLOCK_NS:
+        what, stamp = CLOCK_STAMP, "they carry the wall clock's stamps"
+    else:
+        at = f"t = {seconds(stamp_ns):.9g} s, while the state is at t = {seconds(now_ns):.9g} s"
+        what, stamp = ODD_STAMP, f"they carry stamps of no state ({at})"
+    return what, f"{stamp}: copy header.stamp of the state that a command answers"
+
+
 class LockstepPacing(Pacing):
     """The plant leaves state k once every participant has answered it, however long that takes.
 
@@ -205,6 +267,7 @@ class LockstepPacing(Pacing):
         self._waiting_since_ns: int | None = None
         self._waited_since_ns: int | None = None  # as of the last tick
         self._waited_ns = self._ticked_ns = 0
+        self._unstamped = 0  # commands without a stamp since the last answer
 
     def _wall(self, duration_ns: int) -> int:
         return round(duration_ns / self._speed) if self._speed > 0.0 else 0
@@ -226,8 +289,19 @@ class LockstepPacing(Pacing):
         self._advance(now_ns)
 
     def command(self, stamp_ns: int, effort: float, now_ns: int, source: str = "") -> None:
-        """Take the first answer to the current state; count and ignore any other."""
+        """Take the first answer to the current state; count and ignore any other.
+
+        A stamp that no state can have ends the run: its sender does not answer states.
+        """
         now = self._loop.stamp_ns
+        if stamp_ns % self._loop.period_ns or stamp_ns >= _WALL_CLOCK_NS:
+            who = self._loop.participant(topics.EFFORT_COMMAND)
+            self._loop.fail(
+                f"{who}: in lock-step its commands must answer states, but "
+                f"{no_states_stamp(stamp_ns, now)[1]}"
+            )
+            return
+        self._unstamped = self._unstamped + 1 if stamp_ns == 0 < now else 0
         if stamp_ns < now:
             self._loop.count("late answers ignored")
         elif stamp_ns > now:
@@ -275,10 +349,16 @@ class LockstepPacing(Pacing):
         if not silent:
             self._advance(now_ns)
         elif self._waiting_since_ns is not None and self._gives_up(silent, now_ns):
+            unstamped = ""
+            if self._unstamped and topics.EFFORT_COMMAND in silent:
+                unstamped = (
+                    f"; {self._unstamped} commands came without a stamp: "
+                    "copy header.stamp of the state that a command answers"
+                )
             self._loop.fail(
                 f"no answer from {', '.join(map(self._loop.participant, silent))} to the state at "
                 f"t = {seconds(self._loop.stamp_ns):g} s within lockstep.timeout = "
-                f"{self._timeout:g} s"
+                f"{self._timeout:g} s{unstamped}"
             )
 
     def _gives_up(self, silent: Sequence[str], now_ns: int) -> bool:
@@ -301,6 +381,7 @@ def make_pacing(loop: Loop, config: SimulatorConfig) -> Pacing:
     windows = {
         topics.EFFORT_COMMAND: 0,
         topics.DISTURBANCE: -period,
+        topics.REFERENCE: -period,
         "recorder": config.lockstep_window * period,
     }
     return LockstepPacing(

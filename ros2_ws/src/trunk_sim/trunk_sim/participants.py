@@ -16,8 +16,9 @@ from .config import SimulatorConfig
 # A participant that sends no events (another project's controller) counts as ready once it has been matched
 # for this long.
 _MATCHED_S = 1.0
-# DDS discovers a publisher first, then its node, then that node's events.
-_STRANGER_S = 3.0
+# DDS discovers a publisher first, then its node, then that node's events: after `strangers.UNNAMED_S` it is
+# known whether there is one.
+_STRANGER_S = 4.0
 
 
 class Participants:
@@ -154,7 +155,8 @@ class Participants:
         """Return who answers on a topic, as text for a message."""
         ready = self._ready.get(topic, set())
         answering = ready - self._inactive
-        names = " or ".join(sorted(answering or ready)) or "anyone"
+        strangers = self.strangers() if topic == topics.EFFORT_COMMAND and not ready else []
+        names = " or ".join(sorted(answering or ready) or strangers) or "anyone"
         return f"{names} ({topic}{'; inactive' if ready and not answering else ''})"
 
 

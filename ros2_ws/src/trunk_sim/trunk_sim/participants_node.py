@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.subscription import Subscription
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import meeting, qos
+from trunk_msgs_util.node.adaptive import AdaptiveSubscription
 from trunk_msgs_util.node.base import TrunkNode
+from trunk_msgs_util.node.strangers import Sender, Senders
 from trunk_msgs_util.source import process_of
 
 from .config import SimulatorConfig
@@ -20,20 +22,33 @@ from .participants import Participants
 _ANSWERED = {
     topics.EFFORT_COMMAND: (topics.EFFORT_COMMAND, topics.JOINT_STATES),
     topics.DISTURBANCE: (topics.DISTURBANCE, topics.GROUND_TRUTH),
+    topics.REFERENCE: (topics.REFERENCE, topics.GROUND_TRUTH),
     "recorder": (topics.RECORDER_PROGRESS, topics.RUN_EVENTS),
 }
+
+# A stranger has discovered the recorder's subscription for so long after the simulator has; and the start
+# waits for this no longer than that.
+_HEARD_S, _UNHEARD_S = 0.5, 5.0
 
 
 class GraphParticipants(Participants):
     """Asks the graph on behalf of a node, and listens to ``run/events``."""
 
     def __init__(
-        self, node: TrunkNode[Any], config: SimulatorConfig, answers: Mapping[str, Subscription]
+        self,
+        node: TrunkNode[Any],
+        config: SimulatorConfig,
+        answers: Mapping[str, AdaptiveSubscription],
     ) -> None:
         """Take the node's subscriptions to the answers, by relative topic."""
         super().__init__(config, self._publishers_of, self._command_givers, self._reporting)
         self._node = node
         self._answers = answers
+        self._strange_since_s: float | None = None  # monotonic clock
+        self._heard_since_s = -math.inf
+        self._senders = Senders(
+            node, node.resolve_topic_name(topics.EFFORT_COMMAND), topics.JOINT_STATE_TYPE
+        )
         node.create_subscription(
             DiagnosticArray, topics.RUN_EVENTS, self._on_event, qos.run_information()
         )
@@ -58,16 +73,44 @@ class GraphParticipants(Participants):
             )
         ]
 
+    def unsettled(self, now: float) -> bool:
+        """Return True while more is to be known of who gives commands, for a bounded time; ``now`` in s."""
+        return super().unsettled(now) or self._unrecorded(now)
+
+    def _unrecorded(self, now: float) -> bool:
+        """Return True while the recorder is not known to hear a stranger's commands.
+
+        It subscribes once it has discovered the stranger, who then has to discover the subscription.
+        """
+        if "recorder" not in self._config.wait_for or not self.strange_senders():
+            return False
+        self._strange_since_s = now if self._strange_since_s is None else self._strange_since_s
+        recorders = set(
+            meeting.names(self._node.get_publishers_info_by_topic(topics.RECORDER_PROGRESS))
+        )
+        if not recorders <= meeting.listeners(self._node, topics.EFFORT_COMMAND):
+            self._heard_since_s = now
+        return now - self._heard_since_s < _HEARD_S and now - self._strange_since_s < _UNHEARD_S
+
     def _publishers_of(self, topic: str) -> int:
         if topic == "recorder":
             return len(self._node.get_publishers_info_by_topic(topics.RECORDER_PROGRESS))
         subscription = self._answers.get(topic)
-        return 0 if subscription is None else int(subscription.get_publisher_count())
+        return 0 if subscription is None else subscription.get_publisher_count()
 
     def _command_givers(self) -> list[str]:
-        """Return who publishes commands; what another type's publisher says there, nobody receives."""
-        publishing = self._node.get_publishers_info_by_topic(topics.EFFORT_COMMAND)
-        return meeting.names(p for p in publishing if p.topic_type == topics.JOINT_STATE_TYPE)
+        return [sender.label for sender in self._senders.look()]
+
+    def strange_senders(self) -> list[Sender]:
+        """Return who publishes commands and is no node of ours; without those whose name may still come."""
+        ours = self._reporting(topics.EFFORT_COMMAND)
+        return [
+            sender
+            for sender in self._senders.look()
+            if sender.label in self.strangers()
+            and sender.name not in ours
+            and not sender.name.endswith(topics.UNKNOWN_NODE)
+        ]
 
     def _reporting(self, topic: str) -> set[str]:
         return meeting.reporting(self._node, _ANSWERED[topic][0])

@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import qos
+from trunk_msgs_util.node.adaptive import AdaptiveSubscription
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.conversions import (
     WireReader,
@@ -20,7 +21,9 @@ from trunk_msgs_util.node.conversions import (
     sample_to_wire,
     stamp_to_ros,
 )
+from trunk_msgs_util.node.strangers import Sender
 from trunk_msgs_util.patience import HeldUp
+from trunk_msgs_util.printable import printable
 from trunk_msgs_util.process_id import local_pid
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.source import source_in
@@ -35,7 +38,6 @@ from .pacing import make_pacing, tick_period
 from .participants_node import GraphParticipants
 from .simulation import DivergedError, Simulation
 
-_LATE = ("commands late", "states unanswered", "deadlines missed")
 _DOUBLED = ("late answers ignored", "doubled answers ignored", "commands out of order")
 
 
@@ -47,6 +49,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._read_command = WireReader()
         self._read_disturbance = WireReader()
         self._read_progress = WireReader()
+        self._read_reference = WireReader()
         self._forget()
 
     def _forget(self) -> None:
@@ -57,10 +60,13 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._started = time.monotonic()
         self._disturbances = DisturbanceFeed(config.period_ns)
         self._inputs: PlantInputs | None = None  # in real time
+        self._referred = False  # has a reference arrived?
         limits = config.operator_limits
         self._operator = None if limits is None else Operator(limits)
         self._held_up = HeldUp()
         self._diagnosed = (time.monotonic(), 0)
+        self._strangers: dict[str, Sender] = {}  # by GUID
+        self._senders_seen = -1
         self._pacing = make_pacing(self, config)
 
     def _create_topics(self, config: SimulatorConfig) -> None:
@@ -71,13 +77,13 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._clock_topic = (
             self.create_publisher(Clock, "/clock", qos.clock()) if config.publish_clock else None
         )
-        self._commands = self.create_subscription(
-            JointState, topics.EFFORT_COMMAND, self._on_command, qos.control(), raw=True
-        )
-        disturbances = self.create_subscription(
-            JointState, topics.DISTURBANCE, self._on_disturbance, qos.control(), raw=True
-        )
+        self._commands = AdaptiveSubscription(self, topics.EFFORT_COMMAND, self._on_command)
+        disturbances = AdaptiveSubscription(self, topics.DISTURBANCE, self._on_disturbance)
         answers = {topics.EFFORT_COMMAND: self._commands, topics.DISTURBANCE: disturbances}
+        if topics.REFERENCE in config.wait_for:
+            answers[topics.REFERENCE] = AdaptiveSubscription(
+                self, topics.REFERENCE, self._on_reference
+            )
         self._participants = GraphParticipants(self, config, answers)
         if config.lockstep and "recorder" in config.wait_for:
             self.create_subscription(
@@ -107,6 +113,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         """Publish the measured state 0 and step from here on; the true state 0 is already published."""
         self._running = True
         self._started = time.monotonic()
+        self._look_at_strangers()
         self.event(Event.STARTED, rate=self.config.update_rate)
         self._publish_measured()
         self._say_fall()
@@ -114,6 +121,28 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         if self._participants.strangers():
             self._pacing.narrow("recorder", (topics.STRANGERS_DEPTH - 1) * self.period_ns)
         self._pacing.begin(time.monotonic_ns())
+
+    def _every_second(self) -> None:
+        if self._running and self._commands.get_publisher_count() != self._senders_seen:
+            self._look_at_strangers()
+        super()._every_second()
+
+    def _look_at_strangers(self) -> None:
+        """Record which nodes of somebody else's publish commands, and which no longer do."""
+        self._senders_seen = self._commands.get_publisher_count()
+        now = {sender.guid: sender for sender in self._participants.strange_senders()}
+        before, self._strangers = self._strangers, now
+        for message, these, those in (
+            (Event.CONNECTED, now, before),
+            (Event.DISCONNECTED, before, now),
+        ):
+            for sender in (these[guid] for guid in these.keys() - those.keys()):
+                self.event(message, node=sender.name, middleware=sender.middleware)
+                self.get_logger().info(
+                    printable(
+                        f"{message}: {sender.label} ({sender.middleware}) on {self._commands.topic_name}"
+                    )
+                )
 
     def _only_one_controller(self) -> bool:
         rivals = self._participants.rivals()
@@ -184,8 +213,8 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._say_finished(Event.FINISHED, "the trunk has fallen" if fell else "finished")
         wall = time.monotonic() - self._started
         steps = self._simulation.step_index
-        late = "".join(f", {self.counters[what]} {what}" for what in _LATE if self.counters[what])
-        self.get_logger().info(f"finished: {steps} steps in {wall:.6f} s of wall time{late}")
+        counts = "".join(f", {count} {what}" for what, count in self.counters.items() if count)
+        self.get_logger().info(f"finished: {steps} steps in {wall:.6f} s of wall time{counts}")
         self.exit_code = 0
 
     def fail(self, reason: str, **values: object) -> None:
@@ -278,27 +307,36 @@ class PlantNode(TrunkNode[SimulatorConfig]):
 
     # Incoming messages.
 
+    def _sender(self, frame_id: str) -> str:
+        """Return the source of an answer; one whose sender copied the state's whole header has none."""
+        source = source_in(frame_id)
+        return "" if source == self.source else source
+
     def _on_command(self, data: bytes) -> None:
         command = self._read_command(data)
         try:
             effort = effort_of(command, self.config.joints[1])
         except RefusedError as refused:
-            self.count(str(refused))
+            self.refuse(str(refused), refused.why)
             return
         if self._running and self.exit_code is None:
-            source = source_in(self._read_command.frame_id)
+            source = self._sender(self._read_command.frame_id)
             self._pacing.command(command.stamp_ns, effort, time.monotonic_ns(), source)
 
     def _on_disturbance(self, data: bytes) -> None:
         sample = self._read_disturbance(data)
         try:
             disturbance = disturbance_of(sample, self.config.joints)
-            source = source_in(self._read_disturbance.frame_id)
+            source = self._sender(self._read_disturbance.frame_id)
             self._disturbances.take(sample.stamp_ns, disturbance, self.stamp_ns, source)
         except RefusedError as refused:
-            self.count(str(refused))
+            self.refuse(str(refused), refused.why)
         else:
             self._answered(topics.DISTURBANCE, sample.stamp_ns)
+
+    def _on_reference(self, data: bytes) -> None:
+        self._referred = True
+        self._answered(topics.REFERENCE, self._read_reference(data).stamp_ns)
 
     def _on_request(self, message: JointState) -> None:
         if not (self._running and self._operator is not None and self.exit_code is None):
@@ -309,7 +347,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
             # Without a stamp, as from `ros2 topic pub`, it is for the latest state.
             self._operator.take(name, sample.stamp_ns or self.stamp_ns, asked, self.stamp_ns)
         except RefusedError as refused:
-            self.count(str(refused))
+            self.refuse(str(refused), refused.why)
 
     def _on_progress(self, data: bytes) -> None:
         stamp_ns = self._read_progress(data).stamp_ns

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 
@@ -9,8 +10,10 @@ from std_srvs.srv import SetBool, Trigger
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
+from trunk_msgs_util.node import meeting
 from trunk_msgs_util.node.managed import ENDING
 from trunk_msgs_util.node.run import main_for
+from trunk_msgs_util.node.strangers import near_misses
 from trunk_msgs_util.units import seconds
 
 from .plant_node import PlantNode
@@ -18,8 +21,13 @@ from .plant_node import PlantNode
 _STARTED_BY = {
     topics.EFFORT_COMMAND: "a controller (such as ros2 run trunk_control fuzzy_pid)",
     topics.DISTURBANCE: "the disturbance (ros2 run trunk_sim disturbance)",
+    topics.REFERENCE: "the reference (ros2 run trunk_control reference)",
     "recorder": "the recorder (ros2 run trunk_msgs_util recorder)",
 }
+
+
+# Without a controller for so long, and then every so often, the simulator looks for what goes astray.
+_LOOK_AFTER_S, _LOOK_EVERY_S = 10.0, 5.0
 
 
 class SimulatorNode(PlantNode):
@@ -29,6 +37,8 @@ class SimulatorNode(PlantNode):
         super()._forget()
         self._missing: Sequence[str] = ()
         self._pause_asked = False
+        self._looked_s = math.inf
+        self._seen_instead = ""
         self._truth_published = False
 
     def set_up(self) -> None:
@@ -47,6 +57,7 @@ class SimulatorNode(PlantNode):
             self._hold(self._pause_asked)
         else:
             self._start_timer.reset()
+            self._looked_s = time.monotonic() + _LOOK_AFTER_S - _LOOK_EVERY_S
 
     def deactivate(self) -> None:
         """Hold the run, or the wait for it: the plant stands still."""
@@ -70,9 +81,9 @@ class SimulatorNode(PlantNode):
             self._publish_clock()
             self._publish_truth()
             self._truth_published = True
-        if topics.DISTURBANCE in self.config.wait_for and not self._disturbances:
-            # The first measurement carries its disturbance too.
-            missing = missing or [topics.DISTURBANCE]
+        # The first measurement carries its disturbance too, and follows its reference.
+        ahead = {topics.DISTURBANCE: bool(self._disturbances), topics.REFERENCE: self._referred}
+        missing = missing or [t for t in self.config.wait_for if not ahead.get(t, True)]
         self._missing = missing
         if missing:
             return
@@ -84,7 +95,20 @@ class SimulatorNode(PlantNode):
 
     def waits_for(self) -> str:
         """Return the participants that are missing, and how to start them."""
-        return ", ".join(_STARTED_BY.get(name, name) for name in self._missing)
+        missing = ", ".join(_STARTED_BY.get(name, name) for name in self._missing)
+        if topics.EFFORT_COMMAND not in self._missing or self._running:
+            return missing
+        now = time.monotonic()
+        if now - self._looked_s >= _LOOK_EVERY_S:
+            self._looked_s = now
+            topic = self.resolve_topic_name(topics.EFFORT_COMMAND)
+            misses = near_misses(self, topic, topics.JOINT_STATE_TYPE, self._own_names())
+            self._seen_instead = "; ".join(misses) or "nothing like it"
+        return f"{missing}; seen instead: {self._seen_instead}" if self._seen_instead else missing
+
+    def _own_names(self) -> list[str]:
+        """Return the nodes that publish events of a run: none of them is a controller that goes astray."""
+        return sorted(meeting.publishers(self, topics.RUN_EVENTS))
 
     # Services.
 

@@ -79,7 +79,11 @@ class RunTable:
                     ("velocity", trunk),
                     ("effort", trunk),
                 ],
-                topics.EFFORT_COMMAND: [("effort", trunk)],
+                **(
+                    {topics.REFERENCE: [("position", trunk)] if "reference" in held else []}
+                    if run.external
+                    else {topics.EFFORT_COMMAND: [("effort", trunk)]}
+                ),
                 **(
                     {topics.JOINT_STATES: [("position", trunk)]} if "theta_measured" in only else {}
                 ),
@@ -103,6 +107,10 @@ class RunTable:
                 columns["reference"] = _before_the_first_update(
                     run, first, at, columns["reference"]
                 )
+        if "reference" in held and run.external and run.count(topics.REFERENCE):
+            told = found[topics.REFERENCE]
+            values = told.column("position", trunk)
+            columns["reference"] = held_at(at, told.stamp_ns, values)
         if topics.JOINT_STATES in found:
             measured = found[topics.JOINT_STATES]
             values = measured.column("position", trunk)
@@ -111,7 +119,12 @@ class RunTable:
         # A true state carries the torque of the step before it; only the last step's is missing.
         effort = truth.column("effort", trunk)
         torque = np.append(effort[1:], np.nan)
-        command = found.pop(topics.EFFORT_COMMAND)
+        # A node of somebody else's may say more on the topic than what the plant takes.
+        command = (
+            run.table(topics.EFFORT_COMMAND).arrays
+            if run.external
+            else found.pop(topics.EFFORT_COMMAND)
+        )
         torque[-1] = _last_torque(
             run, at, float(effort[-1]), command.stamp_ns, command.column("effort", trunk)
         )

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from trunk_control.controller import Controller
 from trunk_control.controller_config import ControllerConfig
+from trunk_control.reference_config import ReferenceConfig
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
@@ -179,7 +180,8 @@ def _new_controller(plan: RunPlan, name: str, acting: Sequence[str]) -> Controll
     Rate, joints, mode and reference are those of the controller whose place it takes.
     """
     layers = scenario_layers(plan.scenario) if plan.scenario in SCENARIOS else []
-    model = plan.controllers[next(iter(acting), plan.controller_name)]
+    first = next(iter(acting), plan.controller_name)
+    model = plan.controllers.get(first) or _stand_in(plan)
     declared = declarations(NODES[name].config)
     taken = {
         key: value
@@ -191,6 +193,13 @@ def _new_controller(plan: RunPlan, name: str, acting: Sequence[str]) -> Controll
         taken["hip_joint"] = plan.simulator.joints[0]
     layer = Layer("the recording", (Section(name, taken),))
     return config_from(name, [*layers, layer], "").config  # type: ignore[no-any-return]
+
+
+def _stand_in(plan: RunPlan) -> ReferenceConfig:
+    """Return what a controller of ours that takes over from somebody else's has from the run."""
+    given = plan.reference or ReferenceConfig(joint=plan.simulator.joints[1])
+    rate, lockstep = plan.simulator.update_rate, plan.simulator.lockstep
+    return replace(given, update_rate=rate, lockstep=lockstep)
 
 
 def _seen(run: RecordedRun, config: ControllerConfig, stamp_ns: int) -> tuple[int, float] | None:

@@ -31,6 +31,7 @@ class Past:
     def __init__(self, run: RecordedRun, stamp_ns: int, replaced: Replaced) -> None:
         self._run, self._stamp_ns, self._replaced = run, stamp_ns, replaced
         truth = run.table(topics.GROUND_TRUTH)
+        self._last_ns = int(truth.stamp_ns.max())
         self._log_ns = int(truth.log_time_ns[truth.stamp_ns == stamp_ns][0])
 
     @property
@@ -89,6 +90,13 @@ class Past:
         stamped = [c for c in np.unique(channels).tolist() if source.type_of(c) in STAMPED]
         known = np.isin(channels, stamped)
         before = np.where(known, stamps < self._stamp_ns, messages.log_time_ns < self._log_ns)
+        if self._run.external:  # a stamp of no state says nothing about when its command acted
+            commands = self._run.recording.topic(topics.EFFORT_COMMAND)
+            given = [c for c, channel in source.channels.items() if channel.topic == commands]
+            period_ns = self._run.config("simulator").period_ns
+            odd = np.isin(channels, given) & ((stamps <= 0) | (stamps % period_ns != 0))
+            odd |= np.isin(channels, given) & (stamps > self._last_ns)
+            before = np.where(odd, messages.log_time_ns < self._log_ns, before)
         # Sets of parameters are stamped 0 and belong to any past, unlike changes at that time.
         name = self._run.recording.topic(topics.RUN_PARAMETERS)
         for row in np.flatnonzero(~before & (stamps == 0)).tolist():

@@ -44,12 +44,14 @@ class Resumed(NamedTuple):
     commands: Mapping[str, int]  # how many each controller has given before
 
 
-def state_at(run: RecordedRun, at: float) -> int:
+def state_at(run: RecordedRun, at: float, commanded: bool = False) -> int:
     """Return the index of the first state at or after a time in s.
+
+    ``commanded``: the branch names a controller of ours that takes over.
 
     Raises PlanError if the time is outside of the run, RecordingError for a run that cannot be taken up.
     """
-    if reason := why_not_again(run):
+    if reason := why_not_again(run, commanded):
         raise RecordingError(f"{run.path}: it cannot be branched: {reason}")
     stamps = run.table(topics.GROUND_TRUTH).stamp_ns
     first, last = (seconds(int(stamps[i])) for i in (0, -1))
@@ -192,7 +194,7 @@ def _plan(
     simulator, planned = checkpoint.simulator, rerun.simulator.config.duration
     last = int(run.table(topics.GROUND_TRUTH).stamp_ns.max())
     changes: dict[str, list[Change]] = {"simulator": rerun.engine.to_come().get("simulator", [])}
-    disturbance = None
+    disturbance = reference = None
     for name, process in processes.items():
         if name == "simulator":
             continue
@@ -201,6 +203,8 @@ def _plan(
         changes[name] = timeline.to_come
         if name == "disturbance":
             disturbance = timeline.config
+        if name == "reference":
+            reference = timeline.config
     if "recorder" in run.parameters:
         recorder = run.config("recorder")
     else:
@@ -218,4 +222,6 @@ def _plan(
         changes={name: later for name, later in changes.items() if later},
         references=references_of(run),
         pushes=run.operated.pushes,
+        external=run.external or None,
+        reference=reference,
     )

@@ -187,7 +187,7 @@ def _branched(parent: RecordedRun, branch: Branch, duration: float | None) -> Br
     from ..branching.resume import resumed, state_at
 
     try:
-        begun = resumed(parent, state_at(parent, branch.at))
+        begun = resumed(parent, state_at(parent, branch.at, bool(branch.controller)))
     except KeyError as error:
         raise RecordingError(f"{parent.path}: it cannot be branched: {error} is missing") from None
     return branched(parent, begun, branch, duration)

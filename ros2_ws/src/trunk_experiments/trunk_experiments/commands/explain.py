@@ -9,12 +9,14 @@ from typing import Any
 import click
 
 from trunk_control.law import OUTCOME
+from trunk_sim.disturbances import Disturbance
 
 from ..console.common import Number
 from ..console.document import json_option, write_json
 from ..console.reading import open_run, run_values, show_damage
 from ..console.tables import print_table
 from ..replay.explain import Explanation, explain
+from ..replay.external import ExternalCommand, external_command
 
 
 @click.command("explain")
@@ -36,12 +38,78 @@ def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
     """
     recorded = open_run(run)
     show_damage(recorded)
+    if recorded.external:
+        known = external_command(recorded, at)
+        if as_json:
+            write_json("explain-external-1", {**run_values(recorded), **_external_values(known)})
+        else:
+            _show_external(known)
+        return
     found = explain(recorded, at)
     if as_json:
         write_json("explain-1", {**run_values(recorded), **as_values(found)})
     else:
         _show(found)
     ctx.exit(0 if found.agrees or found.rounded_otherwise else 1)
+
+
+def _external_values(known: ExternalCommand) -> dict[str, Any]:
+    """Return what is known of somebody else's command as plain values."""
+    return {
+        "asked_s": known.asked,
+        "controller": known.controller,
+        "command": known.command,
+        "answers_s": known.answers,
+        "reference": _finite(known.reference),
+        "measurement": _finite(known.measurement),
+        "true_angle": _finite(known.true_angle),
+        "disturbance": known.disturbance._asdict(),
+        "applied": _finite(known.applied),
+        "terms": {name: _finite(value) for name, value in known.terms.items()},
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if isfinite(value) else None
+
+
+def _show_external(known: ExternalCommand) -> None:
+    """Print what is known of somebody else's command."""
+    terms = "" if known.terms else "; its terms were not recorded"
+    if known.command is None:
+        click.echo(f"t = {known.asked:g} s: no command of {known.controller} is in force{terms}")
+    else:
+        answers = "acts since it arrived" if known.arrived else f"answers t = {known.answers:g} s"
+        click.echo(
+            f"t = {known.asked:g} s: torque from {known.controller}: {known.command:.6g} N m, "
+            f"{answers}{terms}"
+        )
+    rows = [
+        ("reference", f"{degrees(known.reference):.6g}", "deg"),
+        ("measured angle", f"{degrees(known.measurement):.6g}", "deg"),
+        ("true angle", f"{degrees(known.true_angle):.6g}", "deg"),
+        ("error e", f"{degrees(known.reference - known.true_angle):.6g}", "deg"),
+        *_disturbance_rows(known.disturbance),
+        ("torque applied to the plant", f"{known.applied:.6g}", "N m"),
+    ]
+    print_table("what is known", ("quantity", "value", "unit"), rows)
+    if known.terms:
+        named = [(name, f"{value:.6g}", "") for name, value in known.terms.items()]
+        print_table(f"terms of {known.controller}, as it names them", ("term", "value", ""), named)
+
+
+def _disturbance_rows(acting: Disturbance) -> list[tuple[str, str, str]]:
+    units = ("N", "N m", "m", "deg")
+    rows = [
+        (
+            f"disturbance: {name.replace('_', ' ')}",
+            f"{degrees(value) if unit == 'deg' else value:.6g}",
+            unit,
+        )
+        for (name, value), unit in zip(acting._asdict().items(), units, strict=True)
+        if value
+    ]
+    return rows or [("disturbance", "none", "")]
 
 
 def as_values(found: Explanation) -> dict[str, Any]:
@@ -135,13 +203,7 @@ def _show(found: Explanation) -> None:
             )
         ),
     ]
-    units = ("N", "N m", "m", "deg")
-    for (name, value), unit in zip(found.disturbance._asdict().items(), units, strict=True):
-        if value:
-            shown = degrees(value) if unit == "deg" else value
-            rows.append((f"disturbance: {name.replace('_', ' ')}", f"{shown:.6g}", unit))
-    if not any(found.disturbance):
-        rows.append(("disturbance", "none", ""))
+    rows += _disturbance_rows(found.disturbance)
     print_table("inputs", ("quantity", "value", "unit"), rows)
     if found.rules:
         print_table(

@@ -23,12 +23,13 @@ _WIDTH = 80
 _UNITS = ("B", "kB", "MB", "GB", "TB")
 
 
-def summary(recording: Recording) -> dict[str, Any]:
+def summary(run: RecordedRun) -> dict[str, Any]:
     """Return a recording's content as plain values; times are the headers' stamps, in s.
 
     Gaps are between log times. ``checked`` is False if a long file was judged only by its indexes;
     a size is then None if messages differ in theirs.
     """
+    recording = run.recording
     return {
         "files": [str(path) for path in recording.files],
         "bytes": recording.size,
@@ -38,7 +39,7 @@ def summary(recording: Recording) -> dict[str, Any]:
         "recorded_by": recording.library,
         "duration_s": _duration(recording),
         "scenario": recording.provenance.get("scenario"),
-        "controllers": recording.controllers,
+        "controllers": list(run.acting),
         "provenance": recording.provenance,
         "nodes": sorted(recording.parameters()),
         "links": links(recording),
@@ -136,10 +137,11 @@ def command(run: Path, as_json: bool) -> None:
     """
     with reading(run) as tell:
         recording = Recording.glance(run, tell)
-    doubts = doubts_of(RecordedRun(recording), twin=False, whole=recording.checked)
-    found = summary(recording)
+    recorded = RecordedRun(recording)
+    doubts = doubts_of(recorded, twin=False, whole=recording.checked)
+    found = summary(recorded)
     if as_json:
-        write_json("info-1", {**run_values(RecordedRun(recording), doubts), **found})
+        write_json("info-1", {**run_values(recorded, doubts), **found})
         return
     for line in doubts.lines:
         click.echo(line)

@@ -104,7 +104,7 @@ def listed(path: Path, judge: bool = False) -> ListedRun:
         path,
         told.get("started_utc", ""),
         told.get("scenario", ""),
-        tuple(run.controllers),
+        tuple(run.acting),
         run.mode,
         _verdict(path) if judge else UNJUDGED,
         found,

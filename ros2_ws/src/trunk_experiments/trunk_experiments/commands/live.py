@@ -18,12 +18,13 @@ from ..console.document import json_option
 from ..console.mistakes import tell
 from ..console.outputs import check_not_read, output_options
 from ..console.page import checked_host, page_options, serve, serving_foxglove, show_address
-from ..console.plan_options import files_read, plan_of, plan_options
+from ..console.plan_options import external_option, files_read, plan_of, plan_options
 from ..errors import GatewayError, PlanError
 from ..gateway.process import GatewayProcess
 from ..plans.given import checked_namespace
 from ..recorded.run import RecordedRun
 from ..runs.domain_claim import claimed_domain
+from ..runs.external import connection_lines
 from ..runs.files import BESIDE, RunFiles
 from ..runs.graph import run_graph
 from ..runs.interrupt import Interrupt
@@ -38,6 +39,7 @@ _HAND = {"operator.force": 100.0, "operator.torque": 40.0}
 
 @click.command("live")
 @partial(plan_options, required=False, several=True)
+@external_option
 @output_options(
     "Folder for the recording, parameters and logs.  [default: runs/TIME_SCENARIO_CONTROLLER]",
     force="Replace the files of a run that is in the folder.",
@@ -113,6 +115,8 @@ def command(
     gateway = GatewayProcess(files.logs / "gateway.log", host, port, shown)
     with closing(gateway), serving_foxglove(foxglove, "", files.logs) as viewer:
         show_address(gateway, browser, files.recording, viewer, as_json=as_json)
+        for line in connection_lines(plan) if plan.external is not None else ():
+            click.echo(line)
         click.echo(f"{plan.scenario}, {plan.turns}: runs until it is stopped, here with Ctrl-C")
         heard: list[str] = []
         shown_page = True
@@ -126,7 +130,7 @@ def command(
                 tell(error)
             return "stop" in heard
 
-        recording = run_graph(plan, files, lambda t: None, over=over)
+        recording = run_graph(plan, files, lambda t: None, over=over, note=click.echo)
         run = RecordedRun(recording)
         show_run(files, run, interrupted=not plan.simulator.duration)
         if "stop" in heard:

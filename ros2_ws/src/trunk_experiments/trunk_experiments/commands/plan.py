@@ -10,13 +10,21 @@ import click
 
 from ..console.document import json_option, write_json
 from ..console.outputs import check_output, output_options
-from ..console.plan_options import files_read, plan_of, plan_options, plan_values
+from ..console.plan_options import (
+    external_option,
+    files_read,
+    plan_of,
+    plan_options,
+    plan_values,
+)
 from ..plans.given import checked_namespace
+from ..runs.external import connection_lines
 from ..runs.launching import launch_nodes
 
 
 @click.command("plan")
 @plan_options
+@external_option
 @output_options("The parameter file to write.  [default: params.yaml]")
 @click.option(
     "--lockstep", is_flag=True, help="Step when every node has answered: the same bits each time."
@@ -50,3 +58,5 @@ def command(
         return
     for words in commands:
         click.echo(shlex.join(words))
+    for line in connection_lines(plan) if plan.external is not None else ():
+        click.echo(f"# {line}")

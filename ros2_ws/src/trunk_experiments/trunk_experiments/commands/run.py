@@ -16,6 +16,7 @@ from ..console.document import json_option, write_json
 from ..console.mistakes import line_of, tell
 from ..console.outputs import check_not_read, output_options
 from ..console.plan_options import (
+    external_option,
     files_read,
     markers_option,
     plan_of,
@@ -29,6 +30,7 @@ from ..errors import PlanError, RunError
 from ..recorded.run import RecordedRun
 from ..replay.doubts import doubts_of
 from ..runs.domain_claim import claimed_domain
+from ..runs.external import connection_lines
 from ..runs.files import RunFiles
 from ..runs.graph import run_graph
 from ..runs.processes import check_nodes_installed
@@ -37,6 +39,7 @@ from .metrics import show_metrics
 
 @click.command("run")
 @plan_options
+@external_option
 @output_options(
     "Folder for the recording, parameters and logs.  [default: runs/TIME_SCENARIO_CONTROLLER]",
     force="Replace the files of a run that is in the folder.",
@@ -95,6 +98,8 @@ def command(
         highlight=False,
     )
     duration = plan.simulator.duration
+    for line in connection_lines(plan) if plan.external is not None else ():
+        screen.print(line, highlight=False, markup=False, soft_wrap=True)
     told = {**plan_values(plan), "lockstep": lockstep, "parameters": files.parameters}
     try:
         with progress_bar("running") as done:
@@ -103,6 +108,7 @@ def command(
                 files,
                 lambda t: done(t, duration, f"{t:.1f} of {duration:g} s"),
                 composed=composed,
+                note=lambda line: screen.print(line, highlight=False, markup=False, soft_wrap=True),
             )
     except RunError as error:
         if not as_json:

@@ -6,7 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
+from ..errors import PlanError
+from ..plans.given import checked_external
 from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import parse_swap
 from .common import Function, Number
@@ -76,6 +79,18 @@ def plan_options(function: Function, required: bool = True, several: bool = Fals
     return function
 
 
+def external_option(function: Function) -> Function:
+    """Add ``--external``, for the verbs that run in the graph."""
+    return click.option(
+        "--external",
+        is_flag=False,
+        flag_value="",
+        metavar="[NAME]",
+        help="Your own node gives the commands, instead of a controller of ours; the run goes by NAME, "
+        "or by the node's name.",
+    )(function)
+
+
 def plan_of(
     scenario: str,
     controller: str,
@@ -88,11 +103,15 @@ def plan_of(
     swaps: Sequence[str] = (),
     standby: Sequence[str] = (),
     below: Mapping[str, object] | None = None,
+    external: str | None = None,
 ) -> RunPlan:
     """Return the plan for the options of `plan_options`, with ``extra`` for all nodes.
 
     ``below``: values for all nodes that declare them, where nothing else sets them.
     """
+    if external is not None:
+        _check_no_controller(swaps)
+        external = checked_external(external)
     everywhere: dict[str, object] = dict(extra or {})
     if duration is not None:
         everywhere["duration"] = duration
@@ -108,10 +127,19 @@ def plan_of(
         [parse_swap(text) for text in swaps],
         standby=standby,
         below=below,
+        external=external,
     )
     for warning in plan.warnings:
         click.echo(f"trunk: warning: {warning}", err=True)
     return plan
+
+
+def _check_no_controller(swaps: Sequence[str]) -> None:
+    """Raise PlanError for an option that names a controller of ours, where none runs."""
+    context = click.get_current_context()
+    if context.get_parameter_source("controller") not in (None, ParameterSource.DEFAULT) or swaps:
+        option = "--swap-at" if swaps else "--controller"
+        raise PlanError(f"--external: your own node gives the commands: leave out {option}")
 
 
 def plan_values(plan: RunPlan) -> dict[str, object]:

@@ -9,6 +9,7 @@ from contextlib import suppress
 from trunk_msgs_util.yaml_text import YamlTextError, load
 
 from ..errors import PlanError
+from .nodes import NODES
 
 _LONGEST = 80  # characters that an error quotes
 
@@ -44,6 +45,20 @@ def settings_of(texts: Iterable[str]) -> Mapping[str, object]:
             raise PlanError(f"{quoted(text)}: no value: give one, an empty text as {name}='\"\"'")
         found[name] = value
     return found
+
+
+def checked_external(name: str) -> str:
+    """Return the name that a run with somebody else's controller goes by. Raises PlanError."""
+    if name and not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]{0,99}", name):
+        raise PlanError(
+            f"--external {name!r} is not allowed: letters, digits and _, no digit first, such as my_pd"
+        )
+    if name in NODES:
+        raise PlanError(
+            f"--external {name}: that is a node of this project: give your node another name, "
+            f"or run ours with --controller {name}"
+        )
+    return name
 
 
 def checked_namespace(text: str) -> str:

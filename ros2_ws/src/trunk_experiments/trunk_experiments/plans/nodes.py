@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from trunk_control.laws import REGISTERED, LawError, law_named, package_of
+from trunk_control.reference_config import ReferenceConfig
 from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.parameters.table_keys import listed
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 
 # What is not a controller's name.
-OTHERS = ("simulator", "disturbance", "recorder", "markers")
+OTHERS = ("simulator", "disturbance", "reference", "recorder", "markers")
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,7 @@ CONTROLLERS = tuple(_CONTROLLERS)
 NODES: dict[str, NodeKind] = {
     "simulator": NodeKind("trunk_sim", SimulatorConfig),
     "disturbance": NodeKind("trunk_sim", DisturbanceConfig),
+    "reference": NodeKind("trunk_control", ReferenceConfig),
     **_CONTROLLERS,
     "recorder": NodeKind("trunk_msgs_util", RecorderConfig),
 }

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from trunk_control.controller_config import ControllerConfig
+from trunk_control.reference_config import ReferenceConfig
 from trunk_control.schedule import active_at
 from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.parameters.declarations import values_of
@@ -23,6 +24,7 @@ from trunk_msgs_util.parameters.files import (
     read,
     write,
 )
+from trunk_msgs_util.topics import EXTERNAL
 from trunk_msgs_util.units import seconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
@@ -56,12 +58,17 @@ class RunPlan:
     changes: Mapping[str, Sequence[Change]] = field(default_factory=dict)
     references: Mapping[int, float] = field(default_factory=dict)
     pushes: Pushes = ()  # what was taken from an operator
+    # Somebody else's node gives the commands; the run goes by this name, or the node's own. None: ours do.
+    external: str | None = None
+    reference: ReferenceConfig | None = (
+        None  # published for that node; None: by somebody else, or not
+    )
     inputs: RealTimeInputs | None = None  # None: every message acts on its own state
 
     @property
     def controller_name(self) -> str:
         """The controller that acts first."""
-        return next(iter(self.controllers))
+        return next(iter(self.controllers), self.external or EXTERNAL)
 
     @property
     def controller(self) -> ControllerConfig:
@@ -79,16 +86,16 @@ class RunPlan:
     @property
     def turns(self) -> str:
         """The controllers' names in the order of their first turns: ``pid``, ``pid, fuzzy_pid``."""
-        return ", ".join(self.controllers)
+        return ", ".join(self.controllers) or self.controller_name
 
     @property
     def configs(self) -> dict[str, Any]:
         """The configurations of the nodes that run, by node name."""
-        optional = {} if self.disturbance is None else {"disturbance": self.disturbance}
+        optional = {"disturbance": self.disturbance, "reference": self.reference}
         return {
             "recorder": self.recorder,
             **self.controllers,
-            **optional,
+            **{name: config for name, config in optional.items() if config is not None},
             "simulator": self.simulator,
         }
 
@@ -117,6 +124,7 @@ def make_plan(
     source: str = "the command line",
     standby: Sequence[str] = (),
     below: Mapping[str, object] | None = None,
+    external: str | None = None,
 ) -> RunPlan:
     """Return the plan of a run; later layers win: profile, scenario, params, ``everywhere``, settings.
 
@@ -126,6 +134,8 @@ def make_plan(
     ``swaps``: who takes over when; they set every controller's ``active.times``.
     ``below``: values for all nodes that declare them, where nothing else sets them.
     ``standby``: controllers that are started too, and act when somebody configures and activates them.
+    ``external``: instead of a controller of ours, somebody else's node gives the commands; the run goes by
+    this name, or, if empty, by the node's own.
     ``others``: nodes that ``settings`` may name besides those of this run. ``source`` names
     ``everywhere`` in messages.
     Raises PlanError, ParameterFileError or ParameterError, each one line that says what to do.
@@ -135,7 +145,7 @@ def make_plan(
             f"no controller {controller!r}: give one of {', '.join(CONTROLLERS)}"
             f"{did_you_mean(controller, CONTROLLERS) or '; build and source your own package first'}"
         )
-    turns = turns_of(controller, swaps)
+    turns = turns_of(controller, swaps) if external is None else {}
     standby = [name for name in dict.fromkeys(standby) if name not in turns]
     layers = [Layer(source, (Section("/**", dict(below or {})),)), *scenario_layers(scenario)]
     files = [read(find_file(name)) for name in params]
@@ -146,7 +156,8 @@ def make_plan(
     layers += single
     check_names(layers, declared_names())
     layers += [Layer(source, (Section(name, {"autostart": False}),)) for name in standby]
-    taking = ("simulator", *turns, *standby, "disturbance", "recorder")
+    reference = () if external is None else ("reference",)
+    taking = ("simulator", *turns, *standby, "disturbance", *reference, "recorder")
     check_targets(single, (*taking, *others))
     warnings = [*not_taken([one.within(namespace) for one in files], taking, namespace)]
     layers = [layer.within(namespace) for layer in layers]
@@ -161,8 +172,16 @@ def make_plan(
         for swap in swaps
         if swap.time > end
     ]
-    participants = ("effort_command", "disturbance") if disturbance.active else ("effort_command",)
     lockstep = simulator.lockstep
+    profile = None
+    if external is not None and found["reference"].config.reference_profile != "topic":
+        rate = simulator.update_rate
+        profile = with_values(found["reference"].config, update_rate=rate, lockstep=lockstep)
+    participants = (
+        "effort_command",
+        *(["disturbance"] if disturbance.active else []),
+        *(["reference"] if profile is not None else []),
+    )
     controllers = {
         node: with_values(
             found[node].config,
@@ -183,13 +202,15 @@ def make_plan(
             disturbance=disturbance if disturbance.active else None,
             recorder=with_values(
                 found["recorder"].config,
-                controllers=tuple(controllers),
+                controllers=tuple(controllers) or ((external,) if external else ()),
                 scenario=name,
                 lockstep=lockstep,
                 lockstep_topics=("ground_truth/joint_states", "joint_states", *participants),
             ),
             namespace=namespace,
             warnings=tuple(warnings),
+            external=external,
+            reference=profile,
         ),
         {node: one.with_units for node, one in found.items()},
         standby,
@@ -243,6 +264,8 @@ def check_joints(plan: RunPlan) -> None:
 
 def check_turns(plan: RunPlan, standby: Collection[str] = ()) -> None:
     """Raise PlanError unless exactly one controller acts at each time of the run, those on standby aside."""
+    if plan.external is not None:
+        return
     end = plan.simulator.duration or inf
     turns = {n: c.active_times_ns for n, c in plan.controllers.items() if n not in standby}
     for time_ns in sorted({0, *(t for times in turns.values() for t in times)}):

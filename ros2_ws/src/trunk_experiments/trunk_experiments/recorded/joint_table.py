@@ -14,10 +14,14 @@ from trunk_msgs_util.recording.joint_arrays import (
     Frames,
     Integers,
     JointArrays,
+    concatenate,
     decode,
+    efforts_on,
 )
+from trunk_msgs_util.recording.limits import LimitError
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.series import Column
+from trunk_msgs_util.topics import JOINT_STATE_TYPE
 from trunk_msgs_util.units import seconds
 
 _LARGE = 1 << 17  # rows: from here on a dictionary of them takes too much memory
@@ -27,6 +31,7 @@ class JointTable:
     """A JointState topic whose rows are found by stamp; of equal stamps the first row counts.
 
     ``needed``: messages in which one of these columns is not finite are left out, as a controller skips them.
+    ``joint``: only its efforts, from the messages that have one: the commands that a plant takes.
     ``filled``: what was already read of it; its values, where they were not kept, are read when asked for.
     """
 
@@ -40,10 +45,12 @@ class JointTable:
         needed: Collection[Column] = (),
         filled: Filling | None = None,
         known_ns: Integers | None = None,
+        joint: str | None = None,
     ) -> None:
         """Stamps that equal ``known_ns`` share its memory."""
         self.topic = relative
         self._recording = recording
+        self._joint = joint
         self._where = f"{recording.path}: {recording.topic(relative)}"
         if filled is None:
             self.arrays = self._read(needed)
@@ -62,11 +69,24 @@ class JointTable:
         self._coming: Iterator[Floats] | None = None
 
     def _read(self, needed: Collection[Column] = ()) -> JointArrays:
+        if self._joint is not None:
+            return self._read_efforts(self._joint)
         arrays = self._recording.joints(self._recording.topic(self.topic))
         if needed:
             columns = np.column_stack([arrays.column(*column) for column in needed])
             arrays = arrays.rows(np.flatnonzero(np.isfinite(columns).all(axis=1)))
         return arrays
+
+    def _read_efforts(self, joint: str) -> JointArrays:
+        topic = self._recording.topic(self.topic)
+        self._recording.check_type(topic, JOINT_STATE_TYPE)
+        blocks = self._recording.blocks([topic])
+        try:
+            return concatenate(
+                [efforts_on(block[topic], joint) for block in blocks if topic in block]
+            )
+        except LimitError as error:
+            raise RecordingError(f"{self._where}: {error}") from None
 
     @cached_property
     def arrays(self) -> JointArrays:

@@ -96,13 +96,22 @@ def inputs_of(run: RecordedRun) -> RealTimeInputs | None:
     )
 
 
-def why_not_again(run: RecordedRun) -> str:
-    """Return why a recorded run cannot be run again with the same bits; empty if it can be."""
+def why_not_again(run: RecordedRun, commanded: bool = False) -> str:
+    """Return why a recorded run cannot be run again with the same bits; empty if it can be.
+
+    ``commanded``: a controller of ours takes over from somebody else's.
+    """
     if reason := run.cannot_be_recomputed():
         return reason
     states = run.count(topics.GROUND_TRUTH)
     if run.recording.damage and not states:
         return run.recording.damage[0]
+    if run.external:
+        gave = f"{run.external} gave its commands, which is not ours"
+        missing = {"simulator"} - set(run.parameters)
+        if not commanded:
+            return f"{gave}: trunk branch --controller NAME lets one of ours take over"
+        return "no parameters of simulator recorded" if missing else ""
     if not run.controllers or not set(run.controllers) <= set(usable()):
         return unknown_controllers(run.controllers) or "no controller was recorded"
     missing = {*run.controllers, "simulator"} - set(run.parameters)

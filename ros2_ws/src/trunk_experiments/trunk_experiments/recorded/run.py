@@ -22,7 +22,7 @@ from trunk_msgs_util.recording.joint_arrays import JointArrays
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
 from trunk_msgs_util.recording.series import Column, Series, joint_names, read_series, series_of
-from trunk_msgs_util.topics import JOINT_STATE_TYPE
+from trunk_msgs_util.topics import EXTERNAL, JOINT_STATE_TYPE
 
 from .branch_of import BranchOf, branch_of
 from .joint_table import JointTable
@@ -124,6 +124,32 @@ class RecordedRun:
         }
 
     @cached_property
+    def external(self) -> str:
+        """What a run goes by whose commands a node of somebody else's gave; empty if none did.
+
+        That is the name that the user gave, or else the node's own.
+        """
+        connected = [e.values.get("node", "") for e in self.events if e.message == Event.CONNECTED]
+        if not connected:
+            return ""
+        planned = self.recording.provenance.get("controller", "").split()
+        names = [name for name in planned if name not in usable()]
+        names += [node.rpartition("/")[2] for node in connected]
+        return next(filter(None, names), EXTERNAL)
+
+    @cached_property
+    def acting(self) -> Sequence[str]:
+        """The controllers by the names that a user knows: ours, and somebody else's."""
+        ours = [n for n in self.controllers if n in usable()] if self.external else self.controllers
+        return (*ours, self.external) if self.external else tuple(ours)
+
+    @cached_property
+    def _plants_joint(self) -> str | None:
+        """The joint whose efforts a plant of ours takes; None if there is none."""
+        joints = self.parameters.get("simulator", {}).get("joints")
+        return str(joints[1]) if isinstance(joints, tuple) and len(joints) == 2 else None
+
+    @cached_property
     def another_robot(self) -> bool:
         """True if a controller of ours moves another robot: there is no trace of our simulator."""
         ours = self.count(topics.GROUND_TRUTH) or "simulator" in self.parameters
@@ -168,7 +194,9 @@ class RecordedRun:
         """Return a JointState topic's table."""
         if relative not in self._tables:
             needed = self._needed if relative == topics.JOINT_STATES else ()
-            self._tables[relative] = JointTable(self.recording, relative, needed)
+            joint = self._plants_joint if relative == topics.EFFORT_COMMAND else None
+            table = JointTable(self.recording, relative, needed, joint=joint)
+            self._tables[relative] = self._of_strangers(table)
         return self._tables[relative]
 
     def fill_tables(self, blocks: Iterable[Mapping[str, Messages]]) -> None:
@@ -195,10 +223,18 @@ class RecordedRun:
         known_ns: Integers | None = None
         for relative in list(fillings):
             filling = fillings.pop(relative)
-            if filling.whole:
+            others = relative == topics.EFFORT_COMMAND and self._plants_joint is not None
+            if filling.whole and not (others and not filling.is_effort_of(self._plants_joint)):
                 table = JointTable(self.recording, relative, (), filling, known_ns)
                 known_ns = table.stamp_ns if known_ns is None else known_ns
-                self._tables[relative] = table
+                self._tables[relative] = self._of_strangers(table)
+
+    def _of_strangers(self, table: JointTable) -> JointTable:
+        """Return the table; who copied a state's whole header, the simulator's source included, has none."""
+        if self.sourced and table.topic in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
+            simulators = {process.source for process in self.processes("simulator")}
+            table.frames = tuple("" if frame in simulators else frame for frame in table.frames)
+        return table
 
     @property
     def _needed(self) -> Sequence[Column]:

@@ -89,6 +89,8 @@ def idle_ns(run: RecordedRun) -> Integers:
 
 def recorded_turns(run: RecordedRun) -> tuple[Turn, ...]:
     """Return the turns in order: one for a single controller, none without a controller."""
+    if run.external:
+        return (Turn(0.0, run.external),)
     names = run.controllers
     stamps = [run.joints(topics.controller_state(name)).by_stamp().stamp_ns for name in names]
     if not stamps:

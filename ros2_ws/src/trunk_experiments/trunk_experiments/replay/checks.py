@@ -51,6 +51,7 @@ class Check:
     until_ns: int | None = None
     reason: str = ""  # why it is inconclusive; empty: it is not
     unjudged: int = 0  # steps
+    taken: bool = False  # as it was recorded: there is nothing to compare with
     _equal_before: tuple[int, int] = (
         0,
         -1,
@@ -61,6 +62,8 @@ class Check:
         """The check's own verdict in a word."""
         if self.wrong_steps:
             return "diverges"
+        if self.taken:
+            return "taken as recorded"
         return "inconclusive" if self.reason or not self.steps else "verified"
 
     def take(self, stamps: Integers, judged: Bools, columns: Sequence[ComparedColumn]) -> None:

@@ -198,7 +198,10 @@ def _provenance(run: RecordedRun) -> Iterator[Finding]:
         yield Finding(INFO, text, recording.topic(names.JOINT_STATES))
     elif truth is None or not truth.count:
         yield Finding(WARNING, "no true states", recording.topic(names.GROUND_TRUTH))
-    if not recording.controllers:
+    if run.external and not run.controllers:
+        text = f"torque from {run.external}: its terms were not recorded"
+        yield Finding(INFO, text, recording.topic(names.EFFORT_COMMAND))
+    elif not recording.controllers:
         yield Finding(WARNING, "no controller's ~/state: reference and gains are not known")
 
 

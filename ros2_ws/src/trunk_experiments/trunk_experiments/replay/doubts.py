@@ -7,6 +7,7 @@ lock-step.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import degrees
 from typing import TYPE_CHECKING, NamedTuple
@@ -15,7 +16,8 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
-from trunk_msgs_util.events import Event
+from trunk_msgs_util.events import Event, as_count
+from trunk_msgs_util.source import ARRIVAL, ARRIVALS
 from trunk_msgs_util.units import seconds
 
 if TYPE_CHECKING:
@@ -43,6 +45,9 @@ class Doubts:
     planned_s: float | None = None  # when it was to end; None: never, or not known
     fell_at_s: float | None = None
     fell_angle_deg: float | None = None
+    refused: tuple[
+        str, ...
+    ] = ()  # messages that were not used, or not as they were meant: a line each
     late: int = 0
     steps: int = 0
     moved_deg: float | None = None  # the angle, at most, by what was late; None if not known
@@ -53,7 +58,7 @@ class Doubts:
 
     def __bool__(self) -> bool:
         fell = self.fell_at_s is not None or self.leans_deg is not None
-        return bool(self.incomplete or fell or self.late or self.moved_deg)
+        return bool(self.incomplete or fell or self.refused or self.late or self.moved_deg)
 
     @property
     def until(self) -> str:
@@ -80,6 +85,7 @@ class Doubts:
                 else f", but fall.angle is {self.limit_deg:.3g} degrees"
             )
             found.append(f"BEYOND 90 degrees: it ends at {self.leans_deg:.0f} degrees{limit}")
+        found += self.refused
         if self.late or self.moved_deg:
             moved = ""
             if self.moved_deg is not None:
@@ -101,6 +107,7 @@ class Doubts:
             "beyond_90": None
             if self.leans_deg is None
             else {"angle_deg": self.leans_deg, "fall_angle_deg": self.limit_deg},
+            "refused": list(self.refused),
             "late": {"steps": self.late, "of": self.steps, "moved_deg": self.moved_deg}
             if self.steps
             else None,
@@ -131,11 +138,31 @@ def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts
         *_incomplete(run),
         None if fall is None else seconds(fall.stamp_ns),
         angle,
+        tuple(_refused(run)),
         late.late if late else 0,
         late.steps if late else 0,
         moved,
         *(_leans(run) if whole and fall is None else (None, None)),
     )
+
+
+def _refused(run: RecordedRun) -> Iterator[str]:
+    """Yield what nodes did not use, or took otherwise than it was meant: how many, and why."""
+    reasons: dict[tuple[str, str], str] = {}
+    counts: dict[tuple[str, str], int] = {}
+    for event in run.events:
+        if event.message != Event.REFUSED:
+            continue
+        node = run.recording.relative(event.node)
+        if "what" in event.values:
+            reasons.setdefault((node, event.values["what"]), event.values.get("why", ""))
+        else:
+            counts |= {(node, what): as_count(text) for what, text in event.values.items()}
+    for (node, what), why in reasons.items():
+        word = "STAMPS" if what in ARRIVALS else "REFUSED"
+        count = counts.get((node, what), -1)
+        number = str(count) if count >= 0 else "some"
+        yield f"{word}: {node}: {number} {what}: {why}"
 
 
 def _leans(run: RecordedRun) -> tuple[float | None, float | None]:
@@ -192,6 +219,8 @@ def late_steps(run: RecordedRun) -> Late | None:
 
     A step is in time if the command in force answers its state or, where a controller answers only some
     states, the last of those; and if the disturbance in force is that of its state. Both are on record.
+    A node of somebody else's that answers fewer states than there are has a rate of its own: it may be one
+    state off. A command without a state's stamp is neither late nor in time.
     """
     if run.mode != "real_time" or "simulator" not in run.parameters:
         return None
@@ -199,19 +228,35 @@ def late_steps(run: RecordedRun) -> Late | None:
         from .late_before import late_steps_by_torque  # in recordings of earlier versions
 
         return late_steps_by_torque(run)
-    from ..recorded.inputs import RecordedInputs
+    from ..recorded.inputs import NO_SOURCE, RecordedInputs
 
     stamps = np.unique(run.table(topics.GROUND_TRUTH).stamp_ns)[:-1]
     inputs = RecordedInputs(run, stamps)
     force = inputs.over(slice(None))
     periods = {name: run.config(name).period_ns for name in run.judgeable}
     step_ns = run.config("simulator").period_ns
-    every_ns = [max(periods.get(name.partition("@")[0], 0), step_ns) for name in inputs.sources]
+    every_ns = [
+        _usual_gap_ns(run, step_ns)
+        if name == NO_SOURCE
+        else max(periods.get(name.partition("@")[0], 0), step_ns)
+        for name in inputs.sources
+    ]
     age_ns = stamps - force.command_ns
     late = (force.command_ns < 0) | (age_ns >= np.array(every_ns)[force.command_source])
+    if run.external:
+        late &= np.array([name != ARRIVAL for name in inputs.sources])[force.command_source]
+        late &= (force.command_ns >= 0).any()
     if run.count(topics.DISTURBANCE):
         late |= force.disturbance_ns != stamps
     return Late(int(np.count_nonzero(late)), len(stamps))
+
+
+def _usual_gap_ns(run: RecordedRun, step_ns: int) -> int:
+    """Return how old a stranger's command may be before it is late, ns, by the states that it answered."""
+    stamps = np.unique(run.table(topics.EFFORT_COMMAND).stamp_ns)
+    gaps = np.diff(stamps[(stamps >= 0) & (stamps % step_ns == 0)]) // step_ns
+    usual = int(np.bincount(np.minimum(gaps, 10_000)).argmax()) if len(gaps) else 1
+    return step_ns if usual <= 1 else (usual + 1) * step_ns
 
 
 def moved_deg(run: RecordedRun) -> float | None:

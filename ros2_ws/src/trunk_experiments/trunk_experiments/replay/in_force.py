@@ -10,6 +10,7 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
+from trunk_msgs_util.source import ARRIVAL
 from trunk_msgs_util.units import nanoseconds
 from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.disturbances import Signals, disturbance_at
@@ -124,7 +125,8 @@ def _named(
 ) -> tuple[list[ComparedColumn], Bools]:
     """Return the values in force beside those of the messages with their sources and stamps; which are known.
 
-    What no node of ours sent, and is not on record, is not known.
+    What no node of ours sent, and is not on record, is not known. One that acts from its arrival is known by
+    its torque alone.
     """
     expected = values.copy()
     expected[stamp_ns < 0] = 0.0
@@ -132,6 +134,10 @@ def _named(
     on_record = np.ones(len(values), bool)
     for place in np.unique(source).tolist():
         name = rerun.inputs.sources[place]
+        if name == ARRIVAL:
+            mine = np.flatnonzero((source == place) & (stamp_ns >= 0))
+            on_record[mine] = np.isin(values[mine, 0], _values(table, _rows_of(table, NO_SOURCE)))
+            continue
         mine = np.flatnonzero((source == place) & (stamp_ns >= 0))
         rows = _rows_of(table, name)
         sent = table.stamp_ns[rows]

@@ -168,7 +168,7 @@ def _counts(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
     """Yield where there are not as many messages as states, or as the nodes say they published."""
     states = len(rerun.stamps)
     every = [topics.GROUND_TRUTH, topics.JOINT_STATES]
-    every += [topics.EFFORT_COMMAND] if run.exact else []
+    every += [topics.EFFORT_COMMAND] if run.exact and not run.external else []
     every += [topics.PLANT_INPUTS] if rerun.inputs.recorded else []
     for relative in every:
         idle = len(idle_ns(run)) if relative == topics.EFFORT_COMMAND and run.exact else 0
@@ -198,6 +198,8 @@ def _counts(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
 
 def _topics_of_strangers(run: RecordedRun) -> Iterator[str]:
     """Yield topics with messages of processes of which nothing else is on record."""
+    if run.external:
+        yield run.recording.topic(topics.EFFORT_COMMAND)
     known = {process.source for node in NODES for process in run.processes(node)}
     for relative in (topics.EFFORT_COMMAND, topics.DISTURBANCE) if run.sourced else ():
         if any(frame not in known for frame in run.table(relative).frames):
@@ -310,10 +312,10 @@ def _parameters(run: RecordedRun) -> Iterator[str]:
         if fixed:
             yield f"run/parameters: {node} changes {', '.join(fixed)}, which is fixed at start"
     for (node, source), count in counts.items():
-        # A disturbance names no source before its first state: each of its processes has such a set.
-        unnamed = run.sourced and not source
-        most = len(run.processes(node)) if unnamed else 1
-        if count > most and run.mode != "lockstep":  # there, it was restarted
+        # A node that learns from the states that it is in real time names no source before: each of its
+        # processes has such a set, also one whose events are lost. In lock-step it was restarted.
+        told_apart = run.mode != "lockstep" and not (run.sourced and not source)
+        if count > 1 and told_apart:
             yield f"run/parameters: {count} parameter sets of {node}"
     for event in run.events:
         node = run.recording.relative(event.node)

@@ -394,7 +394,9 @@ class Rerun:
             if self._partial:
                 self._note_turns(window.stamps, mine & known & ~acts, active)
         if not self._partial and self.answers:
-            odd = given & ((active & (active - 1) != 0) | (active == 0))
+            odd = given & (active & (active - 1) != 0)
+            if not self.run.external:  # then somebody else gave it
+                odd |= given & (active == 0)
             self._note_turns(window.stamps, odd, active)
 
     def _note_turns(self, stamps: Integers, odd: Bools, active: Integers) -> None:

@@ -15,6 +15,7 @@ from trunk_msgs_util.units import seconds
 from ..plans.nodes import CONTROLLERS, NODES, unknown_controllers
 from ..recorded.processes import Process, is_whole
 from ..recorded.run import RecordedRun
+from ..recorded.turns import acts
 from .checks import describe
 from .in_force import check_disturbances, check_inputs
 from .invariants import contradictions, without_commands
@@ -94,7 +95,7 @@ def _unjudgeable(run: RecordedRun) -> str:
     if run.mode == "real_time" and not run.sourced:
         return _NO_INPUTS
     known = bool(run.controllers) and set(run.controllers) <= set(CONTROLLERS)
-    strange = run.sourced and bool(run.count(topics.GROUND_TRUTH))
+    strange = (run.sourced or bool(run.external)) and bool(run.count(topics.GROUND_TRUTH))
     if not (known or strange or run.another_controller):
         unknown = unknown_controllers(run.controllers)
         return unknown or "no known controller's state is recorded"
@@ -148,11 +149,20 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
             answers.check.note(lacking)
         else:
             verdict.obstacles.append(describe(lacking))
+    if run.external and (check := _taken(run, rerun)).steps:
+        verdict.checks.insert(0, check)
+    restarted = _restarted(run)
+    verdict.obstacles += restarted.values()
+    for answers in rerun.answers.values():
+        if answers.process.node in restarted:
+            answers.check.excuse(restarted[answers.process.node])
     settle(run, rerun.simulator, [rerun.plant, rerun.sensors, rerun.nobodys])
     for process in run.processes("disturbance") if run.count(topics.DISTURBANCE) else ():
         if process.parameters and len(process.stamps(run.table(topics.DISTURBANCE))):
             check = check_disturbances(run, process)
             settle(run, process, [check])
+            if process.node in restarted:
+                check.excuse(restarted[process.node])
             verdict.checks.append(check)
     if rerun.inputs.recorded:
         check = check_inputs(run, rerun)
@@ -163,7 +173,7 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
         verdict.contradictions += contradictions(run, rerun)
     verdict.obstacles += _failures(run)
     verdict.obstacles += [] if complete else recorder_was_inactive(run)
-    verdict.obstacles += [*_missing(run, rerun), *_restarted(run)]
+    verdict.obstacles += _missing(run, rerun)
     verdict.obstacles += [
         f"{check.name}: {check.reason}" for check in verdict.checks if check.reason
     ]
@@ -177,12 +187,28 @@ def _judge(run: RecordedRun, verdict: Verdict) -> None:
     verdict.unjudged += _unjudged(run)
 
 
+def _taken(run: RecordedRun, rerun: Rerun) -> Check:
+    """Return where commands of somebody else's node act: no law of theirs is known."""
+    check = Check(f"commands of {run.external}", taken=True)
+    if not len(rerun.stamps):
+        return check
+    force = rerun.inputs.over(slice(None))
+    ours = np.array(["@" in name for name in rerun.inputs.sources])[force.command_source]
+    for name in run.judgeable if run.exact else ():
+        ours |= acts(run, name, rerun.stamps)
+    rows = np.flatnonzero((force.command_ns >= 0) & ~ours)
+    check.add(rerun.stamps, rows, rows[:0], [])
+    return check
+
+
 def _rivals(run: RecordedRun, rerun: Rerun) -> str:
     """Return that two controllers gave commands in lock-step, where one must; empty if not.
 
     The plant took one of them, and the record does not say which.
     """
-    if run.mode != "lockstep":
+    senders = [event for event in run.events if event.message == Event.CONNECTED]
+    # Of one sender the plant took the first answer to a state, and the record keeps its order.
+    if run.mode != "lockstep" or (len(senders) == 1 and not rerun.answers):
         return ""
     stamps = np.sort(run.table(topics.EFFORT_COMMAND).stamp_ns)
     twice = stamps[1:][np.diff(stamps) == 0][:1].tolist()
@@ -243,21 +269,21 @@ def _missing(run: RecordedRun, rerun: Rerun) -> list[str]:
     if len(rerun.answers) != 1:  # two controllers' messages may pass each other on their way
         commands = np.sort(commands)
     lines += _disorder(topics.EFFORT_COMMAND, commands) if run.exact else []
-    if not rerun.answers and not run.another_controller:
+    if not rerun.answers and not run.another_controller and not run.external:
         lines.append(
             "no controller of ours gave the commands: they are judged by the plant's inputs alone"
         )
     return lines
 
 
-def _restarted(run: RecordedRun) -> list[str]:
+def _restarted(run: RecordedRun) -> dict[str, str]:
     """Return which nodes were restarted in lock-step, where their messages do not name their processes."""
     sets = [run.recording.relative(c.node) for c in run.recording.parameter_messages() if c.new]
-    return [
-        f"{node} was restarted: what its processes sent cannot be told apart"
+    return {
+        node: f"{node} was restarted: what its processes sent cannot be told apart"
         for node in sorted(set(sets))
         if run.mode == "lockstep" and sets.count(node) > 1
-    ]
+    }
 
 
 def _first_gap(stamps: Integers, period_ns: int) -> int:
@@ -297,7 +323,10 @@ def _span(run: RecordedRun, rerun: Rerun) -> str:
 def _strangers(run: RecordedRun) -> list[str]:
     """Return of which inputs of the plant no law is known: no node of ours sent them."""
     lines = []
+    taken = {topics.EFFORT_COMMAND} if run.external else set()  # they have a row of their own
     for relative in (topics.EFFORT_COMMAND, topics.DISTURBANCE):
+        if relative in taken:
+            continue
         table = run.table(relative)
         strange = [place for place, frame in enumerate(table.frames) if "@" not in frame]
         if count := int(np.isin(table.frame, strange).sum()):

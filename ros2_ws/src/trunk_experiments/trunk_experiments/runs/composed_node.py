@@ -16,6 +16,7 @@ from ..plans.nodes import CONTROLLERS, NODES
 
 _CLASSES = {
     "recorder": ("trunk_msgs_util.node.recorder_node", "RecorderNode"),
+    "reference": ("trunk_control.reference_node", "ReferenceNode"),
     "disturbance": ("trunk_sim.disturbance_node", "DisturbanceNode"),
     "simulator": ("trunk_sim.simulator_node", "SimulatorNode"),
 }

@@ -19,6 +19,7 @@ from trunk_msgs_util.recording.schemas import RunEvent
 from ..errors import RunError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
+from .external import note_of
 from .files import RunFiles
 from .guardian import Guardian
 from .interrupt import Interrupt
@@ -32,6 +33,7 @@ START_TIMEOUT_S = 30.0
 EXIT_FAILED = 1  # of a node that has said why
 SILENCE_S = 5.0  # of a simulator that diagnoses itself every second
 COMPOSED = "composed"
+_SEEN = "seen instead"  # of a simulator that has looked for what goes astray
 _LAST = (COMPOSED, "recorder")  # to be stopped: it has to record the others' last messages
 _ENDS_FIRST_S = 1.5  # before all others are told, too: docs/faults.md promises 10 s for everything
 _WAITING = "{} not active: with autostart false, configure and activate it (ros2 lifecycle set …)"
@@ -44,15 +46,24 @@ def run_graph(
     order: Sequence[str] | None = None,
     composed: bool = False,
     over: Callable[[], bool] = lambda: False,
+    note: Callable[[str], None] = lambda line: None,
 ) -> Recording:
     """Run the plan's nodes, as processes or ``composed`` in one, until the simulator is done.
 
     ``progress`` is called with simulated seconds. ``order``: the nodes' names in the order of their
     start (it makes no difference to a lock-step run). ``over`` is polled: True ends the run. A run
-    without an end is then whole, as it is after SIGINT. Return the recording, checked to be this
+    without an end is then whole, as it is after SIGINT. ``note`` is called with what a user should know at
+    once. Return the recording, checked to be this
     run's own. Raises RunError naming the node that ended the run and why; by then every process has been
     stopped and the recording finished.
     """
+    told: set[str] = set()
+
+    def tell(line: str) -> None:
+        if line not in told:
+            told.add(line)
+            note(line)
+
     middleware.prepare()
     files.logs.mkdir(parents=True, exist_ok=True)
     plan = files.record(plan)
@@ -73,7 +84,7 @@ def run_graph(
         from .monitor_node import Monitor  # here: no threads while processes start
 
         with Monitor() as monitor:
-            heard = _watch(plan, running, monitor, progress, interrupt, over)
+            heard = _watch(plan, running, monitor, progress, interrupt, over, tell)
     finally:
         killed = _stop_all(running)
         guardian.close()
@@ -83,7 +94,14 @@ def run_graph(
     if not heard:
         _read_end(files.recording, running.get(COMPOSED) or running["simulator"], recorder)
     _check_recorder(recorder, killed)
-    return _own_recording(files.recording, recorder)
+    recording = _own_recording(files.recording, recorder)
+    events: Sequence[RunEvent] = ()
+    with suppress(RecordingError):  # who reads it is told why
+        events = recording.events()
+    for event in events:  # of a short run some may not have been heard
+        if line := note_of(event.node, event.message, event.values):
+            tell(line)
+    return recording
 
 
 def _watch(
@@ -93,6 +111,7 @@ def _watch(
     progress: Callable[[float], None],
     interrupt: Interrupt,
     over: Callable[[], bool],
+    note: Callable[[str], None],
 ) -> bool:
     """Return True when the run has finished, False where it was over before that could be heard."""
     starting = Patience(START_TIMEOUT_S)
@@ -101,6 +120,7 @@ def _watch(
     silence = _Silence(simulator.pid)
     while simulator.exit_code is None:
         monitor.spin(0.05)
+        _pass_on(monitor, note)
         if monitor.finished:
             break  # who stops or dies now does not change the run
         ends = interrupt.name or (over() and "request")
@@ -122,6 +142,8 @@ def _watch(
                 f"another {doubled[0]} is running in this ROS domain: stop it, "
                 "or set ROS_DOMAIN_ID to another number"
             )
+        if plan.external is not None and _SEEN in monitor.waits_for:
+            starting.restart()  # everything of ours is there
         if not monitor.started and starting.spent(_awaited(running, monitor)):
             raise RunError(
                 f"the run did not start within {START_TIMEOUT_S:g} s: "
@@ -129,9 +151,22 @@ def _watch(
             )
         progress(monitor.time)
     _hear_last_words(monitor)
+    _pass_on(monitor, note)
     if monitor.failure:
         raise RunError(monitor.failure)
     return monitor.finished
+
+
+def _pass_on(monitor: Monitor, note: Callable[[str], None]) -> None:
+    """Tell the user what is new, and once a controller is overdue, what the simulator sees instead."""
+    if _SEEN in monitor.waits_for:
+        line = f"still waiting for {monitor.waits_for}"
+        if line != monitor.overdue:
+            monitor.overdue = line
+            note(line)
+    for line in monitor.notes:
+        note(line)
+    monitor.notes.clear()
 
 
 class _Silence:

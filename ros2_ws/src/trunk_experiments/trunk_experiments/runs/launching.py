@@ -11,7 +11,7 @@ from trunk_msgs_util.parameters.quantity_text import UnitError
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 
 from ..errors import PlanError
-from ..plans.given import checked_namespace
+from ..plans.given import checked_external, checked_namespace
 from ..plans.nodes import CONTROLLERS, NODES
 from ..plans.plan import RunPlan, make_plan
 from ..plans.turns import parse_swap
@@ -33,6 +33,11 @@ class LaunchArgument:
 ARGUMENTS = (
     LaunchArgument("scenario", "demo", "fig6, fig7, fig8, fig9, demo, or a parameter file's path"),
     LaunchArgument("controller", "fuzzy_pid", f"one of {', '.join(CONTROLLERS)}"),
+    LaunchArgument(
+        "external",
+        "",
+        "the name of a run whose commands your own node gives; true: the node's own name; empty: one of ours",
+    ),
     LaunchArgument(
         "lockstep", "false", "step when every node has answered: the same bits each time"
     ),
@@ -94,6 +99,11 @@ def launch_plan(given: Mapping[str, str]) -> RunPlan:
     everywhere |= {
         parameter: _number(given, name) for name, parameter in targets.items() if given[name]
     }
+    external = given["external"].strip() or None
+    if external is not None:
+        external = "" if external.lower() in ("true", "1") else checked_external(external)
+        if given["swap_at"]:
+            raise PlanError("external: your own node gives the commands: leave out swap_at")
     plan = make_plan(
         given["scenario"],
         given["controller"],
@@ -101,6 +111,7 @@ def launch_plan(given: Mapping[str, str]) -> RunPlan:
         everywhere=everywhere,
         namespace=checked_namespace(given["namespace"]),
         swaps=[parse_swap(text) for text in _listed(given["swap_at"])],
+        external=external,
     )
     if given["speed"] and not plan.simulator.lockstep:
         raise PlanError(

@@ -95,14 +95,18 @@ def differing_parameters(views: Sequence[RunView]) -> dict[str, tuple[Value | No
     Controllers are matched by place, whatever their node is called; the recorder's parameters are left out.
     """
     runs = []
+    strange = any(view.run.external for view in views)  # of which no parameter is known
     for view in views:
         values: dict[str, Value] = {}
         for node, parameters in view.parameters.items():
             role = "controller" if node in CONTROLLERS else node
-            if role != "recorder":
+            known = not (strange and role in ("controller", "reference"))
+            if role != "recorder" and known:
                 values |= {f"{role}.{name}": value for name, value in parameters.items()}
-        if view.controllers:
-            values["controller"] = ", ".join(view.controllers)
+        if strange:
+            values.pop("simulator.wait_for", None)
+        if view.run.acting:
+            values["controller"] = ", ".join(view.run.acting)
         runs.append(values)
     names = sorted({name for values in runs for name in values})
     table = {name: tuple(values.get(name) for values in runs) for name in names}

@@ -54,7 +54,7 @@ def different_tasks(views: Sequence[RunView]) -> tuple[str, ...]:
     controller's parameters, from the references that it received.
     """
     tasks = [_task(view) for view in views]
-    if any(view.run.another_controller for view in views):
+    if any(view.run.another_controller or view.run.external for view in views):
         first = views[0].table.reference
         for view, task in zip(views, tasks, strict=True):
             for name in [name for name in task if name.startswith("controller.")]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from ..samples import JointSample
-from ..source import sources_of_inputs
+from ..source import ARRIVAL, sources_of_inputs
 from ..topics import DISTURBANCE, EFFORT_COMMAND, INPUT_NAMES
 from ..units import seconds
 
@@ -53,9 +53,40 @@ class _Topic:
         while next(iter(self._recorded)) < key:
             self._recorded.popitem(last=False)
 
+    def rename(self, simulator: str) -> None:
+        """Take what was recorded under the simulator's source, before that was known, as a stranger's."""
+        for key in [key for key in self._recorded if key.source == simulator]:
+            del self._recorded[key]
+            self.record(_Key(key.stamp_ns, ""))
+
     def missing(self) -> list[_Key]:
         """Return what was in force, but is not on record, in order."""
         return sorted(self._missing)
+
+
+class _Arrivals:
+    """Commands that act from their arrival: a row names their torque alone."""
+
+    def __init__(self) -> None:
+        self._recorded: OrderedDict[float, None] = OrderedDict()
+        self._missing: OrderedDict[float, int] = OrderedDict()  # with the stamp of the first row
+
+    def record(self, effort: float) -> None:
+        """Take one that is on record."""
+        self._missing.pop(effort, None)
+        self._recorded[effort] = None
+        self._recorded.move_to_end(effort)
+        if len(self._recorded) > _REMEMBERED:
+            self._recorded.popitem(last=False)
+
+    def name(self, effort: float, stamp_ns: int) -> None:
+        """Take what a row names."""
+        if effort not in self._recorded and len(self._missing) < _REMEMBERED:
+            self._missing.setdefault(effort, stamp_ns)
+
+    def missing(self) -> list[_Key]:
+        """Return what was in force, but is not on record, in order."""
+        return sorted(_Key(stamp_ns, "") for stamp_ns in self._missing.values())
 
 
 class ActedRecord:
@@ -63,11 +94,26 @@ class ActedRecord:
 
     def __init__(self) -> None:
         self._topics = {EFFORT_COMMAND: _Topic(), DISTURBANCE: _Topic()}
+        self._arrivals = _Arrivals()
+        self._simulator = ""  # the rows' source
 
     def record(self, topic: str, stamp_ns: int, source: str) -> None:
         """Take a message that is on record; the topic may be any."""
         if topic in self._topics:
-            self._topics[topic].record(_Key(stamp_ns, source))
+            named = "" if self.is_stranger(source) else source
+            self._topics[topic].record(_Key(stamp_ns, named))
+
+    def is_stranger(self, source: str) -> bool:
+        """Return True for a command or disturbance that no node of ours sent.
+
+        Its sender may have copied the state's whole header, and with it the simulator's source.
+        """
+        return source in ("", self._simulator)
+
+    def record_efforts(self, efforts: Iterable[float]) -> None:
+        """Take the torques, N m, of a command that is no node's of ours, on record."""
+        for effort in efforts:
+            self._arrivals.record(effort)
 
     def row(self, sample: JointSample, frame_id: str) -> None:
         """Take a row of ``plant/inputs``. Raises ValueError for one that no simulator of ours sends."""
@@ -78,15 +124,21 @@ class ActedRecord:
             or len(sample.velocity) != len(sample.name)
         ):
             raise ValueError("not a row of plant/inputs")
+        if self._simulator != sources[0]:
+            self._simulator = sources[0]
+            for topic in self._topics.values():
+                topic.rename(self._simulator)
         ages = sample.velocity[_COMMAND], sample.velocity[_DISTURBANCE]
         for topic, source, age in zip(self._topics.values(), sources[1:], ages, strict=True):
-            if age >= 0.0:
+            if age >= 0.0 and source == ARRIVAL:
+                self._arrivals.name(sample.position[_COMMAND], sample.stamp_ns)
+            elif age >= 0.0:
                 topic.name(_Key(sample.stamp_ns - int(age), source))
 
     def missing(self) -> Iterator[str]:
         """Yield what acted but is not on record, a line for each topic."""
-        for name, topic in self._topics.items():
-            keys = topic.missing()
+        missing = [(name, topic.missing()) for name, topic in self._topics.items()]
+        for name, keys in (*missing, (EFFORT_COMMAND, self._arrivals.missing())):
             if keys:
                 stamp_ns, source = keys[0]
                 sender = source or "a node that is not ours"

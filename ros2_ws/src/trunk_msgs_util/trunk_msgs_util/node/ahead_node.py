@@ -5,15 +5,14 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import TypeVar
 
-from sensor_msgs.msg import JointState
-
 from .. import topics
 from ..events import Event
 from ..parameters.config import ManagedConfig
 from ..samples import JointSample
 from ..source import source_in
 from ..units import LAST_STAMP_NS
-from . import meeting, qos
+from . import meeting
+from .adaptive import AdaptiveSubscription
 from .base import TrunkNode
 from .conversions import WireReader, sample_to_wire
 from .evidence import Evidence
@@ -38,9 +37,7 @@ class AheadNode(TrunkNode[Config]):
         """Listen for states."""
         self._sent_ns = -1
         self._publisher = self.create_evidence(self._topic)
-        self.create_subscription(
-            JointState, topics.GROUND_TRUTH, self._on_state, qos.control(), raw=True
-        )
+        AdaptiveSubscription(self, topics.GROUND_TRUTH, self._on_state)
         self._ready_timer = self.every(0.02, self._announce)
 
     @property
@@ -66,7 +63,7 @@ class AheadNode(TrunkNode[Config]):
         stamp_ns = self._read(data).stamp_ns
         next_ns = stamp_ns + self.period_ns
         if stamp_ns < 0 or next_ns > LAST_STAMP_NS:
-            self.counters["states malformed"] += 1
+            self.refuse("states malformed", f"a stamp of {stamp_ns} ns: at least 0 is needed")
             return
         if next_ns < self._sent_ns:  # the simulator has restarted, and time with it
             self.counters["states out of order"] += 1

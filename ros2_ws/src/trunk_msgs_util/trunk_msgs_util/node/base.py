@@ -53,7 +53,9 @@ class TrunkNode(UniqueNode, Generic[Config]):
         self._born_s = time.monotonic()
         self._evidence: list[evidence.Evidence] = []
         self._accounted = False
+        self._refused: set[str] = set()  # kinds of messages
         self._waiting = Waiting()
+        self._waits_for = ""
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._last_turns = 2
         self.linger_s = 0.0  # how long messages may collect before they are taken
@@ -162,6 +164,27 @@ class TrunkNode(UniqueNode, Generic[Config]):
             )
         )
 
+    def refuse(self, what: str, why: str) -> None:
+        """Count a message that is not used, or not as it was meant, and say why: at once the first time.
+
+        The log then has a line at the 10th, the 100th and so on; the record has the first and the count.
+        """
+        self.counters[what] += 1
+        count = self.counters[what]
+        if count == 1:
+            self._refused.add(what)
+            self.event(Event.REFUSED, DiagnosticStatus.WARN, what=what, why=why)
+        if count == 10 ** (len(str(count)) - 1):
+            so_far = "" if count == 1 else f" ({count} so far)"
+            self.get_logger().warning(printable(f"{what}{so_far}: {why}"))
+
+    def _say_refused(self) -> None:
+        """Record how many messages were refused, of each kind."""
+        counts = {what: self.counters[what] for what in sorted(self._refused)}
+        self._refused.clear()
+        if counts:
+            self.event(Event.REFUSED, DiagnosticStatus.WARN, **counts)
+
     def fail(self, reason: str, **values: object) -> None:
         """End this node's process with an error, reported in the recording and on the console."""
         self.get_logger().error(printable(reason))
@@ -181,15 +204,16 @@ class TrunkNode(UniqueNode, Generic[Config]):
         return ""
 
     def _every_second(self) -> None:
+        self._waits_for = self.waits_for() if self.configured and self.exit_code is None else ""
         self._publish_diagnostics()
-        text = self.waits_for() if self.configured and self.exit_code is None else ""
-        line = self._waiting.line(text, time.monotonic())
+        line = self._waiting.line(self._waits_for, time.monotonic())
         if line:
             self.get_logger().info(printable(line))
 
     def _publish_diagnostics(self) -> None:
         state = "active" if self.active else "inactive" if self.configured else "unconfigured"
-        values = {"lifecycle": state, **self.diagnostics(), **self.counters}
+        waits = {"waiting for": self._waits_for} if self._waits_for else {}
+        values = {"lifecycle": state, **waits, **self.diagnostics(), **self.counters}
         level = DiagnosticStatus.WARN if self.counters else DiagnosticStatus.OK
         message = ", ".join(f"{name} {count}" for name, count in self.counters.items()) or "ok"
         self._diagnostics_topic.publish(
@@ -203,6 +227,7 @@ class TrunkNode(UniqueNode, Generic[Config]):
         )
 
     def _clean_up(self) -> None:
+        self._say_refused()
         told = bool(evidence.counted(self._evidence))
         evidence.hand_over(self, self._born_s, told, self._evidence)
         self._evidence.clear()
@@ -210,6 +235,7 @@ class TrunkNode(UniqueNode, Generic[Config]):
 
     def account(self) -> None:
         """Report, once, how much evidence was published; nothing is published after it."""
+        self._say_refused()
         counts = evidence.counted(self._evidence)
         if counts and not self._accounted:
             self._accounted = True

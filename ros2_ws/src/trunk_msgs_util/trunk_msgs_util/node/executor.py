@@ -34,8 +34,8 @@ _RARE = 16
 class LoopExecutor(SingleThreadedExecutor):
     """Runs callbacks in the thread that calls ``spin_once``; messages first, in their order per topic."""
 
-    def __init__(self, linger_s: float = 0.0, **arguments: Any) -> None:
-        """Create it; with ``linger_s`` messages collect for that long before they are taken."""
+    def __init__(self, linger_s: Callable[[], float] = lambda: 0.0, **arguments: Any) -> None:
+        """Create it; ``linger_s`` says how long, in s, messages collect before they are taken."""
         super().__init__(**arguments)
         self._linger_s = linger_s
         self._subscriptions: list[Subscription] = []
@@ -170,8 +170,9 @@ class LoopExecutor(SingleThreadedExecutor):
             self._fill_wait_set(for_all)
         wait_set = self._wait_set
         wait_set.wait(limit_ns)
-        if self._linger_s and wait_set.get_ready_entities("subscription"):
-            time.sleep(self._linger_s)
+        linger_s = self._linger_s()
+        if linger_s and wait_set.get_ready_entities("subscription"):
+            time.sleep(linger_s)
         triggered = wait_set.get_ready_entities("guard_condition")
         for guard in self._guards:
             if guard.handle.pointer in triggered and guard is not self._guard:

@@ -21,7 +21,7 @@ from ..process_id import process_id
 from ..recording.schemas import parse_event, parse_parameter_event
 from ..samples import JointSample
 from ..source import process_of
-from ..units import LAST_STAMP_NS, NANOSECONDS
+from ..units import LAST_STAMP_NS, NANOSECONDS, nanoseconds
 from . import qos, waiting
 from .base import TrunkNode
 from .conversions import WireReader, sample_to_wire
@@ -56,12 +56,14 @@ _QUIET_TURNS = 10
 # ... but no longer than this if the run goes on without it.
 _LEAVE_S = 0.7
 _TELL_EVERY = 50  # states
-_TELL_STRANGERS = topics.STRANGERS_DEPTH // 2
 _FOLLOW_S = 0.05
 _CHECK_S = 0.1
 # In lock-step nothing waits for the recorder, within its window: waking it for each message would cost
 # the loop more than the recording does.
 _LINGER_S = 0.01
+_TELL_S = 0.02
+# A stranger's publisher keeps few messages: the plant waits for the recorder sooner, so it must not linger.
+_LINGER_BESIDE_STRANGERS_S, _TELL_STRANGERS_S = 0.001, 0.002
 
 
 class RecorderNode(TrunkNode[RecorderConfig]):
@@ -85,7 +87,6 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         )
         self._written_ns = dict.fromkeys(self.config.lockstep_topics, -1)
         self._told_ns = -1
-        self._tell_every = _TELL_EVERY
         self._looked_at = 0
         self.run_stamp_ns = -1
         self._heard: dict[str, HeardTopic] = {}
@@ -102,7 +103,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._check_timer = self.every(_CHECK_S, self._file.check)
         if config.lockstep:
             self.linger_s = _LINGER_S
-            self._progress_timer = self.every(0.02, self._tell_progress)
+            self._progress_timer = self.every(_TELL_S, self._tell_progress)
         self.get_logger().info(f"recording to {printable(str(self._file.path))}")
 
     def _begin(self, file: RunFile) -> None:
@@ -138,8 +139,9 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             heard.look()
         if self.config.lockstep and any(
             self._heard[topic].by_strangers for topic in self.config.lockstep_topics
-        ):
-            self._tell_every = _TELL_STRANGERS
+        ):  # the plant then leaves it few steps
+            self.linger_s = _LINGER_BESIDE_STRANGERS_S
+            self._progress_timer.timer_period_ns = nanoseconds(_TELL_STRANGERS_S)
         prefix = f"{self.get_namespace().rstrip('/')}/"
         for name, types in self.get_topic_names_and_types():
             relative = name.removeprefix(prefix)
@@ -194,7 +196,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             try:
                 sec, nanosec = _STAMP.unpack_from(data, 4)
             except struct.error:
-                self.counters["messages too short"] += 1
+                self.refuse("messages too short", f"on {topic}: {len(data)} bytes have no stamp")
                 return
             stamp_ns = min(sec * NANOSECONDS + nanosec, LAST_STAMP_NS)
             log_time = max(stamp_ns, 0) if lockstep else time.time_ns()
@@ -205,8 +207,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
                 return
             try:
                 self._tally.take(topic, stamp_ns, data)
-            except ValueError:
-                self.counters[f"messages malformed on {topic}"] += 1
+            except ValueError as error:
+                self.refuse(f"messages malformed on {topic}", str(error))
             if topic == topics.EFFORT_COMMAND:
                 # After a swap two nodes give commands, and those of the first may arrive last.
                 stamp_ns = max(stamp_ns, self._written_ns.get(topic, -1))
@@ -220,7 +222,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def _on_truth(self, data: bytes) -> None:
         before_ns, self.run_stamp_ns = self.run_stamp_ns, self._written_ns[topics.GROUND_TRUTH]
         self._tally.runs += self.run_stamp_ns < before_ns
-        if self._tally.counts[topics.GROUND_TRUTH] % self._tell_every == 0 and self.config.lockstep:
+        if self._tally.counts[topics.GROUND_TRUTH] % _TELL_EVERY == 0 and self.config.lockstep:
             self._tell_progress()
         if self.config.lockstep and not self._tally.driven:
             self._tally.driven = any(self._read_truth(data).effort[1:])  # the first is the hip's
@@ -243,8 +245,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def _on_change(self, data: bytes) -> None:
         try:
             change = parse_parameter_event(data)
-        except ValueError:
-            self.counters["parameters malformed"] += 1
+        except ValueError as error:
+            self.refuse("parameters malformed", str(error))
             return
         if self.is_second(change.node, process_of(change.source)):
             return
@@ -258,8 +260,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             process = process_of(event.source) or event.values.get("process", "")
             if not self.is_second(event.node, process):
                 self._tally.hear(event)
-        except ValueError:
-            self.counters["events malformed"] += 1
+        except ValueError as error:
+            self.refuse("events malformed", str(error))
             return
         self.look_for_namesake(event.node, event.message, event.values)
 

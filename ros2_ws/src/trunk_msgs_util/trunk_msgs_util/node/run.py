@@ -80,7 +80,7 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
         _end(nodes, LoopExecutor())
         shutdown.ended()
         return EXIT_FAILED
-    executor = LoopExecutor(linger_s=min(node.linger_s for node in nodes))
+    executor = LoopExecutor(lambda: min(node.linger_s for node in nodes))
     for node in nodes:
         executor.add_node(node)
     try:

@@ -27,6 +27,7 @@ class SourcedTally(Tally):
         self._of: Counter[tuple[str, str]] = Counter()  # messages, by source and relative topic
         self._acted = ActedRecord()
         self._read_row = WireReader()
+        self._read_command = WireReader()
 
     def take(self, topic: str, stamp_ns: int, data: bytes) -> None:
         """Take a message that is on record. Raises ValueError for inputs that no simulator of ours sends."""
@@ -40,6 +41,8 @@ class SourcedTally(Tally):
             source = source_in(frame)
             self._of[source, topic] += 1
             self._acted.record(topic, stamp_ns, source)
+            if topic == topics.EFFORT_COMMAND and self._acted.is_stranger(source):
+                self._acted.record_efforts(self._read_command(data).effort)
 
     def _lacking(self, heard: Sequence[str], unheard: Sequence[str]) -> Iterator[str]:
         yield from self._without_states(_OF_STATES, _OF_STATES)

@@ -95,6 +95,12 @@ class Filling:
         """True if the topic is regular, and as many messages came as were expected."""
         return self.regular and 0 < self._found == self._count
 
+    def is_effort_of(self, joint: str | None) -> bool:
+        """Return True if each message is a finite effort of this joint."""
+        values = None if self._values is None else self._values["effort"]
+        alone = self.names == (joint,) and self.widths["effort"] == 1
+        return alone and values is not None and bool(np.isfinite(values).all())
+
     @property
     def frames(self) -> tuple[str, ...]:
         """The frames that the messages have."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -259,3 +259,46 @@ def _all_frames(parts: Sequence[JointArrays]) -> tuple[tuple[str, ...], Frames]:
     return frames, np.concatenate(
         [table[part.frame] for table, part in zip(tables, parts, strict=True)]
     )
+
+
+def efforts_on(messages: Messages, joint: str) -> JointArrays:
+    """Return a joint's efforts alone, from the messages that have one, whatever else they carry.
+
+    These are the commands that a plant takes: the name is there once, with a finite effort.
+    Raises LimitError.
+    """
+    parts: list[tuple[Integers, JointArrays]] = []
+    regular, strange = groups(messages)
+    for layout, rows in regular:
+        place = _place_of_effort(layout.name, layout.effort, joint)
+        if place is not None:
+            array = layout.decode_at(messages.data, messages.start[rows])
+            effort = np.array(array["effort"][:, place : place + 1], np.float64)
+            parts.append((rows, _of_joint(joint, stamps(array), effort, layout.frame_id)))
+    for row in strange:
+        try:
+            frame_id, sample = _unusual(messages, row)
+        except ValueError:
+            continue
+        place = _place_of_effort(sample.name, len(sample.effort), joint)
+        if place is not None:
+            stamp_ns = np.array([sample.stamp_ns])
+            effort = np.array([[sample.effort[place]]])
+            parts.append((np.array([row]), _of_joint(joint, stamp_ns, effort, frame_id)))
+    if not parts:
+        return _of_joint(joint, np.zeros(0, np.int64), np.zeros((0, 1)), "")
+    rows = np.concatenate([rows for rows, _ in parts])
+    joined = concatenate([part for _, part in parts])
+    joined = replace(joined, log_time_ns=messages.log_time_ns[rows])
+    order = np.argsort(rows, kind="stable")
+    return joined.rows(order[np.isfinite(joined.effort[order, 0])])
+
+
+def _place_of_effort(names: Sequence[str], count: int, joint: str) -> int | None:
+    place = names.index(joint) if names.count(joint) == 1 else count
+    return place if place < count else None
+
+
+def _of_joint(joint: str, stamp_ns: Integers, effort: Floats, frame_id: str) -> JointArrays:
+    nothing = np.zeros((len(stamp_ns), 0))
+    return JointArrays((joint,), stamp_ns, stamp_ns, nothing, nothing, effort, (frame_id,))
