@@ -1,0 +1,153 @@
+"""Plays states at a running controller's node, over the real graph, and takes down what it answers."""
+
+from __future__ import annotations
+
+import time
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.node import middleware, qos
+from trunk_msgs_util.node.adaptive import AdaptiveSubscription
+from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
+from trunk_msgs_util.node.strangers import Sender, Senders, near_misses
+from trunk_msgs_util.samples import JointSample
+
+from ..errors import RunError
+from .node_judge import Answer, Exchange, Transcript
+from .node_script import SILENCE, SILENT_S, Played, states_to_play
+
+_ANSWER_S = 0.25  # for an answer; a few states that have none make the wait shorter
+_HURRY_S = 0.02
+_PATIENT_STATES = 5
+_MATCHED_S = 0.5  # after discovery, until both sides know one another
+_NAMED_S = 3.5
+_RESET_S = 2.0
+
+
+class Player:
+    """A node in the simulator's place; a context manager that owns its ROS context."""
+
+    def __init__(self, namespace: str, joints: tuple[str, str]) -> None:
+        middleware.prepare()
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node(
+            "simulator",
+            namespace=namespace or "/",
+            context=self._context,
+            start_parameter_services=False,
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._joints = joints
+        self._states = self._node.create_publisher(JointState, topics.JOINT_STATES, qos.live())
+        self._references = self._node.create_publisher(JointState, topics.REFERENCE, qos.live())
+        self._commands = AdaptiveSubscription(self._node, topics.EFFORT_COMMAND, self._on_command)
+        self._topic = self._commands.topic_name
+        self._senders = Senders(self._node, self._topic, topics.JOINT_STATE_TYPE)
+        self._read = WireReader()
+        self._published_s = 0.0
+        self._answers: list[Answer] = []  # to the state that was published last
+        self._stamp_ns = self._before_ns = -1  # of that state, and of the one before it
+        self._late: list[Answer] = []  # to the one before it
+        self._unanswered = 0
+
+    def __enter__(self) -> Player:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def meet(self, wait_s: float) -> Sender:
+        """Wait for one node that publishes commands and hears states, and return who it is.
+
+        Raises RunError if there is none in time, saying what is there instead, or if there are several.
+        """
+        end = time.monotonic() + wait_s
+        matched_since: float | None = None
+        while True:
+            self._executor.spin_once(timeout_sec=0.05)
+            now = time.monotonic()
+            met = self._commands.get_publisher_count() and self._states.get_subscription_count()
+            matched_since = (matched_since or now) if met else None
+            senders = self._senders.look()
+            named = not any(s.name.endswith(topics.UNKNOWN_NODE) for s in senders)
+            if matched_since is not None and now - matched_since >= _MATCHED_S and named:
+                if len(senders) > 1:
+                    names = ", ".join(sender.label for sender in senders)
+                    raise RunError(
+                        f"{len(senders)} nodes publish {self._topic}: {names}: stop all but one"
+                    )
+                return senders[0]
+            if now > end and not (met and now < end + _NAMED_S):
+                raise RunError(self._nobody(wait_s))
+
+    def _nobody(self, wait_s: float) -> str:
+        if self._commands.get_publisher_count():
+            hears = self._node.resolve_topic_name(topics.JOINT_STATES)
+            return f"a node publishes {self._topic}, but nobody hears {hears}: subscribe to it"
+        misses = near_misses(self._node, self._topic, topics.JOINT_STATE_TYPE, [])
+        seen = f": {'; '.join(misses)}" if misses else ""
+        return f"nobody publishes {self._topic} within {wait_s:g} s{seen}: start your node first"
+
+    def play(self, rate: float, sender: Sender, limit: float | None) -> Transcript:
+        """Play all states, one after the other's answer, and return what was exchanged."""
+        exchanges: list[Exchange] = []
+        again = False
+        for played in states_to_play(rate):
+            if played.again and not again:
+                again = True
+                self._reset(sender)
+            exchange = self._exchange(played)
+            if self._late:
+                played_before, answers = exchanges[-1]
+                exchanges[-1] = Exchange(played_before, (*answers, *self._late))
+            exchanges.append(exchange)
+        return Transcript(self._joints[1], exchanges, limit)
+
+    def _exchange(self, played: Played) -> Exchange:
+        reference = JointSample(played.stamp_ns, self._joints[1:], (played.reference,))
+        state = JointSample(
+            played.stamp_ns, self._joints, played.position, played.velocity, (0.0, 0.0)
+        )
+        self._answers, self._late = [], []
+        self._before_ns, self._stamp_ns = self._stamp_ns, played.stamp_ns
+        self._references.publish(sample_to_wire(reference))
+        self._published_s = time.perf_counter()
+        self._states.publish(sample_to_wire(state))
+        if played.phase == SILENCE:
+            self._spin(SILENT_S, until_answered=False)
+        else:
+            patient = self._unanswered < _PATIENT_STATES
+            self._spin(_ANSWER_S if patient else _HURRY_S, until_answered=True)
+        self._unanswered = 0 if self._answers else self._unanswered + 1
+        return Exchange(played, tuple(self._answers))
+
+    def _spin(self, for_s: float, until_answered: bool) -> None:
+        end = time.monotonic() + for_s
+        while time.monotonic() < end and not (until_answered and self._answers):
+            self._executor.spin_once(timeout_sec=0.01)
+
+    def _reset(self, sender: Sender) -> None:
+        """Ask the node to start anew, where it offers that; time going back says the same."""
+        if not sender.name:
+            return
+        client = self._node.create_client(Trigger, f"{sender.name}/reset")
+        if client.wait_for_service(timeout_sec=0.2):
+            future = client.call_async(Trigger.Request())
+            self._executor.spin_until_future_complete(future, timeout_sec=_RESET_S)
+        self._node.destroy_client(client)
+
+    def _on_command(self, data: bytes) -> None:
+        after_s = time.perf_counter() - self._published_s
+        command = self._read(data)
+        second = command.stamp_ns == self._before_ns != self._stamp_ns
+        (self._late if second else self._answers).append(Answer(after_s, command))

@@ -1,0 +1,81 @@
+"""`trunk check node`: what a running node does otherwise than it should is named."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from trunk_experiments.conformance.node_judge import findings
+from trunk_experiments.conformance.player_node import Player
+from trunk_experiments.errors import RunError
+
+from .processes import Children
+
+pytestmark = pytest.mark.graph
+
+_FOREIGN = Path(__file__).with_name("foreign_node.py")
+# A fault, and the check that names it.
+FAULTS = {
+    "wall": "stamp",
+    "zero": "stamp",
+    "hip": "joint",
+    "noname": "joint",
+    "empty": "joint",
+    "nan": "finite",
+    "overflows": "finite",
+    "unlimited": "limits",
+    "misses": "answers",
+    "twice": "once",
+    "divides": "rest",
+    "random": "bits",
+    "keeps_memory": "bits",
+    "adds_up": "repeat",
+    "stops_at_reset": "reset",
+    "stops_after_gap": "gap",
+    "talks_in_silence": "silence",
+    "slow": "latency",
+}
+SOUND = ("none", "both", "copies_the_header", "best_effort")
+
+
+def test_each_fault_is_named(children: Children) -> None:
+    nodes = children.start(
+        "foreign", sys.executable, _FOREIGN, *(f"/{name}={name}" for name in (*FAULTS, *SOUND))
+    )
+    named = {}
+    for name in (*FAULTS, *SOUND):
+        with Player(f"/{name}", ("hip", "trunk")) as player:
+            transcript = player.play(200.0, player.meet(600.0), limit=100.0)
+        named[name] = {check.name for check, found in findings(transcript) if found}
+    nodes.stop()
+    # Whether half of the answers took longer than a period is the machine's business, too.
+    assert [n for n, check in FAULTS.items() if check not in named[n]] == []
+    # Whether half of the answers took longer than a period is the machine's business, too.
+    assert [n for n in SOUND if named[n] - {"latency"}] == []
+
+
+def test_ours_keep_every_check(children: Children) -> None:
+    node = children.node("fuzzy_pid")
+    checked = children.trunk("check", "node", "--limit", 100, "--wait", 600, "--json")
+    assert checked.wait() in (0, 1), checked.stderr
+    node.stop()
+    document = json.loads(checked.stdout)
+    assert document["node"] == "/fuzzy_pid"
+    assert {c["name"] for c in document["checks"] if not c["kept"]} <= {"latency"}
+    assert document["states"] == 542
+
+
+def test_without_a_node_it_says_what_is_there_instead(children: Children) -> None:
+    children.start("foreign", sys.executable, _FOREIGN, "/elsewhere=none")
+    with (
+        Player("", ("hip", "trunk")) as player,
+        pytest.raises(
+            RunError, match=r"nobody publishes /effort_command .*/elsewhere/effort_command"
+        ),
+    ):
+        player.meet(3.0)
+    for child in children._started:
+        child.stop()
