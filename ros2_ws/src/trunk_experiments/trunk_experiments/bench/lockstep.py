@@ -16,7 +16,7 @@ from ..plans.plan import RunPlan, make_plan
 from ..runs.processes import NodeProcess
 from .processes import Way
 
-_FINISHED = re.compile(r"finished: (\d+) steps in ([\d.]+) s of wall time")
+FINISHED = re.compile(r"finished: (\d+) steps in ([\d.]+) s of wall time")
 _DEADLINE_S = 300.0
 
 
@@ -44,7 +44,7 @@ def _await(process: NodeProcess) -> float:
         if time.monotonic() > deadline:
             process.signal(signal.SIGKILL)
         time.sleep(0.02)
-    found = _FINISHED.search(process.log.read_text(errors="replace"))
+    found = FINISHED.search(process.log.read_text(errors="replace"))
     if found is None:
         raise BenchRunError(f"benchmark: {process.describe_end()}")
     return int(found[1]) / float(found[2])

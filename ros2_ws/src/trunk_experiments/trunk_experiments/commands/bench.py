@@ -134,6 +134,43 @@ def realtime(rounds: int, rate: float, seconds: float, as_json: bool) -> None:
     )
 
 
+@command.command("external")
+@click.argument("node")
+@_rounds(3)
+@click.option(
+    "--rate",
+    type=FiniteRange(1.0, 1e5, unit="Hz"),
+    default=1000.0,
+    show_default=True,
+    help="Rate of the loops, Hz.",
+)
+@click.option(
+    "--seconds",
+    type=FiniteRange(0.1, 3600.0, unit="s"),
+    default=4.0,
+    show_default=True,
+    help="Length of each run.",
+)
+@json_option("bench-1")
+def external(node: str, rounds: int, rate: float, seconds: float, as_json: bool) -> None:
+    """Compare a controller's node of your own, started by the command NODE, with our pid."""
+    from ..bench.external import bench_external
+
+    rows = bench_external(node, rounds, rate, seconds)
+    _show(
+        rows,
+        as_json,
+        f"median of {rounds} rounds of {seconds:g} s at {rate:g} Hz",
+        ("measure", "node", "", "to ours"),
+        lambda row: (
+            row.measure,
+            row.loop,
+            f"{row.value:.4g} {row.unit}".rstrip(),
+            "" if row.ratio is None else f"{row.ratio:.2f}",
+        ),
+    )
+
+
 @command.command("live")
 @_rounds(5)
 @click.option(
