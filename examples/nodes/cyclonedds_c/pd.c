@@ -1,0 +1,60 @@
+/* The same PD in C, over Cyclone DDS (Debian: cyclonedds-dev, cyclonedds-tools; build: make). */
+#include <dds/dds.h>
+#include "JointState.h"
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef sensor_msgs_msg_dds__JointState_ JointState;
+static const double KP = 60.0, KD = 9.0, LIMIT = 100.0; /* N m/rad, N m s/rad, N m */
+
+static int place_of(const JointState *message, const char *joint)
+{
+    for (uint32_t i = 0; i < message->name._length; ++i)
+        if (strcmp(message->name._buffer[i], joint) == 0)
+            return (int)i;
+    return -1;
+}
+
+static dds_entity_t topic_of(dds_entity_t participant, const char *name)
+{
+    return dds_create_topic(participant, &sensor_msgs_msg_dds__JointState__desc, name, NULL, NULL);
+}
+
+int main(void)
+{
+    const char *domain = getenv("ROS_DOMAIN_ID");
+    dds_entity_t participant = dds_create_participant(domain ? (dds_domainid_t)atoi(domain) : 0, NULL, NULL);
+    dds_qos_t *qos = dds_create_qos();
+    dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_SECS(1));
+    dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 100);
+    dds_entity_t commands = dds_create_writer(participant, topic_of(participant, "rt/effort_command"), qos, NULL);
+    dds_entity_t references = dds_create_reader(participant, topic_of(participant, "rt/reference"), qos, NULL);
+    dds_entity_t states = dds_create_reader(participant, topic_of(participant, "rt/joint_states"), qos, NULL);
+    dds_entity_t waitset = dds_create_waitset(participant);
+    dds_waitset_attach(waitset, dds_create_readcondition(states, DDS_ANY_STATE), 0);
+
+    double reference = 0.0;
+    for (;;) {
+        void *sample = NULL;
+        dds_sample_info_t info;
+        dds_waitset_wait(waitset, NULL, 0, DDS_INFINITY);
+        for (; dds_take(references, &sample, &info, 1, 1) > 0; dds_return_loan(references, &sample, 1)) {
+            int trunk = info.valid_data ? place_of(sample, "trunk") : -1;
+            if (trunk >= 0)
+                reference = ((JointState *)sample)->position._buffer[trunk];
+        }
+        for (; dds_take(states, &sample, &info, 1, 1) > 0; dds_return_loan(states, &sample, 1)) {
+            JointState *state = sample;
+            int trunk = info.valid_data ? place_of(state, "trunk") : -1;
+            if (trunk < 0)
+                continue;
+            double torque = KP * (reference - state->position._buffer[trunk]) - KD * state->velocity._buffer[trunk];
+            torque = fmax(-LIMIT, fmin(torque, LIMIT));
+            char *name = "trunk";
+            JointState command = {.header = {state->header.stamp, ""},
+                                  .name = {1, 1, &name, false}, .effort = {1, 1, &torque, false}};
+            dds_write(commands, &command);
+        }
+    }
+}
