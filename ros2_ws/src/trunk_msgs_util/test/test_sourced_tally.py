@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.node.sourced_tally import SourcedTally
+from trunk_msgs_util.node.tally import SourcedTally
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.schemas import LEVEL_OK, ParameterChange, RunEvent
 from trunk_msgs_util.samples import JointSample

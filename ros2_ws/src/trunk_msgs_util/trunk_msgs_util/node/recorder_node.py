@@ -26,12 +26,10 @@ from . import qos, waiting
 from .base import TrunkNode
 from .conversions import WireReader, sample_to_wire
 from .heard import HeardTopic
-from .output_file import open_output
 from .pictures import Pictures
 from .run import main_for
-from .run_file import RunFile
-from .sourced_tally import SourcedTally
-from .tally import Tally
+from .run_file import RunFile, open_output
+from .tally import SourcedTally, Tally
 
 _MESSAGES: dict[str, type[Any]] = {
     topics.JOINT_STATE_TYPE: JointState,

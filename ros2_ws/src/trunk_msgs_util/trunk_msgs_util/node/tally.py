@@ -1,4 +1,4 @@
-"""`Tally`: compares what was recorded of a run with what its nodes report."""
+"""`Tally`: compares what was recorded of a run with what its nodes report; `SourcedTally`: in real time."""
 
 from __future__ import annotations
 
@@ -7,10 +7,15 @@ from collections.abc import Callable, Iterator, Sequence
 
 from .. import topics
 from ..events import ENDS, Event, as_count
+from ..recording.joint_state_cdr import frame_in
 from ..recording.schemas import ParameterChange, RunEvent
+from ..source import source_in, sources_of_inputs
+from .acted import ActedRecord
+from .conversions import WireReader
 
 # One message for each state, by the simulator alone.
 OF_STATES = (topics.GROUND_TRUTH, topics.JOINT_STATES)
+_OF_STATES_IN_REAL_TIME = (*OF_STATES, topics.PLANT_INPUTS)
 NO_COMMAND = (
     f"{topics.EFFORT_COMMAND}: no message was recorded, but a torque acted on the plant: "
     "start the recorder before the controller"
@@ -20,7 +25,7 @@ NO_COMMAND = (
 class Tally:
     """Counts a run's messages, hears its events, and tells whether the recording is whole.
 
-    In lock-step each state has an answer on each of some topics; `sourced_tally` is for real time.
+    In lock-step each state has an answer on each of some topics; `SourcedTally` is for real time.
     """
 
     def __init__(self, name_of: Callable[[str], str], of_each_state: Sequence[str] = ()) -> None:
@@ -137,6 +142,51 @@ class Tally:
     def _count_of(self, source: str, topic: str) -> int:
         """Return how many messages of a source there are on a topic."""
         return self.counts[topic]
+
+
+class SourcedTally(Tally):
+    """Counts the messages of each source, and looks for everything that acted on the plant.
+
+    What acted on nothing may be missing, if no node of ours has counted it: a stranger's message, or the last
+    ones of a node that was killed.
+    """
+
+    def __init__(self, name_of: Callable[[str], str]) -> None:
+        super().__init__(name_of)
+        self._of: Counter[tuple[str, str]] = Counter()  # messages, by source and relative topic
+        self._acted = ActedRecord()
+        self._read_row = WireReader()
+        self._read_command = WireReader()
+
+    def take(self, topic: str, stamp_ns: int, data: bytes) -> None:
+        """Take a message that is on record. Raises ValueError for inputs that no simulator of ours sends."""
+        super().take(topic, stamp_ns, data)
+        frame = frame_in(data)
+        if topic == topics.PLANT_INPUTS:
+            self._acted.row(self._read_row(data), frame)
+            sources = sources_of_inputs(frame)
+            self._of[sources[0] if sources else "", topic] += 1
+        else:
+            source = source_in(frame)
+            self._of[source, topic] += 1
+            self._acted.record(topic, stamp_ns, source)
+            if topic == topics.EFFORT_COMMAND and self._acted.is_stranger(source):
+                self._acted.record_efforts(self._read_command(data).effort)
+
+    def _lacking(self, heard: Sequence[str], unheard: Sequence[str]) -> Iterator[str]:
+        yield from self._without_states(_OF_STATES_IN_REAL_TIME, _OF_STATES_IN_REAL_TIME)
+        missing = list(self._acted.missing())
+        if missing and not self.counts[topics.EFFORT_COMMAND]:
+            yield NO_COMMAND
+        yield from missing
+        yield from self._without_events()
+        yield from self._without_messages(heard)
+
+    def _count_of_run(self, topic: str) -> int:
+        return self._of[self.end.source if self.end else "", topic]
+
+    def _count_of(self, source: str, topic: str) -> int:
+        return self._of[source, topic]
 
 
 def _count(event: RunEvent, name: str) -> int:
