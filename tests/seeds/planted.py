@@ -82,7 +82,7 @@ BUGS = (
     Bug("an old command's sender is forgotten", _SIM + "pacing.py",
         "Command(stamp_ns, effort, source)",
         'Command(stamp_ns, effort, source if stamp_ns == self._loop.stamp_ns else "")'),
-    Bug("what acted need not be on record", _NODE + "sourced_tally.py",
+    Bug("what acted need not be on record", _NODE + "tally.py",
         "missing = list(self._acted.missing())", "missing: list[str] = []"),
     Bug("stopped without a last word", _NODE + "run.py",
         "        node.end()\n", "        pass\n"),
