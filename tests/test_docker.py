@@ -70,7 +70,7 @@ def test_the_context_leaves_out_what_is_built_here():
 
 
 def test_compose_runs_the_nodes_of_a_plan():
-    plan = make_plan("fig8", "fuzzy_pid")
+    plan, external = make_plan("fig8", "fuzzy_pid"), make_plan("fig8", "pid", external="mine")
     started = {}
     for name, service in COMPOSE["services"].items():
         command = service["command"]
@@ -79,8 +79,8 @@ def test_compose_runs_the_nodes_of_a_plan():
             assert NODES[executable].package == command[2]
             assert command[-2:] == ["--params-file", "/recordings/params.yaml"]
             started[name] = executable
-    assert sorted(started.values()) == sorted(plan.configs)
-    assert set(COMPOSE["services"]) - set(started) == {"plan", "discovery"}
+    assert sorted(started.values()) == sorted(plan.configs | external.configs)
+    assert set(COMPOSE["services"]) - set(started) == {"plan", "plan-external", "discovery"}
 
 
 def test_compose_stops_the_simulator_first_and_the_recorder_last():

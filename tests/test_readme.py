@@ -43,7 +43,7 @@ def test_a_stale_table_is_noticed():
 
 def test_parameters_of_all_controllers_are_listed_once():
     text = text_of(ROOT / "docs" / "parameter_tables.md")
-    assert text.count("| `reference.profile` |") == text.count("| `handover.max_step` |") == 1
+    assert text.count("| `antiwindup_strategy` |") == text.count("| `handover.max_step` |") == 1
     assert text.count("| `gains.p` |") == 3  # pid, lqr, computed_torque: in different units
 
 

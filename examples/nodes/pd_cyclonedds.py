@@ -47,11 +47,12 @@ commands = DataWriter(participant, topic["effort_command"], qos=qos)
 references = DataReader(participant, topic["reference"], qos=qos)
 states = DataReader(participant, topic["joint_states"], qos=qos)
 
-reference = 0.0
+reference, ahead = 0.0, {}  # rad; by stamp
 while True:
     for state in states.take_iter(timeout=duration(milliseconds=200)):
         for message in references.take(N=100):
-            reference = message.position[message.name.index("trunk")]
+            ahead[str(message.header.stamp)] = message.position[message.name.index("trunk")]
+        reference = ahead.pop(str(state.header.stamp), reference)
         trunk = state.name.index("trunk")
         torque = KP * (reference - state.position[trunk]) - KD * state.velocity[trunk]
         torque = max(-LIMIT, min(torque, LIMIT))

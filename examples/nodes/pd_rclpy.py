@@ -18,18 +18,19 @@ class PD(Node):
     def __init__(self):
         super().__init__("my_pd")
         reliable = QoSProfile(depth=100)
-        self.reference = 0.0
+        self.reference, self.ahead = 0.0, {}  # rad; by stamp
         self.command = self.create_publisher(JointState, "effort_command", reliable)
         self.create_subscription(JointState, "reference", self.on_reference, reliable)
         self.create_subscription(JointState, "joint_states", self.on_state, reliable)
 
     def on_reference(self, message):
-        """Keep the latest reference, rad."""
-        self.reference = message.position[message.name.index("trunk")]
+        """Keep a reference, rad, for the state that has its stamp."""
+        self.ahead[str(message.header.stamp)] = message.position[message.name.index("trunk")]
 
     def on_state(self, state):
         """Answer a state: its stamp, the joint's name, a torque in N m."""
         trunk = state.name.index("trunk")
+        self.reference = self.ahead.pop(str(state.header.stamp), self.reference)
         torque = KP * (self.reference - state.position[trunk]) - KD * state.velocity[trunk]
         command = JointState(name=["trunk"], effort=[max(-LIMIT, min(torque, LIMIT))])
         command.header.stamp = state.header.stamp

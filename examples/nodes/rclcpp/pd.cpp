@@ -1,5 +1,6 @@
 // The same PD with rclcpp. To be built in a workspace of your own; it was not run here.
 #include <algorithm>
+#include <map>
 #include <memory>
 
 #include <rclcpp/rclcpp.hpp>
@@ -16,7 +17,7 @@ public:
     command_ = create_publisher<JointState>("effort_command", reliable);
     references_ = create_subscription<JointState>(
       "reference", reliable, [this](const JointState & message) {
-        reference_ = message.position.at(place(message));
+        ahead_[rclcpp::Time(message.header.stamp).nanoseconds()] = message.position.at(place(message));
       });
     states_ = create_subscription<JointState>(
       "joint_states", reliable, [this](const JointState & state) { answer(state); });
@@ -32,6 +33,8 @@ private:
   void answer(const JointState & state)
   {
     const auto trunk = place(state);
+    const auto found = ahead_.find(rclcpp::Time(state.header.stamp).nanoseconds());
+    if (found != ahead_.end()) {reference_ = found->second;}
     const double torque =
       kp * (reference_ - state.position.at(trunk)) - kd * state.velocity.at(trunk);
     JointState command;
@@ -43,6 +46,7 @@ private:
 
   static constexpr double kp = 60.0, kd = 9.0, limit = 100.0;  // N m/rad, N m s/rad, N m
   double reference_ = 0.0;                                     // rad
+  std::map<int64_t, double> ahead_;                            // by stamp, ns
   rclcpp::Publisher<JointState>::SharedPtr command_;
   rclcpp::Subscription<JointState>::SharedPtr references_, states_;
 };

@@ -42,12 +42,13 @@ fn main() {
     let references = node.create_subscription::<JointState>(&references, None).unwrap();
     let states = node.create_subscription::<JointState>(&states, None).unwrap();
     smol::spawn(node.spinner().unwrap().spin()).detach(); // tells other nodes our name
-    let mut reference = 0.0;
+    let (mut reference, mut ahead) = (0.0, std::collections::HashMap::new()); // rad; by stamp
     let mut stream = Box::pin(states.async_stream());
     while let Some(Ok((state, _))) = smol::block_on(stream.next()) {
         while let Ok(Some((message, _))) = references.take() {
-            reference = message.position[0];
+            ahead.insert(message.header.stamp, message.position[0]);
         }
+        reference = ahead.remove(&state.header.stamp).unwrap_or(reference);
         let Some(trunk) = state.name.iter().position(|joint| joint == "trunk") else { continue };
         let torque = (KP * (reference - state.position[trunk]) - KD * state.velocity[trunk]).clamp(-LIMIT, LIMIT);
         let header = Header { stamp: state.header.stamp, frame_id: String::new() };

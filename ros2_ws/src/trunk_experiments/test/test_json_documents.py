@@ -17,7 +17,7 @@ from trunk_experiments.paper.runs import PaperRun, cases
 from .documents import SHARED, VERBS, checked, documents_of
 
 # tests/graph/test_json.py; test_watch_browser.py
-ELSEWHERE = {"run-1", "params-apply-1", "page-1"}
+ELSEWHERE = {"run-1", "params-apply-1", "page-1", "check-node-1", "explain-external-1"}
 
 
 class Case:

@@ -132,17 +132,18 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._senders_seen = self._commands.get_publisher_count()
         now = {sender.guid: sender for sender in self._participants.strange_senders()}
         before, self._strangers = self._strangers, now
-        for message, these, those in (
-            (Event.CONNECTED, now, before),
-            (Event.DISCONNECTED, before, now),
-        ):
-            for sender in (these[guid] for guid in these.keys() - those.keys()):
-                self.event(message, node=sender.name, middleware=sender.middleware)
-                self.get_logger().info(
-                    printable(
-                        f"{message}: {sender.label} ({sender.middleware}) on {self._commands.topic_name}"
-                    )
-                )
+        for guid in now.keys() - before.keys():
+            sender = self._named(now[guid])
+            self.event(Event.CONNECTED, node=sender.name, middleware=sender.middleware)
+        for guid in before.keys() - now.keys():
+            sender = self._named(before[guid])
+            self.event(Event.DISCONNECTED, node=sender.name, middleware=sender.middleware)
+
+    def _named(self, sender: Sender) -> Sender:
+        """Say in the log whether a sender has come or gone, and return it."""
+        state = "publishes" if sender.guid in self._strangers else "is gone from"
+        self.get_logger().info(printable(f"{sender.label} {state} {self._commands.topic_name}"))
+        return sender
 
     def _only_one_controller(self) -> bool:
         rivals = self._participants.rivals()

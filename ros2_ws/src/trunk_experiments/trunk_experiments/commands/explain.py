@@ -13,8 +13,9 @@ from trunk_sim.disturbances import Disturbance
 
 from ..console.common import Number
 from ..console.document import json_option, write_json
-from ..console.reading import open_run, run_values, show_damage
+from ..console.reading import open_run, run_values, show_damage, show_warnings
 from ..console.tables import print_table
+from ..replay.doubts import refused
 from ..replay.explain import Explanation, explain
 from ..replay.external import ExternalCommand, external_command
 
@@ -28,7 +29,7 @@ from ..replay.external import ExternalCommand, external_command
     metavar="S",
     help="The instant, s; for another robot, counted from its first state.",
 )
-@json_option("explain-1")
+@json_option("explain-1", "explain-external-1")
 @click.pass_context
 def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
     """Explain why the controller of a recorded run commanded this torque at this instant.
@@ -40,6 +41,7 @@ def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
     show_damage(recorded)
     if recorded.external:
         known = external_command(recorded, at)
+        show_warnings(refused(recorded))
         if as_json:
             write_json("explain-external-1", {**run_values(recorded), **_external_values(known)})
         else:

@@ -15,7 +15,7 @@ from .node_script import GAP, LARGE, MOTION, REPEAT, REST, SILENCE, Played
 _CLOCK_NS = 10**18  # stamps beyond this are from a clock that counts from 1970
 
 
-class Answer(NamedTuple):
+class TimedCommand(NamedTuple):
     """A command that came after a state was played, and before the next."""
 
     after_s: float  # since the state was published
@@ -26,7 +26,7 @@ class Exchange(NamedTuple):
     """A state that was played, and what came then."""
 
     played: Played
-    answers: tuple[Answer, ...]
+    answers: tuple[TimedCommand, ...]
 
 
 class NodeFinding(NamedTuple):
@@ -206,7 +206,10 @@ def _repeat(t: Transcript) -> Iterator[NodeFinding]:
     for one in t.exchanges:
         if one.played.phase == REPEAT and before is not None and one.answers and before.answers:
             first, second = (t.effort(x.answers[0].command) for x in (before, one))
-            if first != second and not (first is None or second is None):
+            if first is None or second is None or not (isfinite(first) and isfinite(second)):
+                before = one
+                continue
+            if first != second:
                 yield NodeFinding(
                     "repeat",
                     f"the same state a second time gives {second:.6g} N m, not {first:.6g} N m",

@@ -19,7 +19,7 @@ from trunk_msgs_util.node.strangers import Sender, Senders, near_misses
 from trunk_msgs_util.samples import JointSample
 
 from ..errors import RunError
-from .node_judge import Answer, Exchange, Transcript
+from .node_judge import Exchange, TimedCommand, Transcript
 from .node_script import SILENCE, SILENT_S, Played, states_to_play
 
 _ANSWER_S = 0.25  # for an answer; a few states that have none make the wait shorter
@@ -53,9 +53,9 @@ class Player:
         self._senders = Senders(self._node, self._topic, topics.JOINT_STATE_TYPE)
         self._read = WireReader()
         self._published_s = 0.0
-        self._answers: list[Answer] = []  # to the state that was published last
+        self._answers: list[TimedCommand] = []  # to the state that was published last
         self._stamp_ns = self._before_ns = -1  # of that state, and of the one before it
-        self._late: list[Answer] = []  # to the one before it
+        self._late: list[TimedCommand] = []  # to the one before it
         self._unanswered = 0
 
     def __enter__(self) -> Player:
@@ -150,4 +150,4 @@ class Player:
         after_s = time.perf_counter() - self._published_s
         command = self._read(data)
         second = command.stamp_ns == self._before_ns != self._stamp_ns
-        (self._late if second else self._answers).append(Answer(after_s, command))
+        (self._late if second else self._answers).append(TimedCommand(after_s, command))

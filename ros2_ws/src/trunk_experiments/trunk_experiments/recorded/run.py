@@ -194,7 +194,8 @@ class RecordedRun:
         """Return a JointState topic's table."""
         if relative not in self._tables:
             needed = self._needed if relative == topics.JOINT_STATES else ()
-            joint = self._plants_joint if relative == topics.EFFORT_COMMAND else None
+            strange = relative == topics.EFFORT_COMMAND and bool(self.external)
+            joint = self._plants_joint if strange else None
             table = JointTable(self.recording, relative, needed, joint=joint)
             self._tables[relative] = self._of_strangers(table)
         return self._tables[relative]
@@ -223,7 +224,7 @@ class RecordedRun:
         known_ns: Integers | None = None
         for relative in list(fillings):
             filling = fillings.pop(relative)
-            others = relative == topics.EFFORT_COMMAND and self._plants_joint is not None
+            others = relative == topics.EFFORT_COMMAND and bool(self.external)
             if filling.whole and not (others and not filling.is_effort_of(self._plants_joint)):
                 table = JointTable(self.recording, relative, (), filling, known_ns)
                 known_ns = table.stamp_ns if known_ns is None else known_ns

@@ -45,9 +45,6 @@ class Doubts:
     planned_s: float | None = None  # when it was to end; None: never, or not known
     fell_at_s: float | None = None
     fell_angle_deg: float | None = None
-    refused: tuple[
-        str, ...
-    ] = ()  # messages that were not used, or not as they were meant: a line each
     late: int = 0
     steps: int = 0
     moved_deg: float | None = None  # the angle, at most, by what was late; None if not known
@@ -55,6 +52,9 @@ class Doubts:
         None  # the last angle, beyond 90 degrees although no fall is on record
     )
     limit_deg: float | None = None  # the fall angle in force then
+    refused: tuple[
+        str, ...
+    ] = ()  # messages that were not used, or not as they were meant: a line each
 
     def __bool__(self) -> bool:
         fell = self.fell_at_s is not None or self.leans_deg is not None
@@ -138,15 +138,15 @@ def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts
         *_incomplete(run),
         None if fall is None else seconds(fall.stamp_ns),
         angle,
-        tuple(_refused(run)),
         late.late if late else 0,
         late.steps if late else 0,
         moved,
         *(_leans(run) if whole and fall is None else (None, None)),
+        tuple(refused(run)),
     )
 
 
-def _refused(run: RecordedRun) -> Iterator[str]:
+def refused(run: RecordedRun) -> Iterator[str]:
     """Yield what nodes did not use, or took otherwise than it was meant: how many, and why."""
     reasons: dict[tuple[str, str], str] = {}
     counts: dict[tuple[str, str], int] = {}

@@ -8,7 +8,7 @@ digest.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import ENDS, Event
-from trunk_msgs_util.parameters.declarations import declarations
+from trunk_msgs_util.parameters.declarations import Value, declarations
 from trunk_msgs_util.units import seconds, step_count
 from trunk_sim.hardware_parameters import LINK
 from trunk_sim.operator_input import Applied
@@ -291,7 +291,7 @@ def _falls(run: RecordedRun, rerun: Rerun) -> Iterator[str]:
 
 def _parameters(run: RecordedRun) -> Iterator[str]:
     """Yield sets of parameters that are not whole, and changes that no node makes."""
-    counts: Counter[tuple[str, str]] = Counter()
+    sets: dict[tuple[str, str], list[Mapping[str, Value]]] = {}
     for change in run.recording.parameter_messages():
         node = run.recording.relative(change.node)
         if node not in NODES:
@@ -302,7 +302,7 @@ def _parameters(run: RecordedRun) -> Iterator[str]:
         if unknown := names - set(declared):
             yield f"run/parameters: {node} has no parameters {', '.join(sorted(unknown))}"
         if change.new:
-            counts[node, change.source] += 1
+            sets.setdefault((node, change.source), []).append(change.new)
             groups = _LATER.get(node, ())
             lacking = {n for group in groups if not set(group) & set(change.new) for n in group}
             missing = set(declared) - lacking - set(change.new)
@@ -311,12 +311,13 @@ def _parameters(run: RecordedRun) -> Iterator[str]:
         fixed = [name for name in change.changed if name in declared and declared[name].fixed]
         if fixed:
             yield f"run/parameters: {node} changes {', '.join(fixed)}, which is fixed at start"
-    for (node, source), count in counts.items():
+    for (node, source), found in sets.items():
         # A node that learns from the states that it is in real time names no source before: each of its
         # processes has such a set, also one whose events are lost. In lock-step it was restarted.
-        told_apart = run.mode != "lockstep" and not (run.sourced and not source)
-        if count > 1 and told_apart:
-            yield f"run/parameters: {count} parameter sets of {node}"
+        unnamed = run.sourced and not source
+        alike = unnamed and all(values == found[0] for values in found)
+        if len(found) > 1 and run.mode != "lockstep" and not alike:
+            yield f"run/parameters: {len(found)} parameter sets of {node}"
     for event in run.events:
         node = run.recording.relative(event.node)
         if node in NODES and node not in run.parameters:

@@ -27,7 +27,7 @@ def connection_lines(plan: RunPlan) -> list[str]:
     kind = topics.JOINT_STATE_TYPE
     at = f"{plan.namespace}/"
     reference = (
-        f"{kind}: {trunk}, position [rad], one for each state"
+        f"{kind}: {trunk}, position [rad], of the state with its stamp, one step ahead"
         if plan.reference is not None
         else f"{kind}: nobody of ours publishes it (reference.profile is topic)"
     )

@@ -174,7 +174,7 @@ class TrunkNode(UniqueNode, Generic[Config]):
         if count == 1:
             self._refused.add(what)
             self.event(Event.REFUSED, DiagnosticStatus.WARN, what=what, why=why)
-        if count == 10 ** (len(str(count)) - 1):
+        if str(count).rstrip("0") == "1":  # a power of ten
             so_far = "" if count == 1 else f" ({count} so far)"
             self.get_logger().warning(printable(f"{what}{so_far}: {why}"))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -46,7 +47,9 @@ class Sender(NamedTuple):
     @property
     def label(self) -> str:
         """The node's name, or what is known of a participant without one."""
-        return self.name or f"a {self.middleware} participant without a ROS node ({self.guid[:24]})"
+        if self.name:
+            return f"{self.name}"
+        return f"a {self.middleware} participant without a ROS node ({self.guid[:24]})"
 
 
 def middleware_of(endpoint: TopicEndpointInfo) -> str:
@@ -87,20 +90,27 @@ def near_misses(node: Node, topic: str, type_name: str, own: Sequence[str]) -> l
 
     ``own``: nodes and participants that are no candidates. Of domains, only those of this machine are known.
     """
-    return [
+    seen = [
         *_of_other_type(node, topic, type_name),
         *_of_other_quality(node, topic, type_name),
         *_of_similar_name(node, topic, type_name, own),
-        *_in_other_domains(node.context.get_domain_id()),
     ]
+    if not seen:
+        seen += _in_other_domains(node.context.get_domain_id())
+    if not seen and os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == "LOCALHOST":
+        seen.append(
+            "nothing like it; a DDS without ROS looks for others by multicast, which is not heard with "
+            "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST: see docs/own_node.md, or set SUBNET here"
+        )
+    return seen
 
 
 def _of_other_type(node: Node, topic: str, type_name: str) -> Iterator[str]:
     for endpoint in node.get_publishers_info_by_topic(topic):
         if endpoint.topic_type != type_name:
             yield (
-                f"{meeting.names([endpoint])[0]} publishes {endpoint.topic_type} on {topic}: "
-                f"{type_name} is needed"
+                f"{_shown(meeting.names([endpoint])[0])} publishes {endpoint.topic_type} on {topic}: "
+                f"{type_name} is needed (in DDS sensor_msgs::msg::dds_::JointState_)"
             )
 
 
@@ -123,7 +133,12 @@ def _of_similar_name(node: Node, topic: str, type_name: str, own: Sequence[str])
         others = [one for one in publishing if one not in own]
         if others:
             kind = "" if type_name in types else f" as {', '.join(types)}"
-            yield f"{', '.join(others)} publishes {name}{kind}: the topic is {topic}"
+            yield f"{', '.join(map(_shown, others))} publishes {name}{kind}: the topic is {topic}"
+
+
+def _shown(name: str) -> str:
+    """Return a node's name as a user knows it."""
+    return "a participant without a ROS node" if name.endswith(topics.BARE_NODE) else name
 
 
 def _alike(name: str, topic: str) -> bool:
