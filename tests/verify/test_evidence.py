@@ -328,7 +328,7 @@ def test_each_process_of_a_disturbance_may_leave_its_first_parameters_unnamed(
 
     verdict = verdict_on(in_time, tmp_path / "a.mcap", edit)
     assert verdict.exit_code == code, verdict.reasons
-    assert ("3 parameter sets" in " ".join(verdict.contradictions)) == (sets == 3)
+    assert ("parameter sets" in " ".join(verdict.contradictions)) == (magnitude is not None)
 
 
 def test_a_gap_in_the_states_leaves_both_sides_judged(in_time, tmp_path):

@@ -195,6 +195,7 @@ def test_words_and_values():
         "fell": 1.06,
         "fell_angle_deg": -93.2,
         "beyond_90": None,
+        "refused": [],
         "late": {"steps": 35, "of": 10_000, "moved_deg": 140.2},
         "judged": "diverges",
     }
@@ -206,6 +207,7 @@ def test_words_and_values():
         "fell": None,
         "fell_angle_deg": None,
         "beyond_90": None,
+        "refused": [],
         "late": None,
         "judged": None,
     }
