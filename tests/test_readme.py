@@ -91,8 +91,9 @@ def block(language):
 @pytest.mark.graph
 @pytest.mark.slow
 def test_the_examples_run_as_printed(tmp_path, domain):
-    """As in a fresh clone: nothing is there but the scripts."""
-    (tmp_path / "scripts").symlink_to(ROOT / "scripts")
+    """As in a fresh clone: nothing is there but the scripts and the examples."""
+    for folder in ("scripts", "examples"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
     python = f"cat > example.py <<'END'\n{block('python')}END\npython example.py\n"
     done = subprocess.run(
         ["bash", "-ec", block("bash") + python],

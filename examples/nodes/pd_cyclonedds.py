@@ -2,6 +2,7 @@
 """The same PD without ROS: pip install cyclonedds; python3 pd_cyclonedds.py, beside trunk run --external."""
 
 import os
+import signal
 from dataclasses import dataclass
 
 from cyclonedds.core import Policy, Qos
@@ -37,6 +38,7 @@ class JointState(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):  # 
     effort: sequence[float64]
 
 
+signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C, also while it waits
 qos = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(100))
 participant = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
 topic = {
@@ -46,14 +48,12 @@ topic = {
 commands = DataWriter(participant, topic["effort_command"], qos=qos)
 references = DataReader(participant, topic["reference"], qos=qos)
 states = DataReader(participant, topic["joint_states"], qos=qos)
-
 reference, ahead = 0.0, {}  # rad; by stamp
-while True:
-    for state in states.take_iter(timeout=duration(milliseconds=200)):
-        for message in references.take(N=100):
-            ahead[str(message.header.stamp)] = message.position[message.name.index("trunk")]
-        reference = ahead.pop(str(state.header.stamp), reference)
-        trunk = state.name.index("trunk")
-        torque = KP * (reference - state.position[trunk]) - KD * state.velocity[trunk]
-        torque = max(-LIMIT, min(torque, LIMIT))
-        commands.write(JointState(Header(state.header.stamp, ""), ["trunk"], [], [], [torque]))
+for state in states.take_iter(timeout=duration(seconds=3600)):
+    for message in references.take(N=100):
+        ahead[str(message.header.stamp)] = message.position[message.name.index("trunk")]
+    reference = ahead.pop(str(state.header.stamp), reference)
+    trunk = state.name.index("trunk")
+    torque = KP * (reference - state.position[trunk]) - KD * state.velocity[trunk]
+    torque = max(-LIMIT, min(torque, LIMIT))
+    commands.write(JointState(Header(state.header.stamp, ""), ["trunk"], [], [], [torque]))

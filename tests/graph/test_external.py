@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -65,7 +66,7 @@ def test_an_example_in_lockstep_has_the_bits_of_the_same_law(
     assert run.wait() == 0, run.stderr
     assert "connect your node" in run.stderr
     assert "connected: " in run.stderr
-    node.stop()
+    node.stop(signal.SIGTERM)
     theirs = RecordedRun.open(tmp_path / "run" / "run.mcap")
     assert theirs.external == "mine"
     verdict = verify(theirs.recording)
