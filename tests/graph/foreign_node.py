@@ -24,6 +24,7 @@ class ForeignNode(Node):
         super().__init__("foreign_pd", namespace=namespace, start_parameter_services=False)
         self.fault = fault
         self.count, self.integral, self.last_ns, self.last_theta = 0, 0.0, -1, 0.0
+        self.before: JointState | None = None
         reliable = QoSProfile(depth=100)
         best = fault == "best_effort"
         self.command = self.create_publisher(
@@ -63,7 +64,10 @@ class ForeignNode(Node):
             effort += random.random()
         if self.fault == "slow":
             time.sleep(SLOW_S)
-        self.command.publish(self.answer(state, effort))
+        answered = state
+        if self.fault == "one_behind":
+            answered, self.before = self.before or state, state
+        self.command.publish(self.answer(answered, effort))
         if self.fault == "twice":
             self.command.publish(self.answer(state, effort))
 

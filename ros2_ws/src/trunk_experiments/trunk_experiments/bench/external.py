@@ -35,7 +35,7 @@ def bench_external(command: str, rounds: int, rate: float, seconds: float) -> li
     Raises BenchRunError if the command cannot be started, and RunError for a run that fails.
     """
     middleware.prepare()
-    found: dict[tuple[str, str], list[float]] = {}
+    samples: dict[tuple[str, str], list[float]] = {}
     with tempfile.TemporaryDirectory(prefix="trunk_bench_") as folder:
         for number in range(rounds):
             for lockstep in (True, False):
@@ -48,8 +48,8 @@ def bench_external(command: str, rounds: int, rate: float, seconds: float) -> li
                     run = RecordedRun(recording)
                     measured = _lockstep(files) if lockstep else _real_time(run)
                     for measure, value in measured.items():
-                        found.setdefault((side, measure), []).append(value)
-    middle = {key: median(values) for key, values in found.items()}
+                        samples.setdefault((side, measure), []).append(value)
+    middle = {key: median(values) for key, values in samples.items()}
     rows = []
     for (side, measure), value in middle.items():
         ours = middle[OURS, measure]
@@ -93,10 +93,10 @@ def _beside(command: str) -> Iterator[None]:
 
 def _lockstep(files: RunFiles) -> dict[str, float]:
     """Return steps per second, as the simulator says."""
-    found = FINISHED.search(files.log("simulator").read_text(errors="replace"))
-    if found is None:
+    line = FINISHED.search(files.log("simulator").read_text(errors="replace"))
+    if line is None:
         raise BenchRunError(f"benchmark: {files.log('simulator')}: the run did not finish")
-    return {_LOCKSTEP: int(found[1]) / float(found[2])}
+    return {_LOCKSTEP: int(line[1]) / float(line[2])}
 
 
 def _real_time(run: RecordedRun) -> dict[str, float]:

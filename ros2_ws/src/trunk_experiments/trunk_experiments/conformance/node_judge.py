@@ -18,8 +18,9 @@ _CLOCK_NS = 10**18  # stamps beyond this are from a clock that counts from 1970
 class TimedCommand(NamedTuple):
     """A command that came after a state was played, and before the next."""
 
-    after_s: float  # since the state was published
+    after_s: float  # since the last state was published
     command: JointSample
+    late: bool = False  # it came after another state: on a busy machine, or by mistake
 
 
 class Exchange(NamedTuple):
@@ -115,6 +116,14 @@ def _once(t: Transcript) -> Iterator[NodeFinding]:
 
 
 def _stamp(t: Transcript) -> Iterator[NodeFinding]:
+    answers = [answer for exchange in t.exchanges for answer in exchange.answers]
+    if len(answers) > 20 and sum(answer.late for answer in answers) > 0.9 * len(answers):
+        yield NodeFinding(
+            "stamp",
+            "the answers carry the stamp of an earlier state: they come after the next one",
+            "copy header.stamp of the state that is being answered",
+        )
+        return
     for one in t.exchanges:
         for answer in one.answers:
             stamp_ns = answer.command.stamp_ns

@@ -18,7 +18,7 @@ MOTION, REST, LARGE, GAP, REPEAT, SILENCE, RESET = (
     "silence",
     "reset",
 )
-_COUNTS = {MOTION: 200, REST: 20, LARGE: 40, GAP: 20}
+_COUNTS = {MOTION: 100, REST: 10, LARGE: 20, GAP: 10}
 _SKIPPED = 20  # states that are left out before the phase GAP
 SILENT_S = 0.5
 

@@ -24,6 +24,7 @@ from .node_script import SILENCE, SILENT_S, Played, states_to_play
 
 _ANSWER_S = 0.25  # for an answer; a few states that have none make the wait shorter
 _HURRY_S = 0.02
+_LATE_S = 2.0  # for the last ones
 _PATIENT_STATES = 5
 _MATCHED_S = 0.5  # after discovery, until both sides know one another
 _NAMED_S = 3.5
@@ -54,8 +55,9 @@ class Player:
         self._read = WireReader()
         self._published_s = 0.0
         self._answers: list[TimedCommand] = []  # to the state that was published last
-        self._stamp_ns = self._before_ns = -1  # of that state, and of the one before it
-        self._late: list[TimedCommand] = []  # to the one before it
+        self._stamp_ns = -1  # of that state
+        self._earlier: set[int] = set()  # the stamps of those before it, since the last reset
+        self._late: list[TimedCommand] = []  # to one of those
         self._unanswered = 0
 
     def __enter__(self) -> Player:
@@ -90,6 +92,10 @@ class Player:
             if now > end and not (met and now < end + _NAMED_S):
                 raise RunError(self._nobody(wait_s))
 
+    def sees(self, topic: str) -> bool:
+        """Return True if somebody is known to publish on a topic, by its absolute name."""
+        return self._node.count_publishers(topic) > 0
+
     def _nobody(self, wait_s: float) -> str:
         if self._commands.get_publisher_count():
             hears = self._node.resolve_topic_name(topics.JOINT_STATES)
@@ -105,12 +111,11 @@ class Player:
         for played in states_to_play(rate):
             if played.again and not again:
                 again = True
+                self._await_late(exchanges)
                 self._reset(sender)
-            exchange = self._exchange(played)
-            if self._late:
-                played_before, answers = exchanges[-1]
-                exchanges[-1] = Exchange(played_before, (*answers, *self._late))
-            exchanges.append(exchange)
+            exchanges.append(self._exchange(played))
+            self._attribute(exchanges)
+        self._await_late(exchanges)
         return Transcript(self._joints[1], exchanges, limit)
 
     def _exchange(self, played: Played) -> Exchange:
@@ -119,7 +124,9 @@ class Player:
             played.stamp_ns, self._joints, played.position, played.velocity, (0.0, 0.0)
         )
         self._answers, self._late = [], []
-        self._before_ns, self._stamp_ns = self._stamp_ns, played.stamp_ns
+        # A stamp of 0 is also none at all: it belongs to no earlier state.
+        self._earlier = {s for s in (*self._earlier, self._stamp_ns) if 0 < s < played.stamp_ns}
+        self._stamp_ns = played.stamp_ns
         self._references.publish(sample_to_wire(reference))
         self._published_s = time.perf_counter()
         self._states.publish(sample_to_wire(state))
@@ -127,9 +134,27 @@ class Player:
             self._spin(SILENT_S, until_answered=False)
         else:
             patient = self._unanswered < _PATIENT_STATES
-            self._spin(_ANSWER_S if patient else _HURRY_S, until_answered=True)
+            wait_s = _ANSWER_S if patient else _HURRY_S
+            self._spin(_LATE_S if played.stamp_ns == 0 else wait_s, until_answered=True)
         self._unanswered = 0 if self._answers else self._unanswered + 1
         return Exchange(played, tuple(self._answers))
+
+    def _attribute(self, exchanges: list[Exchange]) -> None:
+        """Give late answers to the states whose stamps they carry: this machine may be busy."""
+        for answer in self._late:
+            for place in reversed(range(len(exchanges))):
+                played, answers = exchanges[place]
+                if played.stamp_ns == answer.command.stamp_ns:
+                    exchanges[place] = Exchange(played, (*answers, answer))
+                    break
+        self._late.clear()
+
+    def _await_late(self, exchanges: list[Exchange]) -> None:
+        """Wait, for a bounded time, for the answers that are still missing."""
+        end = time.monotonic() + _LATE_S
+        while time.monotonic() < end and not all(e.answers for e in exchanges[-_PATIENT_STATES:]):
+            self._executor.spin_once(timeout_sec=0.01)
+            self._attribute(exchanges)
 
     def _spin(self, for_s: float, until_answered: bool) -> None:
         end = time.monotonic() + for_s
@@ -149,5 +174,5 @@ class Player:
     def _on_command(self, data: bytes) -> None:
         after_s = time.perf_counter() - self._published_s
         command = self._read(data)
-        second = command.stamp_ns == self._before_ns != self._stamp_ns
-        (self._late if second else self._answers).append(TimedCommand(after_s, command))
+        late = command.stamp_ns in self._earlier
+        (self._late if late else self._answers).append(TimedCommand(after_s, command, late))

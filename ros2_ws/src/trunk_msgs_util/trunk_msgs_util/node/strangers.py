@@ -48,7 +48,7 @@ class Sender(NamedTuple):
     def label(self) -> str:
         """The node's name, or what is known of a participant without one."""
         if self.name:
-            return f"{self.name}"
+            return self.name
         return f"a {self.middleware} participant without a ROS node ({self.guid[:24]})"
 
 
@@ -130,7 +130,7 @@ def _of_similar_name(node: Node, topic: str, type_name: str, own: Sequence[str])
         if name == topic or not _alike(name, topic):
             continue
         publishing = meeting.names(node.get_publishers_info_by_topic(name))
-        others = [one for one in publishing if one not in own]
+        others = [sender for sender in publishing if sender not in own]
         if others:
             kind = "" if type_name in types else f" as {', '.join(types)}"
             yield f"{', '.join(map(_shown, others))} publishes {name}{kind}: the topic is {topic}"
@@ -152,10 +152,10 @@ def _in_other_domains(own: int) -> Iterator[str]:
     holders = _port_holders()
     for domain in range(_DOMAINS):
         first = _FIRST_PORT + _PORTS_OF_DOMAIN * domain + 10
-        found = sorted({who for port, who in holders.items() if first <= port < first + 240})
-        if domain != own and found:
+        processes = sorted({who for port, who in holders.items() if first <= port < first + 240})
+        if domain != own and processes:
             yield (
-                f"in ROS_DOMAIN_ID {domain} there is {', '.join(found)}: this is {own}; "
+                f"in ROS_DOMAIN_ID {domain} there is {', '.join(processes)}: this is {own}; "
                 "give both the same"
             )
 
