@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -12,6 +14,7 @@ from .processes import Children
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow, pytest.mark.long]
 
+PD = Path(__file__).parents[2] / "examples" / "nodes" / "pd_rclpy.py"
 LOOPS = ("bare pair", "pid", "fuzzy_pid", "fuzzy_pid, recorder")
 
 
@@ -43,3 +46,23 @@ def test_a_wrong_rate_is_refused_by_name(children: Children) -> None:
     *_, line = bench.stderr.splitlines()
     assert "'--rate'" in line
     assert "0.0 is not in the range" in line
+
+
+def test_a_node_of_somebody_elses_beside_ours(children: Children) -> None:
+    bench = children.trunk(
+        "bench",
+        "external",
+        f"{sys.executable} {PD}",
+        "--rate",
+        100,
+        "--seconds",
+        0.5,
+        "--rounds",
+        1,
+    )
+    assert bench.wait() == 0, bench.stderr
+    children.none_left()
+    measures = ("late steps", "lock-step, steps/s", "round trip, median", "unanswered states")
+    for measure in measures:
+        assert len([line for line in bench.stdout.splitlines() if measure in line]) == 2
+    assert "/my_pd" in bench.stderr

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 
+import click
 import numpy as np
 
 from trunk_msgs_util import topics
@@ -44,7 +45,7 @@ def bench_external(command: str, rounds: int, rate: float, seconds: float) -> li
                     files = RunFiles(Path(folder) / f"{number}_{lockstep}_{side}")
                     files.folder.mkdir()
                     with _beside(command if side == THEIRS else ""):
-                        recording = run_graph(plan, files, lambda t: None)
+                        recording = run_graph(plan, files, lambda t: None, note=_note)
                     run = RecordedRun(recording)
                     measured = _lockstep(files) if lockstep else _real_time(run)
                     for measure, value in measured.items():
@@ -68,6 +69,10 @@ def _plan(side: str, lockstep: bool, rate: float, seconds: float) -> RunPlan:
     }
     external = "bench" if side == THEIRS else None
     return make_plan("fig8", "pid", everywhere=everywhere, external=external)
+
+
+def _note(line: str) -> None:
+    click.echo(line, err=True)
 
 
 @contextmanager

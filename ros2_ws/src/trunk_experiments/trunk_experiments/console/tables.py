@@ -121,7 +121,7 @@ def _wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str
     """Return a text as lines of whole words; ``first`` stands before the first, ``then`` before others."""
     return wrap(
         text,
-        width,
+        max(width, 1),  # a column may be empty
         initial_indent=first,
         subsequent_indent=then,
         break_long_words=False,

@@ -61,7 +61,7 @@ _CHECK_S = 0.1
 _LINGER_S = 0.01
 _TELL_S = 0.02
 # A stranger's publisher keeps few messages: the plant waits for the recorder sooner, so it must not linger.
-_LINGER_BESIDE_STRANGERS_S, _TELL_STRANGERS_S = 0.001, 0.002
+_LINGER_BESIDE_STRANGERS_S, _TELL_STRANGERS_S = 0.003, 0.003
 
 
 class RecorderNode(TrunkNode[RecorderConfig]):
