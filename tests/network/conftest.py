@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 
 from ..failed import FAILED
 from ..graph.conftest import domain, domains  # noqa: F401 (fixtures)
+from ..graph.processes import Child
 from .hosts import Host, network, why_not
 from .listener import Listener
 
@@ -40,3 +42,15 @@ def listener(hosts: tuple[Host, ...]) -> Iterator[Listener]:
     started = Listener(hosts[0])
     yield started
     started.close()
+
+
+@pytest.fixture
+def server(hosts: tuple[Host, ...], monkeypatch: pytest.MonkeyPatch) -> Iterator[Child]:
+    """Run a discovery server on the first host; the switch floods no multicast, as on many networks."""
+    for host in hosts:
+        host.without_multicast()
+    script = Path(__file__).parents[2] / "scripts" / "discovery_server.sh"
+    started = hosts[0].children.start("discovery_server", script)
+    monkeypatch.setenv("ROS_DISCOVERY_SERVER", f"{hosts[0].address}:11811")
+    yield started
+    started.stop(signal.SIGTERM)

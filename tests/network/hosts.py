@@ -14,7 +14,6 @@ from ..graph.processes import Children
 
 _PREFIX = f"trunk-test-{os.getpid()}"
 _SWITCH = f"{_PREFIX}-switch"
-_NAMES = ("a", "b")
 _INTERFACE = "eth0"
 
 
@@ -77,6 +76,17 @@ class Host:
     def interface_up(self) -> None:
         ip("-n", self._namespace, "link", "set", _INTERFACE, "up")
 
+    def lose(self, share: float) -> None:
+        """Lose this share of the packets in each direction; 0: none."""
+        inside = ("ip", "netns", "exec", self._namespace, "iptables", "--wait")
+        for chain, direction in (("INPUT", "-i"), ("OUTPUT", "-o")):
+            rules = [("-F", chain)]
+            if share:
+                odds = ("-m", "statistic", "--mode", "random", "--probability", share)
+                rules += [("-A", chain, direction, _INTERFACE, *odds, "-j", "DROP")]
+            for rule in rules:
+                subprocess.run([*inside, *map(str, rule)], check=True, capture_output=True)
+
     def packets(self) -> int:
         """Return how many packets have come in over the link."""
         (link,) = json.loads(ip("-n", self._namespace, "-j", "-s", "link", "show", _INTERFACE))
@@ -84,11 +94,11 @@ class Host:
 
 
 @contextmanager
-def network(folder: Path, failed: Callable[[], bool]) -> Iterator[tuple[Host, ...]]:
-    """Make two hosts on one switch, and remove them, their processes first."""
-    hosts = tuple(
-        Host(name, f"10.0.0.{number}", folder / name) for number, name in enumerate(_NAMES, 1)
-    )
+def network(
+    folder: Path, failed: Callable[[], bool], number: int = 2
+) -> Iterator[tuple[Host, ...]]:
+    """Make a number of hosts on one switch, and remove them, their processes first."""
+    hosts = tuple(Host(f"h{n}", f"10.0.0.{n}", folder / f"h{n}") for n in range(1, number + 1))
     try:
         ip("netns", "add", _SWITCH)
         bridge = ("switch", "type", "bridge", "mcast_snooping", 0)

@@ -13,7 +13,7 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util import topics
 
-from ..graph.processes import until
+from ..graph.processes import Child, until
 from ..graph.recordings import assert_every_step, finished_file, joints
 from .hosts import Host
 from .listener import Listener
@@ -35,6 +35,21 @@ def longest_run(true: NDArray[np.bool_]) -> tuple[int, int]:
     first, end = edges[::2], edges[1::2]
     longest = np.argmax(end - first)
     return int(first[longest]), int(end[longest])
+
+
+def test_it_begins_through_a_discovery_server(
+    hosts: tuple[Host, Host], server: Child, tmp_path: Path
+) -> None:
+    """Also where a node learns only of topics on which it has an endpoint: without ROS_SUPER_CLIENT."""
+    a, b = hosts
+    run = SpreadRun(make_plan("fig8", "fuzzy_pid", everywhere={"duration": 0.5}), tmp_path)
+    run.start(b, "fuzzy_pid", "disturbance")
+    run.start(a, "recorder", "simulator")
+    assert run.simulator_ends()[0] == 0
+    run.stop_all()
+    assert server.process.poll() is None, server.stderr
+    assert run.recording().complete, run.recording().warnings
+    assert verify(run.recording()).exit_code == VERIFIED
 
 
 @pytest.mark.one_in(2)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import time
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from trunk_experiments.replay.verify import verify
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util.recording.reader import Recording
 
-from ..graph.processes import until
+from ..graph.processes import Child, until
 from ..graph.recordings import finished_file
 from .hosts import Host
 from .listener import Listener
@@ -62,14 +61,9 @@ def test_same_bits_as_offline(hosts: tuple[Host, Host], tmp_path: Path) -> None:
 
 
 def test_without_multicast_by_a_discovery_server(
-    hosts: tuple[Host, Host], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    hosts: tuple[Host, Host], server: Child, tmp_path: Path
 ) -> None:
     a, b = hosts
-    script = Path(__file__).parents[2] / "scripts" / "discovery_server.sh"
-    for host in hosts:
-        host.without_multicast()
-    server = a.children.start("discovery_server", script)
-    monkeypatch.setenv("ROS_DISCOVERY_SERVER", f"{a.address}:11811")
     plan = plan_of(0.5)
     run = SpreadRun(plan, tmp_path)
     run.start(b, "fuzzy_pid", "disturbance")
@@ -77,7 +71,6 @@ def test_without_multicast_by_a_discovery_server(
     assert run.simulator_ends()[0] == 0
     run.stop_all()
     assert server.process.poll() is None, server.stderr
-    server.stop(signal.SIGTERM)
     assert_same_bits(plan, run.recording(), tmp_path)
 
 

@@ -27,21 +27,12 @@ def endpoint(name, process):
     ],
 )
 def test_a_publisher_with_a_name(giver, reports, found):
-    node = SimpleNamespace(
-        get_publishers_info_by_topic={
-            topics.EFFORT_COMMAND: [giver],
-            topics.RUN_EVENTS: reports,
-        }.get
-    )
-    assert reporting(node, topics.EFFORT_COMMAND) == found
+    node = SimpleNamespace(get_publishers_info_by_topic={topics.RUN_EVENTS: reports}.get)
+    assert reporting(node, [giver]) == found
 
 
 @pytest.mark.parametrize("process", [1, 2])
 def test_a_publisher_without_a_name(process):
-    node = SimpleNamespace(
-        get_publishers_info_by_topic={
-            topics.EFFORT_COMMAND: [endpoint(topics.UNKNOWN_NODE, process)],
-            topics.RUN_EVENTS: [endpoint(topics.UNKNOWN_NODE, 1)],
-        }.get
-    )
-    assert bool(reporting(node, topics.EFFORT_COMMAND)) == (process == 1)
+    reports = [endpoint(topics.UNKNOWN_NODE, 1)]
+    node = SimpleNamespace(get_publishers_info_by_topic={topics.RUN_EVENTS: reports}.get)
+    assert bool(reporting(node, [endpoint(topics.UNKNOWN_NODE, process)])) == (process == 1)

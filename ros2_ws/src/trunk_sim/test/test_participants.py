@@ -13,13 +13,14 @@ from trunk_sim.participants import Participants
 COMMAND = {"answers": "effort_command"}
 
 
-def participants(config=None, counts=None, controllers=(), reporting=()):
+def participants(config=None, counts=None, controllers=(), reporting=(), hearing=True):
     counts = {"effort_command": 1} if counts is None else counts
     return Participants(
         config or SimulatorConfig(),
         lambda topic: counts.get(topic, 0),
         lambda: list(controllers),
         lambda topic: set(reporting),
+        lambda topic: hearing,
     )
 
 
@@ -42,6 +43,12 @@ def test_a_stranger_is_ready_when_it_has_been_matched_for_a_second():
     assert those.missing(12.0) == ["effort_command"]
     counts["effort_command"] = 1
     assert those.missing(12.5) == ["effort_command"]
+
+
+def test_one_that_is_not_known_to_hear_states_is_ready_after_ten():
+    those = participants(hearing=False)
+    assert those.missing(10.0) == those.missing(19.9) == ["effort_command"]
+    assert those.missing(20.1) == []
 
 
 def test_a_node_whose_events_are_under_way_is_no_stranger():
@@ -138,9 +145,13 @@ def test_rivals_are_judged_by_one_look_at_the_graph():
     named = ["/fuzzy_pid", "/pid"]
     looks = [named, ["/fuzzy_pid", f"/{UNKNOWN_NODE}"], ["/fuzzy_pid"]]
     for order in permutations(looks):
-        those = Participants(SimulatorConfig(), lambda _: 1, iter(order).__next__, lambda _: set())
+        those = Participants(
+            SimulatorConfig(), lambda _: 1, iter(order).__next__, lambda _: set(), lambda _: True
+        )
         assert [those.rivals() for _ in order] == [look if look is named else [] for look in order]
-        those = Participants(SimulatorConfig(), lambda _: 1, iter(order).__next__, lambda _: set())
+        those = Participants(
+            SimulatorConfig(), lambda _: 1, iter(order).__next__, lambda _: set(), lambda _: True
+        )
         assert [those.unsettled(5.0) for _ in order] == [len(look) > 1 for look in order]
 
 

@@ -14,8 +14,9 @@ from trunk_msgs_util.topics import UNKNOWN_NODE
 from .config import SimulatorConfig
 
 # A participant that sends no events (another project's controller) counts as ready once it has been matched
-# for this long.
-_MATCHED_S = 1.0
+# for this long; or for this long where it is not known to hear the states: `ros2 topic pub` never does, but
+# on a bad link a node's events and subscriptions may be discovered much later than its commands.
+_MATCHED_S, _DEAF_S = 1.0, 10.0
 # DDS discovers a publisher first, then its node, then that node's events: after `strangers.UNNAMED_S` it is
 # known whether there is one.
 _STRANGER_S = 4.0
@@ -30,15 +31,18 @@ class Participants:
         matched: Callable[[str], int],
         controllers: Callable[[], Sequence[str]],
         reporting: Callable[[str], Set[str]],
+        hearing: Callable[[str], bool],
     ) -> None:
         """Take ``matched``, the number of a topic's publishers, and ``controllers``, those of commands.
 
-        ``reporting``: those of a topic's publishers that send events, too.
+        ``reporting``: those of a topic's publishers that send events, too; ``hearing``: whether one of them
+        is known to subscribe to what it answers.
         """
         self._config = config
         self._matched = matched
         self._controllers = controllers
         self._reporting = reporting
+        self._hearing = hearing
         self._heard: set[str] = set()  # nodes of which an event has arrived
         self._ready: dict[str, set[str]] = {}  # topic -> nodes that answer on it
         self._processes: dict[str, str] = {}  # node -> its process, as it reports it
@@ -88,7 +92,8 @@ class Participants:
             return False  # its events are under way, on a busy machine for longer
         if topic == topics.EFFORT_COMMAND:
             ready = set(self._controllers())
-        return waited >= _MATCHED_S and not (ready and ready <= self._inactive)
+        needed = _MATCHED_S if self._hearing(topic) else _DEAF_S
+        return waited >= needed and not (ready and ready <= self._inactive)
 
     def unmet(self, topic: str, matched: int, publishing: Set[str], listening: Set[str]) -> bool:
         """Return True if a node that is ready on a topic is not yet known to subscribe to what it answers.

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import meeting, qos
@@ -18,12 +19,12 @@ from trunk_msgs_util.source import process_of
 from .config import SimulatorConfig
 from .participants import Participants
 
-# What a participant publishes, and must be known to subscribe to; a recorder subscribes to the events last.
-_ANSWERED = {
-    topics.EFFORT_COMMAND: (topics.EFFORT_COMMAND, topics.JOINT_STATES),
-    topics.DISTURBANCE: (topics.DISTURBANCE, topics.GROUND_TRUTH),
-    topics.REFERENCE: (topics.REFERENCE, topics.GROUND_TRUTH),
-    "recorder": (topics.RECORDER_PROGRESS, topics.RUN_EVENTS),
+# What a participant must be known to subscribe to; a recorder subscribes to the events last.
+_HEARD = {
+    topics.EFFORT_COMMAND: topics.JOINT_STATES,
+    topics.DISTURBANCE: topics.GROUND_TRUTH,
+    topics.REFERENCE: topics.GROUND_TRUTH,
+    "recorder": topics.RUN_EVENTS,
 }
 
 # A stranger has discovered the recorder's subscription for so long after the simulator has; and the start
@@ -41,7 +42,9 @@ class GraphParticipants(Participants):
         answers: Mapping[str, AdaptiveSubscription],
     ) -> None:
         """Take the node's subscriptions to the answers, by relative topic."""
-        super().__init__(config, self._publishers_of, self._command_givers, self._reporting)
+        super().__init__(
+            config, self._answering_count, self._command_givers, self._reporting, self._hearing
+        )
         self._node = node
         self._answers = answers
         self._strange_since_s: float | None = None  # monotonic clock
@@ -64,11 +67,11 @@ class GraphParticipants(Participants):
         """
         return [
             topic
-            for topic, (answers, heard) in _ANSWERED.items()
+            for topic, heard in _HEARD.items()
             if self.unmet(
                 topic,
-                self._publishers_of(topic),
-                meeting.publishers(self._node, answers),
+                self._answering_count(topic),
+                meeting.known(self._answering(topic)),
                 meeting.listeners(self._node, heard),
             )
         ]
@@ -85,16 +88,22 @@ class GraphParticipants(Participants):
         if "recorder" not in self._config.wait_for or not self.strange_senders():
             return False
         self._strange_since_s = now if self._strange_since_s is None else self._strange_since_s
-        recorders = set(
-            meeting.names(self._node.get_publishers_info_by_topic(topics.RECORDER_PROGRESS))
-        )
+        recorders = set(meeting.names(self._answering("recorder")))
         if not recorders <= meeting.listeners(self._node, topics.EFFORT_COMMAND):
             self._heard_since_s = now
         return now - self._heard_since_s < _HEARD_S and now - self._strange_since_s < _UNHEARD_S
 
-    def _publishers_of(self, topic: str) -> int:
+    def _answering(self, topic: str) -> list[TopicEndpointInfo]:
+        """Return the endpoints of those who answer on a topic; a recorder subscribes to the evidence."""
         if topic == "recorder":
-            return len(self._node.get_publishers_info_by_topic(topics.RECORDER_PROGRESS))
+            states = self._node.resolve_topic_name(topics.GROUND_TRUTH)
+            return meeting.recorders(self._node, states)
+        return self._node.get_publishers_info_by_topic(topic)
+
+    def _answering_count(self, topic: str) -> int:
+        """Return how many of them are matched with this node."""
+        if topic == "recorder":
+            return len(self._answering(topic))
         subscription = self._answers.get(topic)
         return 0 if subscription is None else subscription.get_publisher_count()
 
@@ -113,7 +122,11 @@ class GraphParticipants(Participants):
         ]
 
     def _reporting(self, topic: str) -> set[str]:
-        return meeting.reporting(self._node, _ANSWERED[topic][0])
+        return meeting.reporting(self._node, self._answering(topic))
+
+    def _hearing(self, topic: str) -> bool:
+        listeners = self._node.get_subscriptions_info_by_topic(_HEARD[topic])
+        return meeting.share_a_participant(self._answering(topic), listeners)
 
     def _on_event(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -228,8 +228,7 @@ class TrunkNode(UniqueNode, Generic[Config]):
 
     def _clean_up(self) -> None:
         self._say_refused()
-        told = bool(evidence.counted(self._evidence))
-        evidence.hand_over(self, self._born_s, told, self._evidence)
+        evidence.hand_over(self, self._born_s, self._evidence)
         self._evidence.clear()
         super()._clean_up()
 
@@ -244,6 +243,6 @@ class TrunkNode(UniqueNode, Generic[Config]):
     def close(self) -> None:
         """Report how much evidence was published, wait a bounded time until it is recorded, then destroy."""
         self.account()
-        evidence.hand_over(self, self._born_s, self._accounted, self._evidence)
+        evidence.hand_over(self, self._born_s, self._evidence)
         self.destroy_node()
         self.release_name()

@@ -31,6 +31,7 @@ class Evidence:
     """
 
     def __init__(self, node: Node, topic: str, live: bool = True) -> None:
+        self._node = node
         self.topic = node.resolve_topic_name(topic)
         # DDS announces them in this order: a recorder finds the live one last, and knows that it is ours.
         self._kept = node.create_publisher(JointState, topics.evidence(self.topic), qos.evidence())
@@ -52,49 +53,39 @@ class Evidence:
         if self.count == 1:
             self.began_s = time.monotonic()
 
-    @property
-    def is_kept_for_somebody(self) -> bool:
-        """True if a recorder is known to subscribe to it."""
-        return self._kept.get_subscription_count() > 0
+    def recorders(self) -> set[str]:
+        """Return the nodes that subscribe to it; one whose name is not known yet has discovery's."""
+        return set(meeting.names(meeting.recorders(self._node, self.topic)))
 
 
 def counted(evidence: Sequence[Evidence]) -> dict[str, int]:
     """Return how many messages were published, by topic; topics without any are left out."""
     counts: Counter[str] = Counter()
-    for one in evidence:
-        counts[one.topic] += one.count
+    for topic in evidence:
+        counts[topic.topic] += topic.count
     return dict(+counts)
 
 
-def hand_over(node: Node, born_s: float, anything: bool, evidence: Sequence[Evidence] = ()) -> None:
+def hand_over(node: Node, born_s: float, evidence: Sequence[Evidence]) -> None:
     """Wait, for a bounded time, until every reliable reader has received what the node published.
 
-    If there is ``anything`` to record, first wait until every known recorder is matched with this node.
-    If none is known, one may still be discovered for some time after the node's start, ``born_s``
-    (monotonic clock), and after its first evidence: wait for it until then.
-    A subscriber to the node's ``evidence`` may be discovered first, and counts as a recorder.
+    If there is ``evidence``, first wait until every known recorder is matched with this node. If none is
+    known, one may still be discovered for some time after the node's start, ``born_s`` (monotonic clock),
+    and after its first evidence: wait for it until then.
     """
     patience = settings.patience()
-    known_s = max([born_s, *(one.began_s for one in evidence)]) + _FOUND_S * patience
+    published = [topic for topic in evidence if topic.count]
+    known_s = max([born_s, *(topic.began_s for topic in published)]) + _FOUND_S * patience
     deadline = time.monotonic() + _HAND_OVER_S * patience
-    while anything and not _recorder_met(node) and time.monotonic() < deadline:
-        if (
-            time.monotonic() > known_s
-            and not any(one.is_kept_for_somebody for one in evidence)
-            and not node.get_publishers_info_by_topic(topics.RECORDER_PROGRESS)
-        ):
+    while published and time.monotonic() < deadline:
+        recorders = set().union(*(topic.recorders() for topic in published))
+        # DDS announces a participant's subscriptions in the order of their creation; the recorder creates
+        # the one for the run's events last.
+        if recorders and recorders <= meeting.listeners(node, topics.RUN_EVENTS):
+            break
+        if not recorders and time.monotonic() > known_s:
             break
         time.sleep(_LOOK_S)
     for publisher in list(node.publishers):
         left = max(deadline - time.monotonic(), 0.0)
         publisher.wait_for_all_acked(Duration(seconds=left))
-
-
-def _recorder_met(node: Node) -> bool:
-    """Return True once every known recorder is matched with all its subscriptions.
-
-    DDS announces a participant's subscriptions in the order of their creation; the recorder creates the
-    one for the run's events last.
-    """
-    recorders = meeting.names(node.get_publishers_info_by_topic(topics.RECORDER_PROGRESS))
-    return bool(recorders) and set(recorders) <= meeting.listeners(node, topics.RUN_EVENTS)
