@@ -44,7 +44,8 @@ class Inputs:
             if reading is not None:
                 on_reading(reading)
 
-        AdaptiveSubscription(node, topics.JOINT_STATES, on_state)
+        profile = qos.control(lockstep=self._config.lockstep)
+        AdaptiveSubscription(node, topics.JOINT_STATES, on_state, profile)
         for topic in (topics.REFERENCE, OWN_REFERENCE):
             AdaptiveSubscription(node, topic, self._on_reference, qos.control(1))
 

@@ -77,7 +77,12 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._clock_topic = (
             self.create_publisher(Clock, "/clock", qos.clock()) if config.publish_clock else None
         )
-        self._commands = AdaptiveSubscription(self, topics.EFFORT_COMMAND, self._on_command)
+        self._commands = AdaptiveSubscription(
+            self,
+            topics.EFFORT_COMMAND,
+            self._on_command,
+            qos.control(lockstep=config.lockstep),
+        )
         disturbances = AdaptiveSubscription(self, topics.DISTURBANCE, self._on_disturbance)
         answers = {topics.EFFORT_COMMAND: self._commands, topics.DISTURBANCE: disturbances}
         if topics.REFERENCE in config.wait_for:

@@ -21,6 +21,7 @@ from trunk_msgs_util.parameters.files import (
     Layer,
     Section,
     check_names,
+    qos_overrides,
     read,
     write,
 )
@@ -64,6 +65,7 @@ class RunPlan:
         None  # published for that node; None: by somebody else, or not
     )
     inputs: RealTimeInputs | None = None  # None: every message acts on its own state
+    qos_overrides: Mapping[str, Mapping[str, object]] = field(default_factory=dict)  # by node
 
     @property
     def controller_name(self) -> str:
@@ -108,7 +110,10 @@ class RunPlan:
         """Write the whole plan as one ROS 2 parameter file, by fully qualified node names."""
         write(
             path,
-            {f"{self.namespace}/{name}": values_of(c) for name, c in self.configs.items()},
+            {
+                f"{self.namespace}/{name}": {**values_of(c), **self.qos_overrides.get(name, {})}
+                for name, c in self.configs.items()
+            },
         )
 
 
@@ -211,6 +216,7 @@ def make_plan(
             warnings=tuple(warnings),
             external=external,
             reference=profile,
+            qos_overrides={node: qos_overrides(f"{namespace}/{node}", layers) for node in taking},
         ),
         {node: one.with_units for node, one in found.items()},
         standby,

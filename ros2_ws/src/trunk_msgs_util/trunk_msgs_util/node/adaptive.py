@@ -5,12 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
+from ..parameters.declarations import ParameterError
 from . import qos
+
+_OVERRIDES = (
+    "reliability: reliable or best_effort; history: keep_last or keep_all; depth: an integer > 0"
+)
 
 
 class AdaptiveSubscription:
@@ -18,6 +25,9 @@ class AdaptiveSubscription:
 
     DDS matches a reliable subscription with reliable publishers alone, and a best-effort one with all; but
     only a reliable one has lost messages sent again. So it asks for less once somebody offers no more.
+
+    Users may set depth, history and reliability themselves, by ROS's own parameters
+    ``qos_overrides.TOPIC.subscription.…``.
     """
 
     def __init__(
@@ -27,22 +37,28 @@ class AdaptiveSubscription:
         callback: Callable[[bytes], None],
         profile: QoSProfile | None = None,
     ) -> None:
-        """``profile``: by default that of `qos.control`."""
+        """``profile``: by default that of `qos.control`. Raises ParameterError for a wrong override."""
         self._node = node
         self._topic = topic
         self._callback = callback
         self._profile = profile or qos.control()
-        self._subscription = self._subscribe()
+        self._subscription = self._subscribe(QoSOverridingOptions.with_default_policies())
 
-    def _subscribe(self) -> Subscription:
-        return self._node.create_subscription(
-            JointState,
-            self._topic,
-            self._callback,
-            self._profile,
-            raw=True,
-            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._incompatible),
-        )
+    def _subscribe(self, overrides: QoSOverridingOptions | None) -> Subscription:
+        try:
+            return self._node.create_subscription(
+                JointState,
+                self._topic,
+                self._callback,
+                self._profile,
+                raw=True,
+                event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._incompatible),
+                qos_overriding_options=overrides,
+            )
+        except (RuntimeError, TypeError, ValueError, InvalidParameterTypeException) as error:
+            # rclpy says which policy, but not of which topic.
+            name = f"qos_overrides.{self._node.resolve_topic_name(self._topic)}.subscription"
+            raise ParameterError(name, str(error), _OVERRIDES) from None
 
     @property
     def topic_name(self) -> str:
@@ -71,4 +87,4 @@ class AdaptiveSubscription:
             f"a publisher of {self.topic_name} is best effort: heard, but a lost message is not sent again"
         )
         self._node.destroy_subscription(self._subscription)
-        self._subscription = self._subscribe()
+        self._subscription = self._subscribe(None)

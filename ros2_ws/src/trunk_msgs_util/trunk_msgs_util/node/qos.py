@@ -31,14 +31,16 @@ def evidence() -> QoSProfile:
     )
 
 
-def control(depth: int = 100) -> QoSProfile:
-    """Return the profile of subscriptions in the loop: reliable, no past messages.
+def control(depth: int = 100, lockstep: bool = True) -> QoSProfile:
+    """Return the profile of subscriptions in the loop: reliable in lock-step, no past messages.
 
+    In real time they are best effort: a command that is sent again 50 ms later is worth nothing, and those
+    behind it would have to wait for it.
     Deep enough for the burst with which a simulator catches up after a stall: each state is answered.
     """
     return QoSProfile(
         depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE,
+        reliability=ReliabilityPolicy.RELIABLE if lockstep else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.VOLATILE,
     )
 

@@ -28,6 +28,7 @@ from ..parameters.declarations import (
     build,
     check,
     declarations,
+    is_qos_override,
     of_every_node,
     unknown_name,
     values_of,
@@ -226,11 +227,16 @@ class NodeParameters(Generic[Config]):
             raise ParameterError(change.name, change.value, told)
 
     def _judge(self, changes: list[Parameter]) -> SetParametersResult:
-        """Accept or refuse changes made within this process, which do not go through a service."""
-        reason = self.refusal(changes)
+        """Accept or refuse changes made within this process, which do not go through a service.
+
+        rclpy declares overrides of a topic's quality of service with the topic.
+        """
+        reason = self.refusal([c for c in changes if not is_qos_override(c.name)])
         return SetParametersResult(successful=not reason, reason=reason)
 
     def _apply(self, changes: list[Parameter]) -> None:
+        if all(is_qos_override(change.name) for change in changes):
+            return
         old, self.config = self.config, self._candidate(changes)
         self._on_change(old, self.config)
 

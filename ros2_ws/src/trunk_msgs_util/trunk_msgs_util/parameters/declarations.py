@@ -180,7 +180,12 @@ def check(declaration: Declaration, value: object) -> Value:
 
 def of_every_node(name: str) -> bool:
     """Return True for a parameter that every ROS node has, whatever it declares itself."""
-    return name in _OF_EVERY_NODE or name.startswith("qos_overrides.")
+    return name in _OF_EVERY_NODE or is_qos_override(name)
+
+
+def is_qos_override(name: str) -> bool:
+    """Return True for a parameter that sets the quality of service of a topic: ``qos_overrides.TOPIC.…``."""
+    return name.startswith("qos_overrides.")
 
 
 def unknown_name(name: str, known: Iterable[str]) -> str:

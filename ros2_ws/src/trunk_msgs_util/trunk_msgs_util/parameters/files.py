@@ -18,7 +18,7 @@ import yaml
 from ..errors import TrunkError
 from ..whole_file import whole_file
 from ..yaml_text import YamlTextError, load
-from .declarations import Value, of_every_node, unknown_name
+from .declarations import is_qos_override, of_every_node, unknown_name
 
 
 class ParameterFileError(TrunkError):
@@ -132,6 +132,13 @@ def resolve(node: str, layers: Iterable[Layer], declared: Iterable[str]) -> dict
     return values
 
 
+def qos_overrides(node: str, layers: Sequence[Layer]) -> dict[str, object]:
+    """Return the layers' quality of service for a node (fully qualified name), by ROS's own parameters."""
+    names = {name for layer in layers for s in layer.sections for name in s.values}
+    overrides = filter(is_qos_override, names)
+    return resolve(node, layers, overrides)
+
+
 def check_names(layers: Iterable[Layer], nodes: Mapping[str, Iterable[str]]) -> None:
     """Refuse misspelt parameters: each must be declared by a node that its section can apply to.
 
@@ -155,7 +162,7 @@ def check_names(layers: Iterable[Layer], nodes: Mapping[str, Iterable[str]]) -> 
                     )
 
 
-def write(path: Path, nodes: Mapping[str, Mapping[str, Value]]) -> None:
+def write(path: Path, nodes: Mapping[str, Mapping[str, object]]) -> None:
     """Write one section per node, each value exactly (floats by their shortest round-trip text)."""
     tree = {
         node: {
