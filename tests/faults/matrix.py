@@ -74,13 +74,15 @@ class Row:
 
 
 _LEFT = "the run ended because {process} ended with exit code 0"
+_CUT_SHORT = "the run ended because {process} ended with exit code 1"
 _KILLED = "the run ended because {process} was ended by SIGKILL"
 _TOLD = "stopped by {signal}; the recording holds the run up to here"
 _EARLY = "stopped at t = "
 _NO_END = "the recorder was stopped before the run was finished"
 
 ROWS = (
-    Row((STARTING,), NODES, ASKING, 1, _LEFT, Recording.NONE),
+    Row((STARTING,), (SIMULATOR,), ASKING, 1, _CUT_SHORT, Recording.NONE),
+    Row((STARTING,), (DISTURBANCE, CONTROLLER, RECORDER), ASKING, 1, _LEFT, Recording.NONE),
     Row((STARTING,), NODES, (SIGKILL,), 1, _KILLED, Recording.NONE),
     Row((STARTING,), (RUNNER,), ASKING, 1, _TOLD, Recording.NONE),
     Row((STARTING,), (RUNNER,), (SIGKILL,), -9, "", Recording.NONE),
@@ -90,7 +92,7 @@ ROWS = (
     Row(
         (RUNNING,), (DISTURBANCE, CONTROLLER), (SIGKILL,), 1, _KILLED, Recording.INCOMPLETE, _EARLY
     ),
-    Row((RUNNING,), (RECORDER,), ASKING, 1, _LEFT, Recording.INCOMPLETE, _NO_END),
+    Row((RUNNING,), (RECORDER,), ASKING, 1, _CUT_SHORT, Recording.INCOMPLETE, _NO_END),
     Row((RUNNING,), (RECORDER,), (SIGKILL,), 1, _KILLED, Recording.CUT),
     Row((RUNNING,), (RUNNER,), ASKING, 1, _TOLD, Recording.INCOMPLETE, _EARLY),
     Row((RUNNING,), (RUNNER,), (SIGKILL,), -9, "", Recording.INCOMPLETE),

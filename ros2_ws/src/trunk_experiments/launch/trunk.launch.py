@@ -38,7 +38,8 @@ class OrderlyEnd:
                 self.files.describe()
                 lacks = launching.what_lacks(self.files.recording)
                 if self.failed or lacks:
-                    raise RuntimeError("; ".join([*(self.failed or [self.first]), lacks]))
+                    causes = dict.fromkeys([self.first, *self.failed])
+                    raise RuntimeError("; ".join(filter(None, [*causes, lacks])))
             if context.is_shutdown:
                 return []
             others = launching.next_to_stop(self.running)

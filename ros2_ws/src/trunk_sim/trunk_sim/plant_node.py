@@ -68,6 +68,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._strangers: dict[str, Sender] = {}  # by GUID
         self._senders_seen = -1
         self._pacing = make_pacing(self, config)
+        self.unfinished = ""
 
     def _create_topics(self, config: SimulatorConfig) -> None:
         self._truth = self.create_evidence(topics.GROUND_TRUTH)
@@ -300,6 +301,8 @@ class PlantNode(TrunkNode[SimulatorConfig]):
     def stopping(self) -> None:
         """Close the record: an endless run counts as finished when stopped, any other does not."""
         if not self._running:
+            if self._steps is not None:
+                self._say_unfinished("stopped before the run began")
             return
         self._running = False
         self._pacing.paused = True  # a recorder in this process may still take in what is in flight
@@ -307,9 +310,13 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         if self._steps is None:
             self._say_finished(Event.FINISHED, "stopped on request")
         else:
-            self._say_finished(
-                Event.STOPPED, f"stopped at t = {seconds(self.stamp_ns):g} s, before its end"
-            )
+            reason = f"stopped at t = {seconds(self.stamp_ns):g} s, before its end"
+            self._say_finished(Event.STOPPED, reason)
+            self._say_unfinished(reason)
+
+    def _say_unfinished(self, reason: str) -> None:
+        self.unfinished = reason
+        self.get_logger().warning(f"{reason}: duration is {self.config.duration:g} s")
 
     # Incoming messages.
 

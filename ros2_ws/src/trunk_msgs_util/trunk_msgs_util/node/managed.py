@@ -33,6 +33,8 @@ class ManagedNode(LifecycleNode):
         self.active = False
         self.counters: Counter[str] = Counter()
         self.exit_code: int | None = None  # once set, the node is done and its process ends
+        # Why the run that this node was to see through has not reached its end; its process then fails.
+        self.unfinished = ""
         self._told_to_end = False
         self._refusal: ParameterError | None = None
         self._permanent: set[int] = set()

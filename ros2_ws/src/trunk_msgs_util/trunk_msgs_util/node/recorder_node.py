@@ -94,6 +94,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         """Open the file. Raises ParameterError if it cannot be written or already exists."""
         config = self.config
         self._forget()
+        self.unfinished = ""
         self._file = RunFile(open_output(config), self.resolve_topic_name, self._disk_failed)
         self._begin(self._file)
         self._progress = self.create_publisher(JointState, topics.RECORDER_PROGRESS, qos.latest())
@@ -320,6 +321,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         if self._file is None:
             return
         complete, reason = self.verdict()
+        if not complete and not self._tally.goes_on:
+            self.unfinished = reason
         count = self._file.finish(complete, reason)
         if count is not None:
             self._say_end(self._file.path, count, complete, reason)

@@ -47,10 +47,11 @@ class Shutdown:
 def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str) -> int:
     """Run nodes in one executor until one of them is done, or they are told to stop.
 
-    Return the process's exit code: 0 after SIGINT, SIGTERM or a finished run; 1 if a node failed or a
-    callback raised; 2, with one line on stderr and no traceback, if a parameter or an argument is wrong.
-    Whatever happens, the nodes are closed in the reverse order of the mapping: the recorder comes first
-    in it, so that it closes last and what it has recorded is kept.
+    Return the process's exit code: 0 after a finished run, and after SIGINT or SIGTERM unless a node was to
+    see a run through to its end; 1 if it was, if a node failed or if a callback raised; 2, with one line on
+    stderr and no traceback, if a parameter or an argument is wrong.
+    Whatever happens, the nodes are closed in the reverse order of the mapping: the recorder comes first in
+    it, so that it closes last and what it has recorded is kept.
     """
     shutdown = Shutdown()
     try:
@@ -92,7 +93,7 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
         _fail(nodes, error)
     _end(nodes, executor)
     shutdown.ended()
-    return max(node.exit_code or 0 for node in nodes)
+    return max(node.exit_code or (EXIT_FAILED if node.unfinished else 0) for node in nodes)
 
 
 def run_beside(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from math import inf
 
 from .. import topics
 from ..events import ENDS, Event, as_count
@@ -42,6 +43,7 @@ class Tally:
         )  # by source and topic, of nodes that ended
         self._anew = False  # was a node cleaned up? its count then restarts
         self._states = 0  # of a finished run
+        self._duration = inf  # s, of the run
         self._begun = 0  # runs, as the simulator reports them
         self._silent: dict[str, bool] = {}  # known nodes: has none of their events arrived?
 
@@ -71,6 +73,15 @@ class Tally:
     def meet(self, change: ParameterChange) -> None:
         """Take note of a node that has published its parameters."""
         self._silent.setdefault(change.node, True)
+        duration = change.new.get("duration", change.changed.get("duration"))
+        if duration is not None:  # only a simulator has one
+            self._duration = float(str(duration))
+
+    @property
+    def goes_on(self) -> bool:
+        """True while there is no run, or one without an end of its own that nobody has ended yet."""
+        begun = self._begun or any(self.counts[topic] for topic in OF_STATES)
+        return not begun or (self.end is None and self._duration == 0.0)
 
     def verdict(self, heard: Sequence[str], unheard: Sequence[str]) -> tuple[bool, str]:
         """Return whether the run is whole in the file, and why.
