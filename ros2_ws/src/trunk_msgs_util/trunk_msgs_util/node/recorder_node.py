@@ -95,10 +95,15 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         config = self.config
         self._forget()
         self.unfinished = ""
-        self._file = RunFile(open_output(config), self.resolve_topic_name, self._disk_failed)
+        syncs = config.sync_interval > 0.0
+        self._file = RunFile(
+            open_output(config), self.resolve_topic_name, self._disk_failed, syncs=syncs
+        )
         self._begin(self._file)
         self._progress = self.create_publisher(JointState, topics.RECORDER_PROGRESS, qos.latest())
         self._flush_timer = self.every(config.flush_interval, self._file.flush)
+        if syncs:
+            self._sync_timer = self.every(config.sync_interval, self._file.sync)
         self._check_timer = self.every(_CHECK_S, self._file.check)
         if config.lockstep:
             self.linger_s = _LINGER_S

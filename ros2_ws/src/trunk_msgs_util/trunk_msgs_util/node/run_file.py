@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 from ..parameters.config import RecorderConfig
@@ -22,12 +23,19 @@ class RunFile:
         writer: RecordingWriter,
         full_name: Callable[[str], str],
         failed: Callable[[str], None],
+        syncs: bool = False,
     ) -> None:
-        """``full_name`` returns a topic's full name; ``failed`` is told why the recording ends here."""
+        """``full_name`` returns a topic's full name; ``failed`` is told why the recording ends here.
+
+        ``syncs``: `sync` is called now and then, and at its end the file is on the disk.
+        """
         self._writer = writer
         self._full_name = full_name
         self._failed = failed
         self._channels: dict[str, int] = {}
+        self._syncs = syncs
+        self._beside = ThreadPoolExecutor(1, "sync")
+        self._sync: Future[None] | None = None
 
     @property
     def path(self) -> Path:
@@ -62,17 +70,25 @@ class RunFile:
         except OSError as error:
             self._fail(error)
 
+    def sync(self) -> None:
+        """Have the disk take what was flushed, while the loop goes on."""
+        if self._sync is None or self._sync.done():
+            self._sync = self._beside.submit(self._writer.sync)
+
     def check(self) -> None:
-        """Detect early that the file was deleted, renamed, replaced or truncated."""
+        """Detect early that the file was deleted, renamed, replaced or truncated, or is not on the disk."""
         try:
             self._writer.check()
+            if self._sync is not None and self._sync.done():
+                self._sync.result()
         except OSError as error:
             self._fail(error)
 
     def finish(self, complete: bool, reason: str) -> int | None:
         """Write how the run ended; return how many messages there are, None if the disk failed."""
+        self._beside.shutdown()  # the file stays open for it
         try:
-            self._writer.finish(complete=complete, reason=reason)
+            self._writer.finish(complete=complete, reason=reason, sync=self._syncs)
         except OSError as error:
             self._fail(error)
             return None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -45,6 +47,7 @@ class RecordingWriter:
         """
         self.path = Path(path)
         self._file = open_own(self.path, overwrite=overwrite)
+        self._named = False  # does the disk know of the file?
         self._writer = ChunkedWriter(self._file, _COMPRESSIONS[compression], self._digest)
         self._schemas: dict[str, int] = {}
         self._topics: dict[int, str] = {}
@@ -126,9 +129,28 @@ class RecordingWriter:
         except OSError as error:
             raise self._failed(error) from None
 
-    def finish(self, *, complete: bool, reason: str) -> None:
+    def sync(self) -> None:
+        """Wait until the disk has what was flushed, and the file its name; another thread may do so.
+
+        Raises OSError if it fails. A pipe or a device has no disk to wait for.
+        """
+        try:
+            os.fdatasync(self._file.fileno())
+            if not self._named:
+                folder = os.open(self.path.parent, os.O_RDONLY | os.O_DIRECTORY)
+                try:
+                    os.fsync(folder)
+                finally:
+                    os.close(folder)
+                self._named = True
+        except OSError as error:
+            if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.EROFS):
+                raise
+
+    def finish(self, *, complete: bool, reason: str, sync: bool = False) -> None:
         """Write the end record, the digests and the index, and close the file; a second call does nothing.
 
+        ``sync``: the disk then has it, too.
         Raises OSError, with the file closed, if a write has failed.
         """
         if self._file.closed:
@@ -141,6 +163,8 @@ class RecordingWriter:
             self._writer.finish()
             self._file.flush()
             self.check()
+            if sync:
+                self.sync()
             self._file.close()
         except OSError as error:
             with suppress(OSError):

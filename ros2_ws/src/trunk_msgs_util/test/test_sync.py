@@ -1,0 +1,75 @@
+"""The recorder's file reaches the disk beside the loop; a disk that refuses ends the recording by name."""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+
+import pytest
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.node.run_file import RunFile
+from trunk_msgs_util.recording.writer import RecordingWriter
+
+
+class Disk:
+    """Stands for `os.fdatasync`: notes the threads that wait for it, and may refuse."""
+
+    def __init__(self, number=0):
+        self.number = number
+        self.threads = []
+        self.asked = threading.Event()
+
+    def __call__(self, descriptor):
+        self.threads.append(threading.current_thread())
+        self.asked.set()
+        if self.number:
+            raise OSError(self.number, os.strerror(self.number))
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    failures = []
+
+    def begin(disk, syncs=True):
+        monkeypatch.setattr(os, "fdatasync", disk)
+        writer = RecordingWriter(tmp_path / "run.mcap", compression="none")
+        file = RunFile(writer, lambda topic: f"/{topic}", failures.append, syncs=syncs)
+        file.begin({}, {topics.JOINT_STATES: topics.JOINT_STATE_TYPE})
+        return file, failures
+
+    return begin
+
+
+def test_it_waits_for_the_disk_beside_the_loop_and_at_the_end(run):
+    file, failures = run(disk := Disk())
+    file.sync()
+    assert disk.asked.wait()
+    assert threading.current_thread() not in disk.threads
+    assert file.finish(complete=True, reason="finished") == 0
+    assert disk.threads[-1] is threading.current_thread()
+    assert not failures
+
+
+def test_it_waits_for_nothing_where_it_is_not_to(run):
+    file, _ = run(disk := Disk(), syncs=False)
+    file.finish(complete=True, reason="finished")
+    assert not disk.threads
+
+
+def test_a_disk_that_refuses_ends_the_recording(run, tmp_path):
+    file, failures = run(disk := Disk(errno.EIO))
+    file.sync()
+    assert disk.asked.wait()
+    while not failures:
+        file.check()
+    assert failures[0] == (
+        f"{tmp_path / 'run.mcap'}: cannot write: Input/output error; the recording ends here"
+    )
+
+
+def test_a_pipe_has_no_disk(run):
+    file, failures = run(Disk(errno.EINVAL))
+    file.finish(complete=True, reason="finished")
+    assert not failures
