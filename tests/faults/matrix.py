@@ -74,6 +74,7 @@ class Row:
 
 
 _LEFT = "the run ended because {process} ended with exit code 0"
+_ENDED = "the run ended because {process} ended with exit code"  # 1 once it knows of the run's end
 _CUT_SHORT = "the run ended because {process} ended with exit code 1"
 _KILLED = "the run ended because {process} was ended by SIGKILL"
 _TOLD = "stopped by {signal}; the recording holds the run up to here"
@@ -81,7 +82,7 @@ _EARLY = "stopped at t = "
 _NO_END = "the recorder was stopped before the run was finished"
 
 ROWS = (
-    Row((STARTING,), (SIMULATOR,), ASKING, 1, _CUT_SHORT, Recording.NONE),
+    Row((STARTING,), (SIMULATOR,), ASKING, 1, _ENDED, Recording.NONE),
     Row((STARTING,), (DISTURBANCE, CONTROLLER, RECORDER), ASKING, 1, _LEFT, Recording.NONE),
     Row((STARTING,), NODES, (SIGKILL,), 1, _KILLED, Recording.NONE),
     Row((STARTING,), (RUNNER,), ASKING, 1, _TOLD, Recording.NONE),

@@ -26,6 +26,13 @@ class SpreadRun:
                 name, "--params-file", self._parameters, *output
             )
 
+    def stderr(self, name: str) -> str:
+        """Return what a node that runs has said so far."""
+        return self._running[name].stderr
+
+    def has_ended(self, name: str) -> bool:
+        return self._running[name].process.poll() is not None
+
     def simulator_ends(self) -> tuple[int, str]:
         """Return the simulator's exit code and stderr, once it has ended by itself."""
         return self.ends("simulator")
@@ -35,16 +42,16 @@ class SpreadRun:
         node = self._running.pop(name)
         return node.wait(), node.stderr
 
-    def stop(self, name: str) -> None:
-        """Stop a node; it must end cleanly."""
+    def stop(self, name: str, whole: bool = True) -> None:
+        """Stop a node; it must end cleanly, the recorder of a run that is not whole with code 1."""
         node = self._running.pop(name)
-        assert node.stop() == 0, f"{name}: {node.stderr}"
+        assert node.stop() == (name == "recorder" and not whole), f"{name}: {node.stderr}"
         assert "Traceback" not in node.stderr
 
-    def stop_all(self) -> None:
+    def stop_all(self, whole: bool = True) -> None:
         """Stop all nodes that still run, the recorder last."""
         for name in sorted(self._running, key="recorder".__eq__):
-            self.stop(name)
+            self.stop(name, whole)
 
     def recording(self) -> Recording:
         return Recording.open(self._recording)

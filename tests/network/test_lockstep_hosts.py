@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from pathlib import Path
 
@@ -74,6 +75,33 @@ def test_without_multicast_by_a_discovery_server(
     assert_same_bits(plan, run.recording(), tmp_path)
 
 
+@pytest.mark.one_in(2)
+@pytest.mark.skipif(shutil.which("iptables") is None, reason="no iptables, which loses packets")
+@pytest.mark.parametrize("far", ["fuzzy_pid", "recorder", "disturbance", "simulator"])
+def test_it_begins_after_a_bad_start_through_a_discovery_server(
+    hosts: tuple[Host, Host], server: Child, tmp_path: Path, far: str
+) -> None:
+    """A third of the packets of one node is lost until somebody has missed it."""
+    a, b = hosts
+    plan = plan_of(0.5, timeout=600.0)
+    run = SpreadRun(plan, tmp_path)
+    b.lose(0.33)
+    run.start(b, far)
+    nodes = [name for name in plan.configs if name != far]
+    run.start(a, *nodes)
+    until(
+        lambda: (
+            any("waiting for" in run.stderr(name) for name in plan.configs)
+            or run.has_ended("simulator")
+        ),
+        "somebody is missed, or nobody is",
+    )
+    b.lose(0.0)
+    assert run.simulator_ends()[0] == 0
+    run.stop_all()
+    assert_same_bits(plan, run.recording(), tmp_path)
+
+
 @pytest.mark.long
 def test_short_cut_changes_no_bit(
     hosts: tuple[Host, Host], listener: Listener, tmp_path: Path
@@ -132,8 +160,8 @@ def test_dead_link_ends_the_run(
     line = said.splitlines()[-1]
     assert f"no answer from /{far} ({answers}) to the state at t = " in line
     assert f"lockstep.timeout = {TIMEOUT_S:g} s" in line
-    run.stop(far)  # nobody acknowledges its last messages
-    run.stop_all()
+    run.stop(far, whole=False)  # nobody acknowledges its last messages
+    run.stop_all(whole=False)
 
     recording = run.recording()
     assert not recording.complete

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import pytest
+
 from trunk_msgs_util.node.waiting import Waiting
 
 
@@ -18,3 +20,20 @@ def test_nothing_is_said_if_nobody_is_missing_and_a_node_missing_again_is_named_
     assert waiting.line("a controller", 1.0)
     assert waiting.line("", 2.0) == ""
     assert waiting.line("a controller", 3.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "advice"),
+    [
+        ({"ROS_DISCOVERY_SERVER": "10.0.0.1:11811"}, "must be 10.0.0.1:11811 there too"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET"),
+        ({"ROS_DOMAIN_ID": "42"}, "ROS_DOMAIN_ID must be 42 there too, and multicast must pass"),
+    ],
+)
+def test_whoever_is_not_met_for_ten_seconds_is_named_with_what_to_do(settings, advice):
+    waiting = Waiting()
+    missing = "the recorder (ros2 run trunk_msgs_util recorder)"
+    lines = [waiting.line(missing, float(now), settings) for now in range(11)]
+    assert not any("not met" in line for line in lines[:10])
+    assert lines[10].startswith(f"waiting for {missing}; if it runs, it was not met: ")
+    assert advice in lines[10]

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
+
 from ..units import seconds
 
 _AGAIN_S = 5.0
+# A node that runs is met well within this time on a good link.
+_UNMET_S = 10.0
+# In a line that says how to start what is missing.
+_START = "ros2 run "
 
 
 class Waiting:
@@ -12,15 +19,40 @@ class Waiting:
 
     def __init__(self) -> None:
         self._said = ""
-        self._said_at = 0.0
+        self._said_at = self._since = 0.0
 
-    def line(self, text: str, now: float) -> str:
-        """Return the line to say now, empty for none; ``text``: what for, empty for nothing. ``now`` in s."""
+    def line(self, text: str, now: float, settings: Mapping[str, str] = os.environ) -> str:
+        """Return the line to say now, empty for none; ``text``: what for, empty for nothing. ``now`` in s.
+
+        ``settings`` of discovery are named where somebody who may well be running was not met for long.
+        """
         if not text or (text == self._said and now - self._said_at < _AGAIN_S):
             self._said = text and self._said
             return ""
+        if text != self._said:
+            self._since = now
         self._said, self._said_at = text, now
-        return f"waiting for {text}"
+        unmet = _START in text and now - self._since >= _UNMET_S
+        return f"waiting for {text}{f'; {not_met(settings)}' if unmet else ''}"
+
+
+def not_met(settings: Mapping[str, str]) -> str:
+    """Return what to look at where a node runs and is not met, by the settings of this one."""
+    if server := settings.get("ROS_DISCOVERY_SERVER"):
+        return (
+            f"if it runs, it was not met: ROS_DISCOVERY_SERVER must be {server} there too, the server must "
+            "run, and UDP must pass both ways (docs/hosts.md)"
+        )
+    domain = settings.get("ROS_DOMAIN_ID", "0")
+    if settings.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == "LOCALHOST":
+        return (
+            f"if it runs, it was not met: ROS_DOMAIN_ID must be {domain} there too; on another machine, set "
+            "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET on both (docs/hosts.md)"
+        )
+    return (
+        f"if it runs, it was not met: ROS_DOMAIN_ID must be {domain} there too, and multicast must pass; "
+        "where it does not, run a discovery server (docs/hosts.md)"
+    )
 
 
 def states(topic: str, published: bool, last_ns: int | None) -> str:
