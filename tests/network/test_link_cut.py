@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.replay.verify import VERIFIED, verify
 from trunk_msgs_util import topics
+from trunk_msgs_util.node.middleware import SUPER_CLIENT
 
 from ..graph.processes import Child, until
 from ..graph.recordings import assert_every_step, finished_file, joints
@@ -21,6 +24,7 @@ from .runs import SpreadRun
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
+_PD = Path(__file__).parents[2] / "examples" / "nodes" / "pd_rclpy.py"
 RATE_HZ = 200
 PERIOD_NS = 5_000_000
 CUT_S, TIMEOUT_S = 2.0, 0.2
@@ -38,9 +42,10 @@ def longest_run(true: NDArray[np.bool_]) -> tuple[int, int]:
 
 
 def test_it_begins_through_a_discovery_server(
-    hosts: tuple[Host, Host], server: Child, tmp_path: Path
+    hosts: tuple[Host, Host], server: Child, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also where a node learns only of topics on which it has an endpoint: without ROS_SUPER_CLIENT."""
+    """Also where a node learns only of topics on which it has an endpoint itself."""
+    monkeypatch.setenv(SUPER_CLIENT, "FALSE")
     a, b = hosts
     run = SpreadRun(make_plan("fig8", "fuzzy_pid", everywhere={"duration": 0.5}), tmp_path)
     run.start(b, "fuzzy_pid", "disturbance")
@@ -50,6 +55,23 @@ def test_it_begins_through_a_discovery_server(
     assert server.process.poll() is None, server.stderr
     assert run.recording().complete, run.recording().warnings
     assert verify(run.recording()).exit_code == VERIFIED
+
+
+def test_a_node_of_anybodys_is_recorded_through_a_discovery_server(
+    hosts: tuple[Host, Host], server: Child, tmp_path: Path
+) -> None:
+    a, b = hosts
+    plan = make_plan("fig8", "pid", everywhere={"duration": 0.5}, external="mine")
+    node = b.children.start("mine", sys.executable, _PD)
+    run = SpreadRun(plan, tmp_path)
+    run.start(a, *plan.configs)
+    assert run.simulator_ends()[0] == 0
+    assert node.stop(signal.SIGTERM) in (0, -signal.SIGTERM), node.stderr
+    run.stop_all()
+    recording = run.recording()
+    assert recording.complete, recording.warnings
+    assert recording.topics[f"/{topics.EFFORT_COMMAND}"].count
+    assert verify(recording).exit_code == VERIFIED
 
 
 @pytest.mark.one_in(2)

@@ -10,6 +10,7 @@ from . import settings
 
 PROFILES = Path(__file__).with_name("fastdds.xml")
 PROFILES_FILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+SUPER_CLIENT = "ROS_SUPER_CLIENT"  # heeded with a discovery server alone
 TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _SHARED_MEMORY = Path("/dev/shm")
 # ROS 2's tracing library needs two pages there. Without room for them, loading it kills the process with
@@ -28,11 +29,14 @@ def prepare(shared_memory: Path = _SHARED_MEMORY) -> None:
     Processes started one after the other then discover each other sooner, heartbeats are more frequent (the
     next one repairs what was sent to a half-discovered reader, and a node that ends waits for one), and
     messages go by UDP within a host too: shared memory can make a node deaf (fastdds.xml).
+    A discovery server is asked for all that it knows: the recorder follows nodes of anybody's, on topics on
+    which it has no endpoint itself. No node needs this to meet the others of its run.
 
     Raises MiddlewareError if loading ROS 2 would kill the process, and SettingError if a setting of the
     environment cannot be used.
     """
     settings.check()
+    os.environ.setdefault(SUPER_CLIENT, "TRUE")
     if TRANSPORTS not in os.environ:  # with shared memory alone, nobody could reach us by UDP
         os.environ.setdefault(PROFILES_FILE, str(PROFILES))
     try:
