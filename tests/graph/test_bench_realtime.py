@@ -62,7 +62,7 @@ def test_a_node_of_somebody_elses_beside_ours(children: Children) -> None:
     )
     assert bench.wait() == 0, bench.stderr
     children.none_left()
-    measures = ("late steps", "lock-step, steps/s", "round trip, median", "unanswered states")
+    measures = ("late steps", "lock-step, steps/s", "latency, median", "unanswered states")
     for measure in measures:
         assert len([line for line in bench.stdout.splitlines() if measure in line]) == 2
     assert "/my_pd" in bench.stderr

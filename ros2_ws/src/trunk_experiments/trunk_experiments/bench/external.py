@@ -11,10 +11,8 @@ from pathlib import Path
 from statistics import median
 
 import click
-import numpy as np
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.node import middleware
 
 from ..errors import BenchRunError
 from ..plans.plan import RunPlan, make_plan
@@ -23,7 +21,7 @@ from ..replay.doubts import late_steps
 from ..runs.files import RunFiles
 from ..runs.graph import run_graph
 from .lockstep import FINISHED
-from .realtime import RealtimeRow
+from .realtime import MEASURES, RealtimeRow, timing
 
 OURS, THEIRS = "pid", "external"
 _LOCKSTEP = "lock-step, steps/s"
@@ -35,7 +33,6 @@ def bench_external(command: str, rounds: int, rate: float, seconds: float) -> li
 
     Raises BenchRunError if the command cannot be started, and RunError for a run that fails.
     """
-    middleware.prepare()
     samples: dict[tuple[str, str], list[float]] = {}
     with tempfile.TemporaryDirectory(prefix="trunk_bench_") as folder:
         for number in range(rounds):
@@ -45,16 +42,14 @@ def bench_external(command: str, rounds: int, rate: float, seconds: float) -> li
                     files = RunFiles(Path(folder) / f"{number}_{lockstep}_{side}")
                     files.folder.mkdir()
                     with _beside(command if side == THEIRS else ""):
-                        recording = run_graph(plan, files, lambda t: None, note=_note)
-                    run = RecordedRun(recording)
-                    measured = _lockstep(files) if lockstep else _real_time(run)
+                        measured = (_lockstep if lockstep else _real_time)(plan, files)
                     for measure, value in measured.items():
                         samples.setdefault((side, measure), []).append(value)
     middle = {key: median(values) for key, values in samples.items()}
     rows = []
     for (side, measure), value in middle.items():
         ours = middle[OURS, measure]
-        unit = "ms" if measure.startswith("round trip") else ""
+        unit = MEASURES.get(measure, "")
         rows.append(
             RealtimeRow(side, measure, value, unit, value / ours if ours else None, "", None)
         )
@@ -96,24 +91,28 @@ def _beside(command: str) -> Iterator[None]:
             process.wait()
 
 
-def _lockstep(files: RunFiles) -> dict[str, float]:
-    """Return steps per second, as the simulator says."""
+def _lockstep(plan: RunPlan, files: RunFiles) -> dict[str, float]:
+    """Run, and return steps per second, as the simulator says."""
+    run_graph(plan, files, lambda t: None, note=_note)
     line = FINISHED.search(files.log("simulator").read_text(errors="replace"))
     if line is None:
         raise BenchRunError(f"benchmark: {files.log('simulator')}: the run did not finish")
     return {_LOCKSTEP: int(line[1]) / float(line[2])}
 
 
-def _real_time(run: RecordedRun) -> dict[str, float]:
-    """Return late steps, unanswered states, and the time from a state to its answer as recorded, ms."""
-    late = late_steps(run)
-    states, commands = run.table(topics.JOINT_STATES), run.table(topics.EFFORT_COMMAND)
-    rows = commands.rows_of(states.stamp_ns)
-    there = rows >= 0
-    trip = (commands.log_time_ns[rows[there]] - states.log_time_ns[there]) / 1e6
+def _real_time(plan: RunPlan, files: RunFiles) -> dict[str, float]:
+    """Run, and return late steps, unanswered states, and the time from a state's writing to its answer's."""
+    from ..live.observer_node import Observer
+
+    with Observer((topics.JOINT_STATES, topics.EFFORT_COMMAND)) as observer:
+        recording = run_graph(plan, files, lambda t: observer.take(), note=_note)
+        observer.take()
+    late = late_steps(RecordedRun(recording))
+    states_ns = observer.written_ns[topics.JOINT_STATES]
+    answers_ns = observer.written_ns[topics.EFFORT_COMMAND]
+    timed = timing(states_ns, answers_ns, plan.simulator.update_rate)
     return {
         "late steps": float(late.late if late else 0),
-        "unanswered states": float(np.count_nonzero(~there)),
-        "round trip, median": float(np.median(trip)) if len(trip) else float("nan"),
-        "round trip, 99 %": float(np.quantile(trip, 0.99)) if len(trip) else float("nan"),
+        "unanswered states": float(len(states_ns.keys() - answers_ns.keys())),
+        **{name: value for name, value in timed.items() if name.startswith("latency")},
     }
