@@ -10,28 +10,39 @@ source scripts/env.sh
 unset PYTHONDONTWRITEBYTECODE
 export PYTHONPYCACHEPREFIX=$PWD/.venv/.bytecode
 
-failed=()
+failed=() costs=()
 stage() { # NAME COMMAND...
     printf '\n── %s\n' "$1"
-    "${@:2}" || failed+=("$1")
+    (measured "$kept/cost" "${@:2}") || failed+=("$1")
+    [[ $2 == said ]] || costs+=("$(<"$kept/cost") $1")
+}
+# Run a command in a shell of its own; write there how many seconds its processes worked, the system's too.
+measured() { # FILE COMMAND...
+    local code=0
+    "${@:2}" || code=$?
+    awk '{ printf "%6d s ", ($16 + $17) / 100 }' "/proc/$BASHPID/stat" >"$1"
+    return "$code"
 }
 
 # A stage of one process runs beside those that follow it; `settle` waits for it and prints what it said.
-names=() pids=()
+names=() pids=() codes=()
 beside() { # NAME COMMAND...
-    "${@:2}" >"$kept/${#names[@]}" 2>&1 &
+    measured "$kept/cost of ${#names[@]}" "${@:2}" >"$kept/${#names[@]}" 2>&1 &
     names+=("$1") pids+=($!)
 }
-said() { # NUMBER
-    local code=0
-    wait "${pids[$1]}" || code=$?
+said() { # NUMBER: of one that has ended
     cat "$kept/$1"
-    return "$code"
+    return "${codes[$1]}"
 }
 settle() {
     local i
-    for i in "${!names[@]}"; do stage "${names[i]}" said "$i"; done
-    names=() pids=()
+    for i in "${!names[@]}"; do
+        codes[i]=0
+        wait "${pids[i]}" || codes[i]=$?
+        stage "${names[i]}" said "$i"
+        costs+=("$(<"$kept/cost of $i") ${names[i]}")
+    done
+    names=() pids=() codes=()
 }
 
 syntax() {
@@ -75,6 +86,8 @@ else
     stage 'pytest: the graph' "${run[@]}" -n "$((2 * $(nproc)))" -m "graph$some" --durations=8 tests
 fi
 
+printf '\nprocessor time:\n'
+printf '%s\n' "${costs[@]}"
 skipped=$(sort -u "$TRUNK_SKIPPED" | paste -sd';' | sed 's/;/; /g')
 [[ -z $skipped ]] || left="; skipped: $skipped$left"
 if ((${#failed[@]})); then
