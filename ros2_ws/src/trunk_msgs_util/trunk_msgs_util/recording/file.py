@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, Metadata, Schema
+from mcap.records import Channel, Header, Metadata, Schema, Statistics
 
 from .blocks import (
     BLOCKS,
@@ -16,8 +16,10 @@ from .blocks import (
     ChecksumError,
     DamageError,
     Record,
+    TrailingError,
     content_of,
     damaged,
+    is_known,
     reached,
     read_block,
     records,
@@ -26,6 +28,7 @@ from .described import check_described, numbered, of_others
 from .digests import DIGESTS
 from .limits import MAX_METADATA, Budget, LimitError
 from .own_records import END, PROVENANCE
+from .summary import miscounted
 from .topic import RecordingError, Topic
 
 if TYPE_CHECKING:
@@ -62,9 +65,13 @@ class RecordingFile:
         self.metadata: dict[str, dict[str, str]] = {PROVENANCE: {}}
         self.metadata_records: list[tuple[str, dict[str, str]]] = []  # all, in file order
         self.attachments = 0
+        self.unknown: set[int] = set()  # kinds of records that were skipped
         self._bodies: dict[tuple[int, int | None], bytes] = {}  # of the first schemas and channels
         self.warning: str | None = None
         self.sound = True  # nothing in it was altered
+        self.whole = False  # it was read to its end
+        self.counts: dict[int, int] = {}  # messages by channel
+        self._statistics: Statistics | None = None
         self.channels: dict[int, Channel] = {}
         self.blocks: list[Block] = []
         self.schemas: dict[int, Schema] = {}
@@ -91,11 +98,15 @@ class RecordingFile:
                 for record in records(file, size):
                     self._take(record, budget, keep)
                     progress(record.end)
-            except ChecksumError as error:
-                self.sound = False
-                self.warning = str(error)
             except DamageError as error:
                 self.warning = str(error)
+                self.whole = isinstance(error, ChecksumError | TrailingError)
+                self.sound = not isinstance(error, ChecksumError)
+            else:
+                self.whole = True
+        if self.whole and self._statistics is not None:
+            miscount = miscounted(self._statistics, self.counts)
+            self.sound, self.warning = self.sound and not miscount, self.warning or miscount or None
 
     def _take(self, record: Record, budget: Budget, keep: Callable[[int, Content], None]) -> None:
         if record.opcode in BLOCKS:
@@ -140,6 +151,10 @@ class RecordingFile:
                 self.metadata[metadata.name] = metadata.metadata
         elif record.opcode == Opcode.ATTACHMENT:
             self.attachments += 1
+        elif record.opcode == Opcode.STATISTICS:
+            self._statistics = Statistics.read(record.stream)
+        elif not is_known(record.opcode):
+            self.unknown.add(record.opcode)
 
     def _is_new(
         self, record: Record, known: Mapping[int, object], read: Callable[[ReadDataStream], object]
@@ -175,6 +190,8 @@ class RecordingFile:
             raise DamageError(
                 f"the record at byte {record.offset} has messages of an unknown channel"
             )
+        for number, found in content.channels.items():
+            self.counts[number] = self.counts.get(number, 0) + len(found)
         for topic, channels in self.by_topic(content.channels).items():
             messages = content.messages(channels)
             if messages is not None:

@@ -34,6 +34,7 @@ def glance(path: Path, topics: dict[str, Topic]) -> RecordingFile | None:
             if summary is None or not _fits(summary):
                 return None
             recording = RecordingFile(path, found)
+            recording.whole = True
             file.seek(8)
             for record in records(file, size):
                 recording.take_record(record)

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .bag_folder import METADATA, bag_folder
+from .blocks import name_of
 from .digests import DIGESTS, RunningDigests, differing, uncoverable, uncovered
 from .file import RecordingFile, size_of
 from .glance import glance
 from .own_records import END, PROVENANCE
+from .structure import ERROR, structure
 from .topic import RecordingError, Topic
 
 if TYPE_CHECKING:
@@ -71,6 +73,7 @@ class RecordedFiles:
             self.end = file.metadata.get(END, self.end)
             if file.warning:
                 self.warnings.append(f"{path.name}: {file.warning}" if is_bag else file.warning)
+            if not file.whole:
                 if path != files[-1]:
                     left = len(files) - i - 1
                     noun = "file is" if left == 1 else "files are"
@@ -134,7 +137,11 @@ class RecordedFiles:
 
     def undigestible(self) -> list[str]:
         """Return what no digest could cover."""
-        return uncoverable(self.topics, sum(file.attachments for file in self._files))
+        return uncoverable(
+            self.topics,
+            sum(file.attachments for file in self._files),
+            (name_of(kind) for file in self._files for kind in file.unknown),
+        )
 
     @property
     def complete(self) -> bool:
@@ -148,6 +155,19 @@ class RecordedFiles:
         return found or (
             [] if self._sound else [f"the number of messages is not the one in {METADATA}"]
         )
+
+    @cached_property
+    def seen_otherwise(self) -> list[str]:
+        """What an index or a summary says otherwise than the data, a line each: other readers go by it.
+
+        The files are read once more. Raises OSError.
+        """
+        return [
+            finding.describe()
+            for file in self._files
+            for finding in structure(file.path)
+            if finding.severity == ERROR and finding.message != file.warning
+        ]
 
     @cached_property
     def digested(self) -> dict[str, str]:
