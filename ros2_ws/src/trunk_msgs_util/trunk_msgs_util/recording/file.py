@@ -29,7 +29,7 @@ from .digests import DIGESTS
 from .limits import MAX_METADATA, Budget, LimitError
 from .own_records import END, PROVENANCE
 from .summary import miscounted
-from .topic import RecordingError, Topic
+from .topic import STAMPED, RecordingError, Topic
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -182,7 +182,11 @@ class RecordingFile:
             self.channels[item.id] = item
             self._numbers.setdefault(item.topic, []).append(item.id)
             described = self.schemas.get(item.schema_id)
-            self.topics.setdefault(item.topic, Topic(described.name if described else ""))
+            topic = self.topics.setdefault(
+                item.topic, Topic(described.name if described else "", item.message_encoding)
+            )
+            if topic.type in STAMPED and topic.is_read() and topic.faults.limit is None:
+                topic.faults.limit = topic.is_read()
 
     def take_content(self, content: Content, record: Record) -> None:
         """Count a block's messages. Raises DamageError for unknown channels."""

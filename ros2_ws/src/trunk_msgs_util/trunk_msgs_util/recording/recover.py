@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
 from mcap.writer import Writer
@@ -220,7 +221,15 @@ class _Copy:
             raise DamageError(
                 f"the record at byte {record.offset} has messages of an unknown channel"
             )
+        late = found.log_time_ns < 0
+        if late.any():
+            self._recovery.lost.append(
+                f"the record at byte {record.offset} has messages with a log time "
+                f"beyond the year 2262: {np.count_nonzero(late)}"
+            )
         for row, data in enumerate(found.bytes()):
+            if late[row]:
+                continue
             head = found.head(row)
             number, topic = self._channels[head.channel]
             self._writer.add_message(

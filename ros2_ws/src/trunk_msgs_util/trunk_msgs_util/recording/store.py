@@ -8,6 +8,8 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from .bag_folder import METADATA, bag_folder
 from .blocks import name_of
 from .digests import DIGESTS, RunningDigests, differing, uncoverable, uncovered
@@ -265,15 +267,21 @@ class RecordedFiles:
         for block in self.blocks([topic]):
             yield block[topic].log_time_ns.tolist(), block[topic].bytes()
 
+    def longest_gap_ns(self, topic: str) -> int:
+        """Return the longest time between the log times of a topic's messages, in the order of these."""
+        about = self.topics[topic]
+        if about.ordered or about.faults.limit is not None:
+            return about.longest_gap_ns
+        log = np.concatenate([block[topic].log_time_ns for block in self.blocks([topic])])
+        return int(np.diff(np.sort(log)).max(initial=0))
+
     def check_type(self, topic: str, type_name: str) -> None:
         """Raise RecordingError if messages of a topic are of another type."""
         if topic in self.topics and self.topics[topic].count:
-            found = self.topics[topic].type
-            if found != type_name:
-                raise RecordingError(
-                    f"{self.path}: {topic} cannot be read as {type_name}: "
-                    f"its type is {found or 'not given'}"
-                )
+            about = self.topics[topic]
+            why = about.is_read() or f"its type is {about.type or 'not given'}"
+            if about.type != type_name or about.is_read():
+                raise RecordingError(f"{self.path}: {topic} cannot be read as {type_name}: {why}")
 
 
 def _digest(digests: RunningDigests, file: RecordingFile, content: Content) -> None:
