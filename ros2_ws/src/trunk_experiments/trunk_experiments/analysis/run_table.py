@@ -255,6 +255,8 @@ def _joints(run: RecordedRun) -> tuple[str, str]:
         raise RecordingError(
             f"{run.path} has no messages on {topic}: record a run with the simulator in it"
         )
+    if reason := run.recording.unreadable(topic):
+        raise RecordingError(f"{run.path}: {topic}: {reason}")
     told = run.parameters.get("simulator", {}).get("joints")
     if isinstance(told, tuple) and len(told) == 2:
         joints = str(told[0]), str(told[1])

@@ -94,13 +94,14 @@ class RecordedFiles:
             if self.end.get("complete") == "true":
                 return
             self.unfinished = f"incomplete: {self.end.get('reason', 'no reason given')}"
-        elif library.startswith(_OURS) or not library:
+        elif library.startswith(_OURS) or not (library or self._files[0].whole):
             self.unfinished = f"no {END} record: the recorder did not shut down properly"
         elif is_bag and counted is None:
             self.unfinished = f"no {METADATA}: the recorder did not shut down properly"
         else:
             self.unfinished = (
-                f"recorded by {library}: no {END} record says whether the run is complete"
+                f"recorded by {library or 'a program that gives no name'}: "
+                f"no {END} record says whether the run is complete"
             )
         self.warnings.append(self.unfinished)
 
@@ -266,6 +267,14 @@ class RecordedFiles:
         """Yield ``(log times in ns, messages)`` of a topic, block by block, in the file's order."""
         for block in self.blocks([topic]):
             yield block[topic].log_time_ns.tolist(), block[topic].bytes()
+
+    def unreadable(self, topic: str) -> str:
+        """Return why none of a topic's messages can be read; empty if some can, or there are none."""
+        about = self.topics.get(topic)
+        if about is None or not about.count or about.readable:
+            return ""
+        why = about.faults.limit or about.faults.first[0].why
+        return f"none of its {about.count} messages can be read: {why}"
 
     def longest_gap_ns(self, topic: str) -> int:
         """Return the longest time between the log times of a topic's messages, in the order of these."""
