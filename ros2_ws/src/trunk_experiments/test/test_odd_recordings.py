@@ -84,3 +84,90 @@ def test_a_strangers_file_is_not_said_to_have_ended_badly(tmp_path, trunk, libra
         assert says in out + err
         assert "shut down" not in out + err
         assert "did not finish" not in out + err
+
+
+CONVERT = "convert it: rosbags-convert --src {} --dst {} --dst-storage mcap"
+ZSTD, BY_ZSTD = b"\x28\xb5\x2f\xfd", "compressed by Zstandard: unpack it"
+FORMATS = {
+    "a.bag": (b"#ROSBAG V2.0\n", "a bag of ROS 1: " + CONVERT, "{folder}/a.bag", "{folder}/a_mcap"),
+    "a.db3": (
+        b"SQLite format 3\0\x10\0",
+        "a bag of ROS 2 in SQLite: " + CONVERT,
+        "{folder}",
+        "{folder}_mcap",
+    ),
+    "a.mcap.zstd": (
+        b"\x28\xb5\x2f\xfd",
+        "compressed by Zstandard: unpack it: zstd -dk {}",
+        "{folder}/a.mcap.zstd",
+    ),
+    "a.mcap.zst": (
+        b"\x28\xb5\x2f\xfd",
+        "compressed by Zstandard: unpack it: zstd -dk {}",
+        "{folder}/a.mcap.zst",
+    ),
+    "a.mcap.gz": (
+        b"\x1f\x8b\x08",
+        "compressed by gzip: unpack it: gzip -dk {}",
+        "{folder}/a.mcap.gz",
+    ),
+    "a.mcap": (
+        b"\x1f\x8b\x08",
+        "compressed by gzip: unpack it: mv {0} {1} && gzip -dk {1}",
+        "{folder}/a.mcap",
+        "{folder}/a.mcap.gz",
+    ),
+    "a.mcap.lz4": (
+        b"\x04\x22\x4d\x18",
+        "compressed by LZ4: unpack it: lz4 -dk {}",
+        "{folder}/a.mcap.lz4",
+    ),
+    "a.mcap.bz2": (b"BZh9", "compressed by bzip2: unpack it: bzip2 -dk {}", "{folder}/a.mcap.bz2"),
+}
+
+
+@pytest.mark.parametrize(
+    "verb", [["info"], ["verify"], ["doctor"], ["metrics"], ["recover", "-o", "b.mcap"]]
+)
+@pytest.mark.parametrize("name", FORMATS)
+def test_another_format_is_named_with_the_command_that_converts_it(
+    tmp_path, monkeypatch, trunk, verb, name
+):
+    monkeypatch.chdir(tmp_path)
+    head, says, *places = FORMATS[name]
+    path = tmp_path / name
+    path.write_bytes(head + bytes(100))
+    code, out, err = trunk(verb[0], path, *verb[1:])
+    expected = says.format(*(place.format(folder=tmp_path) for place in places))
+    assert (code, out, err) == (2, "", f"trunk: error: {path} is {expected}\n")
+
+
+@pytest.mark.parametrize(
+    ("about", "says"),
+    [
+        ("storage_identifier: sqlite3", "has the storage 'sqlite3', only 'mcap' is read"),
+        ("storage_identifier: mcap\n  compression_mode: MESSAGE", "is compressed by message"),
+        ("storage_identifier: mcap\n  compression_mode: FILE", "is compressed by file"),
+    ],
+)
+def test_a_bag_of_another_kind_is_named_with_its_command(tmp_path, trunk, about, says):
+    bag = tmp_path / "a bag"
+    bag.mkdir()
+    (bag / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n  {about}\n")
+    code, _, err = trunk("info", bag)
+    command = f"rosbags-convert --src '{bag}' --dst '{bag}_mcap' --dst-storage mcap"
+    assert (code, says in err, err.endswith(f": convert it: {command}\n")) == (2, True, True), err
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_bags_only_file_is_recovered(tmp_path, trunk, count):
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    for part in range(count):
+        states(bag / f"bag_{part}.mcap", range(0, 9 * MS, MS))
+    code, out, err = trunk("recover", bag, "-o", tmp_path / "b.mcap")
+    if count == 1:
+        assert (code, out) == (0, f"{tmp_path / 'b.mcap'}: 9 messages of 1 topics\n")
+    else:
+        says = f"{bag} has 2 files: recover each of them: bag_0.mcap, bag_1.mcap"
+        assert (code, err) == (2, f"trunk: error: {says}\n")

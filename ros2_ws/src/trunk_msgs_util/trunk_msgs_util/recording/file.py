@@ -10,6 +10,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Metadata, Schema, Statistics
 
+from .bag_folder import LONGEST_HEAD, other_format
 from .blocks import (
     BLOCKS,
     MAGIC,
@@ -252,5 +253,11 @@ def check_magic(path: Path, file: BinaryIO, size: int) -> None:
     """Read past the magic. Raises RecordingError if it is missing."""
     if size == 0:
         raise RecordingError(f"{path} is empty: nothing was recorded; record the run again")
-    if file.read(len(MAGIC)) != MAGIC:
-        raise RecordingError(f"{path} is not an MCAP file: give a recording of a run")
+    head = file.read(len(MAGIC))
+    if head != MAGIC:
+        what = other_format(path, head + file.read(LONGEST_HEAD - len(head)))
+        raise RecordingError(
+            f"{path} is {what}"
+            if what
+            else f"{path} is not an MCAP file: give a recording of a run"
+        )
