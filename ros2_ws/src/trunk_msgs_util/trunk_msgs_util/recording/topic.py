@@ -58,6 +58,11 @@ class Topic:
     last_log_ns: int | None = None
     longest_gap_ns: int = 0  # between the log times of consecutive messages, if `ordered`
     ordered: bool = True  # no message was logged before the one that precedes it in the file
+    # Of the stamps in the order of the file, where all of them were read:
+    rising: bool = field(default=True, compare=False)
+    longest_step_ns: int = field(default=0, compare=False)
+    overflowing: int = field(default=0, compare=False)  # their nanoseconds make a second or more
+    _previous_ns: int | None = field(default=None, repr=False, compare=False)
     faults: Faults = field(default_factory=Faults)
     _check: JointCheck = field(default_factory=JointCheck, repr=False, compare=False)
 
@@ -111,8 +116,16 @@ class Topic:
         """Take account of the stamps of one or more messages."""
         stamps = messages.log_time_ns
         if self.type in STAMPED and not self.is_read():
-            stamps = stamps_of(messages)
+            sec, nanosec = fields_of(messages)
+            stamps = sec * NANOSECONDS + nanosec
+            self.overflowing += int(np.count_nonzero(nanosec >= NANOSECONDS))
         if len(stamps):
+            before = [] if self._previous_ns is None else [self._previous_ns]
+            steps = np.diff(np.append(np.array(before, np.int64), stamps))
+            if len(steps):
+                self.rising = self.rising and bool(steps.min() > 0)
+                self.longest_step_ns = max(self.longest_step_ns, int(steps.max()))
+            self._previous_ns = int(stamps[-1])
             first, last = int(stamps.min()), int(stamps.max())
             if self.first_stamp_ns is not None and self.last_stamp_ns is not None:
                 first, last = min(first, self.first_stamp_ns), max(last, self.last_stamp_ns)
@@ -128,12 +141,11 @@ class Topic:
         self.last_log_ns = int(log_time_ns[-1])
 
 
-def stamps_of(messages: Messages) -> Integers:
-    """Return the stamps in ns of CDR messages whose first field is one, of those long enough for it."""
+def fields_of(messages: Messages) -> tuple[Integers, Integers]:
+    """Return the stamps of CDR messages that begin with one, where they are long enough: s and ns."""
     start = messages.start[messages.end - messages.start >= _STAMP.itemsize]
     found = unaligned(messages.data, _STAMP)[start]
     big = found.view(_STAMP.newbyteorder(">"))
     little = found["order"] == 1
     sec, nanosec = (np.where(little, found[name], big[name]) for name in ("sec", "nanosec"))
-    stamp_ns: Integers = sec.astype(np.int64) * NANOSECONDS + nanosec
-    return stamp_ns
+    return sec.astype(np.int64), nanosec.astype(np.int64)

@@ -2,34 +2,16 @@
 
 from __future__ import annotations
 
-import sys
-
 import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import write_mcap
 
-from trunk_experiments import cli
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
 from trunk_msgs_util.samples import JointSample
 
-from ...trunk_msgs_util.test.mcap_files import write_mcap
-
 TRUTH = f"/{topics.GROUND_TRUTH}"
 MS = 1_000_000
 BOTH = ("hip", "trunk")
-
-
-@pytest.fixture
-def trunk(monkeypatch, capsys):
-    """Run the command in this process; return exit code, stdout and stderr."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["trunk", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        said = capsys.readouterr()
-        return ended.value.code or 0, said.out, said.err
-
-    return run
 
 
 def states(path, stamps, names=BOTH, values=2, order=None):
