@@ -39,3 +39,12 @@ def test_publishers_may_alternate_on_a_topic():
 @pytest.mark.parametrize("name", ["trunk", "left/knee joint", "θ", "0"])
 def test_any_string_may_name_a_joint(name):
     assert JointPlaces(name)(("x", name)) == Places(1, None)
+
+
+@pytest.mark.parametrize("names", [("trunk", "trunk"), ("a", "trunk", "a"), ("", "trunk", "")])
+def test_a_message_with_a_doubled_name_is_not_used(names):
+    """Readers of a recording leave it out, too."""
+    places = JointPlaces("trunk")
+    assert places(("trunk",)) == Places(0, None)
+    assert places(names) is None
+    assert places(("a", "trunk")) == Places(1, None)

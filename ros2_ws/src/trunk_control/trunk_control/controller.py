@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from trunk_msgs_util.samples import has_doubled
+
 from .computed_torque import Hip
 from .controller_config import ControllerConfig
 from .decide import (
@@ -53,8 +55,10 @@ class JointPlaces:
         self._places = Places(0, None)
 
     def __call__(self, names: Sequence[str]) -> Places | None:
-        """Return the joints' indices, or None if one of them is missing."""
+        """Return the joints' indices, or None if one of them is missing, or a name appears twice."""
         if names != self._names:
+            if has_doubled(names):
+                return None
             try:
                 places = Places(
                     names.index(self._joint), None if self._hip is None else names.index(self._hip)

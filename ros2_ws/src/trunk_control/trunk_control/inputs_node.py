@@ -12,7 +12,7 @@ from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.adaptive import AdaptiveSubscription
 from trunk_msgs_util.node.conversions import WireReader
 from trunk_msgs_util.printable import quoted_names
-from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.samples import JointSample, has_doubled
 
 from .controller import JointPlaces, hip_seen
 from .controller_config import ControllerConfig
@@ -101,6 +101,8 @@ class Inputs:
             return
         message = self._read_reference(data)
         try:
+            if has_doubled(message.name):
+                raise ValueError
             value = message.position[message.name.index(self._config.joint)]
         except (ValueError, IndexError):
             self._refuse("references without the joint", self._lacks(message))
@@ -114,5 +116,5 @@ class Inputs:
         needed = [name for name in (self._config.joint, self._config.hip) if name is not None]
         return (
             f"their names are {quoted_names(message.name)}, with {len(message.position)} values of position: "
-            f"{' and '.join(map(repr, needed))} must be there"
+            f"{' and '.join(map(repr, needed))} must be there, and no name twice"
         )

@@ -22,7 +22,9 @@ COMPRESSIONS = {
 MAGIC = b"\x89MCAP0\r\n"
 
 
-def write_mcap(path: Path, messages, *, compression="zstd", library="foreign", **options) -> Path:
+def write_mcap(
+    path: Path, messages, *, compression="zstd", library="foreign", encoding="cdr", **options
+) -> Path:
     """Write (topic, log time, CDR) of JointState topics; options are those of mcap's writer."""
     options = {"chunk_size": 4096, "index_types": IndexType.ALL, **options}
     with path.open("wb") as file:
@@ -33,7 +35,7 @@ def write_mcap(path: Path, messages, *, compression="zstd", library="foreign", *
         channels: dict[str, int] = {}
         for topic, log_time_ns, data in messages:
             if topic not in channels:
-                channels[topic] = writer.register_channel(topic, "cdr", schema)
+                channels[topic] = writer.register_channel(topic, encoding, schema)
             writer.add_message(channels[topic], log_time_ns, data, log_time_ns)
         writer.finish()
     return path

@@ -81,7 +81,7 @@ def test_messages_are_grouped_by_channel_and_others_kept_apart():
     [
         (record(5, b"short"), "too short for its header"),
         (message(1, 0, b"")[:-1], "goes beyond its chunk"),
-        (message(1, 2**63, b""), "log time"),
+        (record(0, b""), "a record of kind 0x00"),
         (record(8, b"") * (2**18 + 1), "records that are not messages"),
     ],
 )

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 
 class JointSample(NamedTuple):
@@ -17,3 +20,8 @@ class JointSample(NamedTuple):
     position: tuple[float, ...] = ()
     velocity: tuple[float, ...] = ()
     effort: tuple[float, ...] = ()
+
+
+def has_doubled(names: Sequence[str]) -> bool:
+    """Return whether a name appears twice: neither nodes nor readers guess which of the values is meant."""
+    return len(set(names)) < len(names)

@@ -25,6 +25,7 @@ def test_a_command_is_found_by_its_joint():
         ((), "the joint", r"their names are \[\]: 'trunk' must be there, once"),
         (("hip",), "the joint", r"their names are \['hip'\]"),
         (("trunk", "trunk"), "the joint", r"'trunk' must be there, once"),
+        (("a", "trunk", "a"), "the joint", r"'trunk' must be there, once"),
         (("hip", "trunk"), "an effort", r"1 values of effort for the names \['hip', 'trunk'\]"),
         (
             tuple(f"{'x' * 90}{i}" for i in range(9)),

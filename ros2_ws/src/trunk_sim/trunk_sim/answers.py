@@ -6,7 +6,7 @@ from math import isfinite
 
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.printable import quoted_names
-from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.samples import JointSample, has_doubled
 
 from .disturbances import Disturbance
 
@@ -22,10 +22,10 @@ class RefusedError(TrunkError):
 def effort_of(command: JointSample, joint: str) -> float:
     """Return a command's effort on a joint in N m. Raises RefusedError."""
     names = quoted_names(command.name)
-    if command.name.count(joint) != 1:
+    if joint not in command.name or has_doubled(command.name):
         raise RefusedError(
             "commands without the joint",
-            f"their names are {names}: {joint!r} must be there, once",
+            f"their names are {names}: {joint!r} must be there, once, and no other name twice",
         )
     place = command.name.index(joint)
     if place >= len(command.effort):

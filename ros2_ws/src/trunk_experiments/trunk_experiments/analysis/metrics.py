@@ -100,7 +100,7 @@ _NAMES = tuple(field.name for field in fields(RunMetrics))
 
 
 def metrics(table: RunTable, compiled: bool = False) -> RunMetrics:
-    """Return the metrics of a run.
+    """Return the metrics of a run; t counts from its first state.
 
     Overshoot and settling refer to the reference's last level and count from its last change (t_0 if
     it is constant). A reference that still changes in the last second (a sine, or a level set too
@@ -109,9 +109,11 @@ def metrics(table: RunTable, compiled: bool = False) -> RunMetrics:
     make a metric infinite.
     """
     _check(table)
-    begin, end = float(table.t[0]), float(table.t[-1])
+    since_first = table.t - table.t[0]
+    end = float(since_first[-1])
     t, theta, reference, torque = (
-        np.ascontiguousarray(one) for one in (table.t, table.theta, table.reference, table.torque)
+        np.ascontiguousarray(one)
+        for one in (since_first, table.theta, table.reference, table.torque)
     )
     quick = _compiled_sums() if compiled or len(t) >= _WORTH_COMPILING else None
     if quick is None:
@@ -119,7 +121,7 @@ def metrics(table: RunTable, compiled: bool = False) -> RunMetrics:
         sums = _sums(*rows, steady_from(end))
     else:
         sums = quick(t, theta, reference, torque, steady_from(end))
-    return metrics_of(sums, begin)
+    return metrics_of(sums, 0.0)
 
 
 def _checked(found: RunMetrics) -> RunMetrics:

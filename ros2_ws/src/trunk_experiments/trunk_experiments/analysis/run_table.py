@@ -15,7 +15,7 @@ from trunk_msgs_util.parameters.declarations import ParameterError, build
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.recording.series import in_turn, series_of
-from trunk_msgs_util.units import NANOSECONDS
+from trunk_msgs_util.units import NANOSECONDS, seconds
 from trunk_msgs_util.whole_file import whole_file
 
 from ..recorded.run import RecordedRun
@@ -92,6 +92,11 @@ class RunTable:
         )
         truth = found[topics.GROUND_TRUTH]
         at = truth.stamp_ns
+        if (count := run.count(topics.GROUND_TRUTH)) > 1 and len(at) == 1:
+            raise RecordingError(
+                f"{run.path}: {run.recording.topic(topics.GROUND_TRUTH)}: all {count} states have the stamp "
+                f"t = {seconds(int(at[0])):.9g} s: no time passes; set header.stamp where they are published"
+            )
         nothing = np.broadcast_to(np.nan, at.shape)
         columns = dict.fromkeys(("theta_measured", *_HELD), nothing)
         if held and states:
@@ -129,7 +134,7 @@ class RunTable:
             run, at, float(effort[-1]), command.stamp_ns, command.column("effort", trunk)
         )
         return cls(
-            t=at / NANOSECONDS,
+            t=(at - run.begin_ns) / NANOSECONDS,
             x=truth.column("position", hip),
             theta=truth.column("position", trunk),
             x_dot=truth.column("velocity", hip),
@@ -255,6 +260,8 @@ def _joints(run: RecordedRun) -> tuple[str, str]:
         raise RecordingError(
             f"{run.path} has no messages on {topic}: record a run with the simulator in it"
         )
+    if reason := run.recording.unreadable(topic):
+        raise RecordingError(f"{run.path}: {topic}: {reason}")
     told = run.parameters.get("simulator", {}).get("joints")
     if isinstance(told, tuple) and len(told) == 2:
         joints = str(told[0]), str(told[1])

@@ -39,9 +39,9 @@ def command(ctx: click.Context, run: Path, at: float, as_json: bool) -> None:
     """
     recorded = open_run(run)
     show_damage(recorded)
+    show_warnings(refused(recorded))
     if recorded.external:
         known = external_command(recorded, at)
-        show_warnings(refused(recorded))
         if as_json:
             write_json("explain-external-1", {**run_values(recorded), **_external_values(known)})
         else:

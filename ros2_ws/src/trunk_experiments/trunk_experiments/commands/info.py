@@ -44,7 +44,7 @@ def summary(run: RecordedRun) -> dict[str, Any]:
         "nodes": sorted(recording.parameters()),
         "links": links(recording),
         "topics": {
-            name: _topic(topic, recording.checked)
+            name: _topic(topic, recording.longest_gap_ns(name), recording.checked)
             for name, topic in sorted(recording.topics.items())
         },
     }
@@ -56,14 +56,14 @@ def links(recording: Recording) -> dict[str, str]:
     return next((dict(event.values) for event in told), {})
 
 
-def _topic(topic: Topic, checked: bool) -> dict[str, Any]:
+def _topic(topic: Topic, gap_ns: int, checked: bool) -> dict[str, Any]:
     first, last = topic.first_stamp_ns or 0, topic.last_stamp_ns or 0
     span = seconds(last - first)
     return {
         "type": topic.type,
         "messages": topic.count,
         "rate_hz": (topic.count - 1) / span if span > 0.0 else None,
-        "longest_gap_s": seconds(topic.longest_gap_ns) if topic.count > 1 else None,
+        "longest_gap_s": seconds(gap_ns) if topic.count > 1 else None,
         "bytes": topic.size if checked or topic.size or not topic.count else None,
     }
 
@@ -76,7 +76,7 @@ def _duration(recording: Recording) -> float | None:
     )
     best = next((topic for topic in states if topic is not None and topic.count), None)
     spans = [
-        abs(topic.last_stamp_ns - topic.first_stamp_ns)
+        topic.last_stamp_ns - topic.first_stamp_ns
         for topic in ([best] if best else recording.topics.values())
         if topic.first_stamp_ns is not None and topic.last_stamp_ns is not None
     ]

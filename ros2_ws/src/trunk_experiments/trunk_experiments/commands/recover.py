@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from trunk_msgs_util.recording.bag_folder import bag_folder
+from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.recording.recover import recover
 
 from ..console.document import json_option, write_json
@@ -14,7 +16,7 @@ from ..console.reading import written_values
 
 
 @click.command("recover")
-@click.argument("broken", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@click.argument("broken", type=click.Path(path_type=Path, exists=True))
 @output_options("The MCAP file to write.", required=True)
 @json_option("recover-1")
 @click.pass_context
@@ -25,6 +27,7 @@ def command(context: click.Context, broken: Path, output: Path, force: bool, as_
 
     Exit code: 0 nothing was lost, 1 something was lost, 2 nothing can be read.
     """
+    broken = _file_of(broken)
     check_output(output, (".mcap",), force, [broken])
     recovery = recover(broken, output, force)
     if as_json:
@@ -35,3 +38,14 @@ def command(context: click.Context, broken: Path, output: Path, force: bool, as_
             click.echo(f"lost: {line}")
         click.echo(f"{output}: {recovery.count} messages of {len(recovery.messages)} topics")
     context.exit(1 if recovery.lost else 0)
+
+
+def _file_of(broken: Path) -> Path:
+    """Return the file itself, or that of a bag. Raises RecordingError for a bag of several."""
+    if not broken.is_dir():
+        return broken
+    files = bag_folder(broken).files
+    if len(files) > 1:
+        names = ", ".join(path.name for path in files[:8]) + (", ..." if len(files) > 8 else "")
+        raise RecordingError(f"{broken} has {len(files)} files: recover each of them: {names}")
+    return files[0]

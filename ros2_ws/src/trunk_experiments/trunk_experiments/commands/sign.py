@@ -132,6 +132,11 @@ def _check_content(recording: Recording) -> None:
             f"{recording.path} is not signed because it is damaged: {recording.damage[0]}: "
             "record the run again, or restore the file"
         )
+    if recording.seen_otherwise:
+        raise NotSignedError(
+            f"{recording.path} is not signed because its index or summary is not that of its data: "
+            f"{recording.seen_otherwise[0]}: trunk recover writes both anew"
+        )
     if uncovered := recording.undigested():
         raise NotSignedError(
             f"{recording.path} is not signed because it has no digests of {', '.join(uncovered)}: "

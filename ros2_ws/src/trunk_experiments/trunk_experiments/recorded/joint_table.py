@@ -143,6 +143,8 @@ class JointTable:
     def index(self, joint: str) -> int:
         """Return the index of a joint's values. Raises RecordingError if there is none."""
         if joint not in self.names:
+            if reason := self._recording.unreadable(self._recording.topic(self.topic)):
+                raise RecordingError(f"{self._where}: {reason}")
             there = f"only {', '.join(self.names)}" if len(self) else "and no messages"
             raise RecordingError(
                 f"{self._where} has no joint {joint!r}, {there}: it cannot be recomputed"

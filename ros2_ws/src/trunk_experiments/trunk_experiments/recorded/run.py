@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from .processes import Process
 
 LOOP = (topics.GROUND_TRUTH, topics.JOINT_STATES, topics.EFFORT_COMMAND, topics.DISTURBANCE)
+_ANOTHER_CLOCK = 3_600_000_000_000  # ns: no recorder misses the states of a whole hour and is used
 EXACT_MODES = (
     "lockstep",
     "offline",
@@ -173,12 +174,16 @@ class RecordedRun:
 
     @cached_property
     def begin_ns(self) -> int:
-        """The stamp in ns at which t = 0: another robot may use the wall clock, so its first stamp is taken.
+        """The stamp in ns at which t = 0: that of the first state, and 0 for our simulator's own time.
 
+        Somebody else's states, or a run stamped anew, may have the wall clock's.
         Raises RecordingError for states that cannot be read, ParameterError for parameters.
         """
-        stamps = self.table(topics.JOINT_STATES).stamp_ns if self.another_robot else ()
-        return int(min(stamps, default=0))
+        if self.another_robot:
+            return int(min(self.table(topics.JOINT_STATES).stamp_ns, default=0))
+        truth = self.recording.topics.get(self.recording.topic(topics.GROUND_TRUTH))
+        first_ns = (truth and truth.first_stamp_ns) or 0
+        return 0 if "simulator" in self.parameters and abs(first_ns) < _ANOTHER_CLOCK else first_ns
 
     @cached_property
     def events(self) -> Sequence[RunEvent]:

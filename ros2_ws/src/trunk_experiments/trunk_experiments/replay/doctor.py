@@ -123,7 +123,8 @@ def _evidence(run: RecordedRun) -> Iterator[Finding]:
         topic = recording.topic(relative)
         if topic not in recording.topics or not recording.topics[topic].readable:
             if run.controllers and relative != names.DISTURBANCE:
-                yield Finding(WARNING, "no messages: the run cannot be recomputed", topic)
+                why = recording.unreadable(topic) or "no messages"
+                yield Finding(WARNING, f"{why}: the run cannot be recomputed", topic)
             continue
         try:
             table = run.table(relative)

@@ -8,6 +8,7 @@ lock-step.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from math import degrees
 from typing import TYPE_CHECKING, NamedTuple
@@ -17,16 +18,20 @@ import numpy as np
 from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.events import Event, as_count
+from trunk_msgs_util.recording.topic import fields_of
 from trunk_msgs_util.source import ARRIVAL, ARRIVALS
-from trunk_msgs_util.units import seconds
+from trunk_msgs_util.units import NANOSECONDS, seconds
 
 if TYPE_CHECKING:
+    from trunk_msgs_util.recording.joint_arrays import Integers
     from trunk_msgs_util.recording.reader import Recording
 
     from ..recorded.run import RecordedRun
 
 MOST_STEPS = 4_000_000  # of the integrator, likewise
 LONGEST_TWIN = 200_000  # states that are simulated again to tell how far a run was moved
+# A state is far from the one before it beyond this time and this many of the usual steps.
+_FAR_NS, _FAR_STEPS = NANOSECONDS, 100
 
 
 class Late(NamedTuple):
@@ -142,12 +147,63 @@ def doubts_of(run: RecordedRun, twin: bool = True, whole: bool = True) -> Doubts
         late.steps if late else 0,
         moved,
         *(_leans(run) if whole and fall is None else (None, None)),
-        tuple(refused(run)),
+        tuple(refused(run, whole)),
     )
 
 
-def refused(run: RecordedRun) -> Iterator[str]:
-    """Yield what nodes did not use, or took otherwise than it was meant: how many, and why."""
+def stamp_doubts(run: RecordedRun) -> list[str]:
+    """Return a line if the states' stamps cannot all be right: doubled, backward, far, invalid.
+
+    Only time that passes evenly gives integrals a meaning. What comes before what is by log time, as MCAP
+    gives messages no order.
+    """
+    relative = topics.JOINT_STATES if run.another_robot else topics.GROUND_TRUTH
+    name = run.recording.topic(relative)
+    topic = run.recording.topics.get(name)
+    if topic is None or topic.readable < 2:
+        return []
+    if topic.rising and not topic.overflowing and topic.longest_step_ns <= _FAR_NS:
+        return []
+    stamp_ns, log_ns = _times(run, relative)
+    stamps = np.unique(stamp_ns)
+    if len(stamps) < 2:
+        at = f"t = {seconds(int(stamp_ns[0])):.9g} s"
+        return [f"STAMPS: {name}: all {len(stamp_ns)} have {at}: no time passes"]
+    steps = np.diff(stamps)
+    far = steps > max(_FAR_NS, _FAR_STEPS * float(np.median(steps)))
+    backward = np.diff(stamp_ns[np.argsort(log_ns, kind="stable")]) < 0
+    counts = {
+        "doubled": len(stamp_ns) - len(stamps),
+        "backward": int(np.count_nonzero(backward)),
+        f"far (up to {seconds(int(steps.max())):.3g} s after the one before)": int(far.sum()),
+        "with 1e9 nanoseconds or more": topic.overflowing,
+    }
+    kinds = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
+    return [f"STAMPS: {name}: of {len(stamp_ns)}: {kinds}"] if kinds else []
+
+
+def _times(run: RecordedRun, relative: str) -> tuple[Integers, Integers]:
+    """Return the states' stamps and log times, in ns; of another robot's, those that our controllers use."""
+    if run.another_robot:
+        table = run.table(relative)
+        return table.stamp_ns, table.log_time_ns
+    name = run.recording.topic(relative)
+    parts = []
+    for block in run.recording.blocks([name]):
+        sec, nanosec = fields_of(block[name])
+        parts.append((sec * NANOSECONDS + nanosec, block[name].log_time_ns))
+    stamp_ns, log_ns = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    return stamp_ns, log_ns
+
+
+def refused(run: RecordedRun, whole: bool = True) -> Iterator[str]:
+    """Yield what nodes did not use, or took otherwise than it was meant: how many, and why.
+
+    With ``whole`` states whose stamps cannot be right come first.
+    """
+    if whole:
+        with suppress(TrunkError):  # messages that cannot be read are reported elsewhere
+            yield from stamp_doubts(run)
     reasons: dict[tuple[str, str], str] = {}
     counts: dict[tuple[str, str], int] = {}
     for event in run.events:

@@ -44,7 +44,7 @@ def external_command(run: RecordedRun, at: float) -> ExternalCommand:
             f"give --at a time in it, not {at:g}"
         )
     row = max(0, int((table.t <= at).sum()) - 1)
-    stamp_ns = nanoseconds(float(table.t[row]))
+    stamp_ns = run.begin_ns + nanoseconds(float(table.t[row]))
     inputs = RecordedInputs(run, np.array([stamp_ns]))
     force = inputs.over(slice(None))
     command_ns = int(force.command_ns[0])

@@ -49,6 +49,7 @@ def verdict_on(run: RecordedRun) -> Verdict:
     fill_tables(run)
     verdict = Verdict()
     verdict.obstacles += filter(None, [recording.unfinished, *recording.further_warnings])
+    verdict.obstacles += recording.seen_otherwise
     verdict.altered = recording.alterations()
     verdict.notes += [run.branch.describe()] if run.branch else []
     verdict.notes += _other_packages(run)

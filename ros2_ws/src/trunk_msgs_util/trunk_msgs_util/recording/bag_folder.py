@@ -1,8 +1,9 @@
-"""The MCAP files of a rosbag2 folder, in order."""
+"""The MCAP files of a rosbag2 folder, in order; other kinds of recordings, and how to convert them."""
 
 from __future__ import annotations
 
 import re
+import shlex
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .limits import MAX_BAG_METADATA, MAX_NAME
@@ -14,6 +15,18 @@ if TYPE_CHECKING:
 METADATA = "metadata.yaml"
 _SPLIT = re.compile(r"_\d+$")  # of a bag's parts: name_0.mcap, name_1.mcap
 _LISTED = 8
+# How files begin that are no MCAP files, and what they are; whether one is a bag alone, without its folder.
+_OTHERS = (
+    (b"#ROSBAG V", "a bag of ROS 1", True),
+    (b"SQLite format 3\0", "a bag of ROS 2 in SQLite", False),
+)
+_PACKED = (
+    (b"\x28\xb5\x2f\xfd", "compressed by Zstandard", "zstd -dk", (".zstd", ".zst")),
+    (b"\x1f\x8b", "compressed by gzip", "gzip -dk", (".gz",)),
+    (b"\x04\x22\x4d\x18", "compressed by LZ4", "lz4 -dk", (".lz4",)),
+    (b"BZh", "compressed by bzip2", "bzip2 -dk", (".bz2",)),
+)
+LONGEST_HEAD = max(len(head) for head, *_ in (*_OTHERS, *_PACKED))
 
 
 class BagFolder(NamedTuple):
@@ -21,6 +34,27 @@ class BagFolder(NamedTuple):
 
     files: list[Path]
     message_count: int | None
+
+
+def conversion(source: Path) -> str:
+    """Return what to do to have a bag in MCAP: a whole command."""
+    target = source.with_name(f"{source.stem or 'bag'}_mcap")
+    words = ["rosbags-convert", "--src", str(source), "--dst", str(target), "--dst-storage", "mcap"]
+    return f"convert it: {shlex.join(words)}"
+
+
+def other_format(path: Path, head: bytes) -> str:
+    """Return what a file is that begins so, and how to make MCAP of it; empty if that is not known."""
+    for begins, what, alone in _OTHERS:
+        if head.startswith(begins):
+            return f"{what}: {conversion(path if alone else path.absolute().parent)}"
+    for begins, what, unpack, suffixes in _PACKED:
+        if head.startswith(begins):
+            named = path.suffix in suffixes  # these tools ask for the name's ending
+            source = str(path) if named else f"{path}{suffixes[0]}"
+            rename = "" if named else f"mv {shlex.join([str(path), source])} && "
+            return f"{what}: unpack it: {rename}{unpack} {shlex.quote(source)}"
+    return ""
 
 
 def bag_folder(folder: Path) -> BagFolder:
@@ -31,6 +65,11 @@ def bag_folder(folder: Path) -> BagFolder:
     if not (folder / METADATA).is_file():
         files = sorted(folder.glob("*.mcap"), key=_natural)
         if not files:
+            others = sorted(folder.glob("*.db3")) or sorted(folder.glob("*.bag"))
+            if others:
+                with others[0].open("rb") as file:
+                    what = other_format(others[0], file.read(LONGEST_HEAD)) or "of no known format"
+                raise RecordingError(f"{folder} has no .mcap files; {others[0].name} is {what}")
             raise RecordingError(
                 f"{folder} is a directory without {METADATA} and .mcap files: "
                 "give a recording of a run"
@@ -48,15 +87,13 @@ def bag_folder(folder: Path) -> BagFolder:
     if storage != "mcap":
         shown = repr(storage) if isinstance(storage, str) and len(storage) < MAX_NAME else "?"
         raise RecordingError(
-            f"{folder} has the storage {shown}, only 'mcap' is read: "
-            "convert it with ros2 bag convert or rosbags-convert"
+            f"{folder} has the storage {shown}, only 'mcap' is read: {conversion(folder)}"
         )
     mode = about.get("compression_mode") or "none"
     if not isinstance(mode, str) or mode.lower() not in ("none", "storage"):
         shown = mode.lower() if isinstance(mode, str) and len(mode) < MAX_NAME else "?"
         raise RecordingError(
-            f"{folder} is compressed by {shown}, which MCAP readers do not know: "
-            "convert it with ros2 bag convert or rosbags-convert"
+            f"{folder} is compressed by {shown}, which MCAP readers do not know: {conversion(folder)}"
         )
     listed = about.get("relative_file_paths")
     if not isinstance(listed, list) or not listed:

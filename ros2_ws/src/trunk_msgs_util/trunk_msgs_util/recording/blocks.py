@@ -30,17 +30,14 @@ _RUN = 1 << 20  # bytes of messages outside chunks that are read at a time, at m
 _AHEAD = 1 << 12  # the same, at first: it doubles while nothing else comes
 # These may be longer than `MAX_CHUNK`; their content is not read here.
 _SKIPPED = (Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX)
-# What may come before the end of the data; any other kind is a damaged record.
-_DATA = (
-    Opcode.HEADER,
-    Opcode.SCHEMA,
-    Opcode.CHANNEL,
-    Opcode.MESSAGE,
-    Opcode.CHUNK,
-    Opcode.MESSAGE_INDEX,
-    Opcode.ATTACHMENT,
-    Opcode.METADATA,
-    Opcode.DATA_END,
+# What comes only after the end of the data; among them it is a damaged record.
+_AFTER_DATA = (
+    Opcode.FOOTER,
+    Opcode.CHUNK_INDEX,
+    Opcode.ATTACHMENT_INDEX,
+    Opcode.STATISTICS,
+    Opcode.METADATA_INDEX,
+    Opcode.SUMMARY_OFFSET,
 )
 _INDEX_HEAD = struct.Struct("<HI")  # channel, bytes of the entries
 
@@ -57,12 +54,16 @@ class ChecksumError(DamageError):
     """The file is complete, but something in it was altered."""
 
 
+class TrailingError(DamageError):
+    """The recording is complete, but the file goes on after it: readers from the end see something else."""
+
+
 class Record(NamedTuple):
     """A record, or a run of messages outside chunks with their headers (``opcode`` is MESSAGE)."""
 
     offset: int  # in the file; of the chunk, for a record inside one
     opcode: int
-    body: bytes  # empty for attachments and indexes
+    body: bytes  # empty for attachments, indexes and kinds that are not known
     end: int
 
     @property
@@ -72,16 +73,21 @@ class Record(NamedTuple):
 
 
 def name_of(opcode: int) -> str:
-    """Return the name of this kind of record."""
-    return Opcode(opcode).name if opcode in Opcode._value2member_map_ else f"record {opcode:#x}"
+    """Return the name of this kind of record, or its number where it has none."""
+    return Opcode(opcode).name if is_known(opcode) else f"{opcode:#04x}"
+
+
+def is_known(opcode: int) -> bool:
+    """Return whether MCAP defines this kind of record; private ones and later ones are skipped."""
+    return opcode in Opcode._value2member_map_
 
 
 def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Record]:
     """Yield the records of a file of ``size`` bytes positioned at ``start``, after its magic.
 
     From a later ``start`` the data's checksum cannot be checked, and is not.
-    Raises DamageError at a record that is cut off or too long to be read, and ChecksumError after
-    data whose checksum is wrong.
+    Raises DamageError at a record that is cut off or too long to be read, ChecksumError after
+    data whose checksum is wrong, and TrailingError if the file goes on after its end.
     """
     crc = zlib.crc32(MAGIC)
     offset = start
@@ -96,13 +102,15 @@ def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Reco
             raise DamageError(
                 f"ends at byte {size}, inside the {name_of(opcode)} record at byte {offset}"
             )
-        if in_data and opcode not in _DATA:
+        if opcode == 0:
+            raise DamageError(f"a record of kind 0x00, which is not valid, at byte {offset}")
+        if in_data and opcode in _AFTER_DATA:
             raise DamageError(f"a {name_of(opcode)} record among the data, at byte {offset}")
         in_data = in_data and opcode != Opcode.DATA_END
-        if opcode in _SKIPPED:
+        if opcode in _SKIPPED or not is_known(opcode):
             first = file.read(min(length, _INDEX_HEAD.size))
             if opcode == Opcode.MESSAGE_INDEX and not _is_index(first, length):
-                raise DamageError(f"the MESSAGE_INDEX record at byte {offset} has a wrong length")
+                raise DamageError(f"the MESSAGE_INDEX record at byte {offset} is too short")
             yield Record(offset, opcode, b"", end)
             crc = _skip(file, length - len(first), zlib.crc32(first, zlib.crc32(head, crc)))
         else:
@@ -125,15 +133,20 @@ def records(file: BinaryIO, size: int, start: int = len(MAGIC)) -> Iterator[Reco
         if opcode == Opcode.FOOTER:
             if file.read(len(MAGIC)) != MAGIC:
                 raise DamageError(f"ends at byte {size}, without the closing magic at byte {end}")
+            if end + len(MAGIC) < size:
+                raise TrailingError(
+                    f"{size - end - len(MAGIC)} bytes after the end at byte {end + len(MAGIC)}: "
+                    "other readers may see another recording"
+                )
             return
         offset = end
     raise DamageError(f"ends at byte {size}, without a footer")
 
 
 def _is_index(first: bytes, length: int) -> bool:
-    """Return True if a message index is as long as it claims: a chunk labelled as one is not."""
+    """Return True if a message index has the entries that it claims; more may follow them."""
     return (
-        len(first) == _INDEX_HEAD.size and _INDEX_HEAD.unpack(first)[1] == length - _INDEX_HEAD.size
+        len(first) == _INDEX_HEAD.size and _INDEX_HEAD.unpack(first)[1] <= length - _INDEX_HEAD.size
     )
 
 

@@ -106,10 +106,12 @@ def differing(recorded: Mapping[str, str], computed: Mapping[str, str]) -> list[
     )
 
 
-def uncoverable(topics: Iterable[str], attachments: int) -> list[str]:
-    """Return what no digest covers: attachments, and topics whose name is that of a part."""
+def uncoverable(topics: Iterable[str], attachments: int, unknown: Iterable[str]) -> list[str]:
+    """Return what no digest covers: attachments, topics whose name is that of a part, unknown records."""
     found = [f"a topic with the name {topic}" for topic in sorted(topics) if topic in PARTS]
-    return found + (["the attachments' content"] if attachments else [])
+    found += ["the attachments' content"] if attachments else []
+    kinds = ", ".join(sorted(set(unknown)))
+    return found + ([f"records of unknown kinds ({kinds})"] if kinds else [])
 
 
 def uncovered(recorded: Mapping[str, str], topics: Iterable[str]) -> list[str]:

@@ -26,7 +26,8 @@ class BadMessage(NamedTuple):
 
     def describe(self) -> str:
         """Return place and reason, as a phrase."""
-        return f"message {self.number}, logged at {seconds(self.log_time_ns):.9f} s: {self.why}"
+        logged = f", logged at {seconds(self.log_time_ns):.9f} s" if self.log_time_ns >= 0 else ""
+        return f"message {self.number}{logged}: {self.why}"
 
 
 @dataclass

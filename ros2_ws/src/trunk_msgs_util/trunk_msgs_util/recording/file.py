@@ -8,16 +8,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, Metadata, Schema
+from mcap.records import Channel, Header, Metadata, Schema, Statistics
 
+from .bag_folder import LONGEST_HEAD, other_format
 from .blocks import (
     BLOCKS,
     MAGIC,
     ChecksumError,
     DamageError,
     Record,
+    TrailingError,
     content_of,
     damaged,
+    is_known,
     reached,
     read_block,
     records,
@@ -26,7 +29,8 @@ from .described import check_described, numbered, of_others
 from .digests import DIGESTS
 from .limits import MAX_METADATA, Budget, LimitError
 from .own_records import END, PROVENANCE
-from .topic import RecordingError, Topic
+from .summary import miscounted
+from .topic import STAMPED, RecordingError, Topic
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -62,9 +66,13 @@ class RecordingFile:
         self.metadata: dict[str, dict[str, str]] = {PROVENANCE: {}}
         self.metadata_records: list[tuple[str, dict[str, str]]] = []  # all, in file order
         self.attachments = 0
+        self.unknown: set[int] = set()  # kinds of records that were skipped
         self._bodies: dict[tuple[int, int | None], bytes] = {}  # of the first schemas and channels
         self.warning: str | None = None
         self.sound = True  # nothing in it was altered
+        self.whole = False  # it was read to its end
+        self.counts: dict[int, int] = {}  # messages by channel
+        self._statistics: Statistics | None = None
         self.channels: dict[int, Channel] = {}
         self.blocks: list[Block] = []
         self.schemas: dict[int, Schema] = {}
@@ -91,11 +99,15 @@ class RecordingFile:
                 for record in records(file, size):
                     self._take(record, budget, keep)
                     progress(record.end)
-            except ChecksumError as error:
-                self.sound = False
-                self.warning = str(error)
             except DamageError as error:
                 self.warning = str(error)
+                self.whole = isinstance(error, ChecksumError | TrailingError)
+                self.sound = not isinstance(error, ChecksumError)
+            else:
+                self.whole = True
+        if self.whole and self._statistics is not None:
+            miscount = miscounted(self._statistics, self.counts)
+            self.sound, self.warning = self.sound and not miscount, self.warning or miscount or None
 
     def _take(self, record: Record, budget: Budget, keep: Callable[[int, Content], None]) -> None:
         if record.opcode in BLOCKS:
@@ -140,6 +152,10 @@ class RecordingFile:
                 self.metadata[metadata.name] = metadata.metadata
         elif record.opcode == Opcode.ATTACHMENT:
             self.attachments += 1
+        elif record.opcode == Opcode.STATISTICS:
+            self._statistics = Statistics.read(record.stream)
+        elif not is_known(record.opcode):
+            self.unknown.add(record.opcode)
 
     def _is_new(
         self, record: Record, known: Mapping[int, object], read: Callable[[ReadDataStream], object]
@@ -167,7 +183,11 @@ class RecordingFile:
             self.channels[item.id] = item
             self._numbers.setdefault(item.topic, []).append(item.id)
             described = self.schemas.get(item.schema_id)
-            self.topics.setdefault(item.topic, Topic(described.name if described else ""))
+            topic = self.topics.setdefault(
+                item.topic, Topic(described.name if described else "", item.message_encoding)
+            )
+            if topic.type in STAMPED and topic.is_read() and topic.faults.limit is None:
+                topic.faults.limit = topic.is_read()
 
     def take_content(self, content: Content, record: Record) -> None:
         """Count a block's messages. Raises DamageError for unknown channels."""
@@ -175,6 +195,8 @@ class RecordingFile:
             raise DamageError(
                 f"the record at byte {record.offset} has messages of an unknown channel"
             )
+        for number, found in content.channels.items():
+            self.counts[number] = self.counts.get(number, 0) + len(found)
         for topic, channels in self.by_topic(content.channels).items():
             messages = content.messages(channels)
             if messages is not None:
@@ -231,5 +253,11 @@ def check_magic(path: Path, file: BinaryIO, size: int) -> None:
     """Read past the magic. Raises RecordingError if it is missing."""
     if size == 0:
         raise RecordingError(f"{path} is empty: nothing was recorded; record the run again")
-    if file.read(len(MAGIC)) != MAGIC:
-        raise RecordingError(f"{path} is not an MCAP file: give a recording of a run")
+    head = file.read(len(MAGIC))
+    if head != MAGIC:
+        what = other_format(path, head + file.read(LONGEST_HEAD - len(head)))
+        raise RecordingError(
+            f"{path} is {what}"
+            if what
+            else f"{path} is not an MCAP file: give a recording of a run"
+        )

@@ -11,7 +11,7 @@ from mcap.records import Channel, ChunkIndex, Schema
 from .blocks import Record, content_of, read_block, records
 from .file import Block, RecordingFile
 from .limits import Budget
-from .messages import HEAD, Messages
+from .messages import HEAD
 from .split import Content
 from .summary import Summary, message_indexes, read_summary
 from .topic import Topic
@@ -34,6 +34,7 @@ def glance(path: Path, topics: dict[str, Topic]) -> RecordingFile | None:
             if summary is None or not _fits(summary):
                 return None
             recording = RecordingFile(path, found)
+            recording.whole = True
             file.seek(8)
             for record in records(file, size):
                 recording.take_record(record)
@@ -85,41 +86,37 @@ def _describe(recording: RecordingFile, summary: Summary, file: BinaryIO) -> Non
 
 
 def _measure(recording: RecordingFile, summary: Summary, file: BinaryIO) -> None:
-    """Fill in the topics: counts and log times by the indexes, stamps by first and last chunks."""
+    """Fill in the topics: counts and log times by the indexes, stamps by their first and last chunks."""
     counts: dict[int, int] = {}
-    for chunk in summary.chunks:
+    spans: dict[int, list[tuple[int, int]]] = {}  # of a channel: log time, the chunk that has it
+    for i, chunk in enumerate(summary.chunks):
         for channel, (log, _) in message_indexes(file, chunk).items():
             if len(log):
                 counts[channel] = counts.get(channel, 0) + len(log)
+                if (log < 0).any():
+                    raise ValueError("a log time is beyond the year 2262")
                 topic = recording.topics[recording.channels[channel].topic]
                 topic.take_log(log)
+                spans.setdefault(channel, []).extend([(int(log.min()), i), (int(log.max()), i)])
     statistics = summary.statistics
     if statistics is None or counts != {
         channel: count for channel, count in statistics.channel_message_counts.items() if count
     }:
         raise ValueError("statistics and indexes do not agree")
-    firsts: dict[int, int] = {}
-    lasts: dict[int, int] = {}
-    for i, chunk in enumerate(summary.chunks):
-        for channel in chunk.message_index_offsets:
-            firsts.setdefault(channel, i)
-            lasts[channel] = i
-    ends: dict[int, list[Messages]] = {}
+    ends = {channel: {min(times)[1], max(times)[1]} for channel, times in spans.items()}
     sizes_of: dict[int, set[int]] = {}
     budget = Budget(recording.path.stat().st_size)
-    for i in sorted({*firsts.values(), *lasts.values()}):
+    for i in sorted(set().union(*ends.values())):
         content = _content(file, summary.chunks[i], budget)
         for channel in summary.chunks[i].message_index_offsets:
-            if channel in counts and i in (firsts[channel], lasts[channel]):
+            if i in ends.get(channel, ()):
                 messages = content.channels[channel]
-                ends.setdefault(channel, []).append(messages.ends())
+                recording.topics[recording.channels[channel].topic].take_stamps(messages)
                 lengths = np.unique(messages.end - messages.start)
                 sizes_of.setdefault(channel, set()).update(lengths[:2].tolist())
-    for channel, found in ends.items():
+    for channel, sizes in sizes_of.items():
         topic = recording.topics[recording.channels[channel].topic]
         before = topic.count
-        topic.take_stamps(found[0], found[-1])
-        sizes = sizes_of[channel]
         topic.count = before + counts[channel]
         topic.size = counts[channel] * sizes.pop() if len(sizes) == 1 and not before else 0
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..samples import JointSample
+from ..samples import JointSample, has_doubled
 from ..topics import JOINT_STATE_TYPE
 from ..units import NANOSECONDS
 from .joint_state_cdr import JointStateLayout, shared
@@ -135,7 +135,7 @@ def groups(messages: Messages) -> tuple[list[tuple[JointStateLayout, Integers]],
 
 def misfit(layout: JointStateLayout) -> str:
     """Return why values do not match names; empty if they do."""
-    if len(set(layout.name)) < len(layout.name):
+    if has_doubled(layout.name):
         return f"a name appears twice among {', '.join(layout.name)}"[:200]
     try:
         check_counts(layout)

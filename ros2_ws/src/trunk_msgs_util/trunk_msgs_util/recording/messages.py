@@ -60,13 +60,6 @@ class Messages(NamedTuple):
         """Return only the first message."""
         return Messages(self.data, self.log_time_ns[:1], self.start[:1], self.end[:1])
 
-    def ends(self) -> Messages:
-        """Return a copy of the first message and the last, which keeps no others in memory."""
-        two = [self.data[self.start[i] : self.end[i]] for i in (0, -1)]
-        end = np.cumsum([len(data) for data in two])
-        start = np.array([0, end[0]])
-        return Messages(b"".join(two), self.log_time_ns[[0, -1]], start, end)
-
     def without(self, rows: Sequence[int]) -> Messages:
         """Return all messages but some."""
         kept = np.ones(len(self), np.bool_)

@@ -180,12 +180,15 @@ class Recording(RecordedFiles):
     def _parsed(
         self, relative: str, type_name: str, parse: Callable[[bytes], Parsed]
     ) -> list[Parsed]:
-        """Return a topic's messages that can be read, and note the others. Raises RecordingError."""
+        """Return a topic's messages that can be read, by log time, and note the others.
+
+        Raises RecordingError.
+        """
         name = self.topic(relative)
         topic = self.topics.get(name)
-        found: list[Parsed] = []
+        found: list[tuple[int, Parsed]] = []
         if topic is None:
-            return found
+            return []
         if topic.faults.limit is not None:
             raise RecordingError(f"{self.path}: {topic.faults.describe(name, topic.count)}")
         index = size = 0
@@ -199,16 +202,20 @@ class Recording(RecordedFiles):
                 raise RecordingError(f"{self.path}: {topic.faults.describe(name, topic.count)}")
             bad: list[int] = []
             for row, data in enumerate(messages.bytes()):
+                if messages.log_time_ns[row] < 0:  # counted when the file was scanned
+                    continue
                 try:
                     if topic.type != type_name:
                         raise ValueError(f"its type is {topic.type or 'not given'}")
-                    found.append(parse(data))
+                    found.append((int(messages.log_time_ns[row]), parse(data)))
                 except ValueError as error:
                     topic.faults.add(index + row, int(messages.log_time_ns[row]), str(error))
                     bad.append(row)
             file.leave_out(block.offset, messages, bad)
             index += len(messages)
-        return found
+        if not topic.ordered:
+            found.sort(key=lambda pair: pair[0])
+        return [message for _, message in found]
 
     @cached_property
     def _parameter_events(self) -> list[ParameterChange]:
@@ -227,7 +234,7 @@ class Recording(RecordedFiles):
         return found
 
     def parameter_messages(self) -> list[ParameterChange]:
-        """Return all messages on ``run/parameters`` in file order."""
+        """Return all messages on ``run/parameters`` by log time."""
         return list(self._parameter_events)
 
     def parameter_changes(self) -> list[ParameterChange]:
@@ -235,5 +242,5 @@ class Recording(RecordedFiles):
         return [event for event in self._parameter_events if event.changed]
 
     def events(self) -> list[RunEvent]:
-        """Return the run's events in file order."""
+        """Return the run's events by log time."""
         return list(self._events)

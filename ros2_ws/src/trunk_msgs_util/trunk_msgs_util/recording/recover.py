@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
 from mcap.writer import Writer
@@ -19,8 +20,11 @@ from .blocks import (
     DamageError,
     LimitReachedError,
     Record,
+    TrailingError,
     content_of,
     damaged,
+    is_known,
+    name_of,
     reached,
     records,
 )
@@ -82,10 +86,10 @@ class _Copy:
         self._end: dict[str, str] | None = None
         self._seen = 8  # everything before this byte was read or given up
         self._budget = Budget(size)
+        self._unread = True  # the summary
 
     def run(self) -> None:
         self._writer.start("ros2", LIBRARY)
-        self._described()
         start = 8
         while start < self._size:
             start = self._stretch(start)
@@ -99,10 +103,11 @@ class _Copy:
         self._writer.add_metadata(END, {"complete": "false", "recovered": "true", "reason": reason})
         self._writer.finish()
 
-    def _described(self) -> None:
-        """Read schemas and channels from the summary, in case their chunk is lost."""
-        summary = self._summary
-        if summary is not None and summary.footer.summary_crc == summary.crc:
+    def _lose(self, error: DamageError) -> None:
+        """Note a loss; at the first, read schemas and channels from the summary: they may be lost too."""
+        self._recovery.lost.append(str(error))
+        summary, self._unread = self._unread and self._summary, False
+        if summary and summary.footer.summary_crc == summary.crc:
             try:
                 for schema in summary.schemas:
                     self._describe(schema)
@@ -148,15 +153,17 @@ class _Copy:
                 except LimitReachedError:
                     raise
                 except DamageError as error:
-                    self._recovery.lost.append(str(error))
+                    self._lose(error)
                 self._file.seek(at)
                 self._seen = record.end
         except ChecksumError as error:
             self._recovery.lost.append(f"{error}, but its records can be read")
         except LimitReachedError as error:
             self._recovery.lost.append(f"{error}; nothing after it is read")
-        except DamageError as error:
+        except TrailingError as error:
             self._recovery.lost.append(str(error))
+        except DamageError as error:
+            self._lose(error)
             return self._next_chunk()
         return self._size
 
@@ -197,6 +204,9 @@ class _Copy:
                     topics = {k: v for k, v in metadata.metadata.items() if k.startswith("/")}
                     self._writer.flush()
                     self._writer.add_metadata(DIGESTS, topics)
+            elif record.opcode == Opcode.ATTACHMENT or not is_known(record.opcode):
+                what = f"the {name_of(record.opcode)} record at byte {record.offset}"
+                self._recovery.lost.append(f"{what}: only messages and metadata are copied")
         except LimitError as error:
             raise reached(record, error) from None
         except Exception as error:  # whatever mcap may raise on a damaged record
@@ -211,7 +221,15 @@ class _Copy:
             raise DamageError(
                 f"the record at byte {record.offset} has messages of an unknown channel"
             )
+        late = found.log_time_ns < 0
+        if late.any():
+            self._recovery.lost.append(
+                f"the record at byte {record.offset} has messages with a log time "
+                f"beyond the year 2262: {np.count_nonzero(late)}"
+            )
         for row, data in enumerate(found.bytes()):
+            if late[row]:
+                continue
             head = found.head(row)
             number, topic = self._channels[head.channel]
             self._writer.add_message(

@@ -8,11 +8,15 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from .bag_folder import METADATA, bag_folder
+from .blocks import name_of
 from .digests import DIGESTS, RunningDigests, differing, uncoverable, uncovered
 from .file import RecordingFile, size_of
 from .glance import glance
 from .own_records import END, PROVENANCE
+from .structure import ERROR, structure
 from .topic import RecordingError, Topic
 
 if TYPE_CHECKING:
@@ -71,6 +75,7 @@ class RecordedFiles:
             self.end = file.metadata.get(END, self.end)
             if file.warning:
                 self.warnings.append(f"{path.name}: {file.warning}" if is_bag else file.warning)
+            if not file.whole:
                 if path != files[-1]:
                     left = len(files) - i - 1
                     noun = "file is" if left == 1 else "files are"
@@ -89,13 +94,14 @@ class RecordedFiles:
             if self.end.get("complete") == "true":
                 return
             self.unfinished = f"incomplete: {self.end.get('reason', 'no reason given')}"
-        elif library.startswith(_OURS) or not library:
+        elif library.startswith(_OURS) or not (library or self._files[0].whole):
             self.unfinished = f"no {END} record: the recorder did not shut down properly"
         elif is_bag and counted is None:
             self.unfinished = f"no {METADATA}: the recorder did not shut down properly"
         else:
             self.unfinished = (
-                f"recorded by {library}: no {END} record says whether the run is complete"
+                f"recorded by {library or 'a program that gives no name'}: "
+                f"no {END} record says whether the run is complete"
             )
         self.warnings.append(self.unfinished)
 
@@ -134,7 +140,11 @@ class RecordedFiles:
 
     def undigestible(self) -> list[str]:
         """Return what no digest could cover."""
-        return uncoverable(self.topics, sum(file.attachments for file in self._files))
+        return uncoverable(
+            self.topics,
+            sum(file.attachments for file in self._files),
+            (name_of(kind) for file in self._files for kind in file.unknown),
+        )
 
     @property
     def complete(self) -> bool:
@@ -148,6 +158,19 @@ class RecordedFiles:
         return found or (
             [] if self._sound else [f"the number of messages is not the one in {METADATA}"]
         )
+
+    @cached_property
+    def seen_otherwise(self) -> list[str]:
+        """What an index or a summary says otherwise than the data, a line each: other readers go by it.
+
+        The files are read once more. Raises OSError.
+        """
+        return [
+            finding.describe()
+            for file in self._files
+            for finding in structure(file.path)
+            if finding.severity == ERROR and finding.message != file.warning
+        ]
 
     @cached_property
     def digested(self) -> dict[str, str]:
@@ -245,15 +268,29 @@ class RecordedFiles:
         for block in self.blocks([topic]):
             yield block[topic].log_time_ns.tolist(), block[topic].bytes()
 
+    def unreadable(self, topic: str) -> str:
+        """Return why none of a topic's messages can be read; empty if some can, or there are none."""
+        about = self.topics.get(topic)
+        if about is None or not about.count or about.readable:
+            return ""
+        why = about.faults.limit or about.faults.first[0].why
+        return f"none of its {about.count} messages can be read: {why}"
+
+    def longest_gap_ns(self, topic: str) -> int:
+        """Return the longest time between the log times of a topic's messages, in the order of these."""
+        about = self.topics[topic]
+        if about.ordered or about.faults.limit is not None:
+            return about.longest_gap_ns
+        log = np.concatenate([block[topic].log_time_ns for block in self.blocks([topic])])
+        return int(np.diff(np.sort(log)).max(initial=0))
+
     def check_type(self, topic: str, type_name: str) -> None:
         """Raise RecordingError if messages of a topic are of another type."""
         if topic in self.topics and self.topics[topic].count:
-            found = self.topics[topic].type
-            if found != type_name:
-                raise RecordingError(
-                    f"{self.path}: {topic} cannot be read as {type_name}: "
-                    f"its type is {found or 'not given'}"
-                )
+            about = self.topics[topic]
+            why = about.is_read() or f"its type is {about.type or 'not given'}"
+            if about.type != type_name or about.is_read():
+                raise RecordingError(f"{self.path}: {topic} cannot be read as {type_name}: {why}")
 
 
 def _digest(digests: RunningDigests, file: RecordingFile, content: Content) -> None:

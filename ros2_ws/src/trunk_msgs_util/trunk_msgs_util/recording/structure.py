@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import zlib
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import ChunkIndex
+from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex
 
 from ..units import seconds
 from .blocks import (
     BLOCKS,
+    MAGIC,
     ChecksumError,
     DamageError,
     LimitReachedError,
     Record,
+    TrailingError,
     content_of,
+    is_known,
+    name_of,
     records,
 )
 from .chunk import chunk_head
@@ -28,9 +32,11 @@ from .file import check_magic, size_of
 from .joint_arrays import Integers
 from .limits import Budget
 from .split import Content
-from .summary import message_indexes, read_summary
+from .summary import Summary, message_indexes, miscounted, read_summary
 
 ERROR, WARNING, INFO = "error", "warning", "info"
+# Records other than chunks that an index lists, with their names in messages.
+_INDEXED = {Opcode.METADATA: "the metadata record", Opcode.ATTACHMENT: "the attachment"}
 
 
 @dataclass(frozen=True)
@@ -63,12 +69,22 @@ def structure(path: Path) -> list[Finding]:
         try:
             for record in records(file, size):
                 found += walk.take(record)
-        except (ChecksumError, DamageError) as error:
+        except DamageError as error:
+            if isinstance(error, TrailingError):
+                walk.end = size = walk.end + len(MAGIC)
             found.append(Finding(ERROR, str(error), byte=walk.end))
-            if not isinstance(error, ChecksumError):
+            if not isinstance(error, ChecksumError | TrailingError):
                 return found
         found += _summary(file, size, walk)
     return found
+
+
+class _SeenChunk(NamedTuple):
+    """A chunk as it is in the file."""
+
+    end: int
+    span_ns: tuple[int, int]
+    marks: dict[int, int]  # of its messages, by channel
 
 
 class _Walk:
@@ -78,20 +94,23 @@ class _Walk:
         self.budget = Budget(size)
         self.end = 8
         self.counts: dict[int, int] = {}
-        self.chunks: dict[int, tuple[int, dict[int, int]]] = {}  # offset: end, marks by channel
-        self.metadata: set[int] = set()
-        self.in_data = True
+        self.chunks: dict[int, _SeenChunk] = {}  # by offset
+        self.records: dict[int, set[int]] = {o: set() for o in _INDEXED}  # offsets by opcode
+        self.outside = 0  # messages outside chunks
+        self.data_end: int | None = None
 
     def take(self, record: Record) -> Iterator[Finding]:
         """Count a record; yield what is wrong with it."""
         self.end = record.end
         if record.opcode == Opcode.DATA_END:
-            self.in_data = False
+            self.data_end = record.end
             if not any(record.body[:4]):
                 text = "no checksum of the data section: changes outside chunks go undetected"
                 yield Finding(INFO, text, byte=record.offset)
-        elif record.opcode == Opcode.METADATA and self.in_data:
-            self.metadata.add(record.offset)
+        elif record.opcode in _INDEXED and self.data_end is None:
+            self.records[record.opcode].add(record.offset)
+        elif not is_known(record.opcode):
+            yield _skipped(record, record.opcode)
         elif record.opcode in BLOCKS:
             try:
                 content = content_of(record, self.budget)
@@ -104,11 +123,16 @@ class _Walk:
                 self.counts[channel] = self.counts.get(channel, 0) + len(messages)
             if record.opcode == Opcode.CHUNK:
                 yield from _chunk(record, content)
+                head = chunk_head(record.body)
                 marks = {
                     channel: _mark(messages.log_time_ns, messages.offsets())
                     for channel, messages in content.channels.items()
                 }
-                self.chunks[record.offset] = (record.end, marks)
+                self.chunks[record.offset] = _SeenChunk(
+                    record.end, (head.start_ns, head.end_ns), marks
+                )
+            else:
+                self.outside += sum(map(len, content.channels.values()))
 
 
 def _mark(log_time_ns: Integers, offsets: Integers) -> int:
@@ -117,11 +141,18 @@ def _mark(log_time_ns: Integers, offsets: Integers) -> int:
     return zlib.crc32(log_time_ns[order].tobytes(), zlib.crc32(offsets[order].tobytes()))
 
 
+def _skipped(record: Record, opcode: int) -> Finding:
+    text = f"a record of the unknown kind {name_of(opcode)} is skipped"
+    return Finding(INFO, text, byte=record.offset)
+
+
 def _chunk(record: Record, content: Content) -> Iterator[Finding]:
+    for opcode in sorted({opcode for opcode, _ in content.others if not is_known(opcode)}):
+        yield _skipped(record, opcode)
     head = chunk_head(record.body)
     if not head.crc:
         yield Finding(INFO, "the chunk has no checksum", byte=record.offset)
-    times = [messages.log_time_ns for messages in content.channels.values()]
+    times = [messages.log_time_ns.view(np.uint64) for messages in content.channels.values()]
     if times:
         span = min(int(t.min()) for t in times), max(int(t.max()) for t in times)
         if span != (head.start_ns, head.end_ns):
@@ -139,24 +170,18 @@ def _summary(file: BinaryIO, size: int, walk: _Walk) -> Iterator[Finding]:
         yield Finding(INFO, "no summary: readers have to scan the file", byte=size)
         return
     place = summary.start
+    if place != walk.data_end:
+        text = f"the footer has the summary here, the data end at byte {walk.data_end}"
+        yield Finding(ERROR, text, byte=place)
     if not summary.footer.summary_crc:
         yield Finding(INFO, "no checksum of the summary", byte=place)
     elif summary.footer.summary_crc != summary.crc:
         yield Finding(ERROR, "the checksum of summary and footer is wrong", byte=place)
     if summary.statistics is None:
         yield Finding(INFO, "no statistics", byte=place)
-    else:
-        told = {c: n for c, n in summary.statistics.channel_message_counts.items() if n}
-        if told != walk.counts:
-            text = f"statistics count {sum(told.values())} messages, there are"
-            text = f"{text} {sum(walk.counts.values())}, or they are on other channels"
-            yield Finding(ERROR, text, byte=place)
-    indexed = {chunk.chunk_start_offset for chunk in summary.chunks}
-    if walk.chunks and not summary.chunks:
-        yield Finding(INFO, "no index of chunks: readers have to scan the file", byte=place)
-    else:
-        for offset in sorted(walk.chunks.keys() - indexed):
-            yield Finding(ERROR, "the chunk is not in the index", byte=offset)
+    elif text := miscounted(summary.statistics, walk.counts):
+        yield Finding(ERROR, text, byte=place)
+    yield from _hidden(summary, walk)
     starts = [*sorted(walk.chunks), size]
     seen: set[int] = set()
     for chunk in summary.chunks:
@@ -167,10 +192,47 @@ def _summary(file: BinaryIO, size: int, walk: _Walk) -> Iterator[Finding]:
             seen.add(at)
             following = starts[min(bisect_right(starts, at), len(starts) - 1)]
             yield from _chunk_index(file, chunk, walk, following)
-    for index in summary.metadata:
-        if index.offset not in walk.metadata:
-            text = f"the index has a metadata record {index.name!r} here, the file does not"
-            yield Finding(ERROR, text, byte=index.offset)
+    for opcode, indexes in _others(summary).items():
+        for index in indexes:
+            if index.offset not in walk.records[opcode]:
+                text = f"the index has {_INDEXED[opcode]} {index.name!r} here, the file does not"
+                yield Finding(ERROR, text, byte=index.offset)
+
+
+def _others(summary: Summary) -> dict[Opcode, Sequence[MetadataIndex | AttachmentIndex]]:
+    """Return the indexes of records other than chunks, by the kind that they are of."""
+    return {Opcode.METADATA: summary.metadata, Opcode.ATTACHMENT: summary.attachments}
+
+
+def _hidden(summary: Summary, walk: _Walk) -> Iterator[Finding]:
+    """Yield what readers that go by the summary do not see; without any index they scan the file."""
+    place = summary.start
+    if walk.chunks and not summary.chunks:
+        yield Finding(INFO, "no index of chunks: readers have to scan the file", byte=place)
+    if summary.chunks:
+        for offset in sorted(walk.chunks.keys() - {c.chunk_start_offset for c in summary.chunks}):
+            yield Finding(ERROR, "the chunk is not in the index", byte=offset)
+        for chunk in summary.chunks if any(c.message_index_offsets for c in summary.chunks) else ():
+            seen = walk.chunks.get(chunk.chunk_start_offset)
+            if seen is not None and seen.marks and not chunk.message_index_offsets:
+                text = "the index has no message indexes of the chunk, but of others"
+                yield Finding(ERROR, text, byte=chunk.chunk_start_offset)
+        if walk.outside:
+            text = f"{walk.outside} messages outside of chunks are in no index"
+            yield Finding(ERROR, text, byte=place)
+    for opcode, indexes in _others(summary).items():
+        for offset in sorted(walk.records[opcode] - {index.offset for index in indexes}):
+            if indexes:
+                yield Finding(ERROR, f"{_INDEXED[opcode]} is not in the index", byte=offset)
+    described = {channel.id for channel in summary.channels}
+    schemas = {schema.id for schema in summary.schemas}
+    for number in sorted(walk.counts.keys() - described):
+        if described:
+            text = f"the summary lacks channel {number}, of {walk.counts[number]} messages"
+            yield Finding(ERROR, text, byte=place)
+    for number in sorted({channel.schema_id for channel in summary.channels} - schemas - {0}):
+        if schemas:
+            yield Finding(ERROR, f"the summary lacks schema {number}", byte=place)
 
 
 def _chunk_index(
@@ -178,16 +240,18 @@ def _chunk_index(
 ) -> Iterator[Finding]:
     """Yield what is wrong with a chunk's index; ``following`` is where the next chunk begins."""
     at = chunk.chunk_start_offset
-    end, marks = walk.chunks.get(at, (None, {}))
-    if end is None:
+    seen = walk.chunks.get(at)
+    if seen is None:
         yield Finding(ERROR, "the index has a chunk here that could not be read", byte=at)
         return
-    if at + chunk.chunk_length != end:
+    if at + chunk.chunk_length != seen.end:
         yield Finding(ERROR, "the index gives the chunk another length", byte=at)
         return
+    if (chunk.message_start_time, chunk.message_end_time) != seen.span_ns:
+        yield Finding(ERROR, "the index gives the chunk another time span", byte=at)
     if not chunk.message_index_offsets:
-        return  # optional in a file
-    if end + chunk.message_index_length > following:
+        return  # optional in a file: `_hidden` looks for one that others have
+    if seen.end + chunk.message_index_length > following:
         yield Finding(ERROR, "the message indexes of the chunk extend into the next one", byte=at)
         return
     try:
@@ -195,7 +259,9 @@ def _chunk_index(
     except ValueError as error:
         yield Finding(ERROR, str(error), byte=at)
         return
-    if {channel: _mark(*entries) for channel, entries in told.items() if len(entries[0])} != marks:
+    if {
+        channel: _mark(*entries) for channel, entries in told.items() if len(entries[0])
+    } != seen.marks:
         yield Finding(
             ERROR, "the message indexes after the chunk are not those of its messages", byte=at
         )

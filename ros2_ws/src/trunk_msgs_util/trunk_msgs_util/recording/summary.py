@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, Footer, MetadataIndex, Schema, Statistics
+from mcap.records import (
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    Footer,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
 
 from .blocks import MAGIC, Record
 from .limits import MAX_CHUNK
@@ -19,6 +27,8 @@ from .messages import HEAD
 from .split import record_offsets
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from .joint_arrays import Integers
 
 _FOOTER = HEAD.size + 20
@@ -37,6 +47,7 @@ class Summary:
     statistics: Statistics | None = None
     chunks: list[ChunkIndex] = field(default_factory=list)
     metadata: list[MetadataIndex] = field(default_factory=list)
+    attachments: list[AttachmentIndex] = field(default_factory=list)
 
 
 def read_summary(file: BinaryIO, size: int) -> Summary | None:
@@ -48,7 +59,7 @@ def read_summary(file: BinaryIO, size: int) -> Summary | None:
     if at < len(MAGIC):
         return None
     file.seek(at)
-    tail = file.read()
+    tail = file.read(size - at)
     if not tail.endswith(MAGIC) or HEAD.unpack_from(tail) != (Opcode.FOOTER, 20):
         return None
     footer = Footer.read(ReadDataStream(BytesIO(tail[HEAD.size : _FOOTER])))
@@ -85,6 +96,20 @@ def _take(summary: Summary, record: Record) -> None:
         summary.chunks.append(ChunkIndex.read(record.stream))
     elif record.opcode == Opcode.METADATA_INDEX:
         summary.metadata.append(MetadataIndex.read(record.stream))
+    elif record.opcode == Opcode.ATTACHMENT_INDEX:
+        summary.attachments.append(AttachmentIndex.read(record.stream))
+
+
+def miscounted(statistics: Statistics, counts: Mapping[int, int]) -> str:
+    """Return how statistics differ from a file's messages by channel; empty if they agree."""
+    told = {channel: n for channel, n in statistics.channel_message_counts.items() if n}
+    total = sum(counts.values())
+    if statistics.message_count == total and told in ({}, counts):
+        return ""
+    return (
+        f"statistics count {statistics.message_count} messages, there are {total}, "
+        "or they are on other channels"
+    )
 
 
 def message_indexes(file: BinaryIO, index: ChunkIndex) -> dict[int, tuple[Integers, Integers]]:
@@ -104,7 +129,7 @@ def message_indexes(file: BinaryIO, index: ChunkIndex) -> dict[int, tuple[Intege
             raise ValueError(f"the message index at byte {offset} is not after its chunk")
         opcode, length, told, size = _INDEX_HEAD.unpack_from(data, at)
         begin = at + _INDEX_HEAD.size
-        if opcode != Opcode.MESSAGE_INDEX or told != channel or length != size + 6 or size % 16:
+        if opcode != Opcode.MESSAGE_INDEX or told != channel or length < size + 6 or size % 16:
             raise ValueError(f"there is no index of channel {channel} at byte {offset}")
         if begin + size > len(data):
             raise ValueError(f"the message index at byte {offset} is too long")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from ..errors import TrunkError
 from ..units import NANOSECONDS
 from .faults import Faults, JointCheck
 from .limits import LimitError
+from .messages import unaligned
 
 if TYPE_CHECKING:
     from .joint_arrays import Integers
@@ -26,21 +27,42 @@ STAMPED = (
 )
 
 
+CDR = "cdr"
+_STAMP = np.dtype(
+    {
+        "names": ["order", "sec", "nanosec"],
+        "formats": ["u1", "<i4", "<u4"],
+        "offsets": [1, 4, 8],
+        "itemsize": 12,
+    }
+)
+
+
 class RecordingError(TrunkError):
     """The file cannot be used as a recording: one line that names it and says what to do."""
 
 
 @dataclass
 class Topic:
-    """What is recorded on a topic; stamps are the headers', or else the log times."""
+    """What is recorded on a topic; stamps are the headers', or else the log times.
+
+    First and last are the earliest and the latest: MCAP gives messages no order.
+    """
 
     type: str
+    encoding: str = CDR
     count: int = 0
     first_stamp_ns: int | None = None
     last_stamp_ns: int | None = None
     size: int = 0  # encoded bytes
     last_log_ns: int | None = None
-    longest_gap_ns: int = 0  # between the log times of consecutive messages
+    longest_gap_ns: int = 0  # between the log times of consecutive messages, if `ordered`
+    ordered: bool = True  # no message was logged before the one that precedes it in the file
+    # Of the stamps in the order of the file, where all of them were read:
+    rising: bool = field(default=True, compare=False)
+    longest_step_ns: int = field(default=0, compare=False)
+    overflowing: int = field(default=0, compare=False)  # their nanoseconds make a second or more
+    _previous_ns: int | None = field(default=None, repr=False, compare=False)
     faults: Faults = field(default_factory=Faults)
     _check: JointCheck = field(default_factory=JointCheck, repr=False, compare=False)
 
@@ -48,6 +70,10 @@ class Topic:
     def readable(self) -> int:
         """How many of the messages can be read, as far as they were looked at."""
         return 0 if self.faults.limit is not None else self.count - self.faults.count
+
+    def is_read(self) -> str:
+        """Return why messages of this topic are not read by their type; empty if they are."""
+        return "" if self.encoding in (CDR, "") else f"encoded as {self.encoding}, only cdr is read"
 
     def take(self, messages: Messages) -> list[int]:
         """Count some messages that follow the earlier ones; return the rows that cannot be read."""
@@ -59,43 +85,69 @@ class Topic:
         self.count += len(messages)
         self.size += int((messages.end - messages.start).sum())
         if len(good):
-            self.take_stamps(good, good)
-        self.take_log(messages.log_time_ns)
+            self.take_stamps(good)
+            self.take_log(good.log_time_ns)
         return rows
 
     def _bad(self, messages: Messages) -> list[tuple[int, str]]:
-        if self.type != names.JOINT_STATE_TYPE or self.faults.limit is not None:
-            return []
+        late = np.flatnonzero(messages.log_time_ns < 0).tolist()
+        if late:  # what else may be wrong with these is not asked
+            return self._bad_of(messages.without(late), late)
+        return self._bad_of(messages, late)
+
+    def _bad_of(self, messages: Messages, late: list[int]) -> list[tuple[int, str]]:
+        """Return the rows that cannot be read, the ``late`` ones, which are not among these, included."""
+        found = [(row, "its log time is beyond the year 2262") for row in late]
+        if self.type != names.JOINT_STATE_TYPE or self.is_read() or self.faults.limit is not None:
+            return found
+        if not len(messages):
+            return found
         try:
-            return self._check.bad(messages)
+            bad = self._check.bad(messages)
         except LimitError as error:
             self.faults.limit = str(error)
-            return []
+            return found
+        if not late:
+            return bad
+        kept = np.delete(np.arange(len(messages) + len(late)), late)
+        return sorted([*found, *((int(kept[row]), why) for row, why in bad)])
 
-    def take_stamps(self, first: Messages, last: Messages) -> None:
-        """Take account of the first stamp of some messages, and of the last stamp of others."""
-        begin, end = (
-            stamp_at(messages.data, int(messages.start[i]))
-            if self.type in STAMPED
-            else int(messages.log_time_ns[i])
-            for messages, i in ((first, 0), (last, -1))
-        )
-        if self.first_stamp_ns is None:
-            self.first_stamp_ns = begin
-        self.last_stamp_ns = end
+    def take_stamps(self, messages: Messages) -> None:
+        """Take account of the stamps of one or more messages."""
+        stamps = messages.log_time_ns
+        if self.type in STAMPED and not self.is_read():
+            sec, nanosec = fields_of(messages)
+            stamps = sec * NANOSECONDS + nanosec
+            self.overflowing += int(np.count_nonzero(nanosec >= NANOSECONDS))
+        if len(stamps):
+            before = [] if self._previous_ns is None else [self._previous_ns]
+            steps = np.diff(np.append(np.array(before, np.int64), stamps))
+            if len(steps):
+                self.rising = self.rising and bool(steps.min() > 0)
+                self.longest_step_ns = max(self.longest_step_ns, int(steps.max()))
+            self._previous_ns = int(stamps[-1])
+            first, last = int(stamps.min()), int(stamps.max())
+            if self.first_stamp_ns is not None and self.last_stamp_ns is not None:
+                first, last = min(first, self.first_stamp_ns), max(last, self.last_stamp_ns)
+            self.first_stamp_ns, self.last_stamp_ns = first, last
 
     def take_log(self, log_time_ns: Integers) -> None:
         """Take account of the log times of one or more messages that follow the earlier ones."""
-        first, last = int(log_time_ns[0]), int(log_time_ns[-1])
-        if self.last_log_ns is not None:
-            self.longest_gap_ns = max(self.longest_gap_ns, first - self.last_log_ns)
-        if len(log_time_ns) > 1:
-            self.longest_gap_ns = max(self.longest_gap_ns, int(np.diff(log_time_ns).max()))
-        self.last_log_ns = last
+        before = [] if self.last_log_ns is None else [self.last_log_ns]
+        steps = np.diff(np.append(np.array(before, np.int64), log_time_ns))
+        if len(steps):
+            self.longest_gap_ns = max(self.longest_gap_ns, int(steps.max()))
+            self.ordered = self.ordered and bool(steps.min() >= 0)
+        self.last_log_ns = int(log_time_ns[-1])
 
 
-def stamp_at(data: bytes, start: int) -> int:
-    """Return the stamp in ns of a CDR message whose first field is one."""
-    order: Literal["little", "big"] = "little" if data[start + 1 : start + 2] == b"\x01" else "big"
-    sec = int.from_bytes(data[start + 4 : start + 8], order, signed=True)
-    return sec * NANOSECONDS + int.from_bytes(data[start + 8 : start + 12], order)
+def fields_of(messages: Messages) -> tuple[Integers, Integers]:
+    """Return the stamps of CDR messages that begin with one, where they are long enough: s and ns."""
+    start = messages.start[messages.end - messages.start >= _STAMP.itemsize]
+    found = unaligned(messages.data, _STAMP)[start]
+    little = found["order"] == 1
+    if little.all():  # as almost always
+        return found["sec"].astype(np.int64), found["nanosec"].astype(np.int64)
+    big = found.view(_STAMP.newbyteorder(">"))
+    sec, nanosec = (np.where(little, found[name], big[name]) for name in ("sec", "nanosec"))
+    return sec.astype(np.int64), nanosec.astype(np.int64)

@@ -1,0 +1,122 @@
+"""Log times that cannot be, and messages in any order: each costs no more than itself."""
+
+from __future__ import annotations
+
+import random
+from itertools import permutations
+
+import pytest
+
+from trunk_msgs_util.recording import store
+from trunk_msgs_util.recording.joint_state_cdr import layout_of
+from trunk_msgs_util.recording.reader import Recording, RecordingError
+from trunk_msgs_util.recording.recover import recover
+from trunk_msgs_util.samples import JointSample
+
+from .mcap_files import COMPRESSIONS, write_mcap
+
+MS = 1_000_000
+COUNT = 90
+BAD = "its log time is beyond the year 2262"
+
+
+def written(path, times, **options):
+    """Write message k with stamp k ms, logged at the times' k-th."""
+    samples = (JointSample(k * MS, ("hip", "trunk"), (0.0, float(k))) for k in range(COUNT))
+    pairs = zip(times, samples, strict=True)
+    messages = [("/a", log, layout_of(s).pack(s)) for log, s in pairs]
+    return write_mcap(path, messages, chunk_size=1024, **options)
+
+
+def logged(bad):
+    return [bad.get(k, k * MS) for k in range(COUNT)]
+
+
+@pytest.mark.parametrize(
+    "options", [*({"compression": c} for c in COMPRESSIONS), {"use_chunking": False}]
+)
+@pytest.mark.parametrize("log_time", [2**63, 2**63 + 1, 2**64 - 1])
+@pytest.mark.parametrize("rows", [[0], [41], [COUNT - 1], [0, 1, 2, 50], range(0, COUNT, 2)])
+def test_a_log_time_that_cannot_be_costs_its_message(tmp_path, options, log_time, rows):
+    path = written(tmp_path / "a.mcap", logged(dict.fromkeys(rows, log_time)), **options)
+    run = Recording.open(path)
+    kept = [k for k in range(COUNT) if k not in rows]
+    assert run.joints("/a").stamp_ns.tolist() == [k * MS for k in kept]
+    faults = run.topics["/a"].faults
+    assert (faults.count, faults.first[0].describe()) == (
+        len(rows),
+        f"message {min(rows)}: {BAD}",
+    )
+    assert len(run.warnings) == 2
+    assert run.damage == []
+    recovery = recover(path, tmp_path / "b.mcap")
+    assert recovery.count == len(kept)
+    assert all("beyond the year 2262" in line for line in recovery.lost)
+    assert Recording.open(tmp_path / "b.mcap").joints("/a").stamp_ns.tolist() == [
+        k * MS for k in kept
+    ]
+
+
+def test_a_topic_without_a_possible_log_time_has_no_messages(tmp_path):
+    run = Recording.open(written(tmp_path / "a.mcap", [2**63] * COUNT))
+    topic = run.topics["/a"]
+    assert (topic.count, topic.readable, topic.first_stamp_ns) == (COUNT, 0, None)
+    assert not len(run.joints("/a"))
+
+
+def seen(run):
+    topic = run.topics["/a"]
+    return topic.first_stamp_ns, topic.last_stamp_ns, run.longest_gap_ns("/a"), topic.count
+
+
+def shuffled(seed):
+    rows = list(range(COUNT))
+    random.Random(seed).shuffle(rows)
+    return rows
+
+
+ORDERS = {
+    "reversed": list(range(COUNT))[::-1],
+    "the last first": [COUNT - 1, *range(COUNT - 1)],
+    "two halves": [*range(40, COUNT), *range(40)],
+    **{f"shuffled {seed}": shuffled(seed) for seed in range(5)},
+}
+
+
+@pytest.mark.parametrize("glances", [False, True])
+@pytest.mark.parametrize("rows", ORDERS.values(), ids=ORDERS)
+def test_spans_and_gaps_do_not_depend_on_the_order(tmp_path, monkeypatch, rows, glances):
+    samples = [JointSample(k * MS + (k > 60) * 9 * MS, ("hip",), (float(k),)) for k in rows]
+    messages = [("/a", s.stamp_ns + 3, layout_of(s).pack(s)) for s in samples]
+    path = write_mcap(tmp_path / "a.mcap", messages, chunk_size=1024)
+    if glances:
+        monkeypatch.setattr(store, "_GLANCE", 0)
+    run = Recording.glance(path)
+    assert run.checked != glances
+    assert seen(run) == (0, (COUNT - 1 + 9) * MS, 10 * MS, COUNT)
+
+
+@pytest.mark.parametrize("order", list(permutations(range(3))))
+def test_the_files_of_a_bag_may_be_listed_in_any_order(tmp_path, order):
+    for part in range(3):
+        samples = [JointSample(k * MS, ("hip",), (0.0,)) for k in range(30 * part, 30 * part + 30)]
+        messages = [("/a", s.stamp_ns, layout_of(s).pack(s)) for s in samples]
+        write_mcap(tmp_path / f"bag_{part}.mcap", messages)
+    listed = "".join(f"    - bag_{part}.mcap\n" for part in order)
+    (tmp_path / "metadata.yaml").write_text(
+        "rosbag2_bagfile_information:\n  storage_identifier: mcap\n  message_count: 90\n"
+        f"  relative_file_paths:\n{listed}"
+    )
+    assert seen(Recording.open(tmp_path)) == (0, 89 * MS, MS, COUNT)
+
+
+@pytest.mark.parametrize("encoding", ["json", "ros1", "protobuf", "cbor"])
+def test_an_encoding_that_is_not_read_is_named(tmp_path, encoding):
+    path = write_mcap(
+        tmp_path / "a.mcap", [("/a", k * MS, b"{}") for k in range(11)], encoding=encoding
+    )
+    run = Recording.open(path)
+    assert run.warnings[1] == f"/a is not read: encoded as {encoding}, only cdr is read"
+    assert seen(run) == (0, 10 * MS, MS, 11)
+    with pytest.raises(RecordingError, match=f"encoded as {encoding}, only cdr is read"):
+        run.joints("/a")

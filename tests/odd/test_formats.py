@@ -1,0 +1,155 @@
+"""Recordings as strangers make them: each verb says what is odd about one, and shows no nonsense."""
+
+from __future__ import annotations
+
+import pytest
+from ros2_ws.src.trunk_msgs_util.test.mcap_files import write_mcap
+
+from trunk_msgs_util import topics
+from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
+from trunk_msgs_util.samples import JointSample
+
+TRUTH = f"/{topics.GROUND_TRUTH}"
+MS = 1_000_000
+BOTH = ("hip", "trunk")
+
+
+def states(path, stamps, names=BOTH, values=2, order=None):
+    """Write true states with these stamps, each logged a period after the one before; return the path."""
+    layout = JointStateLayout(names, values, values, values)
+    samples = [
+        JointSample(ns, names, *((0.1 * k,) * values for _ in range(3)))
+        for k, ns in enumerate(stamps)
+    ]
+    messages = [(TRUTH, k * MS, layout.pack(s)) for k, s in enumerate(samples)]
+    return write_mcap(path, [messages[k] for k in order or range(len(messages))])
+
+
+@pytest.mark.parametrize(
+    ("names", "values", "why"),
+    [
+        ((), 2, "2 values of position for 0 names"),
+        (("hip", "hip"), 2, "a name appears twice among hip, hip"),
+        (("trunk",), 2, "2 values of position for 1 names"),
+        (("hip", "trunk", "hip"), 3, "a name appears twice among hip, trunk, hip"),
+    ],
+)
+@pytest.mark.parametrize(
+    "verb",
+    [["metrics"], ["plot", "-o", "a.png"], ["report", "-o", "a.html"]],
+)
+def test_why_no_message_can_be_read_comes_first(
+    tmp_path, monkeypatch, trunk, verb, names, values, why
+):
+    monkeypatch.chdir(tmp_path)
+    path = states(tmp_path / "a.mcap", range(0, 20 * MS, MS), names, values)
+    code, out, err = trunk(verb[0], path, *verb[1:])
+    last = err.splitlines()[-1]
+    assert (code, last) == (
+        2,
+        f"trunk: error: {path}: {TRUTH}: none of its 20 messages can be read: {why}",
+    ), out
+
+
+@pytest.mark.parametrize(
+    ("library", "name"), [("", "a program that gives no name"), ("x 1", "x 1")]
+)
+def test_a_strangers_file_is_not_said_to_have_ended_badly(tmp_path, trunk, library, name):
+    layout = JointStateLayout(BOTH, 2)
+    messages = [
+        (TRUTH, k * MS, layout.pack(JointSample(k * MS, BOTH, (0.0, 0.0)))) for k in range(9)
+    ]
+    path = write_mcap(tmp_path / "a.mcap", messages, library=library)
+    says = f"recorded by {name}: no trunk_end record says whether the run is complete"
+    for verb in ("info", "verify", "doctor", "metrics"):
+        _, out, err = trunk(verb, path)
+        assert says in out + err
+        assert "shut down" not in out + err
+        assert "did not finish" not in out + err
+
+
+CONVERT = "convert it: rosbags-convert --src {} --dst {} --dst-storage mcap"
+ZSTD, BY_ZSTD = b"\x28\xb5\x2f\xfd", "compressed by Zstandard: unpack it"
+FORMATS = {
+    "a.bag": (b"#ROSBAG V2.0\n", "a bag of ROS 1: " + CONVERT, "{folder}/a.bag", "{folder}/a_mcap"),
+    "a.db3": (
+        b"SQLite format 3\0\x10\0",
+        "a bag of ROS 2 in SQLite: " + CONVERT,
+        "{folder}",
+        "{folder}_mcap",
+    ),
+    "a.mcap.zstd": (
+        b"\x28\xb5\x2f\xfd",
+        "compressed by Zstandard: unpack it: zstd -dk {}",
+        "{folder}/a.mcap.zstd",
+    ),
+    "a.mcap.zst": (
+        b"\x28\xb5\x2f\xfd",
+        "compressed by Zstandard: unpack it: zstd -dk {}",
+        "{folder}/a.mcap.zst",
+    ),
+    "a.mcap.gz": (
+        b"\x1f\x8b\x08",
+        "compressed by gzip: unpack it: gzip -dk {}",
+        "{folder}/a.mcap.gz",
+    ),
+    "a.mcap": (
+        b"\x1f\x8b\x08",
+        "compressed by gzip: unpack it: mv {0} {1} && gzip -dk {1}",
+        "{folder}/a.mcap",
+        "{folder}/a.mcap.gz",
+    ),
+    "a.mcap.lz4": (
+        b"\x04\x22\x4d\x18",
+        "compressed by LZ4: unpack it: lz4 -dk {}",
+        "{folder}/a.mcap.lz4",
+    ),
+    "a.mcap.bz2": (b"BZh9", "compressed by bzip2: unpack it: bzip2 -dk {}", "{folder}/a.mcap.bz2"),
+}
+
+
+@pytest.mark.parametrize(
+    "verb", [["info"], ["verify"], ["doctor"], ["metrics"], ["recover", "-o", "b.mcap"]]
+)
+@pytest.mark.parametrize("name", FORMATS)
+def test_another_format_is_named_with_the_command_that_converts_it(
+    tmp_path, monkeypatch, trunk, verb, name
+):
+    monkeypatch.chdir(tmp_path)
+    head, says, *places = FORMATS[name]
+    path = tmp_path / name
+    path.write_bytes(head + bytes(100))
+    code, out, err = trunk(verb[0], path, *verb[1:])
+    expected = says.format(*(place.format(folder=tmp_path) for place in places))
+    assert (code, out, err) == (2, "", f"trunk: error: {path} is {expected}\n")
+
+
+@pytest.mark.parametrize(
+    ("about", "says"),
+    [
+        ("storage_identifier: sqlite3", "has the storage 'sqlite3', only 'mcap' is read"),
+        ("storage_identifier: mcap\n  compression_mode: MESSAGE", "is compressed by message"),
+        ("storage_identifier: mcap\n  compression_mode: FILE", "is compressed by file"),
+    ],
+)
+def test_a_bag_of_another_kind_is_named_with_its_command(tmp_path, trunk, about, says):
+    bag = tmp_path / "a bag"
+    bag.mkdir()
+    (bag / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n  {about}\n")
+    code, _, err = trunk("info", bag)
+    command = f"rosbags-convert --src '{bag}' --dst '{bag}_mcap' --dst-storage mcap"
+    assert (code, says in err, err.endswith(f": convert it: {command}\n")) == (2, True, True), err
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_bags_only_file_is_recovered(tmp_path, trunk, count):
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    for part in range(count):
+        states(bag / f"bag_{part}.mcap", range(0, 9 * MS, MS))
+    code, out, err = trunk("recover", bag, "-o", tmp_path / "b.mcap")
+    if count == 1:
+        assert (code, out) == (0, f"{tmp_path / 'b.mcap'}: 9 messages of 1 topics\n")
+    else:
+        says = f"{bag} has 2 files: recover each of them: bag_0.mcap, bag_1.mcap"
+        assert (code, err) == (2, f"trunk: error: {says}\n")

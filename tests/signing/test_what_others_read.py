@@ -1,0 +1,280 @@
+"""What is verified is what other libraries read; a file in which they read something else is not signed."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import replace
+
+import pytest
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from rosbags.highlevel import AnyReader
+
+from trunk_experiments.plans.plan import make_plan
+from trunk_experiments.runs.offline_recording import record_offline
+from trunk_msgs_util.recording.reader import Recording
+
+from ..reindexed import (
+    MAGIC,
+    data_of,
+    moved,
+    raw,
+    records_of,
+    reindexed,
+    summary_of,
+    with_summary,
+)
+from .test_edits_under_a_signature import write_anew
+
+DATA = (Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.METADATA)
+
+
+@pytest.fixture(scope="module")
+def chunked(original, tmp_path_factory):
+    """The run in a dozen chunks, as mcap writes them."""
+    path = tmp_path_factory.mktemp("chunked") / "run.mcap"
+    write_anew(original, path, compression=CompressionType.ZSTD, chunk_size=3000)
+    return path
+
+
+def ours(path):
+    recording = Recording.open(path)
+    return sorted(
+        (topic, log, data)
+        for topic in recording.topics
+        for block in recording.messages(topic)
+        for log, data in zip(*block, strict=True)
+    )
+
+
+def by_mcap(path):
+    with path.open("rb") as file:
+        return sorted(
+            (c.topic, m.log_time, m.data) for _, c, m in make_reader(file).iter_messages()
+        )
+
+
+def by_rosbags(path):
+    with AnyReader([path]) as reader:
+        return sorted((c.topic, log, bytes(data)) for c, log, data in reader.messages())
+
+
+def judged(trunk, path):
+    """Return the exit codes of verify, doctor and sign, and what they said."""
+    code, said, err = trunk("verify", path)
+    examined, findings, _ = trunk("doctor", path)
+    unsigned, _, why = trunk("sign", path, "--key", "alice", "-o", "s.sig", "--unverified")
+    return (code, examined, unsigned), said + err, findings, why
+
+
+def left_out(summary):
+    del summary.chunks[2]
+
+
+def left_out_and_counted(summary):
+    """The statistics go with the index, as where another tool has filtered the file."""
+    del summary.chunks[2]
+    summary.statistics = None
+
+
+def renamed(summary):
+    summary.channels[0] = replace(summary.channels[0], topic="/renamed")
+
+
+def renumbered(summary):
+    summary.channels[0] = replace(summary.channels[0], id=99)
+
+
+def without_a_channel(summary):
+    del summary.channels[0]
+
+
+def without_a_schema(summary):
+    del summary.schemas[0]
+
+
+def without_metadata(summary):
+    del summary.metadata[0]
+
+
+def other_time(summary):
+    summary.chunks[1] = replace(summary.chunks[1], message_end_time=1)
+
+
+def indexed(summary):
+    """Return where the indexes of a chunk with several topics are."""
+    places = (chunk.message_index_offsets for chunk in summary.chunks)
+    return next(there for there in places if len(there) > 1)
+
+
+def other_index(summary):
+    places = indexed(summary)
+    first, second, *_ = places
+    places[first], places[second] = places[second], places[first]
+
+
+def without_a_topic(summary):
+    indexed(summary).popitem()
+
+
+def without_message_indexes(summary):
+    indexed(summary).clear()
+
+
+def miscounted(summary):
+    counts = summary.statistics.channel_message_counts
+    first, second = list(counts)[:2]
+    counts[first], counts[second] = counts[first] + 1, counts[second] - 1
+
+
+SUMMARIES = {
+    "a chunk left out": (left_out, "the chunk is not in the index"),
+    "a chunk left out, not counted": (left_out_and_counted, "the chunk is not in the index"),
+    "a topic renamed": (renamed, "was described differently before"),
+    "a channel renumbered": (renumbered, "the summary lacks channel"),
+    "no channel": (without_a_channel, "the summary lacks channel"),
+    "no schema": (without_a_schema, "the summary lacks schema"),
+    "no metadata": (without_metadata, "the metadata record is not in the index"),
+    "another time": (other_time, "the index gives the chunk another time span"),
+    "another index": (other_index, "there is no index of channel"),
+    "a topic left out": (without_a_topic, "the message indexes after the chunk"),
+    "no message indexes": (without_message_indexes, "no message indexes of the chunk"),
+    "other counts": (miscounted, "or they are on other channels"),
+}
+
+
+@pytest.mark.parametrize(("edit", "says"), SUMMARIES.values(), ids=SUMMARIES)
+def test_a_summary_that_disagrees_with_the_data_is_not_verified(chunked, run, trunk, edit, says):
+    reindexed(chunked, run, edit)
+    codes, said, findings, why = judged(trunk, "run.mcap")
+    assert codes[1:] == (1, 1), findings
+    assert codes[0] == (1 if edit is renumbered else 2), said  # its digest shows it, too
+    assert says in said
+    assert says in findings
+    assert "run.mcap is not signed because " in why
+    assert says in why
+
+
+def test_messages_outside_of_chunks_are_seen_by_no_index(chunked, run, trunk):
+    reindexed(chunked, run, lambda _: None, raw(Opcode.MESSAGE, struct.pack("<HIQQ", 1, 0, 9, 9)))
+    codes, said, findings, _ = judged(trunk, "run.mcap")
+    assert (codes[1:], "1 messages outside of chunks are in no index" in findings) == ((1, 1), True)
+    assert codes[0] == 1  # its digests show it, too
+    assert "1 messages outside of chunks are in no index" in said
+
+
+def second(path, at, tmp_path):
+    """Return another run's bytes; with ``at``, its places count from the file's first byte."""
+    other = tmp_path / "other.mcap"
+    record_offline(make_plan("fig8", "pid", everywhere={"duration": 0.02}), other)
+    whole = other.read_bytes()
+    if not at:
+        return whole
+    summary = summary_of(other)
+    summary.chunks = [moved(chunk, at) for chunk in summary.chunks]
+    summary.metadata = [replace(index, offset=index.offset + at) for index in summary.metadata]
+    return with_summary(data_of(whole), summary, at)
+
+
+TAILS = {
+    "a byte": lambda whole, _: b"\0",
+    "zeros": lambda whole, _: bytes(100),
+    "the magic": lambda whole, _: MAGIC,
+    "itself": lambda whole, _: whole,
+    "another run": lambda whole, folder: second(whole, 0, folder),
+    "another run with absolute places": lambda whole, folder: second(whole, len(whole), folder),
+}
+
+
+@pytest.mark.parametrize("tail", TAILS.values(), ids=TAILS)
+def test_bytes_after_the_end_are_no_part_of_a_verified_run(original, run, trunk, tmp_path, tail):
+    whole = original.read_bytes()
+    after = tail(whole, tmp_path)
+    run.write_bytes(whole + after)
+    said = f"{len(after)} bytes after the end at byte {len(whole)}: other readers may see another"
+    codes, verdict, findings, why = judged(trunk, "run.mcap")
+    assert codes == (2, 1, 1)
+    assert all(said in text for text in (verdict, findings, why))
+    for verb in ("info", "metrics"):
+        code, out, err = trunk(verb, "run.mcap")
+        assert (code, said in err) == (0, True), out + err
+    code, out, _ = trunk("recover", "run.mcap", "-o", "mended.mcap")
+    assert (code, said in out) == (1, True)
+    assert ours(tmp_path / "mended.mcap") == ours(original) == by_mcap(tmp_path / "mended.mcap")
+    assert not Recording.open(tmp_path / "mended.mcap").damage
+
+
+def test_another_run_after_the_first_is_what_others_read(original, run, tmp_path):
+    whole = original.read_bytes()
+    run.write_bytes(whole + second(whole, len(whole), tmp_path))
+    assert len(by_mcap(run)) < len(ours(run)) == len(ours(original))
+
+
+UNKNOWN = (0x10, 0x42, 0x7F, 0x80, 0xC3, 0xFF)
+
+
+def inserted(whole, record, before):
+    """Return a file's data with a record before one of its records, and no summary."""
+    data = data_of(whole)
+    kinds = [(at, opcode) for opcode, at, _ in records_of(whole) if at < len(data)]
+    place = next(at for at, opcode in kinds if opcode == before) if before else len(data)
+    data = data[:place] + record + data[place:]
+    return data + raw(Opcode.DATA_END, bytes(4)) + raw(Opcode.FOOTER, bytes(20)) + MAGIC
+
+
+@pytest.mark.parametrize("before", [*DATA, None])
+@pytest.mark.parametrize("kind", UNKNOWN)
+def test_records_of_unknown_kinds_are_skipped_and_named(original, run, trunk, kind, before):
+    run.write_bytes(inserted(original.read_bytes(), raw(kind, b"private"), before))
+    assert ours(run) == ours(original) == by_mcap(run)
+    codes, said, findings, why = judged(trunk, "run.mcap")
+    assert codes == (2, 0, 1)
+    assert f"no digests of records of unknown kinds ({kind:#04x}): an edit would not show" in said
+    assert f"a record of the unknown kind {kind:#04x} is skipped" in findings
+    assert f"no digests of records of unknown kinds ({kind:#04x})" in why
+    code, out, _ = trunk("recover", "run.mcap", "-o", "mended.mcap")
+    assert (code, f"lost: the {kind:#04x} record at byte" in out) == (1, True)
+
+
+def test_a_record_of_kind_zero_is_damage(original, run, trunk):
+    run.write_bytes(inserted(original.read_bytes(), raw(0, b"nothing"), Opcode.CHUNK))
+    codes, said, findings, _ = judged(trunk, "run.mcap")
+    assert codes == (2, 1, 1)
+    assert all("a record of kind 0x00, which is not valid" in text for text in (said, findings))
+
+
+def test_what_is_verified_is_what_others_read(chunked, run, trunk):
+    reindexed(chunked, run, lambda _: None)
+    assert judged(trunk, "run.mcap")[0] == (0, 0, 0)
+    assert ours(run) == by_mcap(run) == by_rosbags(run)
+
+
+def padded(data, kinds, padding):
+    """Return records as bytes, those of some kinds longer than is known."""
+    whole, made = MAGIC + data + MAGIC, b""
+    for opcode, at, end in records_of(whole):
+        body = whole[at + 9 : end] + (padding if opcode in kinds else b"")
+        made += raw(opcode, body)
+    return made
+
+
+@pytest.mark.parametrize("padding", [b"\0", b"\1\xff\xff", bytes(range(64))], ids=len)
+@pytest.mark.parametrize(
+    "kind", [Opcode.HEADER, *DATA, Opcode.STATISTICS, Opcode.CHUNK_INDEX, Opcode.METADATA_INDEX]
+)
+def test_records_longer_than_is_known_are_read(original, run, trunk, kind, padding):
+    whole = original.read_bytes()
+    data = padded(data_of(whole)[len(MAGIC) :], [kind], padding)
+    ends = raw(Opcode.DATA_END, bytes(4)), raw(Opcode.FOOTER, bytes(20))
+    run.write_bytes(MAGIC + data + ends[0] + ends[1] + MAGIC)
+    if kind not in (Opcode.HEADER, *DATA):  # the places in the index stay right
+        text = with_summary(data_of(whole), summary_of(original))
+        start = len(data_of(whole)) + len(ends[0])
+        text = padded(text[start : -29 - len(MAGIC)], [kind], padding)
+        footer = raw(Opcode.FOOTER, struct.pack("<QQI", start, 0, 0))
+        run.write_bytes(data_of(whole) + ends[0] + text + footer + MAGIC)
+    assert ours(run) == ours(original) == by_mcap(run)
+    assert judged(trunk, "run.mcap")[0] == (0, 0, 0)
+    code, out, _ = trunk("recover", "run.mcap", "-o", "mended.mcap")
+    assert (code, ours(run.parent / "mended.mcap")) == (0, ours(original)), out
