@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 import pytest
+from mcap.opcode import Opcode
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import write_mcap
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.recording.blocks import MAGIC, records
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
+from trunk_msgs_util.recording.own_records import END
 from trunk_msgs_util.samples import JointSample
 
 TRUTH = f"/{topics.GROUND_TRUTH}"
 MS = 1_000_000
 BOTH = ("hip", "trunk")
+MARKED = [(END, {"complete": "true", "reason": "finished"})]
 
 
-def states(path, stamps, names=BOTH, values=2, order=None):
+def places(path, opcode):
+    """Return where the records of a kind begin."""
+    with path.open("rb") as file:
+        file.seek(len(MAGIC))
+        return [r.offset for r in records(file, path.stat().st_size) if r.opcode == opcode]
+
+
+def states(path, stamps, names=BOTH, values=2, order=None, **options):
     """Write true states with these stamps, each logged a period after the one before; return the path."""
     layout = JointStateLayout(names, values, values, values)
     samples = [
@@ -22,7 +33,7 @@ def states(path, stamps, names=BOTH, values=2, order=None):
         for k, ns in enumerate(stamps)
     ]
     messages = [(TRUTH, k * MS, layout.pack(s)) for k, s in enumerate(samples)]
-    return write_mcap(path, [messages[k] for k in order or range(len(messages))])
+    return write_mcap(path, [messages[k] for k in order or range(len(messages))], **options)
 
 
 @pytest.mark.parametrize(
@@ -153,3 +164,37 @@ def test_a_bags_only_file_is_recovered(tmp_path, trunk, count):
     else:
         says = f"{bag} has 2 files: recover each of them: bag_0.mcap, bag_1.mcap"
         assert (code, err) == (2, f"trunk: error: {says}\n")
+
+
+def test_a_bag_whose_index_was_made_anew_has_no_storage_named(tmp_path, trunk):
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    states(bag / "bag_0.mcap", range(0, 9 * MS, MS))
+    (bag / "metadata.yaml").write_text(
+        'rosbag2_bagfile_information:\n  storage_identifier: ""\n  message_count: 9\n'
+        "  relative_file_paths: [bag_0.mcap]\n"
+    )
+    code, out, err = trunk("info", bag)
+    assert code == 0, err
+    assert TRUTH in out
+
+
+@pytest.mark.parametrize("verb", ["info", "metrics"])
+def test_damage_after_the_mark_of_completeness_stands_first(tmp_path, trunk, verb):
+    path = states(tmp_path / "a.mcap", range(0, 400 * MS, MS), compression="none", first=MARKED)
+    data = bytearray(path.read_bytes())
+    data[places(path, Opcode.CHUNK)[-1] + 60] ^= 0xFF
+    path.write_bytes(data)
+    _, out, err = trunk(verb, path)
+    assert (out + err).lstrip().startswith(("INCOMPLETE: ", "trunk: warning: INCOMPLETE: ")), out
+
+
+def test_damage_in_the_summary_is_named(tmp_path, trunk):
+    path = states(tmp_path / "a.mcap", range(0, 40 * MS, MS))
+    data = bytearray(path.read_bytes())
+    index = places(path, Opcode.CHUNK_INDEX)[0]
+    data[index + 41 : index + 45] = b"\xff\xff\xff\x7f"  # the length of its map
+    path.write_bytes(data)
+    _, out, _ = trunk("doctor", path)
+    assert "is damaged (" in out
+    assert ": \n" not in out

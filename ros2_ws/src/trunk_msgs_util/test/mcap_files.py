@@ -23,13 +23,25 @@ MAGIC = b"\x89MCAP0\r\n"
 
 
 def write_mcap(
-    path: Path, messages, *, compression="zstd", library="foreign", encoding="cdr", **options
+    path: Path,
+    messages,
+    *,
+    compression="zstd",
+    library="foreign",
+    encoding="cdr",
+    first=(),
+    **options,
 ) -> Path:
-    """Write (topic, log time, CDR) of JointState topics; options are those of mcap's writer."""
+    """Write (topic, log time, CDR) of JointState topics; options are those of mcap's writer.
+
+    ``first``: metadata records, (name, values), that come before the messages.
+    """
     options = {"chunk_size": 4096, "index_types": IndexType.ALL, **options}
     with path.open("wb") as file:
         writer = Writer(file, compression=COMPRESSIONS[compression], **options)
         writer.start("ros2", library)
+        for name, values in first:
+            writer.add_metadata(name, values)
         text = schemas.definition(topics.JOINT_STATE_TYPE)
         schema = writer.register_schema(topics.JOINT_STATE_TYPE, "ros2msg", text)
         channels: dict[str, int] = {}

@@ -84,7 +84,8 @@ def bag_folder(folder: Path) -> BagFolder:
         return BagFolder(files, None)
     about = _information(folder / METADATA)
     storage = about.get("storage_identifier")
-    if storage != "mcap":
+    # rosbag2 leaves it empty where it indexes a folder anew.
+    if storage != "mcap" and not (storage == "" and any(folder.glob("*.mcap"))):
         shown = repr(storage) if isinstance(storage, str) and len(storage) < MAX_NAME else "?"
         raise RecordingError(
             f"{folder} has the storage {shown}, only 'mcap' is read: {conversion(folder)}"

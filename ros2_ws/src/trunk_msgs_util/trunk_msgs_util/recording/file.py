@@ -71,6 +71,7 @@ class RecordingFile:
         self.warning: str | None = None
         self.sound = True  # nothing in it was altered
         self.whole = False  # it was read to its end
+        self.data_ended = False  # ... or at least to the end of its data
         self.counts: dict[int, int] = {}  # messages by channel
         self._statistics: Statistics | None = None
         self.channels: dict[int, Channel] = {}
@@ -152,6 +153,8 @@ class RecordingFile:
                 self.metadata[metadata.name] = metadata.metadata
         elif record.opcode == Opcode.ATTACHMENT:
             self.attachments += 1
+        elif record.opcode == Opcode.DATA_END:
+            self.data_ended = True
         elif record.opcode == Opcode.STATISTICS:
             self._statistics = Statistics.read(record.stream)
         elif not is_known(record.opcode):

@@ -91,9 +91,12 @@ class RecordedFiles:
             self.warnings.append(f"{METADATA} counts {counted} messages, its files hold {found}")
         library = self._files[0].library
         if self.end is not None:
-            if self.end.get("complete") == "true":
+            if self.end.get("complete") != "true":
+                self.unfinished = f"incomplete: {self.end.get('reason', 'no reason given')}"
+            elif not self._read_to_their_ends:
+                self.unfinished = "incomplete: marked as complete, but not all of it can be read"
+            else:
                 return
-            self.unfinished = f"incomplete: {self.end.get('reason', 'no reason given')}"
         elif library.startswith(_OURS) or not (library or self._files[0].whole):
             self.unfinished = f"no {END} record: the recorder did not shut down properly"
         elif is_bag and counted is None:
@@ -148,8 +151,13 @@ class RecordedFiles:
 
     @property
     def complete(self) -> bool:
-        """True if the recorder marked the run as complete, and nothing was altered."""
-        return self._sound and self.end is not None and self.end.get("complete") == "true"
+        """True if the recorder marked the run as complete, and all of it was read and is unaltered."""
+        marked = self.end is not None and self.end.get("complete") == "true"
+        return self._sound and self._read_to_their_ends and marked
+
+    @property
+    def _read_to_their_ends(self) -> bool:
+        return all(file.whole or file.data_ended for file in self._files)
 
     @property
     def damage(self) -> list[str]:

@@ -21,7 +21,7 @@ from mcap.records import (
     Statistics,
 )
 
-from .blocks import MAGIC, Record
+from .blocks import MAGIC, Record, damaged
 from .limits import MAX_CHUNK
 from .messages import HEAD
 from .split import record_offsets
@@ -81,7 +81,7 @@ def read_summary(file: BinaryIO, size: int) -> Summary | None:
         try:
             _take(summary, record)
         except Exception as error:  # whatever mcap may raise on a damaged record
-            raise ValueError(f"the summary's record at byte {record.offset}: {error}") from None
+            raise ValueError(f"in the summary, {damaged(record, error)}") from None
     return summary
 
 
