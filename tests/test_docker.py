@@ -1,7 +1,7 @@
 """The images: what Dockerfile and compose file say fits the project; `slim`, built and run.
 
 The long tests use Docker where an engine answers and has, or can pull, the base image. Elsewhere they follow
-the `slim` target's steps, as they stand in the Dockerfile, in a clean Debian, and those of an engine are skipped.
+the `slim` target's steps, as they stand in the Dockerfile, in a clean Debian; what only an engine does is skipped.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def test_compose_stops_the_simulator_first_and_the_recorder_last():
     for name in services["simulator"]["depends_on"]:
         assert services[name]["depends_on"] == ["recorder"]
     assert services["recorder"]["depends_on"] == {"discovery": {"condition": "service_healthy"}}
-    assert f":{11811:X} " in services["discovery"]["healthcheck"]["test"][2]
+    assert f":{11811:X} " in services["discovery"]["healthcheck"]["test"][3]
 
 
 def test_every_node_is_on_the_one_network_with_the_discovery_server_and_the_volume():
