@@ -1,7 +1,7 @@
 """The images: what Dockerfile and compose file say fits the project; `slim`, built and run.
 
 The long tests use Docker where an engine answers and has, or can pull, the base image. Elsewhere they follow
-the `slim` target's steps, as they stand in the Dockerfile, in a clean Debian; what only an engine does is skipped.
+the `slim` target's steps in a clean Debian; what only an engine does is then skipped.
 """
 
 from __future__ import annotations
