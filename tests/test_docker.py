@@ -229,6 +229,8 @@ class Engine:
     def __init__(self, folder):
         self.recordings = folder
         folder.chmod(0o1777)
+        head = ["git", "-C", ROOT, "rev-parse", "HEAD"]
+        self.commit = subprocess.check_output(head, text=True).strip()
         subprocess.run(["bash", DOCKER / "build.sh", "slim"], check=True)
 
     @staticmethod
@@ -356,8 +358,7 @@ class TestSlim:
     def test_a_recording_names_the_commit_and_the_image_its_sources(self, engine):
         shown = json.loads(docker("inspect", "trunk:slim").stdout)[0]["Config"]["Labels"]
         about = {name.rpartition(".")[2]: text for name, text in shown.items()}
-        head = subprocess.check_output(["git", "-C", ROOT, "rev-parse", "HEAD"], text=True).strip()
-        assert about["revision"].removesuffix("+dirty") == head
+        assert about["revision"].removesuffix("+dirty") == engine.commit
         assert about["licenses"] == "Apache-2.0"
         assert re.fullmatch(r"[0-9.]+", about["version"])
         assert about["source"]
