@@ -13,14 +13,14 @@ compose+=(--project-name "$PREFIX" --file docker/compose.yaml --profile live --p
 
 clean() {
     "${compose[@]}" down --volumes --timeout 5 >/dev/null 2>&1 || true
-    docker rm --force "$PREFIX" >/dev/null 2>&1 || true
+    docker rm --force --volumes "$PREFIX" >/dev/null 2>&1 || true
 }
 trap 'clean; rm -rf "$work"' EXIT
 wrong=0
 row() { # WHAT EXPECTED FOUND
     local verdict=ok
     [[ $3 == $2 ]] || { verdict=WRONG; wrong=$((wrong + 1)); } # EXPECTED is a pattern
-    printf '%-38s %-34s %-34s %s\n' "$1" "$2" "$3" "$verdict"
+    printf '%-38s %-36s %-36s %s\n' "$1" "$2" "$3" "$verdict"
 }
 until_true() { # COMMAND...: a condition that comes true, however busy the machine is
     until "$@" >/dev/null 2>&1; do sleep 0.2; done
@@ -37,7 +37,7 @@ if [[ -z ${TRUNK_BUILT:-} ]]; then
         docker/build.sh "$target" >"$work/build.log" 2>&1 || { tail -20 "$work/build.log" >&2; exit 1; }
     done
 fi
-printf '%-38s %-34s %-34s\n' what expected found
+printf '%-38s %-36s %-36s\n' what expected found
 for target in slim cluster; do
     size=$(docker image inspect --format '{{.Size}}' "trunk:$target")
     row "size of $target, MB" '[0-9]*' "$((size / 1000000))"
@@ -88,7 +88,7 @@ until_true status
 row 'live page, its own address' 200 "$(status)"
 row 'live page, another host' 403 "$(status --header 'Host: evil.example')"
 row "live page, the container's address" 403 "$(status --header 'Host: 127.0.0.1:8080')"
-docker rm --force "$PREFIX" >/dev/null
+docker rm --force --volumes "$PREFIX" >/dev/null
 
 # ── a sweep on a cluster, a worker killed, and alone ───────────────────────────────────────────────────
 printf '%s\n' 'scenario: fig6' 'rate: 200' 'duration: 3.0' 'controllers: [pid, fuzzy_pid]' 'block: 5' 'vary:' \
@@ -102,6 +102,6 @@ docker kill "$(container worker | head -1)" >/dev/null
 code=0
 wait "$running" || code=$?
 inside trunk sweep study.yaml --jobs 1 -o alone.parquet >/dev/null 2>&1
-row 'sweep on a cluster, a worker killed' '0, identical*' "$code, $(inside trunk diff cluster.parquet alone.parquet | head -1)"
+row 'sweep on a cluster, a worker killed' '0, identical*' "$code, $(inside trunk diff cluster.parquet alone.parquet | sed -n 1p)"
 
 ((wrong == 0)) || { printf '\ncheck_docker: %d rows are WRONG\n' "$wrong" >&2; exit 1; }
