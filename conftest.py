@@ -90,9 +90,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_terminal_summary(terminalreporter: Any) -> None:
     """Note each reason for which tests were skipped, with their number."""
     reasons = Counter(
-        report.longrepr[2].removeprefix("Skipped: ")
+        report.longrepr[2].removeprefix("Skipped: ").partition("\n")[0]
         for report in terminalreporter.stats.get("skipped", [])
     )
     if file := os.environ.get("TRUNK_SKIPPED"):
         with Path(file).open("a", encoding="utf-8") as stream:
-            stream.writelines(f"{count} ({reason})\n" for reason, count in reasons.items())
+            stream.writelines(f"{count} {reason}\n" for reason, count in reasons.items())

@@ -4,7 +4,8 @@
 #
 # Without ROS 2, Jazzy comes from pinned wheels. If a ROS 2 Jazzy is sourced, it is used and .venv
 # only adds to it. Every file that is installed has its hash in requirements/. $PYTHON chooses the
-# interpreter, CPython 3.10 to 3.13. --no-dev leaves out what only the tests need, for an image.
+# interpreter, CPython 3.10 to 3.13. For an image: --no-dev leaves out what only the tests need, and with --no-build
+# after it .venv alone is made, which needs no sources.
 set -euo pipefail
 cd -P "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
@@ -51,8 +52,9 @@ workspace_key() {
 
 up_to_date() {
     [[ ! -e .venv/.busy ]] && holds .venv/.made "$made" && holds .venv/.installed "$pins" &&
-        holds ros2_ws/install/.built "$(workspace_key)"
+        built
 }
+built() { [[ $build == no ]] || holds ros2_ws/install/.built "$(workspace_key)"; }
 
 make_venv() {
     "${python#cpython * }" -Ic 'import ensurepip, venv' 2>/dev/null || die "${python#cpython * } has no venv module:" \
@@ -65,6 +67,7 @@ make_venv() {
     [[ $ros == wheels ]] || site=(--system-site-packages)
     "${python#cpython * }" -m venv "${site[@]}" .venv >.venv/.log 2>&1 ||
         die "no virtual environment could be made; the reason is in .venv/.log"
+    ln -s ../../ros2_ws/install/trunk_experiments/lib/trunk_experiments/trunk .venv/bin/trunk
     printf '%s\n' "$made" >.venv/.made
 }
 
@@ -152,7 +155,6 @@ build() {
         text=$(launcher "$(basename "$(dirname "$script")")" "$(basename "$script")")
         printf '%s\n' "$text" >"$script"
     done
-    ln -sfn ../../ros2_ws/install/trunk_experiments/lib/trunk_experiments/trunk .venv/bin/trunk
     printf '%s\n' "$key" >ros2_ws/install/.built
 }
 
@@ -164,11 +166,15 @@ case ${ROS_DISTRO:-} in
     *) die "ROS 2 ${ROS_DISTRO@Q} is sourced in this shell, but this project is for Jazzy: use a shell without it" ;;
 esac
 # What it costs, measured on x86-64 with CPython 3.11: the files of pip download, and du -s .venv.
+build=yes
 case $* in
     # Most modules are never imported; the others are compiled when they first are. In an image they cannot be.
     '') dev=(dev) compile=--no-compile download='410 MB' disk='1.5 GB' ;;
-    --no-dev) dev=() compile=--compile download='290 MB' disk='1.1 GB' ;;
-    *) die "unknown argument '$*': --no-dev is the only option" ;;
+    --no-dev | '--no-dev --no-build')
+        dev=() compile=--compile download='290 MB' disk='1.1 GB'
+        [[ $* == --no-dev ]] || build=no
+        ;;
+    *) die "unknown argument '$*': --no-dev is allowed, and --no-dev --no-build" ;;
 esac
 pins=$(cat requirements/{setuptools,runtime,ros,build}.txt "${dev[@]/#dev/requirements/dev.txt}" | sha256sum)
 
@@ -184,7 +190,7 @@ fi
     die '.venv was made for the ROS 2 Jazzy of this machine: source /opt/ros/jazzy/setup.bash first, or delete .venv'
 
 # ── the work, by one process at a time ─────────────────────────────────────────────────────────────────
-mkdir -p .venv 2>/dev/null && [[ -w .venv && -w ros2_ws ]] ||
+mkdir -p .venv ros2_ws 2>/dev/null && [[ -w .venv && -w ros2_ws ]] ||
     die "this checkout cannot be written to ($root), but .venv and the build go into it: give it write permission, or copy it"
 exec 9>>.venv/.lock
 flock -n 9 || { say 'waiting for another bootstrap of this checkout'; flock 9; }
@@ -198,5 +204,5 @@ if [[ -e .venv/.busy ]] || ! holds .venv/.installed "$pins"; then
 fi
 if [[ -e .venv/.busy ]] || ! holds .venv/.made "$made"; then make_venv; fi
 holds .venv/.installed "$pins" || install_pins
-holds ros2_ws/install/.built "$(workspace_key)" || build
+built || build
 echo 'ready: source scripts/env.sh'

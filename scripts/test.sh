@@ -88,7 +88,9 @@ fi
 
 printf '\nprocessor time:\n'
 printf '%s\n' "${costs[@]}"
-skipped=$(sort -u "$TRUNK_SKIPPED" | paste -sd';' | sed 's/;/; /g')
+# Each reason once, with the number of all its tests.
+skipped=$(awk '{ count = $1; sub(/^[0-9]+ /, ""); tests[$0] += count }
+    END { for (reason in tests) printf "%d (%s)\n", tests[reason], reason }' "$TRUNK_SKIPPED" | sort -k2 | paste -sd';' | sed 's/;/; /g')
 [[ -z $skipped ]] || left="; skipped: $skipped$left"
 if ((${#failed[@]})); then
     printf '\ntest: FAILED:%s%s\n' "$(printf ' %s,' "${failed[@]}" | sed 's/,$//')" "$left" >&2

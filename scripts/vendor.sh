@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Fetch again the files of other projects that are kept here: uPlot for the live page's charts, Plotly's cartesian bundle
-# for the report. Needs curl and the network. To update one, change its version and the sha512 that the npm registry
-# gives for it (npm view uplot@VERSION dist.integrity).
+# for the report. Needs npm, whose own settings name the registry, and the network. To update one, change its version and
+# the sha512 that the registry gives for it (npm view uplot@VERSION dist.integrity).
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../ros2_ws/src/trunk_experiments/trunk_experiments"
 
@@ -10,12 +10,11 @@ trap 'rm -rf "$folder"' EXIT
 
 renew() { # NAME VERSION SHA512 TARGET FILE...: these files of the package
     local name=$1 version=$2 sha512=$3 target=$4 found
-    curl --fail --silent --show-error --location -o "$folder/$name.tgz" \
-        "https://registry.npmjs.org/$name/-/$name-$version.tgz"
-    found=$(openssl dgst -sha512 -binary "$folder/$name.tgz" | base64 --wrap=0)
+    npm pack --loglevel error --pack-destination "$folder" "$name@$version" >/dev/null
+    found=$(openssl dgst -sha512 -binary "$folder/$name-$version.tgz" | base64 --wrap=0)
     [[ $found == "$sha512" ]] || { echo "vendor: $name-$version.tgz: sha512 is $found, not $sha512" >&2; exit 1; }
     mkdir "$folder/$name"
-    tar --extract --gzip --file "$folder/$name.tgz" --directory "$folder/$name" --strip-components 1
+    tar --extract --gzip --file "$folder/$name-$version.tgz" --directory "$folder/$name" --strip-components 1
     (cd "$folder/$name" && cp "${@:5}" "$OLDPWD/$target/")
 }
 

@@ -1,6 +1,7 @@
-"""The images: what Dockerfile and compose file say fits the project; `slim`, built without an engine.
+"""The images: what Dockerfile and compose file say fits the project; `slim`, built and run.
 
-The slow test follows the `slim` target's steps, as they stand in the Dockerfile, in a clean Debian.
+The long tests use Docker where an engine answers and has, or can pull, the base image. Elsewhere they follow
+the `slim` target's steps in a clean Debian; what only an engine does is then skipped.
 """
 
 from __future__ import annotations
@@ -10,8 +11,10 @@ import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
-import time
+import urllib.error
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -20,10 +23,12 @@ import yaml
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import make_plan
 
+from .graph.processes import until
+
 ROOT = Path(__file__).parents[1]
 DOCKER = ROOT / "docker"
 COMPOSE = yaml.safe_load((DOCKER / "compose.yaml").read_text(encoding="utf-8"))
-DEBIAN = "http://deb.debian.org/debian"
+LONG = [pytest.mark.long, pytest.mark.graph, pytest.mark.timeout(3600)]
 
 
 def stages(text):
@@ -40,19 +45,35 @@ def stages(text):
 
 
 STAGES = stages((DOCKER / "Dockerfile").read_text(encoding="utf-8"))
+TARGETS = ("slim", "cluster", "ros")
+
+
+def steps_of(stage):
+    """Return a stage's steps after those of the stage that it starts from."""
+    parent = STAGES[stage][0][1].split()[0]
+    return [*(steps_of(parent) if parent in STAGES else ()), *STAGES[stage]]
 
 
 def last(stage, instruction):
-    return [arguments for name, arguments in STAGES[stage] if name == instruction][-1]
+    return [arguments for name, arguments in steps_of(stage) if name == instruction][-1]
 
 
-def test_the_two_targets():
-    assert last("slim", "FROM").startswith("debian:")
-    assert last("ros", "FROM").split()[0] == "ros:jazzy-ros-base"
-    assert list(STAGES) == ["slim", "ros"]
+def test_the_targets():
+    bases = {stage: steps_of(stage)[0][1].split()[0] for stage in STAGES}
+    assert bases["ros"] == "ros:jazzy-ros-base"
+    assert {bases[stage] for stage in STAGES if stage != "ros"} == {"debian:bookworm-slim"}
+    script = (DOCKER / "build.sh").read_text(encoding="utf-8")
+    assert re.search(r"\^\(([a-z|]+)\)\$", script)[1].split("|") == list(TARGETS)
 
 
-@pytest.mark.parametrize("stage", STAGES)
+def test_sources_come_after_wheels():
+    wheels = [arguments for name, arguments in steps_of("wheels") if name == "COPY"]
+    assert not any(arguments.startswith((". ", "ros2_ws")) for arguments in wheels)
+    copies = [arguments for name, arguments in STAGES["slim"] if name == "COPY"]
+    assert [one.split()[0] for one in copies] == ["--from=trimmed", "--from=built"]
+
+
+@pytest.mark.parametrize("stage", TARGETS)
 def test_an_image_is_unprivileged_and_passes_signals_on(stage):
     assert last(stage, "USER") == "trunk"
     entrypoint = json.loads(last(stage, "ENTRYPOINT"))  # exec form: JSON
@@ -61,12 +82,16 @@ def test_an_image_is_unprivileged_and_passes_signals_on(stage):
     assert os.access(DOCKER / "entrypoint.sh", os.X_OK)
     assert isinstance(json.loads(last(stage, "CMD")), list)
     assert last(stage, "STOPSIGNAL") == "SIGINT"
+    assert last(stage, "ENV").startswith("TRUNK_COMMIT=")
+    assert "HOME=/tmp" in [arguments for name, arguments in steps_of(stage) if name == "ENV"]
     assert (DOCKER / "entrypoint.sh").read_text().rstrip().endswith('exec "$@"')
 
 
-def test_the_context_leaves_out_what_is_built_here():
-    ignored = (ROOT / ".dockerignore").read_text().split()
-    assert {".git", ".venv", "ros2_ws/build", "ros2_ws/install", "runs"} <= set(ignored)
+def test_the_context_has_what_the_images_need_and_no_more():
+    everything, *rest = (ROOT / ".dockerignore").read_text().split()
+    assert everything == "*"
+    taken = {line.removeprefix("!") for line in rest if line.startswith("!")}
+    assert taken == {"requirements/*.txt", "scripts", "docker/entrypoint.sh", "ros2_ws/src"}
 
 
 def test_compose_runs_the_nodes_of_a_plan():
@@ -80,7 +105,8 @@ def test_compose_runs_the_nodes_of_a_plan():
             assert command[-2:] == ["--params-file", "/recordings/params.yaml"]
             started[name] = executable
     assert sorted(started.values()) == sorted(plan.configs | external.configs)
-    assert set(COMPOSE["services"]) - set(started) == {"plan", "plan-external", "discovery"}
+    others = {"plan", "plan-external", "discovery", "live", "scheduler", "worker", "sweep"}
+    assert set(COMPOSE["services"]) - set(started) == others
 
 
 def test_compose_stops_the_simulator_first_and_the_recorder_last():
@@ -88,15 +114,23 @@ def test_compose_stops_the_simulator_first_and_the_recorder_last():
     assert services["simulator"]["depends_on"] == ["controller", "disturbance"]
     for name in services["simulator"]["depends_on"]:
         assert services[name]["depends_on"] == ["recorder"]
-    assert services["recorder"]["depends_on"] == ["discovery"]
+    assert services["recorder"]["depends_on"] == {"discovery": {"condition": "service_healthy"}}
+    assert f":{11811:X} " in services["discovery"]["healthcheck"]["test"][3]
 
 
-def test_every_service_is_on_the_one_network_with_the_discovery_server_and_the_volume():
-    for service in COMPOSE["services"].values():
-        assert service["networks"] == list(COMPOSE["networks"])
+def test_every_node_is_on_the_one_network_with_the_discovery_server_and_the_volume():
+    assert "name" not in COMPOSE  # docker-compose 1.29 refuses it
+    for name, service in COMPOSE["services"].items():
         assert service["volumes"] == ["recordings:/recordings"]
-        assert service["environment"]["ROS_DISCOVERY_SERVER"].split(":")[0] in COMPOSE["services"]
+        assert service["cap_drop"] == ["ALL"]
+        if name == "live":
+            assert service["ports"] == ["127.0.0.1:${PORT:-8080}:8080"]
+            continue
         assert "ports" not in service
+        assert service["networks"] == list(COMPOSE["networks"])
+        if name not in ("scheduler", "worker", "sweep"):
+            server = service["environment"]["ROS_DISCOVERY_SERVER"]
+            assert server.split(":")[0] in COMPOSE["services"]
     assert list(COMPOSE["volumes"]) == ["recordings"]
 
 
@@ -105,8 +139,19 @@ class CleanRoot:
 
     def __init__(self, folder, suite):
         self.folder = folder
-        self.user, self.workdir = "root", "/"
-        subprocess.run(["debootstrap", "--variant=minbase", suite, folder, DEBIAN], check=True)
+        self.user, self.workdir, self.set = "root", "/", {}
+        self.recordings = folder / "recordings"
+        sources = (
+            subprocess.run(
+                ["apt-get", "indextargets", "--format", "$(REPO_URI)", f"Codename: {suite}"],
+                capture_output=True,
+                text=True,
+                check=True,
+            ).stdout.split()
+        )  # the mirror of this machine; debootstrap's own where it has no such Debian
+        subprocess.run(
+            ["debootstrap", "--variant=minbase", suite, folder, *sources[:1]], check=True
+        )
         folder.chmod(0o755)  # it is the root folder of other users too
         # What an engine gives to a build: name service, proxies, and here the host's certificates.
         for name in ("resolv.conf", "hosts"):
@@ -122,37 +167,36 @@ class CleanRoot:
         for mount in self._mounts:
             subprocess.run(["umount", "--lazy", mount], check=True)
 
-    def argv(self, *command):
-        home = "/root" if self.user == "root" else f"/home/{self.user}"
+    def argv(self, *command, user=""):
         passed = [
             f"{k}={v}"
             for k, v in os.environ.items()
             if k.lower().endswith("_proxy") or k in ("PIP_CERT", "PIP_INDEX_URL")
         ]
         path = "PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
-        inside = ["/usr/bin/env", "-i", f"--chdir={self.workdir}", path, f"HOME={home}", *passed]
-        return ["chroot", f"--userspec={self.user}:{self.user}", self.folder, *inside, *command]
+        own = [f"{name}={value}" for name, value in {"HOME": "/root", **self.set}.items()]
+        inside = ["/usr/bin/env", "-i", f"--chdir={self.workdir}", path, *own, *passed]
+        user = user or f"{self.user}:{self.user}"
+        return ["chroot", f"--userspec={user}", self.folder, *inside, *command]
 
     def copy(self, arguments):
-        owner, source, target = arguments.split()
-        assert (owner, source, target) == ("--chown=trunk:trunk", ".", ".")
-        tracked = subprocess.run(
-            ["git", "-C", ROOT, "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
-            capture_output=True,
-            check=True,
-        ).stdout.decode()
-        for name in filter(None, tracked.split("\0")):
+        *options, source, target = arguments.split()
+        if options:  # of another stage, which was followed in this root too
+            if source != target:
+                command = self.argv("cp", "-a", f"{source}/.", target, user="root:root")
+                subprocess.run(command, check=True)
+            return
+        listed = ["git", "-C", ROOT, "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+        for name in subprocess.check_output(listed, text=True).rstrip("\0").split("\0"):
             place = self.folder / self.workdir.lstrip("/") / name
             place.parent.mkdir(parents=True, exist_ok=True)
             if (ROOT / name).is_file():
                 shutil.copy2(ROOT / name, place)
-        subprocess.run(
-            ["chroot", self.folder, "chown", "-R", "trunk:trunk", self.workdir], check=True
-        )
 
     def follow(self, steps):
         for instruction, arguments in steps:
             if instruction == "RUN":
+                self.user = "root"
                 subprocess.run(self.argv("/bin/sh", "-c", arguments), check=True)
             elif instruction == "COPY":
                 self.copy(arguments)
@@ -160,48 +204,201 @@ class CleanRoot:
                 self.user = arguments
             elif instruction == "WORKDIR":
                 self.workdir = arguments
-            else:
-                assert instruction in ("FROM", "VOLUME", "STOPSIGNAL", "ENTRYPOINT", "CMD")
+            elif instruction == "ENV" and "$" not in arguments:
+                name, _, self.set[name] = arguments.partition("=")
+
+    def run(self, *command, user=""):
+        inside = self.argv(*json.loads(last("slim", "ENTRYPOINT")), *command, user=user)
+        return subprocess.run(inside, capture_output=True, text=True, check=False)
+
+    def start(self, *command):
+        return subprocess.Popen(self.argv(*json.loads(last("slim", "ENTRYPOINT")), *command))
+
+    def stop(self, process):
+        process.send_signal(getattr(signal, last("slim", "STOPSIGNAL")))
+        return process.wait(9.0)  # docker stop kills after 10 s
+
+
+class Engine:
+    """Docker, and the image `trunk:slim` as this page's first command builds it."""
+
+    NAME = f"trunk-test-{os.getpid()}"
+    # As little as an image may need.
+    LEAST = ("--read-only", "--tmpfs", "/tmp", "--cap-drop", "ALL", "--network", "none")
+
+    def __init__(self, folder):
+        self.recordings = folder
+        folder.chmod(0o1777)
+        head = ["git", "-C", ROOT, "rev-parse", "HEAD"]
+        self.commit = subprocess.check_output(head, text=True).strip()
+        subprocess.run(["bash", DOCKER / "build.sh", "slim"], check=True)
+
+    @staticmethod
+    def why_not():
+        base = last("base", "FROM").split()[0]
+        if shutil.which("docker") is None or docker("version").returncode:
+            return "no Docker engine answers here"
+        if docker("image", "inspect", base).returncode and docker("pull", base).returncode:
+            return f"the engine neither has nor finds {base}"
+        return None
+
+    def argv(self, *command, options=()):
+        mounted = ("-v", f"{self.recordings}:/recordings")
+        return [
+            "docker",
+            "run",
+            "--rm",
+            "--name",
+            self.NAME,
+            *mounted,
+            *options,
+            "trunk:slim",
+            *command,
+        ]
+
+    def run(self, *command, user=""):
+        options = (*self.LEAST, *(("--user", user) if user else ()))
+        inside = self.argv(*command, options=options)
+        return subprocess.run(inside, capture_output=True, text=True, check=False)
+
+    def start(self, *command, options=()):
+        return subprocess.Popen(
+            self.argv(*command, options=options), stdout=subprocess.PIPE, text=True
+        )
+
+    def stop(self, process):
+        assert not docker("stop", "--time", "60", self.NAME).returncode
+        return process.wait()
+
+    def close(self):
+        docker("rm", "--force", self.NAME)
+
+
+def docker(*words):
+    return subprocess.run(["docker", *words], capture_output=True, text=True, check=False)
 
 
 @pytest.fixture(scope="module")
 def slim(tmp_path_factory):
+    if Engine.why_not() is None:
+        image = Engine(tmp_path_factory.mktemp("recordings"))
+        yield image
+        image.close()
+        return
     if os.geteuid() != 0 or shutil.which("debootstrap") is None:
-        pytest.skip("the image's stages: as root, with Debian's debootstrap")
-    suite = last("slim", "FROM").split()[0].removeprefix("debian:").removesuffix("-slim")
+        pytest.skip(f"the image slim: {Engine.why_not()}; or root with debootstrap")
+    suite = last("base", "FROM").split()[0].removeprefix("debian:").removesuffix("-slim")
     root = CleanRoot(tmp_path_factory.mktemp("slim"), suite)
     try:
-        root.follow(STAGES["slim"])
+        for stage in ("base", "wheels", "trimmed", "built", "slim"):
+            root.workdir = "/opt/trunk"
+            # Here the build's own tools are still needed after the stage that leaves them out.
+            root.follow(() if stage == "trimmed" else STAGES[stage])
         yield root
     finally:
         root.close()
         shutil.rmtree(root.folder)
 
 
-def in_container(root, *command):
-    return root.argv(*json.loads(last("slim", "ENTRYPOINT")), *command)
+@pytest.fixture
+def engine(slim):
+    if not isinstance(slim, Engine):
+        pytest.skip(f"what an engine alone does: {Engine.why_not()}")
+    return slim
 
 
-@pytest.mark.slow
-@pytest.mark.graph
-@pytest.mark.timeout(1800)
-def test_the_slim_image_runs_records_and_stops_cleanly(slim):
-    run = ["trunk", "run", "fig8", "--lockstep", "--duration", "1", "--output", "whole"]
-    subprocess.run(in_container(slim, *run), check=True)
-    subprocess.run(in_container(slim, "trunk", "verify", "whole/run.mcap"), check=True)
-    assert (slim.folder / "recordings/whole/run.mcap").stat().st_uid == 1010
+def run(image, *command, **more):
+    done = image.run(*command, **more)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done
 
-    record = ["ros2", "run", "trunk_msgs_util", "recorder", "--ros-args", "-p"]
-    wrong = subprocess.run(in_container(slim, *record, "compression:=no"), check=False)
-    assert wrong.returncode == 2  # the node's exit code, through init and entrypoint
 
-    # `docker stop`, seen from the recorder: the stop signal to process 1
-    recorder = subprocess.Popen(in_container(slim, *record, "output:=/recordings/stopped.mcap"))
-    stopped = slim.folder / "recordings/stopped.mcap"
-    deadline = time.monotonic() + 30.0
-    while not (stopped.exists() and stopped.stat().st_size) and time.monotonic() < deadline:
-        time.sleep(0.1)
-    time.sleep(1.0)
-    recorder.send_signal(getattr(signal, last("slim", "STOPSIGNAL")))
-    assert recorder.wait(9.0) == 0  # docker stop kills after 10 s
-    assert stopped.read_bytes().endswith(b"\x89MCAP0\r\n")
+class TestSlim:
+    """The image, by an engine or without."""
+
+    pytestmark = LONG
+
+    def test_it_runs_records_and_stops_cleanly(self, slim):
+        lockstep = ("trunk", "run", "fig8", "--lockstep", "--duration", "1")
+        run(slim, *lockstep, "--output", "whole")
+        run(slim, "trunk", "verify", "whole/run.mcap")
+        assert (slim.recordings / "whole/run.mcap").stat().st_uid == 1010
+
+        record = ("ros2", "run", "trunk_msgs_util", "recorder", "--ros-args", "-p")
+        wrong = slim.run(*record, "compression:=no")
+        assert wrong.returncode == 2  # the node's exit code, through init and entrypoint
+
+        recorder = slim.start(*record, "output:=/recordings/stopped.mcap")
+        stopped = slim.recordings / "stopped.mcap"
+        until(lambda: stopped.exists() and stopped.stat().st_size, "the recorder has its file")
+        assert slim.stop(recorder) == 0
+        assert stopped.read_bytes().endswith(b"\x89MCAP0\r\n")
+
+    def test_any_user_runs_and_plots_without_a_warning(self, slim):
+        folder = slim.recordings / "theirs"
+        folder.mkdir()
+        os.chown(folder, 4321, 4321) if os.geteuid() == 0 else folder.chmod(0o777)
+        for command in (
+            ("run", "demo", "--lockstep", "--duration", "1", "--output", "theirs/run"),
+            ("simulate", "demo", "--duration", "1", "-o", "theirs/offline.mcap"),
+            ("plot", "theirs/run", "-o", "theirs/run.png"),
+            ("verify", "theirs/run"),
+        ):
+            done = run(slim, "trunk", *command, user="4321:4321")
+            for word in ("arning", "Permission", "Traceback", "MPLCONFIGDIR"):
+                assert word not in done.stderr
+
+    def test_every_part_of_the_libraries_that_is_used_is_there(self, slim):
+        run(slim, "trunk", "simulate", "demo", "--duration", "1", "-o", "a.mcap", "--force")
+        run(slim, "trunk", "report", "a.mcap", "-o", "a.html", "--force")
+        run(slim, "trunk", "export", "a.mcap", "--parquet", "a.parquet")
+        run(slim, "trunk", "tune", "lqr")
+        run(slim, "python3", "-c", "import sympy, trunk_experiments.paper.errata")
+
+    def test_a_recording_names_the_commit_and_the_image_its_sources(self, engine):
+        shown = json.loads(docker("inspect", "trunk:slim").stdout)[0]["Config"]["Labels"]
+        about = {name.rpartition(".")[2]: text for name, text in shown.items()}
+        assert about["revision"].removesuffix("+dirty") == engine.commit
+        assert about["licenses"] == "Apache-2.0"
+        assert re.fullmatch(r"[0-9.]+", about["version"])
+        assert about["source"]
+        run(engine, "trunk", "simulate", "demo", "--duration", "1", "-o", "b.mcap", "--force")
+        told = json.loads(run(engine, "trunk", "info", "b.mcap", "--json").stdout)
+        assert told["provenance"]["commit"] == about["revision"]
+        assert "no commit" not in run(engine, "trunk", "doctor", "b.mcap").stdout
+
+    def test_the_page_of_a_published_port(self, engine):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            url = f"http://127.0.0.1:{free.getsockname()[1]}"
+        served = ("--host", "0.0.0.0", "--port", "8080", "--url", url)
+        port = ("-p", f"{url.removeprefix('http://')}:8080")
+        live = engine.start("trunk", "live", "demo", *served, "--output", "live", options=port)
+        line = live.stdout.readline()
+        assert line.startswith(f"page: {url}/#"), line
+        until(lambda: status(url) == 200, "the page is served")
+        for other in ("127.0.0.1:8080", "evil.example", "localhost", "0.0.0.0:8080"):
+            assert status(url, other) == 403
+        engine.stop(live)
+        run(engine, "trunk", "info", "live")
+
+    def test_the_commands_of_the_page(self, engine, tmp_path):
+        page = (DOCKER / "README.md").read_text(encoding="utf-8")
+        build, folder, *commands = re.findall(r"^    (.*)$", page, re.MULTILINE)[:4]
+        assert build == "docker/build.sh slim"
+        for command in (folder, *commands):
+            shell = ["bash", "-euc", command]
+            done = subprocess.run(shell, cwd=tmp_path, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stdout + done.stderr
+        assert (tmp_path / "runs/fig8/run.mcap").stat().st_uid == os.getuid()
+
+
+def status(url, host=""):
+    try:
+        request = urllib.request.Request(url, headers={"Host": host} if host else {})
+        with urllib.request.urlopen(request) as answer:
+            return answer.status
+    except urllib.error.HTTPError as error:
+        return error.code
+    except OSError:  # it does not listen yet
+        return None

@@ -52,7 +52,7 @@ def law_named(name: str) -> Law:
     """
     from .law import Law  # a node's executable needs only the names
 
-    entries = _registered()[name]
+    entries = sorted(_registered()[name], key=_package)  # a folder lists them in any order
     by = " and ".join(f"package {_package(entry)} ({entry.value})" for entry in entries)
     what = f"controller {name!r} of {by}"
     if len(entries) > 1:

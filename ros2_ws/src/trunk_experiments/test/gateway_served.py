@@ -11,7 +11,7 @@ from tornado.httpserver import HTTPServer
 from tornado.testing import bind_unused_port
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
-from trunk_experiments.gateway.access import Hosts, Tokens
+from trunk_experiments.gateway.access import Site, Tokens
 from trunk_experiments.gateway.board import Board
 from trunk_experiments.gateway.feed import RefusedRequestError, put_stream
 from trunk_experiments.gateway.page_files import page_files
@@ -52,13 +52,13 @@ class Feed:
 class Served:
     """A gateway that serves in this process, and clients of it."""
 
-    def __init__(self, stoppable=False):
+    def __init__(self, stoppable=False, url=""):
         listening, self.port = bind_unused_port()
         self.feed, self.said = Feed(), []
         self.tokens = Tokens.new()
-        hosts = Hosts(frozenset({"127.0.0.1", "localhost"}), self.port)
+        site = Site.at(url or f"http://127.0.0.1:{self.port}")
         self.gateway = Gateway(
-            self.feed, self.tokens, hosts, page_files(), self.said.append, stoppable
+            self.feed, self.tokens, site, page_files(), self.said.append, stoppable
         )
         self.server: HTTPServer = self.gateway.server()
         self.server.add_socket(listening)

@@ -67,6 +67,39 @@ def test_another_host_is_not_answered():
     serving(test)
 
 
+_OTHERS = (
+    *("", "127.0.0.1", "127.0.0.1:80", "127.0.0.1:18081", "127.0.0.1:{port}", "localhost"),
+    *("localhost:{port}", "localhost:18080.evil.example", "evil.example:18080", "0.0.0.0:18080"),
+    *("[::1]:18080", "127.0.0.2:18080", "127.0.0.1.evil.example:18080", "127.1:18080"),
+    *(
+        "user@127.0.0.1:18080",
+        "2130706433:18080",
+        "127.0.0.1:018080",
+        "evil.example, 127.0.0.1:18080",
+    ),
+    *("LOCALHOST.:18080", "robot:18080"),
+)
+
+
+def test_behind_another_port_only_the_address_that_browsers_open_is_known():
+    async def test(served):
+        for name in ("127.0.0.1:18080", "localhost:18080"):
+            assert (await served.get("/", Host=name)).code == 200
+            page = await served.connect(Host=name, Origin=f"http://{name}")
+            assert (await words(page, "hello"))["control"]
+        assert len(_OTHERS) == 20
+        for other in (one.format(port=served.port) for one in _OTHERS):
+            assert (await served.get("/", Host=other)).code in (400, 403), other
+            with pytest.raises(HTTPClientError, match="403"):
+                await served.connect(Host="127.0.0.1:18080", Origin=f"http://{other}")
+        with pytest.raises(HTTPClientError, match="403"):
+            await served.connect(Host="127.0.0.1:18080", Origin="https://127.0.0.1:18080")
+        with pytest.raises(HTTPClientError, match="403"):
+            await served.connect("x" * 43, Host="127.0.0.1:18080")
+
+    serving(test, url="http://127.0.0.1:18080")
+
+
 @pytest.mark.parametrize("token", ["", "x" * 43])
 def test_nobody_gets_in_without_a_token(token):
     async def test(served):

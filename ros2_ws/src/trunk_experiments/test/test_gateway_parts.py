@@ -10,7 +10,7 @@ import pytest
 from trunk_control.fuzzy import fired_rules
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.pid_law import PidConfig
-from trunk_experiments.gateway.access import Hosts, Rate, Tokens
+from trunk_experiments.gateway.access import Rate, Site, Tokens, origin_of
 from trunk_experiments.gateway.board import Board
 from trunk_experiments.gateway.graph import Graph
 from trunk_experiments.gateway.page_files import page_files
@@ -106,8 +106,8 @@ def test_tokens_open_what_they_are_for():
 
 
 def test_only_our_own_names_and_origins_are_known():
-    hosts = Hosts(frozenset({"127.0.0.1", "localhost", "::1"}), 8000)
-    for known in ("127.0.0.1:8000", "localhost:8000", "[::1]:8000"):
+    hosts = Site.at("http://127.0.0.1:8000")
+    for known in ("127.0.0.1:8000", "localhost:8000"):
         assert hosts.known(known)
         assert hosts.same(f"http://{known}")
     for unknown in (
@@ -123,6 +123,47 @@ def test_only_our_own_names_and_origins_are_known():
     assert not hosts.same("null")
     assert not hosts.same("http://user@localhost:8000")
     assert hosts.same(None)  # no browser
+
+
+@pytest.mark.parametrize(
+    ("url", "origin"),
+    [
+        ("http://127.0.0.1:8080", "http://127.0.0.1:8080"),
+        ("HTTPS://Robot.Example/", "https://robot.example"),
+        ("https://robot.example:443", "https://robot.example"),
+        ("http://robot:80", "http://robot"),
+        ("http://[0:0::1]:8080", "http://[::1]:8080"),
+        ("http://[::1]:8080", "http://[::1]:8080"),
+    ],
+)
+def test_an_origin_is_what_browsers_send(url, origin):
+    assert origin_of(url) == origin
+    site = Site.at(url)
+    assert site.same(origin)
+    assert site.known(origin.partition("//")[2])
+    assert not site.known("localhost")
+    assert not site.same("http://localhost")
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        *("127.0.0.1:8080", "ftp://a", "http://", "http://a:b", "http://a:99999", "http://a:"),
+        *(
+            "http://u@a",
+            "http://a/path",
+            "http://a?b",
+            "http://a#b",
+            "http://a b",
+            "http://ä",
+            "//a",
+        ),
+        *("http://a,b", "http://*", "http://[::1", "http://[v1.a]"),
+    ],
+)
+def test_what_is_no_origin_is_refused_with_what_is_allowed(url):
+    with pytest.raises(ValueError, match="http://HOST:PORT or https://HOST:PORT is allowed"):
+        origin_of(url)
 
 
 def test_a_rate_allows_a_burst_and_then_a_number_each_second():

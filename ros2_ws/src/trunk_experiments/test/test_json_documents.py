@@ -33,6 +33,7 @@ class Case:
 
 SLOW = pytest.mark.slow
 SWEPT = ["sweep study.yaml -o out.parquet --jobs 1"]
+OTHER = [*SWEPT, "sweep drawn.yaml -o other.parquet --jobs 1"]
 KEY = ["sign --new-key key"]
 CASES = [
     Case("simulate-1", "simulate fig8 --controller pid --duration 0.1 -o new.mcap"),
@@ -52,6 +53,8 @@ CASES = [
     Case("diff-1", "diff a.mcap a.mcap"),
     Case("diff-1", "diff a.mcap b.mcap", 1),
     Case("diff-1", "diff a.mcap cut.mcap", 1),
+    Case("diff-study-1", "diff out.parquet out.parquet", before=SWEPT, marks=SLOW),
+    Case("diff-study-1", "diff out.parquet other.parquet", 1, before=OTHER, marks=SLOW),
     Case("verify-1", "verify a.mcap"),
     Case("verify-1", "verify cut.mcap", 2),
     Case("verify-1", "verify a.mcap --key key.pub", 1, before=KEY),

@@ -55,6 +55,14 @@ def undisturbed(study, tmp_path_factory):
     return path
 
 
+def test_the_file_does_not_depend_on_the_machine(study, undisturbed, tmp_path, monkeypatch):
+    monkeypatch.setattr("platform.node", lambda: "another")
+    monkeypatch.setattr("platform.platform", lambda: "Linux-1.0")
+    monkeypatch.setenv("ROS_DISTRO", "jazzy")
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
+    assert make(study, tmp_path / "there.parquet") == undisturbed.read_bytes()
+
+
 def rows(path):
     return pq.read_table(path).to_pylist()
 

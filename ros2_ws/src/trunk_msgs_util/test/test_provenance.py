@@ -30,6 +30,7 @@ def test_it_does_not_fail_where_nothing_can_be_found(monkeypatch):
     monkeypatch.setattr(subprocess, "run", missing)
     monkeypatch.setattr(provenance, "_PROJECT", ("no_such_package",))
     monkeypatch.delenv("ROS_DISTRO", raising=False)
+    monkeypatch.delenv("TRUNK_COMMIT", raising=False)
     found = provenance.gather()
     assert found["commit"] == found["no_such_package"] == found["ros_distro"] == provenance.NONE
 
@@ -43,8 +44,11 @@ def test_the_commit_is_that_of_the_checkout_marked_if_it_was_changed(monkeypatch
     source = tmp_path / "provenance.py"
     source.write_text("1\n")
     monkeypatch.setattr(provenance, "__file__", str(source))
+    monkeypatch.delenv("TRUNK_COMMIT", raising=False)
     git("init")
     assert provenance.gather()["commit"] == provenance.NONE  # lies in a checkout, but not tracked
+    monkeypatch.setenv("TRUNK_COMMIT", "of the image")
+    assert provenance.gather()["commit"] == "of the image"
     git("add", ".")
     git("commit", "-m", "one")
     head = git("rev-parse", "HEAD")

@@ -143,9 +143,9 @@ def move_folder(path):
 @pytest.mark.parametrize(
     ("harm", "says"),
     [
-        (rename, "it has been renamed"),
-        (move_folder, "it has been renamed"),
-        (Path.unlink, "it has been deleted"),
+        (rename, "it has been renamed or deleted"),
+        (move_folder, "it has been renamed or deleted"),
+        (Path.unlink, "it has been (renamed or )?deleted"),
         (replace, "another file has been put in its place"),
         (lambda path: os.truncate(path, 20), "it has been truncated"),
         (lambda path: path.open("ab").write(b"more"), "it has been written to by another process"),
@@ -170,6 +170,16 @@ def test_a_file_that_is_no_longer_what_was_written_ends_the_recording(tmp_path, 
     ):
         with pytest.raises(OSError, match=says):
             attempt()
+
+
+def test_where_a_deleted_file_keeps_its_link_no_more_is_said_than_is_known(tmp_path, monkeypatch):
+    path = tmp_path / "a.mcap"
+    writer = RecordingWriter(path)
+    before = os.fstat(writer._file.fileno())
+    path.unlink()
+    monkeypatch.setattr(os, "fstat", lambda descriptor: before)  # as on NFS
+    with pytest.raises(OSError, match="it has been renamed or deleted"):
+        writer.check()
 
 
 def test_a_file_that_is_being_written_is_refused_and_left_alone(tmp_path):

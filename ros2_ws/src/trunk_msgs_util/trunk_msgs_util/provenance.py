@@ -25,6 +25,12 @@ _PROJECT = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments"
 _LAWS = "trunk.controllers"  # entry points
 PACKAGE = "package "  # what the names of other packages begin with
 _LIBRARIES = ("numpy", "numba", "mcap", "rosbags")
+_COMMIT = (
+    "TRUNK_COMMIT"  # the environment's, where there are sources without a checkout: in an image
+)
+
+# What says when and where, not what: results that depend on neither leave it out.
+OF_MACHINE = frozenset({"started_utc", "platform", "host", "ros_distro", "rmw"})
 
 
 def gather(**known: str) -> dict[str, str]:
@@ -98,7 +104,10 @@ def _version(package: str) -> str:
 
 
 def _commit() -> str:
-    """Return the commit of the checkout that tracks this file, with ``+dirty`` if changed."""
+    """Return the commit of the checkout that tracks this file, with ``+dirty`` if changed.
+
+    Without one, return what TRUNK_COMMIT says.
+    """
     import subprocess
 
     here = Path(__file__).resolve()
@@ -115,4 +124,4 @@ def _commit() -> str:
     with suppress(OSError, subprocess.SubprocessError, ValueError):
         git("ls-files", "--error-unmatch", here.name)
         return git("describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+dirty")
-    return NONE
+    return os.environ.get(_COMMIT) or NONE

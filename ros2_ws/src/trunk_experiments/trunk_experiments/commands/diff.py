@@ -1,8 +1,9 @@
-"""``trunk diff``: where two recorded runs diverge."""
+"""``trunk diff``: where two recorded runs, or two sweeps, diverge."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NoReturn
 
 import click
 
@@ -14,13 +15,15 @@ from ..replay.diff import diff
 @click.command("diff")
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
-@json_option("diff-1")
+@json_option("diff-1", "diff-study-1")
 @click.pass_context
 def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
-    """Compare two recorded runs topic by topic, by stamp, bit by bit.
+    """Compare two recorded runs topic by topic, by stamp, bit by bit; or two sweeps, run by run.
 
     Exit code 0: identical; 1: they differ.
     """
+    if _is_sweep(a) or _is_sweep(b):
+        _diff_studies(ctx, a, b, as_json)
     first, second = open_run(a), open_run(b)
     for run in (first, second):
         show_damage(run, f"{run.path}: ")
@@ -50,4 +53,36 @@ def command(ctx: click.Context, a: Path, b: Path, as_json: bool) -> None:
     ):
         for line in lines:
             click.echo(f"  {title}: {line}")
+    ctx.exit(0 if found.identical else 1)
+
+
+def _is_sweep(path: Path) -> bool:
+    """Return True for a Parquet file, whatever its name."""
+    try:
+        with path.open("rb") as file:
+            return file.read(4) == b"PAR1"
+    except OSError:  # reported by who reads it
+        return False
+
+
+def _diff_studies(ctx: click.Context, a: Path, b: Path, as_json: bool) -> NoReturn:
+    from ..study.diff import diff_studies
+    from ..study.results import Results
+
+    found = diff_studies(Results.read(a), Results.read(b))
+    if as_json:
+        values = {
+            "studies": [a, b],
+            "identical": found.identical,
+            "runs_compared": found.compared,
+            "differing_runs": found.differing,
+            "first": None if found.first is None else found.first._asdict(),
+            "furthest_ulps": found.furthest,
+            "metadata": found.metadata,
+        }
+        write_json("diff-study-1", values)
+    else:
+        click.echo(found.describe())
+        for line in found.metadata:
+            click.echo(f"  {line}")
     ctx.exit(0 if found.identical else 1)

@@ -32,7 +32,7 @@ from ..runs.processes import check_nodes_installed
 from .run import show_run
 
 _REPORT = "report.html"
-_OF_THE_PAGE = ("attach", "foxglove", "host", "port", "browser", "as_json")
+_OF_THE_PAGE = ("attach", "foxglove", "host", "port", "url", "browser", "as_json")
 # Limits of a push by hand, unless a file or --set gives others: the trunk's controllers can stand these.
 _HAND = {"operator.force": 100.0, "operator.torque": 40.0}
 
@@ -70,6 +70,7 @@ def command(
     foxglove: int | None,
     host: str,
     port: int,
+    url: str,
     browser: bool,
     as_json: bool,
     **options: Any,
@@ -80,11 +81,11 @@ def command(
 
     The run goes on until it is stopped, in the page or by Ctrl-C, and is recorded.
     """
-    host = checked_host(host)
+    host = checked_host(host, url)
     middleware.prepare()
     if attach is not None:
         _check_alone()
-        _attach(checked_namespace(attach), host, port, browser, foxglove, as_json)
+        _attach(checked_namespace(attach), host, port, url, browser, foxglove, as_json)
         return
     check_nodes_installed()
     click.get_current_context().with_resource(claimed_domain())
@@ -112,7 +113,7 @@ def command(
         "standby": [n for n in others if n != first],
         "stoppable": not plan.simulator.duration,
     }
-    gateway = GatewayProcess(files.logs / "gateway.log", host, port, shown)
+    gateway = GatewayProcess(files.logs / "gateway.log", host, port, shown, url)
     with closing(gateway), serving_foxglove(foxglove, "", files.logs) as viewer:
         show_address(gateway, browser, files.recording, viewer, as_json=as_json)
         for line in connection_lines(plan) if plan.external is not None else ():
@@ -150,13 +151,19 @@ def _check_alone() -> None:
 
 
 def _attach(
-    namespace: str, host: str, port: int, browser: bool, foxglove: int | None, as_json: bool
+    namespace: str,
+    host: str,
+    port: int,
+    url: str,
+    browser: bool,
+    foxglove: int | None,
+    as_json: bool,
 ) -> None:
     if find_spec("rclpy") is None:
         raise ModuleNotFoundError(name="rclpy")  # reported by the command, before a page is opened
     with tempfile.TemporaryDirectory(prefix="trunk_live_") as folder:
         log = Path(folder) / "gateway.log"
-        gateway = GatewayProcess(log, host, port, {"namespace": namespace})
+        gateway = GatewayProcess(log, host, port, {"namespace": namespace}, url)
         with (
             Interrupt() as interrupt,
             closing(gateway),

@@ -22,15 +22,16 @@ from ..runs.interrupt import Interrupt
 @click.argument("run", type=click.Path(path_type=Path))
 @page_options
 @json_option("page-1")
-def command(run: Path, host: str, port: int, browser: bool, as_json: bool) -> None:
+def command(run: Path, host: str, port: int, url: str, browser: bool, as_json: bool) -> None:
     """Play the recording RUN in a browser, in the page of trunk live: seek, speed, loop."""
-    host = checked_host(host)
+    host = checked_host(host, url)
     # What cannot be read or shown is reported here.
     if not RecordedRun.open(run).count(topics.GROUND_TRUTH):
         raise RecordingError(f"{run}: it has no true states of the trunk: there is nothing to play")
     with Interrupt() as interrupt, tempfile.TemporaryDirectory(prefix="trunk_watch_") as folder:
         shown = {"recording": str(run.absolute())}
-        with closing(GatewayProcess(Path(folder) / "gateway.log", host, port, shown)) as gateway:
+        log = Path(folder) / "gateway.log"
+        with closing(GatewayProcess(log, host, port, shown, url)) as gateway:
             show_address(gateway, browser, run, controls=False, as_json=as_json)
             click.echo("playing until Ctrl-C")
             serve(gateway, interrupt)

@@ -17,6 +17,7 @@ from typing import Any
 import click
 
 from ..errors import GatewayError, NotInstalledError, PlanError
+from ..gateway.access import origin_of
 from ..gateway.process import LOOPBACK, GatewayProcess
 from ..runs.interrupt import Interrupt
 from .document import write_json
@@ -26,12 +27,20 @@ _ENDS_S = 5.0
 
 
 def page_options(function: Any) -> Any:
-    """Add ``--host``, ``--port`` and ``--browser/--no-browser``."""
+    """Add ``--host``, ``--port``, ``--url`` and ``--browser/--no-browser``."""
     for option in (
         click.option(
             "--browser/--no-browser",
             default=True,
             help="Open the page in a browser, where there is one.",
+        ),
+        click.option(
+            "--url",
+            default="",
+            metavar="URL",
+            callback=lambda context, option, url: _checked_url(url),
+            help="What browsers open, such as http://127.0.0.1:8080, where a container's port, a tunnel or "
+            "a proxy leads to the page; any other address is refused.  [default: host and port]",
         ),
         click.option(
             "--port",
@@ -51,18 +60,28 @@ def page_options(function: Any) -> Any:
     return function
 
 
-def checked_host(host: str) -> str:
-    """Return the address to serve on. Raises PlanError for a name, and for all addresses at once."""
+def checked_host(host: str, url: str) -> str:
+    """Return the address to serve on.
+
+    Raises PlanError for a name, and for all addresses at once where no ``url`` says what browsers open.
+    """
     try:
         address = ipaddress.ip_address(host)
     except ValueError:
         address = None
-    if address is None or address.is_unspecified:
+    if address is None or (address.is_unspecified and not url):
         raise PlanError(
-            f"--host {host}: give one address of this machine, at which "
-            f"browsers will reach it, such as {LOOPBACK}"
+            f"--host {host}: give one address of this machine, at which browsers will reach it, such as "
+            f"{LOOPBACK}; all of them, 0.0.0.0, need --url, the address that browsers open"
         )
     return str(address)
+
+
+def _checked_url(url: str) -> str:
+    try:
+        return origin_of(url) if url else ""
+    except ValueError as error:
+        raise PlanError(f"--url {url}: {error}") from None
 
 
 def show_address(

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import secrets
 from collections.abc import Callable, Sequence
 from hmac import compare_digest
+from ipaddress import IPv6Address
 from typing import NamedTuple
+from urllib.parse import urlsplit
 
 MOST_CLIENTS = 16
+_PORTS = {"http": 80, "https": 443}
 
 
 class Tokens(NamedTuple):
@@ -29,24 +33,52 @@ class Tokens(NamedTuple):
         return ""
 
 
-class Hosts(NamedTuple):
-    """The host names that requests may use: a page of another site cannot make a browser send them."""
+class Site(NamedTuple):
+    """The page's origins: a page of another site cannot make a browser send a request that names one."""
 
-    names: frozenset[str]
-    port: int
+    origins: frozenset[str]
+
+    @classmethod
+    def at(cls, url: str) -> Site:
+        """Return the site with this address; on this machine's 127.0.0.1 it is ``localhost`` as well.
+
+        Raises ValueError as `origin_of` does.
+        """
+        origin = origin_of(url)
+        alias = re.sub(r"//127\.0\.0\.1(?=:|$)", "//localhost", origin)
+        return cls(frozenset({origin, alias}))
 
     def known(self, host: str) -> bool:
         """Return True for the ``Host`` of a request to us."""
-        return host in self._called()
+        return host in {origin.partition("//")[2] for origin in self.origins}
 
     def same(self, origin: str | None) -> bool:
         """Return True for the ``Origin`` of our page, and for clients without one: browsers send it."""
-        return origin is None or origin in {f"http://{name}" for name in self._called()}
+        return origin is None or origin in self.origins
 
-    def _called(self) -> set[str]:
-        # URLs have brackets around IPv6 addresses.
-        called = {f"[{name}]" if ":" in name else name for name in self.names}
-        return {f"{name}:{self.port}" for name in called}
+
+def origin_of(url: str) -> str:
+    """Return a URL's origin as browsers send it: in lower case, without its scheme's own port.
+
+    Raises ValueError, with what is allowed, for all that is not ``http://HOST:PORT`` or ``https://HOST:PORT``.
+    """
+    allowed = "http://HOST:PORT or https://HOST:PORT is allowed, without a path"
+    try:
+        parts = urlsplit(url)
+        given, port = parts.hostname or "", parts.port
+        host = given
+        if ":" in given:  # brackets around IPv6 addresses
+            given, host = f"[{given}]", f"[{IPv6Address(given)}]"
+    except ValueError as error:
+        raise ValueError(f"{error}; {allowed}") from None
+    name = re.fullmatch(r"[a-z0-9._-]+|\[[0-9a-f:.]+\]", host)
+    whole = {
+        f"{parts.scheme}://{given}{port}{end}" for port in ("", f":{port}") for end in ("", "/")
+    }
+    if parts.scheme not in _PORTS or not name or url.lower() not in whole:
+        raise ValueError(allowed)
+    shown = "" if port in (None, _PORTS[parts.scheme]) else f":{port}"
+    return f"{parts.scheme}://{host}{shown}"
 
 
 class Rate:

@@ -29,7 +29,7 @@ _HEADERS = {
 
 
 class _Checked(RequestHandler):
-    """Answers a request only if it is addressed to our host and port."""
+    """Answers a request only if it is addressed to our site."""
 
     gateway: Gateway
 
@@ -42,7 +42,7 @@ class _Checked(RequestHandler):
             self.set_header(name, value)
 
     def prepare(self) -> None:
-        if not self.gateway.hosts.known(self.request.headers.get("Host", "")):
+        if not self.gateway.site.known(self.request.headers.get("Host", "")):
             self.gateway.refuse("requests to another host")
             raise HTTPError(403)
 
@@ -76,12 +76,12 @@ class PageSocket(_Checked, WebSocketHandler):
 
     def check_origin(self, origin: str) -> bool:
         """Return True for our page."""
-        return self.gateway.hosts.same(origin)
+        return self.gateway.site.same(origin)
 
     async def get(self, *args: Any, **kwargs: Any) -> None:
         """Admit a page that knows a token."""
         gateway = self.gateway
-        if not gateway.hosts.same(self.request.headers.get("Origin")):
+        if not gateway.site.same(self.request.headers.get("Origin")):
             gateway.refuse("pages of another origin")
             raise HTTPError(403)
         offered = self.request.headers.get("Sec-WebSocket-Protocol", "").replace(" ", "").split(",")

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .access import Hosts, Tokens
+from .access import Site, Tokens
 from .feed import Feed
 from .page_files import page_files, report_file
 from .priority import give_way
@@ -35,7 +35,7 @@ async def _serve() -> None:
     gateway = Gateway(
         feed,
         Tokens(*first["tokens"]),
-        Hosts(frozenset(first["hosts"]), first["port"]),
+        Site.at(first["url"]),
         page_files(),
         _say,
         first.get("stoppable", False),

@@ -27,21 +27,26 @@ class GatewayProcess:
     This process keeps the socket and the tokens, so a restarted gateway has the same address.
     """
 
-    def __init__(self, log: Path, host: str, port: int, shown: Mapping[str, object]) -> None:
-        """Start serving ``shown``. Raises GatewayError where the address cannot be used."""
+    def __init__(
+        self, log: Path, host: str, port: int, shown: Mapping[str, object], url: str = ""
+    ) -> None:
+        """Start serving ``shown``; browsers reach it at ``url``, empty: at host and port themselves.
+
+        Raises GatewayError where the address cannot be used.
+        """
         self._log = log
         self._socket = _listening(host, port)
         self.port: int = self._socket.getsockname()[1]
         self.tokens = Tokens.new()
-        self._host = host
+        name = f"[{host}]" if ":" in host else host
+        self._url = url or f"http://{name}:{self.port}"
         self._told: list[str] = [
             json.dumps(
                 {
                     **shown,
                     "tokens": self.tokens,
                     "socket": self._socket.fileno(),
-                    "port": self.port,
-                    "hosts": sorted({host, *(("localhost",) if host == LOOPBACK else ())}),
+                    "url": self._url,
                 }
             )
         ]
@@ -51,8 +56,7 @@ class GatewayProcess:
 
     def address(self, token: str) -> str:
         """Return the page's address; browsers neither send nor log what follows ``#``."""
-        name = f"[{self._host}]" if ":" in self._host else self._host
-        return f"http://{name}:{self.port}/#{token}"
+        return f"{self._url}/#{token}"
 
     def turn(self) -> list[str]:
         """Return the gateway's messages; start it again if it has ended. Raises GatewayError."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from tornado.httpserver import HTTPServer
 from tornado.web import Application
 
-from .access import Hosts, Tokens
+from .access import Site, Tokens
 from .clients import Client
 from .feed import Feed, RefusedRequestError
 from .handlers import PagePart, PageSocket
@@ -33,7 +33,7 @@ class Gateway:
 
     feed: Feed
     tokens: Tokens
-    hosts: Hosts
+    site: Site
     files: dict[str, PageFile]
     say: Callable[[str], None]  # to the process that started the gateway
     stoppable: bool = False  # the run was started from here

@@ -12,6 +12,7 @@ import numpy as np
 from trunk_msgs_util import topics as names
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError
+from trunk_msgs_util.provenance import NONE
 from trunk_msgs_util.recording.bag_folder import bag_folder
 from trunk_msgs_util.recording.joint_arrays import QUANTITIES, Integers, JointArrays
 from trunk_msgs_util.recording.reader import Recording, RecordingError
@@ -184,6 +185,11 @@ def _provenance(run: RecordedRun) -> Iterator[Finding]:
     recording = run.recording
     if not recording.provenance:
         yield Finding(WARNING, "no provenance: scenario, versions and mode are not known")
+    elif recording.provenance.get("commit") == NONE:
+        yield Finding(
+            INFO,
+            "its provenance names no commit: run from a git checkout, or from an image of docker/build.sh",
+        )
     try:
         nodes = {name.rsplit("/", 1)[-1] for name in recording.parameters()}
         recording.events()

@@ -23,7 +23,7 @@ import pyarrow.parquet as pq
 
 from trunk_msgs_util.compiled import fingerprint
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.provenance import gather
+from trunk_msgs_util.provenance import OF_MACHINE, gather
 from trunk_msgs_util.whole_file import whole_file
 
 from ..analysis.metrics import RunMetrics
@@ -193,8 +193,9 @@ class SweepJob:
 
     def finish(self) -> None:
         """Merge the blocks into the output and delete them. Raises SweepError for a broken block."""
-        told = gather(scenario=self.study.scenario)
-        told.pop("started_utc")  # the same study gives the same file
+        found = gather(scenario=self.study.scenario)
+        # The same study gives the same file, on every machine.
+        told = {name: text for name, text in found.items() if name not in OF_MACHINE}
         metadata = {
             "study": self.study.text,
             "study_content": self._key[_CONTENT],

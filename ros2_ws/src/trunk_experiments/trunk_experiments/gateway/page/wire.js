@@ -44,7 +44,7 @@ const wire = (() => {
     say(kind, values);
   };
   const open = () => {
-    socket = new WebSocket(`ws://${location.host}/live`, ["trunk.live.1", token]);
+    socket = new WebSocket(`${location.origin.replace("http", "ws")}/live`, ["trunk.live.1", token]);
     socket.binaryType = "arraybuffer";
     socket.onopen = () => say("link", "open");
     socket.onmessage = ({ data }) => (typeof data === "string" ? words(data) : rows(data));

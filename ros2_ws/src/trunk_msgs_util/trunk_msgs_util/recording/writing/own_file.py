@@ -65,7 +65,8 @@ def check_own(file: BinaryIO, path: Path) -> None:
     with suppress(FileNotFoundError, NotADirectoryError):
         there = path.stat()
     if there is None:
-        how = "renamed" if here.st_nlink else "deleted"
+        # Some file systems (NFS, an overlay by FUSE) still count a link to a file that is deleted.
+        how = "renamed or deleted" if here.st_nlink else "deleted"
         raise FileNotFoundError(ENOENT, f"it has been {how}")
     if (there.st_dev, there.st_ino) != (here.st_dev, here.st_ino):
         raise OSError(ESTALE, "another file has been put in its place")
