@@ -73,10 +73,10 @@ pause() { docker pause "$controller" && sleep 3 && docker unpause "$controller";
 fault 'nothing' 'simulator 0, recorder 0, verify 0' 'true'
 fault 'discovery server killed' 'simulator 0, recorder 0, verify 0' 'docker kill "$discovery"'
 fault 'controller paused for 3 s' 'simulator 0, recorder 0, verify 0' 'pause'
-fault 'controller killed' 'simulator 1, recorder *, verify 2' 'docker kill "$controller"'
+fault 'controller killed' 'simulator 1, recorder 1, verify 2' 'docker kill "$controller"'
 fault 'recorder killed' 'simulator 1, recorder 137, verify 2' 'docker kill "$recorder"'
-fault 'controller cut off' 'simulator 1, recorder *, verify 2' 'docker network disconnect "${PREFIX}_trunk" "$controller"'
-fault 'simulator stopped' 'simulator *, recorder *, verify 2' 'docker stop --time 20 "$simulator"'
+fault 'controller cut off' 'simulator 1, recorder 1, verify 2' 'docker network disconnect "${PREFIX}_trunk" "$controller"'
+fault 'simulator stopped' 'simulator 1, recorder 1, verify 2' 'docker stop --time 20 "$simulator"'
 clean
 
 # ── the live page behind a published port ──────────────────────────────────────────────────────────────

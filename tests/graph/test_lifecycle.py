@@ -337,8 +337,7 @@ def test_a_recorder_that_was_inactive_for_a_while(
         assert life.change(label)
     later = len(truth) + 100
     peer.until(lambda: len(truth) > later, "the run goes on")
-    for child in (simulator, pid, recorder):
-        assert child.stop() == 0, child.stderr
+    assert [simulator.stop(), pid.stop(), recorder.stop()] == [0, 0, 1], recorder.stderr
     recording = Recording.open(tmp_path / "run.mcap")
     turns = [e.message for e in recording.events() if e.node == "/recorder"]
     assert turns[-2:] == ["deactivated", "activated"]

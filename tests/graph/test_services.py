@@ -140,6 +140,6 @@ def test_a_pause_outlives_the_inactive_state(
     assert life.change("activate")
     peer.until(lambda: stamp_from_ros(truth[-1].header.stamp) < over.stamp_ns, "time begins anew")
     peer.until_recorded(recorded + 100)  # more than the events: states of the new run, too
-    assert [simulator.stop(), pid.stop(), recorder.stop()] == [0, 0, 0]
+    assert [simulator.stop(), pid.stop(), recorder.stop()] == [0, 0, 1]
     recording = Recording.open(tmp_path / "run.mcap")
     assert recording.warnings == ["incomplete: it holds 2 runs: the simulator was restarted"]

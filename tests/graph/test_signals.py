@@ -19,12 +19,12 @@ SIGNALS = [signal.SIGINT, signal.SIGTERM]
 EXECUTABLES = ("simulator", "disturbance", "pid", "fuzzy_pid", "recorder")
 
 
-def stop(number: int, *children: Child) -> None:
-    """Send all of them the signal at once; each must end by itself, with code 0."""
+def stop(number: int, *children: Child, code: int = 0) -> None:
+    """Send all of them the signal at once; each must end by itself, with this code."""
     for child in children:
         child.send(number)
     for child in children:
-        assert child.wait() == 0, child.stderr
+        assert child.wait() == code, child.stderr
         assert "Traceback" not in child.stderr
 
 
@@ -78,13 +78,15 @@ def test_nodes_of_a_run(
     for name in ("recorder", "early"):
         peer.until_recorded(200, name)
 
-    stop(number, early)
+    cut_short = int(duration > 0.0)
+    stop(number, early, code=cut_short)
     assert finished_file(tmp_path / "early.mcap")["/joint_states"] > 20
     assert Recording.open(tmp_path / "early.mcap").warnings == [
         "incomplete: the recorder was stopped before the run was finished"
     ]
-    stop(number, simulator)
-    stop(number, controller, recorder)
+    stop(number, simulator, code=cut_short)
+    stop(number, controller)
+    stop(number, recorder, code=cut_short)
     finished_file(tmp_path / "run.mcap")
     recording = Recording.open(tmp_path / "run.mcap")
     assert recording.end is not None

@@ -55,7 +55,7 @@ class StudyDiff:
 
 
 def diff_studies(a: Results, b: Results) -> StudyDiff:
-    """Compare two sweeps by the numbers of their runs. Raises StudyError where these are missing or doubled."""
+    """Compare two sweeps by their runs' numbers. Raises StudyError where these are missing or doubled."""
     here, there = _numbers(a), _numbers(b)
     shared, rows_a, rows_b = np.intersect1d(here, there, assume_unique=True, return_indices=True)
     result = StudyDiff(len(shared), metadata=_metadata(a, b))
