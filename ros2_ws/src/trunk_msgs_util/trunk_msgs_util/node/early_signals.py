@@ -16,6 +16,7 @@ from importlib import import_module
 from pathlib import Path
 from types import FrameType
 
+from .. import streams
 from ..errors import TrunkError
 from . import middleware
 
@@ -60,6 +61,7 @@ def node(module: str, *arguments: str) -> Callable[[], None]:
     """
 
     def main() -> None:
+        streams.prepare()
         end_by(lambda number: os._exit(0))  # nothing has started, so there is nothing to clean up
         try:
             middleware.prepare()  # where there is no room for rclpy, it is not even imported
