@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from trunk_experiments.runs.processes import find_executable
+
 from .peer import Peer
 from .processes import Child, Children, until
 
@@ -124,6 +126,71 @@ def test_wrong_arguments(children: Children, tmp_path: Path) -> None:
         line = refusal(child)
         assert line.startswith("pid: error: "), line
         assert text in line, line
+
+
+NOT_USED = {  # arguments: what the line says, after "error: "
+    (
+        "-p",
+        "gains.p:=70.0",
+    ): "nothing uses -p gains.p:=70.0: arguments for ROS 2 follow --ros-args: "
+    "--ros-args -p gains.p:=70.0",
+    (
+        "gains.p:=70.0",
+        "--ros-args",
+        "-p",
+        "gains.i:=1.0",
+    ): "nothing uses gains.p:=70.0: arguments for "
+    "ROS 2 follow --ros-args: --ros-args gains.p:=70.0 -p gains.i:=1.0",
+    (
+        "-r",
+        "__ns:=/a",
+    ): "nothing uses -r __ns:=/a: arguments for ROS 2 follow --ros-args: --ros-args -r __ns:=/a",
+    ("extra",): "nothing uses extra: leave it out",
+    (
+        "--ros-args",
+        "-p",
+        "gain.p:=70.0",
+    ): "nothing uses -p gain.p:=70.0: no such parameter; did you mean 'gains.p'?",
+    (
+        "--ros-args",
+        "--param",
+        "zzz:=1",
+    ): "nothing uses -p zzz:=1: no such parameter; trunk params lists them all",
+    (
+        "--ros-args",
+        "-p",
+        "lqr:gains.p:=1.0",
+    ): "nothing uses -p lqr:gains.p:=1.0: it is for lqr, this is pid",
+}
+
+
+@pytest.mark.parametrize("arguments", NOT_USED, ids=" ".join)
+def test_an_argument_that_nothing_uses(children: Children, arguments: tuple[str, ...]) -> None:
+    node = children.start("pid", find_executable("trunk_control", "pid"), *arguments)
+    assert node.wait() == 2
+    assert node.stderr.splitlines()[-1] == f"pid: error: {NOT_USED[arguments]}"
+
+
+@pytest.mark.parametrize(
+    "package",
+    [
+        "trunk_control reference",
+        "trunk_control fuzzy_gains",
+        "trunk_sim simulator",
+        "trunk_sim disturbance",
+        "trunk_msgs_util recorder",
+        "trunk_experiments markers",
+    ],
+)
+def test_every_executable_refuses_what_it_does_not_use_and_has_help(
+    children: Children, package: str
+) -> None:
+    path = find_executable(*package.split())
+    wrong = children.start(package.split()[1], path, "-p", "nothing:=1")
+    shown = children.start("help", path, "--help")
+    assert "arguments for ROS 2 follow --ros-args" in refusal(wrong)
+    assert (shown.wait(), shown.stderr) == (0, "")
+    assert shown.stdout.startswith(f"usage: {package.split()[1]} --ros-args [-p NAME:=VALUE]")
 
 
 def test_integer_is_accepted_as_a_double(children: Children, peer: Peer) -> None:

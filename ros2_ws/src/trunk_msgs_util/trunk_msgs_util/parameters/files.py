@@ -57,15 +57,16 @@ class Layer:
     folder: Path = Path()
 
     def within(self, namespace: str) -> Layer:
-        """Return the layer with its relative node names (``pid``, not ``/pid``) in the namespace.
+        """Return the layer with its bare node names (``pid``, not ``/pid`` or ``arm/pid``) in the namespace.
 
-        rcl takes ``pid`` for ``/pid``: this is for a file that is resolved here and not passed to nodes.
+        rcl takes ``pid`` for ``/pid``, and ``arm/pid`` for ``/arm/pid``: this is for a file that is
+        resolved here and not passed to nodes.
         """
         return Layer(
             self.source,
             tuple(
                 s
-                if s.pattern.startswith(("/", "*"))
+                if not namespace or "/" in s.pattern or "*" in s.pattern
                 else Section(f"{namespace}/{s.pattern}", s.values)
                 for s in self.sections
             ),
