@@ -20,7 +20,7 @@ from trunk_msgs_util.units import seconds
 
 from .controller import Controller
 from .controller_config import ControllerConfig
-from .decide import Answer, Reading, state_record
+from .decide import Answer, Reading, after_gap, state_record
 from .inputs_node import Inputs
 from .law import Law
 from .laws import law_named
@@ -91,6 +91,13 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             return
         if self.run_stamp_ns < 0 < stamp_ns:
             self._join(stamp_ns)
+        seen = self._controller.memory.seen
+        if self.active and after_gap(seen, stamp_ns, self._controller.setting):
+            self.refuse(
+                "gaps in the states, started afresh after them",
+                f"no states for {seconds(stamp_ns - seen.stamp_ns):g} s up to t = {seconds(stamp_ns):g} s, "
+                f"more than gap.max_periods ({self.config.max_gap_periods}) periods",
+            )
         answer = self._controller.decide(reading)
         if answer.active != self.active:
             self._take_turn(answer.active)

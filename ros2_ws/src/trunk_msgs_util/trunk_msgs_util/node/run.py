@@ -9,6 +9,7 @@ import time
 import traceback
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
+from itertools import pairwise
 from types import FrameType
 from typing import Any, TypeVar
 
@@ -52,17 +53,22 @@ class Shutdown:
             signal.signal(number, signal.SIG_IGN)
 
 
-def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str) -> int:
+def run_nodes(
+    creators: Mapping[str, Callable[[], TrunkNode[Any]]],
+    program: str,
+    argv: Sequence[str] | None = None,
+) -> int:
     """Run nodes in one executor until one of them is done, or they are told to stop.
 
     Return the process's exit code: 0 after SIGINT, SIGTERM or a finished run; 1 if a node failed or a
     callback raised; 2, with one line on stderr and no traceback, if a parameter or an argument is wrong.
     Whatever happens, the nodes are closed in the reverse order of the mapping: the recorder comes first
-    in it, so that it closes last and what it has recorded is kept.
+    in it, so that it closes last and what it has recorded is kept. ``argv``: by default the process's.
     """
+    argv = sys.argv if argv is None else argv
     shutdown = Shutdown()
     try:
-        _initialize(program, [name for name in creators if name != program])
+        _initialize(program, argv, [name for name in creators if name != program])
     except (TrunkError, RuntimeError, ValueError) as error:
         return _say(program, error, getattr(error, "exit_code", EXIT_USAGE))
     nodes: list[TrunkNode[Any]] = []
@@ -71,7 +77,7 @@ def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str
             program = name
             nodes.append(create())
             if len(nodes) == len(creators):
-                _check_settings(nodes)
+                _check_settings(nodes, argv)
             nodes[-1].autostart()
     except TrunkError as error:
         _close(nodes)
@@ -105,9 +111,9 @@ def run_beside(
     """
     shutdown = Shutdown()
     try:
-        _initialize(program)
+        _initialize(program, sys.argv)
         node = create()
-        _check_settings([node])
+        _check_settings([node], sys.argv)
     except (TrunkError, RuntimeError, ValueError) as error:
         rclpy.try_shutdown()
         return _say(program, error, getattr(error, "exit_code", EXIT_USAGE))
@@ -122,13 +128,13 @@ def run_beside(
     return 0
 
 
-def _initialize(program: str, own: Collection[str] = ()) -> None:
+def _initialize(program: str, argv: Sequence[str], own: Collection[str] = ()) -> None:
     """Initialize rclpy from the command line, whose only arguments besides ROS 2's are ``own``.
 
     Raises TrunkError, and RuntimeError or ValueError (RCLError and kin) for what ROS 2 refuses.
     """
     middleware.prepare()
-    unused = [word for word in remove_ros_args(sys.argv)[1:] if word not in own]
+    unused = [word for word in remove_ros_args(argv)[1:] if word not in own]
     if {"-h", "--help"} & set(unused):
         print(
             f"usage: {program} --ros-args [-p NAME:=VALUE] [--params-file FILE] [-r OLD:=NEW] "
@@ -136,21 +142,21 @@ def _initialize(program: str, own: Collection[str] = ()) -> None:
         )
         sys.exit(0)
     if unused:
-        begin = sys.argv.index("--ros-args") if "--ros-args" in sys.argv else len(sys.argv)
-        before = " ".join(word for word in sys.argv[1:begin] if word not in own) or " ".join(unused)
+        begin = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
+        before = " ".join(word for word in argv[1:begin] if word not in own) or " ".join(unused)
         advice = "leave it out"
         if any(word.startswith("-") or ":=" in word for word in unused):
-            after = " ".join(["--ros-args", before, *sys.argv[begin + 1 :]])
+            after = " ".join(["--ros-args", before, *argv[begin + 1 :]])
             advice = f"arguments for ROS 2 follow --ros-args: {after}"
         raise ArgumentError(f"nothing uses {before}: {advice}")
     # rcl would print its own version of what our one line says.
     set_logger_level("rcl", LoggingSeverity.FATAL)
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init(args=list(argv), signal_handler_options=SignalHandlerOptions.NO)
 
 
-def _check_settings(nodes: Sequence[Node]) -> None:
+def _check_settings(nodes: Sequence[Node], argv: Sequence[str]) -> None:
     """Raise ArgumentError for a ``-p`` that sets a parameter which no node of this process has."""
-    for flag, word in zip(sys.argv, sys.argv[1:], strict=False):
+    for flag, word in pairwise(argv):
         setting = _SETTING.fullmatch(word) if flag in ("-p", "--param") else None
         if setting is None or of_every_node(setting[2]):
             continue
