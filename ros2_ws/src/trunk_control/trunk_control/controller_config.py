@@ -121,7 +121,9 @@ class ControllerConfig(ReferenceConfig):
     def __post_init__(self) -> None:
         if not self.u_clamp_max > self.u_clamp_min:
             raise ParameterError(
-                "u_clamp_max", self.u_clamp_max, f"greater than u_clamp_min ({self.u_clamp_min:g})"
+                "u_clamp_max",
+                self.u_clamp_max,
+                f"it must be greater than u_clamp_min ({self.u_clamp_min:g})",
             )
         super().__post_init__()
         if any(b <= a for a, b in pairwise(self.active_times)):

@@ -170,7 +170,9 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             return ""
         topic = self.resolve_topic_name(topics.JOINT_STATES)
         last_ns = self.run_stamp_ns if self.run_stamp_ns >= 0 else None
-        return waiting.states(topic, self.count_publishers(topic) > 0, last_ns)
+        refused = {what: n for what, n in self.counters.items() if what.startswith("states ")}
+        publishers = meeting.described_publishers(self, topic)
+        return waiting.states(topic, publishers, last_ns, refused)
 
     def tear_down(self) -> None:
         """Log how many commands were sent."""

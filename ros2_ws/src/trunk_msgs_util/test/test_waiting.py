@@ -1,6 +1,8 @@
 from __future__ import annotations
 
-from trunk_msgs_util.node.waiting import Waiting
+import pytest
+
+from trunk_msgs_util.node.waiting import Waiting, states
 
 
 def test_a_line_is_said_at_once_then_every_five_seconds_and_at_once_when_it_changes():
@@ -18,3 +20,32 @@ def test_nothing_is_said_if_nobody_is_missing_and_a_node_missing_again_is_named_
     assert waiting.line("a controller", 1.0)
     assert waiting.line("", 2.0) == ""
     assert waiting.line("a controller", 3.0)
+
+
+@pytest.mark.parametrize(
+    ("publishers", "last_ns", "refused", "expected"),
+    [
+        (
+            [],
+            None,
+            {},
+            "states on /s: nobody publishes them (start it: ros2 run trunk_sim simulator)",
+        ),
+        (
+            ["/a (best effort)"],
+            None,
+            {},
+            "the first state on /s: none has come from /a (best effort) yet",
+        ),
+        (
+            ["/a"],
+            None,
+            {"states not finite": 3},
+            "the first usable state on /s: states not finite 3",
+        ),
+        ([], 10**9, {}, "states on /s: the last one was at t = 1 s, and nobody publishes them now"),
+        (["/a"], 10**9, {"states not finite": 3}, ""),
+    ],
+)
+def test_what_is_known_of_states_that_do_not_come(publishers, last_ns, refused, expected):
+    assert states("/s", publishers, last_ns, refused) == expected

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -62,6 +63,8 @@ def node(module: str, *arguments: str) -> Callable[[], None]:
 
     def main() -> None:
         streams.prepare()
+        if any(option.startswith("error") for option in sys.warnoptions):  # rclpy itself warns
+            warnings.simplefilter("default")
         end_by(lambda number: os._exit(0))  # nothing has started, so there is nothing to clean up
         try:
             middleware.prepare()  # where there is no room for rclpy, it is not even imported
