@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.runs.processes import find_executable
 
 from .peer import Peer
@@ -35,14 +36,14 @@ WRONG = {
         ("pulse.start_times:=[1.0, -1.0]", "[1.0, -1.0]", "each >= 0"),
         ("table.values:=[0.5]", "[0.5]", "as many as table.times (0)"),
         ("table.file:=push.csv", "'push.csv'", ONLY_TRUNK),
-        ("noise.high_frequency:=0.25", "0.25", "greater than noise.low_frequency (0.5)"),
+        ("noise.high_frequency:=0.25", "0.25", "it must be greater than noise.low_frequency (0.5)"),
     ],
     "pid": [
         ("gains.p:=-1.0", "-1.0", "double, >= 0"),
         ("gains.p:=true", "True", "double, >= 0"),
         ("gains.d:=.nan", "nan", "finite double, >= 0"),
         ("antiwindup_strategy:=hope", "'hope'", "one of none, conditional_integration"),
-        ("u_clamp_max:=-200.0", "-200.0", "greater than u_clamp_min (-100)"),
+        ("u_clamp_max:=-200.0", "-200.0", "it must be greater than u_clamp_min (-100)"),
         (
             "reference.profile:=file",
             "'file'",
@@ -217,3 +218,13 @@ def test_an_existing_recording_is_replaced_only_when_asked(
     until(lambda: file.read_bytes() != b"mine", "the file is replaced")
     assert again.stop() == 0, again.stderr
     assert file.read_bytes() != b"mine"
+
+
+@pytest.mark.parametrize("executable", ["pid", "simulator", "recorder"])
+def test_a_node_outlives_warnings_that_are_errors(children: Children, executable: str) -> None:
+    """Libraries of ROS 2 warn as they are imported."""
+    path = find_executable(NODES[executable].package, executable)
+    node = children.start(executable, "env", "PYTHONWARNINGS=error", path)
+    until(lambda: "waiting for " in node.stderr + node.stdout, f"{executable} runs")
+    assert node.stop() == 0, node.stderr
+    assert "Traceback" not in node.stderr
