@@ -12,8 +12,10 @@ from mcap.exceptions import McapError
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
 
+from trunk_experiments.plans.nodes import NODES
+from trunk_msgs_util.parameters.declarations import declarations
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
-from trunk_msgs_util.recording.schemas import parse_event, parse_parameter_event
+from trunk_msgs_util.recording.schemas import parameter_event, parse_event, parse_parameter_event
 from trunk_msgs_util.topics import (
     DIAGNOSTIC_ARRAY_TYPE,
     JOINT_STATE_TYPE,
@@ -24,6 +26,7 @@ _SIZE = 16  # bytes of a digest
 _HEAD = struct.Struct("<qI")
 # Of a graph, these depend on where and in which process it ran.
 _PROCESS, _OUTPUT = "process", "output"
+_YOUNGER = ("gap.max_periods",)  # parameters than what was frozen
 
 
 class Heard(NamedTuple):
@@ -63,7 +66,7 @@ def digests_of(path: Path, graph: bool) -> dict[str, str]:
     """
     parts: dict[str, list[tuple[str, int, bytes]]] = {}
     for heard in messages_of(path):
-        node, data = _reduced(heard) if graph else ("", heard.data)
+        node, data = _reduced(heard) if graph else ("", _as_frozen(heard))
         parts.setdefault(heard.topic, []).append((node, heard.log_ns, data))
     return {
         topic: _digest(sorted(parts[topic], key=lambda part: part[0])) for topic in sorted(parts)
@@ -94,9 +97,23 @@ def _reduced(heard: Heard) -> tuple[str, bytes]:
         return event.node, _without_source(repr(event._replace(values=values)))
     if heard.kind == PARAMETER_EVENT_TYPE:
         change = parse_parameter_event(heard.data)
-        new = {name: value for name, value in change.new.items() if name != _OUTPUT}
+        new = {
+            name: value for name, value in change.new.items() if name not in (_OUTPUT, *_YOUNGER)
+        }
         return change.node, _without_source(repr(change._replace(new=new)))
     return "", heard.data
+
+
+def _as_frozen(heard: Heard) -> bytes:
+    """Return an offline run's message without the parameters that are younger than what was frozen."""
+    if heard.kind != PARAMETER_EVENT_TYPE:
+        return heard.data
+    change = parse_parameter_event(heard.data)
+    new = {name: value for name, value in change.new.items() if name not in _YOUNGER}
+    if new == change.new:
+        return heard.data
+    kinds = {n: d.kind for kind in NODES.values() for n, d in declarations(kind.config).items()}
+    return parameter_event(change.stamp_ns, change.node, new, change.changed, kinds, change.source)
 
 
 def _without_source(text: str) -> bytes:

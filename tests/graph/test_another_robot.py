@@ -129,3 +129,29 @@ def test_commands_to_another_robot_are_judged(
     ] == ["error    incomplete: the recorder was stopped before the run was finished"]
     refused = children.trunk("metrics", "run.mcap", name="metrics")
     assert refused.wait() == 2
+
+
+@pytest.mark.usefixtures("patient")
+def test_a_jump_of_the_stamps_is_said_and_not_integrated(
+    children: Children, peer: Peer, tmp_path: Path
+) -> None:
+    robot = Robot(peer, {})
+    recorder = children.node("recorder", "output:=run.mcap")
+    peer.until(robot.states.get_subscription_count, "the recorder listens")
+    pid = children.node("pid", "joint:=arm", "derivative_mode:=error", "antiwindup_strategy:=none")
+    peer.until(lambda: robot.states.get_subscription_count() == 2, "the controller listens too")
+    peer.until_event("pid", "ready")
+    peer.until(robot.answers.get_publisher_count, "its commands will be heard")
+    for k in range(40):
+        peer.until_received(robot.states)
+        before = robot.commands
+        robot.now_ns += 10**8 * 10**9 if k == 20 else 0
+        robot.step()
+        peer.until(lambda: robot.commands > before, "the controller answers")  # noqa: B023
+        assert abs(robot.torque) < 100.0
+    peer.until_received(robot.states)
+    peer.until_recorded(4 * 40)
+    assert [pid.stop(), recorder.stop()] == [0, 0]
+    assert "no states for 1e+08 s up to t = " in pid.stderr
+    verdict = verify(Recording.open(tmp_path / "run.mcap"))
+    assert [(part.steps, part.wrong_steps) for part in verdict.checks] == [(40, 0)]

@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from trunk_experiments.plans.nodes import NODES
+from trunk_experiments.runs.processes import find_executable
+
 from .peer import Peer
 from .processes import Child, Children, until
 
@@ -33,14 +36,14 @@ WRONG = {
         ("pulse.start_times:=[1.0, -1.0]", "[1.0, -1.0]", "each >= 0"),
         ("table.values:=[0.5]", "[0.5]", "as many as table.times (0)"),
         ("table.file:=push.csv", "'push.csv'", ONLY_TRUNK),
-        ("noise.high_frequency:=0.25", "0.25", "greater than noise.low_frequency (0.5)"),
+        ("noise.high_frequency:=0.25", "0.25", "it must be greater than noise.low_frequency (0.5)"),
     ],
     "pid": [
         ("gains.p:=-1.0", "-1.0", "double, >= 0"),
         ("gains.p:=true", "True", "double, >= 0"),
         ("gains.d:=.nan", "nan", "finite double, >= 0"),
         ("antiwindup_strategy:=hope", "'hope'", "one of none, conditional_integration"),
-        ("u_clamp_max:=-200.0", "-200.0", "greater than u_clamp_min (-100)"),
+        ("u_clamp_max:=-200.0", "-200.0", "it must be greater than u_clamp_min (-100)"),
         (
             "reference.profile:=file",
             "'file'",
@@ -126,6 +129,71 @@ def test_wrong_arguments(children: Children, tmp_path: Path) -> None:
         assert text in line, line
 
 
+NOT_USED = {  # arguments: what the line says, after "error: "
+    (
+        "-p",
+        "gains.p:=70.0",
+    ): "nothing uses -p gains.p:=70.0: arguments for ROS 2 follow --ros-args: "
+    "--ros-args -p gains.p:=70.0",
+    (
+        "gains.p:=70.0",
+        "--ros-args",
+        "-p",
+        "gains.i:=1.0",
+    ): "nothing uses gains.p:=70.0: arguments for "
+    "ROS 2 follow --ros-args: --ros-args gains.p:=70.0 -p gains.i:=1.0",
+    (
+        "-r",
+        "__ns:=/a",
+    ): "nothing uses -r __ns:=/a: arguments for ROS 2 follow --ros-args: --ros-args -r __ns:=/a",
+    ("extra",): "nothing uses extra: leave it out",
+    (
+        "--ros-args",
+        "-p",
+        "gain.p:=70.0",
+    ): "nothing uses -p gain.p:=70.0: no such parameter; did you mean 'gains.p'?",
+    (
+        "--ros-args",
+        "--param",
+        "zzz:=1",
+    ): "nothing uses -p zzz:=1: no such parameter; trunk params lists them all",
+    (
+        "--ros-args",
+        "-p",
+        "lqr:gains.p:=1.0",
+    ): "nothing uses -p lqr:gains.p:=1.0: it is for lqr, this is pid",
+}
+
+
+@pytest.mark.parametrize("arguments", NOT_USED, ids=" ".join)
+def test_an_argument_that_nothing_uses(children: Children, arguments: tuple[str, ...]) -> None:
+    node = children.start("pid", find_executable("trunk_control", "pid"), *arguments)
+    assert node.wait() == 2
+    assert node.stderr.splitlines()[-1] == f"pid: error: {NOT_USED[arguments]}"
+
+
+@pytest.mark.parametrize(
+    "package",
+    [
+        "trunk_control reference",
+        "trunk_control fuzzy_gains",
+        "trunk_sim simulator",
+        "trunk_sim disturbance",
+        "trunk_msgs_util recorder",
+        "trunk_experiments markers",
+    ],
+)
+def test_every_executable_refuses_what_it_does_not_use_and_has_help(
+    children: Children, package: str
+) -> None:
+    path = find_executable(*package.split())
+    wrong = children.start(package.split()[1], path, "-p", "nothing:=1")
+    shown = children.start("help", path, "--help")
+    assert "arguments for ROS 2 follow --ros-args" in refusal(wrong)
+    assert (shown.wait(), shown.stderr) == (0, "")
+    assert shown.stdout.startswith(f"usage: {package.split()[1]} --ros-args [-p NAME:=VALUE]")
+
+
 def test_integer_is_accepted_as_a_double(children: Children, peer: Peer) -> None:
     node = children.node("pid", "gains.p:=60", "u_clamp_max:=50")
     values = peer.until_up("pid")
@@ -150,3 +218,13 @@ def test_an_existing_recording_is_replaced_only_when_asked(
     until(lambda: file.read_bytes() != b"mine", "the file is replaced")
     assert again.stop() == 0, again.stderr
     assert file.read_bytes() != b"mine"
+
+
+@pytest.mark.parametrize("executable", ["pid", "simulator", "recorder"])
+def test_a_node_outlives_warnings_that_are_errors(children: Children, executable: str) -> None:
+    """Libraries of ROS 2 warn as they are imported."""
+    path = find_executable(NODES[executable].package, executable)
+    node = children.start(executable, "env", "PYTHONWARNINGS=error", path)
+    until(lambda: "waiting for " in node.stderr + node.stdout, f"{executable} runs")
+    assert node.stop() == 0, node.stderr
+    assert "Traceback" not in node.stderr

@@ -67,7 +67,7 @@ def test_a_file_is_applied_as_a_whole(
     assert (code, said) == (1, [])
     assert line == (
         "trunk: error: /pid refuses: parameter 'u_clamp_max': -200.0 is not allowed: "
-        "greater than u_clamp_min (-100)"
+        "it must be greater than u_clamp_min (-100)"
     )
     # The file may contain fixed parameters, but not with other values.
     file.write_text("pid:\n  ros__parameters: {gains.p: 1.0, update_rate: 200, joint: hip}\n")

@@ -30,7 +30,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name, daemon_of_ours():
         folder = Path(name)
         check_packages()
-        check_runs()
+        check_runs(folder)
         check_topics(folder)
         check_lifecycle()
         check_as_in_ros2_control()

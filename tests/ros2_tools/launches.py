@@ -46,8 +46,13 @@ def check_one_is_ended(folder: Path, name: str) -> None:
         until(lambda: f"/{name}" in listed("node", "list") and (run / "run.mcap").exists())
         # Of the nodes on this machine, the one that records here.
         mine = ("pgrep", "-f", f"lib/trunk_[a-z]+(_[a-z]+)?/{name} --ros-args.*{run}")
-        (pid,) = subprocess.run(mine, capture_output=True, text=True, check=True).stdout.split()
-        os.kill(int(pid), signal.SIGTERM)
+        pids = subprocess.run(mine, capture_output=True, text=True, check=False).stdout.split()
+        if len(pids) != 1:
+            os.killpg(launched.pid, signal.SIGINT)
+            output, _ = launched.communicate(timeout=120)
+            check(f"ros2 launch starts {name}", False, output)
+            return
+        os.kill(int(pids[0]), signal.SIGTERM)
         output, _ = launched.communicate(timeout=120)
         said = "incomplete: " in output and f"{name} ended with exit code" in output
         check(f"{name} ends on SIGTERM: the launch ends with code 1", launched.returncode == 1)

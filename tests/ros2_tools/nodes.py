@@ -30,10 +30,11 @@ def check_packages() -> None:
     says("ros2 interface show", ("interface", "show", "sensor_msgs/msg/JointState"), "effort")
 
 
-def check_runs() -> None:
+def check_runs(folder: Path) -> None:
+    given = {"recorder": (f"output:={folder / 'alone.mcap'}",)}
     for package, executables in EXECUTABLES.items():
         for name in executables:
-            with running(*node(package, name)) as process:
+            with running(*node(package, name, *given.get(name, ()))) as process:
                 there = until(lambda name=name: f"/{name}" in listed("node", "list"))
                 check(f"ros2 run {package} {name}: in ros2 node list", there)
                 os.killpg(process.pid, signal.SIGINT)

@@ -56,7 +56,7 @@ def start(world: World, plan: RunPlan, name: str, **changed: Any) -> Process:
     for key, value in changed.items():
         given[key] = given[key][0], value
     creator = _creator(name)
-    return world.start(name, lambda: run_nodes({name: creator}, name), {name: given})
+    return world.start(name, lambda: run_nodes({name: creator}, name, [name]), {name: given})
 
 
 def new_world(seed: int) -> World:

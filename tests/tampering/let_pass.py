@@ -154,6 +154,10 @@ LET_PASS: tuple[tuple[str, str], ...] = (
         "handover.max_step: the takeovers made no such step",
     ),
     (
+        rf"{_ANY}: " + _PARAMETER.format(r"(fuzzy_pid|pid)\.gap\.max_periods", r"\d"),
+        "gap.max_periods: there was no such gap",
+    ),
+    (
         rf"{_ANY}: "
         + _PARAMETER.format(
             r"(fuzzy_pid\.reference\.(initial|step_time)"

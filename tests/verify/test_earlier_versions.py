@@ -13,9 +13,10 @@ from trunk_msgs_util.recording.schemas import parameter_event, parse_parameter_e
 from ..edited import ANEW, copied
 from .messages import of
 
-GROUPS = [(node, group) for node in ("simulator", "disturbance") for group in _LATER[node]]
+NODES_OF_THE_RUN = ("simulator", "disturbance", "pid", "fuzzy_pid")
+GROUPS = [(node, group) for node in NODES_OF_THE_RUN for group in _LATER[node]]
 # How many parameters the first recordings of this format have; those added later belong in _LATER.
-FIRST = {"simulator": 32, "disturbance": 17}
+FIRST = {"simulator": 32, "disturbance": 17, "pid": 25, "fuzzy_pid": 35}
 
 
 @pytest.mark.slow

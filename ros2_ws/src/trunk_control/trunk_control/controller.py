@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from trunk_msgs_util.samples import has_doubled
+from trunk_msgs_util.units import LAST_STAMP_NS
 
 from .computed_torque import Hip
 from .controller_config import ControllerConfig
@@ -95,6 +96,7 @@ def setting_of(config: ControllerConfig, law: Law | None = None) -> Setting:
         # Periods are rounded to whole ns: n plant periods may be a few ns shorter than one of ours.
         config.period_ns - config.period_ns // 1000,
         config.handover_step,
+        config.max_gap_periods * config.period_ns if config.max_gap_periods else LAST_STAMP_NS,
     )
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
-from typing import Any
+from typing import Any, ClassVar
 
 from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 from trunk_msgs_util.units import nanoseconds
+from trunk_msgs_util.values import Value
 
 from .pid import PidLaw
 from .reference_config import ReferenceConfig
@@ -105,10 +107,23 @@ class ControllerConfig(ReferenceConfig):
         unbounded=True,
     )
 
+    max_gap_periods: int = parameter(
+        "gap.max_periods",
+        100,
+        "After more periods without a state, by the stamps, start afresh as after a reset; 0: never",
+        minimum=0,
+        maximum=1_000_000,
+    )
+
+    # What a recording means that was made before a parameter was there.
+    unrecorded: ClassVar[Mapping[str, Value]] = {"gap.max_periods": 0}
+
     def __post_init__(self) -> None:
         if not self.u_clamp_max > self.u_clamp_min:
             raise ParameterError(
-                "u_clamp_max", self.u_clamp_max, f"greater than u_clamp_min ({self.u_clamp_min:g})"
+                "u_clamp_max",
+                self.u_clamp_max,
+                f"it must be greater than u_clamp_min ({self.u_clamp_min:g})",
             )
         super().__post_init__()
         if any(b <= a for a, b in pairwise(self.active_times)):

@@ -20,7 +20,7 @@ from trunk_msgs_util.units import seconds
 
 from .controller import Controller
 from .controller_config import ControllerConfig
-from .decide import Answer, Reading, state_record
+from .decide import Answer, Reading, after_gap, state_record
 from .inputs_node import Inputs
 from .law import Law
 from .laws import law_named
@@ -91,6 +91,13 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             return
         if self.run_stamp_ns < 0 < stamp_ns:
             self._join(stamp_ns)
+        seen = self._controller.memory.seen
+        if self.active and after_gap(seen, stamp_ns, self._controller.setting):
+            self.refuse(
+                "gaps in the states, started afresh after them",
+                f"no states for {seconds(stamp_ns - seen.stamp_ns):g} s up to t = {seconds(stamp_ns):g} s, "
+                f"more than gap.max_periods ({self.config.max_gap_periods}) periods",
+            )
         answer = self._controller.decide(reading)
         if answer.active != self.active:
             self._take_turn(answer.active)
@@ -163,7 +170,9 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             return ""
         topic = self.resolve_topic_name(topics.JOINT_STATES)
         last_ns = self.run_stamp_ns if self.run_stamp_ns >= 0 else None
-        return waiting.states(topic, self.count_publishers(topic) > 0, last_ns)
+        refused = {what: n for what, n in self.counters.items() if what.startswith("states ")}
+        publishers = meeting.described_publishers(self, topic)
+        return waiting.states(topic, publishers, last_ns, refused)
 
     def tear_down(self) -> None:
         """Log how many commands were sent."""

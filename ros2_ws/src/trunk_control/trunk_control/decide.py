@@ -54,6 +54,7 @@ class Setting(NamedTuple):
     period_ns: int
     due_after_ns: int  # an update is due this long after the last
     handover_step: float  # N m
+    gap_ns: int  # longer without a state: start afresh
 
 
 class Memory(NamedTuple):
@@ -149,6 +150,11 @@ def retuned(memory: Memory, law: Law, old: Constants, new: Constants, limits: Pi
     return memory._replace(state=state._replace(effort=limited(state.effort, limits)))
 
 
+def after_gap(seen: Seen, stamp_ns: int, setting: Setting) -> bool:
+    """Return True if nothing is to be integrated since the last state seen, as it was too long ago."""
+    return seen.stamp_ns >= 0 and stamp_ns - seen.stamp_ns > setting.gap_ns
+
+
 def handover_law(law: PidLaw, effort: float, step: float) -> PidLaw:
     """Return the law with its limits narrowed to ``effort`` +- ``step`` [N m], never widened."""
     return PidLaw(
@@ -173,7 +179,8 @@ def decide(
 ) -> tuple[Memory, Answer]:
     """Return the next memory and the answer to a state; ``update`` and ``take_over`` are the law's.
 
-    A stamp that goes backwards resets the controller: time has restarted.
+    A stamp that goes backwards resets the controller, as time has restarted; so does one after a gap, as
+    nothing is known of the time between.
     """
     m, r, s = memory, reading, setting
     wanted = turn(s.turns_ns, m.seen.stamp_ns, r.stamp_ns)
@@ -184,7 +191,7 @@ def decide(
     if not m.active:
         m = followed(m, r.stamp_ns, r.position)
         return m, Answer(False, m.state.effort, False, False, 0.0, s.no_terms)
-    if m.begun and r.stamp_ns < m.updated_ns:
+    if after_gap(m.seen, r.stamp_ns, s) or (m.begun and r.stamp_ns < m.updated_ns):
         m = fresh_memory(True, m.seen, s.initial)
     seen = Seen(r.stamp_ns, r.position)
     if s.profile.kind == TOPIC and r.told:

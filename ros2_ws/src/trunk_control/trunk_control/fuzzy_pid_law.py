@@ -32,7 +32,8 @@ def _peaks(name: str, description: str) -> tuple[float, ...]:
 
 
 def _table(name: str, default: tuple[str, ...], description: str) -> tuple[str, ...]:
-    rows: tuple[str, ...] = parameter(name, default, description, length=len(default))
+    row = f"one row for each label of e: {' '.join(rule_tables.INPUT_LABELS)}"
+    rows: tuple[str, ...] = parameter(name, default, description, length=len(default), each=row)
     return rows
 
 

@@ -187,6 +187,23 @@ def takes_a_power(memory, sample, constants, limits):
     return honest(memory, sample, (constants[0] ** 1.5,), limits)
 
 
+@planted("portable")
+def takes_a_square(memory, sample, constants, limits):
+    return honest(memory, sample, (constants[0] ** 2,), limits)
+
+
+@planted("portable")
+def takes_a_cube(memory, sample, constants, limits):
+    gain = constants[0]
+    gain **= 3
+    return honest(memory, sample, (gain,), limits)
+
+
+@planted("portable")
+def takes_a_power_of_a_constant(memory, sample, constants, limits):
+    return honest(memory, sample, (constants[0] * 1.1**7,), limits)
+
+
 @planted("types")
 def returns_other_terms(memory, sample, constants, limits):
     after, terms = honest(memory, sample, constants, limits)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import module_from_spec, spec_from_file_location
 from itertools import product
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from trunk_control.law import Law
 from trunk_control.laws import law_named
 from trunk_experiments.conformance import CHECKS, LawCheck, conformance
+from trunk_experiments.conformance.sources import _problems
 from trunk_experiments.plans.nodes import CONTROLLERS
 
 from .faulty_laws import FAULTS, HONEST
@@ -69,3 +71,31 @@ def test_a_finding_names_function_input_and_advice() -> None:
 
 def test_the_shipped_law_of_the_fuzzy_pid_has_its_own_names() -> None:
     assert law_named("fuzzy_pid").record_names[:3] == ("reference", "measurement", "error")
+
+
+@pytest.mark.parametrize(
+    ("power", "instead"),
+    [
+        ("x**2", "write (x) * (x)"),
+        ("(x / y)**3", "write (x / y) * (x / y) * (x / y)"),
+        ("x**4.0", "write (x) * (x) * (x) * (x)"),
+        ("x**2.5", "use exp and log"),
+        ("x**-1", "use exp and log"),
+        ("x**y", "use exp and log"),
+        ("2.0**y", "use exp and log"),
+        ("1.1**3", "write 1.1 * 1.1 * 1.1"),
+        ("2**10", None),  # whole numbers are exact
+        ("3**0", None),
+    ],
+)
+def test_a_power_is_refused_with_what_to_write(tmp_path, power: str, instead: str | None) -> None:
+    (tmp_path / "powers.py").write_text(
+        f"def update(x, y):\n    return {power}\n\n\ndef into(x, y):\n    x **= y\n    return x\n"
+    )
+    source = spec_from_file_location("powers", tmp_path / "powers.py")
+    module = module_from_spec(source)
+    source.loader.exec_module(module)
+    found = list(_problems(module.update))
+    assert [instead in str(one) for one in found] == ([] if instead is None else [True])
+    assert all(one.check == "portable" for one in found)
+    assert "x **= y" in str(list(_problems(module.into)))

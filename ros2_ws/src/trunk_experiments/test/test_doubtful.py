@@ -93,10 +93,19 @@ def test_a_file_that_changes_nothing_gets_a_warning(tmp_path):
     assert make_plan("fig8", "lqr", [path]).warnings == ()
 
 
-@pytest.mark.parametrize("name", ["pid", "/robot1/pid", "/*/pid", "/**"])
+@pytest.mark.parametrize("name", ["pid", "/robot1/pid", "robot1/pid", "/*/pid", "/**"])
 def test_a_file_for_a_namespace_gets_no_warning(tmp_path, name):
     path = parameters(tmp_path, name)
     assert make_plan("fig8", "pid", [path], namespace="/robot1").warnings == ()
+
+
+@pytest.mark.parametrize("name", ["/robot1/pid", "robot1/pid"])
+@pytest.mark.parametrize("namespace", ["", "/other"])
+def test_a_file_for_another_namespace_gets_a_warning_that_names_it(tmp_path, name, namespace):
+    path = parameters(tmp_path, name)
+    (warning,) = make_plan("fig8", "pid", [path], namespace=namespace).warnings
+    assert f"it is for {name}; the run has {namespace}/simulator, {namespace}/pid, " in warning
+    assert warning.endswith(": call the section pid, or run in the namespace /robot1")
 
 
 @pytest.mark.parametrize("name", ["PID", "/**/pidd", "/robot/Pid"])

@@ -20,6 +20,7 @@ from trunk_experiments.views.compare import best_of
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
 from trunk_msgs_util.recording.rosbag2 import RECORD, metadata_yaml
+from trunk_msgs_util.recording.topic import RecordingError
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 
 LATE = "LATE: real time was not kept, 1 of 1300 steps late"
@@ -296,3 +297,19 @@ def test_a_bag_that_lacks_messages_is_incomplete_for_that_reason(short_run, tmp_
     assert doubts_of(RecordedRun.open(folder)).lines == [
         "INCOMPLETE: the number of messages is not the one in metadata.yaml; ends at 1.3 of 1.3 s"
     ]
+
+
+@pytest.mark.parametrize("count", ["abc", "-1", "1.5", "true", "[1]"])
+def test_a_number_of_messages_that_is_none_is_named(short_run, tmp_path, count):
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    (folder / "run.mcap").write_bytes(short_run("fig6", "pid").read_bytes())
+    record = dict(RecordedRun.open(folder / "run.mcap").recording.opened[0].metadata_records)
+    lines = metadata_yaml(record[RECORD], "run.mcap").splitlines()
+    place = next(i for i, line in enumerate(lines) if line.strip().startswith("message_count"))
+    lines[place] = f"  message_count: {count}"
+    (folder / "metadata.yaml").write_text("\n".join(lines))
+    with pytest.raises(
+        RecordingError, match=r"message_count is .*: repair it with ros2 bag reindex"
+    ):
+        RecordedRun.open(folder)

@@ -85,7 +85,7 @@ def test_a_mistake_gives_a_line_and_a_document(recordings_here, command_says, wo
 def test_an_interrupted_verb_has_no_document(recordings_here, command_says, monkeypatch):
     monkeypatch.setattr(Recording, "open", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     code, out, err = command_says("metrics", "a.mcap", "--json")
-    assert (code, err.split()) == (1, ["interrupted"])
+    assert (code, err.split()) == (130, ["interrupted"])
     assert out == ""
 
 
@@ -165,7 +165,7 @@ class Gone(io.StringIO):
 
 
 @pytest.mark.parametrize(
-    ("words", "code"), [(["list", "schemas"], 1), (["metrics", "nothing.mcap"], 2)]
+    ("words", "code"), [(["list", "schemas"], 141), (["metrics", "nothing.mcap"], 2)]
 )
 def test_a_reader_that_goes_away_ends_the_verb_quietly(monkeypatch, words, code):
     """As with ``trunk … --json | true``: also where the document reports an error."""

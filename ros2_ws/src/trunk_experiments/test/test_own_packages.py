@@ -111,7 +111,7 @@ def test_an_exception_in_a_law_gives_one_line_with_its_place(tmp_path: Path) -> 
     line = 1 + law.splitlines().index("    unknown, of_two = (1.0,)")
     said = f"mine.py, line {line}, in update: ValueError: not enough values to unpack"
     run = trunk(tmp_path, "simulate", "fig8", "--controller", "mine", "-o", "a.mcap")
-    assert run.returncode == 1
+    assert run.returncode == 2
     assert "Traceback" not in run.stderr
     assert said in run.stderr.splitlines()[-1]
     assert run.stderr.splitlines()[-1].endswith("; trunk check controller mine tests it alone")

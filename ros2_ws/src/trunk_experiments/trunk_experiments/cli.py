@@ -5,11 +5,12 @@ from __future__ import annotations
 import sys
 from contextlib import suppress
 from importlib import import_module
+from signal import SIGINT
 from typing import TextIO, cast
 
 import click
 
-from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
+from trunk_msgs_util.errors import EXIT_UNREAD, EXIT_USAGE, TrunkError
 from trunk_msgs_util.printable import PrintableStream
 
 from .console.document import ERROR, documents_alone, json_asked, write_json
@@ -117,20 +118,10 @@ def main() -> None:
     tell_warnings_plainly()
     try:
         with documents_alone():
-            _run()
+            sys.exit(_code())
     finally:
-        with suppress(ValueError):  # stderr was closed: its reader is gone
-            _tell_unusable()
+        _tell_unusable()
         sys.stdout, sys.stderr = out, err
-
-
-def _run() -> None:
-    try:
-        code = _code()
-    except BrokenPipeError:
-        sys.stderr.close()  # the reader of the pipe is gone: nothing more to print
-        code = 1
-    sys.exit(code)
 
 
 def _code() -> int:
@@ -148,16 +139,18 @@ def _code() -> int:
         return _failed(say(_usage_text(error)), error.exit_code)
     except (click.Abort, KeyboardInterrupt):
         print("interrupted", file=sys.stderr)
-        return EXIT_FAILED
-    except BrokenPipeError:
-        raise
+        return 128 + SIGINT
+    except (
+        BrokenPipeError
+    ):  # of a result that is written to a pipe; streams.py has the standard streams
+        return EXIT_UNREAD
     except (TrunkError, OSError) as error:
         return _failed(line_of(error), tell(error))
     except Exception as error:
         line = _fault_of_a_law(error) or _without_ros(error)
         if not line:
             raise
-        return _failed(say(line), EXIT_FAILED)
+        return _failed(say(line), EXIT_USAGE)
 
 
 def _without_ros(error: Exception) -> str:

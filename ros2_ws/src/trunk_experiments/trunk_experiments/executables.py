@@ -6,9 +6,12 @@ import os
 import signal
 import sys
 import time
+import traceback
 from contextlib import suppress
 from threading import Thread
 
+from trunk_msgs_util import streams
+from trunk_msgs_util.errors import EXIT_DEFECT
 from trunk_msgs_util.node import early_signals
 from trunk_msgs_util.whole_file import discard_parts
 
@@ -78,22 +81,24 @@ def _end_soon() -> None:
 def _leave(stop: SystemExit) -> None:
     """End the process with the exit code of a finished verb; its output is written first."""
     if set(sys.argv[1:2]) & _LEAVE_AT_ONCE and isinstance(stop.code, int):
-        with suppress(
-            OSError, ValueError
-        ):  # the reader is gone, or the stream was closed because of that
+        with suppress(OSError):  # the disk is full
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(stop.code)
 
 
 def trunk() -> None:
-    """Run the ``trunk`` command; Ctrl-C or SIGTERM at any time gives one line and code 130 or 143."""
+    """Run the ``trunk`` command; Ctrl-C or SIGTERM at any time gives one line and code 130 or 143.
+
+    A defect gives its traceback and code 70: Python's own would be 1, the code of a verdict.
+    """
+    streams.prepare()
     early_signals.end_by(_end)
     if not set(sys.argv[1:2]) & _WITH_OTHERS:
         _end_soon()
-    from .cli import main
-
     try:
+        from .cli import main
+
         early_signals.end_by(_unwind)
         try:
             main()
@@ -107,3 +112,6 @@ def trunk() -> None:
         _SAID.append(True)
         print("interrupted", file=sys.stderr)
         sys.exit(128 + interrupted.number)
+    except Exception:
+        traceback.print_exc()
+        sys.exit(EXIT_DEFECT)

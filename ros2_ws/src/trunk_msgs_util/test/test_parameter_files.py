@@ -179,3 +179,19 @@ def test_what_is_written_is_read_back_to_the_bit(tmp_path_factory, written):
     for name, value in written.items():
         again = tuple(found[name]) if isinstance(found[name], list) else found[name]
         assert repr(again) == repr(value)
+
+
+@pytest.mark.parametrize(
+    "lines", ["gains.p: 1.0\n    gains: {p: 2.0}", "gains: {p: 2.0}\n    gains.p: 1.0"]
+)
+def test_a_parameter_that_is_there_twice_is_refused(lines):
+    with pytest.raises(
+        ParameterFileError, match=r"x\.yaml: pid: parameter 'gains\.p' appears twice, dotted"
+    ):
+        parse(f"pid:\n  ros__parameters:\n    {lines}\n", "x.yaml")
+
+
+@pytest.mark.parametrize("text", ["1:30", "1:30.5", "-12:30:45", "190:20:30"])
+def test_a_number_in_base_60_is_a_text_as_in_rcl(text):
+    layer = parse(f"pid:\n  ros__parameters:\n    a: {text}\n", "x.yaml")
+    assert layer.sections[0].values == {"a": text}

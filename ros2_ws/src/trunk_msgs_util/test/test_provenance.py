@@ -27,7 +27,7 @@ def test_it_does_not_fail_where_nothing_can_be_found(monkeypatch):
     def missing(*_, **__):
         raise FileNotFoundError("git")
 
-    monkeypatch.setattr(subprocess, "run", missing)
+    monkeypatch.setattr(subprocess, "Popen", missing)
     monkeypatch.setattr(provenance, "_PROJECT", ("no_such_package",))
     monkeypatch.delenv("ROS_DISTRO", raising=False)
     monkeypatch.delenv("TRUNK_COMMIT", raising=False)
@@ -55,3 +55,13 @@ def test_the_commit_is_that_of_the_checkout_marked_if_it_was_changed(monkeypatch
     assert provenance.gather()["commit"] == head
     source.write_text("2\n")
     assert provenance.gather()["commit"] == f"{head}+dirty"
+
+
+def test_a_git_that_hangs_holds_nothing_up(monkeypatch, tmp_path, capsys):
+    git = tmp_path / "git"
+    git.write_text("#!/bin/sh\nexec tail -f /dev/null\n")
+    git.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    monkeypatch.setattr(provenance, "_PATIENCE_S", 0.1)
+    assert provenance.gather()["commit"] == provenance.UNKNOWN
+    assert "git does not answer within 0.1 s: the commit is unknown" in capsys.readouterr().err

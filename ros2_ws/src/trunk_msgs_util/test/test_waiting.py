@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from trunk_msgs_util.node.waiting import Waiting
+from trunk_msgs_util.node.waiting import Waiting, states
 
 
 def test_a_line_is_said_at_once_then_every_five_seconds_and_at_once_when_it_changes():
@@ -37,3 +37,32 @@ def test_whoever_is_not_met_for_ten_seconds_is_named_with_what_to_do(settings, a
     assert not any("not met" in line for line in lines[:10])
     assert lines[10].startswith(f"waiting for {missing}; if it runs, it was not met: ")
     assert advice in lines[10]
+
+
+@pytest.mark.parametrize(
+    ("publishers", "last_ns", "refused", "expected"),
+    [
+        (
+            [],
+            None,
+            {},
+            "states on /s: nobody publishes them (start it: ros2 run trunk_sim simulator)",
+        ),
+        (
+            ["/a (best effort)"],
+            None,
+            {},
+            "the first state on /s: none has come from /a (best effort) yet",
+        ),
+        (
+            ["/a"],
+            None,
+            {"states not finite": 3},
+            "the first usable state on /s: states not finite 3",
+        ),
+        ([], 10**9, {}, "states on /s: the last one was at t = 1 s, and nobody publishes them now"),
+        (["/a"], 10**9, {"states not finite": 3}, ""),
+    ],
+)
+def test_what_is_known_of_states_that_do_not_come(publishers, last_ns, refused, expected):
+    assert states("/s", publishers, last_ns, refused) == expected

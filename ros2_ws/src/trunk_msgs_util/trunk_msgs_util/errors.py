@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import ClassVar
 
 EXIT_FAILED = 1  # a run or a check failed
-EXIT_USAGE = 2  # an argument, a parameter or a file cannot be used
+EXIT_USAGE = 2  # an argument, a parameter, a file or a library cannot be used
+EXIT_DEFECT = 70  # a defect of ours, with a traceback: EX_SOFTWARE, as 1 and 2 are also verdicts
+EXIT_UNREAD = 141  # the reader of what is written has left: what a shell reports of SIGPIPE
 
 
 class TrunkError(Exception):

@@ -6,6 +6,8 @@ Readers need only `ARITHMETIC` and `FORMAT`; what a run's writer needs is import
 from __future__ import annotations
 
 import os
+import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -20,6 +22,7 @@ FORMAT = "2"
 
 UNKNOWN = "unknown"
 NONE = "none"
+_PATIENCE_S = 5.0  # for git
 
 _PROJECT = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
 _LAWS = "trunk.controllers"  # entry points
@@ -107,21 +110,38 @@ def _commit() -> str:
     """Return the commit of the checkout that tracks this file, with ``+dirty`` if changed.
 
     Without one, return what TRUNK_COMMIT says.
+    A git that hangs, as on a file system that is away, leaves it unknown: the run does not wait for it.
     """
     import subprocess
 
     here = Path(__file__).resolve()
+    deadline = time.monotonic() + _PATIENCE_S
 
     def git(*arguments: str) -> str:
-        return subprocess.run(
+        process = subprocess.Popen(
             ["git", "-C", str(here.parent), *arguments],
-            capture_output=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
             text=True,
-            timeout=60.0,
-            check=True,
-        ).stdout.strip()
+        )
+        try:
+            said, _ = process.communicate(timeout=deadline - time.monotonic())
+        except subprocess.TimeoutExpired:
+            process.kill()  # and not wait: it may be beyond signals
+            raise
+        if process.returncode:
+            raise subprocess.CalledProcessError(process.returncode, "git")
+        return said.strip()
 
-    with suppress(OSError, subprocess.SubprocessError, ValueError):
-        git("ls-files", "--error-unmatch", here.name)
-        return git("describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+dirty")
+    with suppress(OSError, subprocess.CalledProcessError, ValueError):
+        try:
+            git("ls-files", "--error-unmatch", here.name)
+            return git("describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+dirty")
+        except subprocess.TimeoutExpired:
+            print(
+                f"trunk: warning: git does not answer within {_PATIENCE_S:g} s: the commit is unknown",
+                file=sys.stderr,
+            )
+            return UNKNOWN
     return os.environ.get(_COMMIT) or NONE

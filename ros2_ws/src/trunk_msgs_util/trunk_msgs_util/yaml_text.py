@@ -25,8 +25,8 @@ class YamlTextError(TrunkError):
 def load(text: str, longest: int = MAX_LETTERS) -> Any:
     """Return the value in a YAML text. Raises YamlTextError naming the line.
 
-    As in rcl, ``1e3`` is a number and aliases are refused. A key may appear only once in a mapping,
-    integers have 64 bits, and a text has no more characters than ``longest``.
+    As in rcl, ``1e3`` is a number, ``1:30`` a text, and aliases are refused. A key may appear only once in
+    a mapping, integers have 64 bits, and a text has no more characters than ``longest``.
     """
     if len(text) > longest:
         raise YamlTextError(f"{len(text)} characters: at most {longest} are read")
@@ -57,6 +57,8 @@ class _Loader(yaml.SafeLoader):
         return node
 
     def construct_object(self, node: Any, deep: bool = False) -> Any:
+        if node.tag.endswith((":int", ":float")) and ":" in node.value:
+            return node.value  # YAML 1.1 takes 1:30 for 90; rcl, YAML 1.2 and most people do not
         if node.tag.endswith(":int") and len(node.value) > _LONGEST_INTEGER:
             raise _mistake(f"{_shown(node.value)!r} is not a 64-bit integer", node.start_mark)
         try:

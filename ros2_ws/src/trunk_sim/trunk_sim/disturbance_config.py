@@ -160,7 +160,7 @@ class DisturbanceConfig(ManagedConfig):
             raise ParameterError(
                 "noise.high_frequency",
                 self.noise_high,
-                f"greater than noise.low_frequency ({self.noise_low:g})",
+                f"it must be greater than noise.low_frequency ({self.noise_low:g})",
             )
 
     @property

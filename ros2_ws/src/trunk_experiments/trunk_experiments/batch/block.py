@@ -110,6 +110,8 @@ def regular_run(plan: RunPlan) -> Regular | None:
     if type(law_of(config).memory) is not PidState:  # the lanes only have rows for this type
         return None
     setting, hip = setting_of(config), hip_index(config, simulator.joints)
+    if simulator.period_ns > setting.gap_ns:  # every state would start afresh
+        return None
     every = max(1, -(-setting.due_after_ns // simulator.period_ns))
     common = Common(
         simulator.plant,

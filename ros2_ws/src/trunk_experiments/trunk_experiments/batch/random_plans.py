@@ -97,7 +97,10 @@ class Draw:
     def config(self, node: str, **given: Any) -> Any:
         """Return a node's configuration; a value that does not fit the rest gets its default."""
         declared = declarations(NODES[node].config)
-        values = {name: self.value(d) for name, d in declared.items()}
+        younger = getattr(
+            NODES[node].config, "unrecorded", {}
+        )  # none is drawn: the others stay as they were
+        values = {name: self.value(d) for name, d in declared.items() if name not in younger}
         values["autostart"] = bool(self.rng.random() > 0.02)
         values.update(given)
         while True:

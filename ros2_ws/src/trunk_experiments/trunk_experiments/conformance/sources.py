@@ -9,7 +9,7 @@ import math
 import textwrap
 from collections.abc import Iterator
 from types import FunctionType, ModuleType
-from typing import Any
+from typing import Any, cast
 
 from trunk_control.law import Law, from_scratch, unchanged
 from trunk_msgs_util.reached import reached
@@ -99,12 +99,23 @@ def _of_node(node: ast.AST, function: FunctionType, where: str) -> Iterator[LawF
         target = ast.unparse(node)
         yield _state(where, f"writes to {target}")
     elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
-        if not (isinstance(node.right, ast.Constant) and node.right.value in (2, 3, 4)):
-            yield LawFinding(
-                "portable", where, f"computes {ast.unparse(node)}", "multiply, or use exp and log"
-            )
+        yield from _power(node, node.left, node.right, where)
+    elif isinstance(node, ast.AugAssign) and isinstance(node.op, ast.Pow):
+        yield from _power(node, node.target, node.value, where)
     elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
         yield from _of_value(node, function, where)
+
+
+def _power(node: ast.AST, base: ast.expr, exponent: ast.expr, where: str) -> Iterator[LawFinding]:
+    """Yield a power that is not of whole numbers: CPython calls libm's pow where compiled code multiplies."""
+    times = exponent.value if isinstance(exponent, ast.Constant) else None
+    if isinstance(base, ast.Constant) and isinstance(base.value, int) and isinstance(times, int):
+        return
+    advice = "use exp and log of trunk_control.api, or multiply"
+    if times in (2, 3, 4):
+        factor = ast.unparse(base) if isinstance(base, ast.Constant) else f"({ast.unparse(base)})"
+        advice = f"write {' * '.join([factor] * cast(int, times))}"
+    yield LawFinding("portable", where, f"computes {ast.unparse(node)}", advice)
 
 
 def _of_value(node: ast.expr, function: FunctionType, where: str) -> Iterator[LawFinding]:

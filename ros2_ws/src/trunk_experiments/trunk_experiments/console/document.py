@@ -17,6 +17,8 @@ from typing import Any, TextIO
 
 import click
 
+from trunk_msgs_util.streams import writer
+
 OPTION = "--json"
 ERROR = "error-1"
 _STDOUT = 1
@@ -87,7 +89,7 @@ def _moved(out: TextIO, err: TextIO) -> TextIO | None:
     except (AttributeError, OSError):  # a test's, or closed
         return None
     out.flush()
-    own = os.fdopen(os.dup(_STDOUT), "w", encoding="ascii")
+    own = writer(os.dup(_STDOUT), encoding="ascii")
     os.dup2(2, _STDOUT)
     return own
 

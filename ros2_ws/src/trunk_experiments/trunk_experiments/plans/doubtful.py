@@ -41,10 +41,19 @@ def not_taken(files: Iterable[Layer], taking: Sequence[str], namespace: str = ""
             if name not in NODES and "*" not in name and meant:
                 yield f"{layer.source}: no node is called {name!r}; did you mean {meant!r}?"
         if not used:
-            yield (
+            patterns = dict.fromkeys(s.pattern for s in layer.sections)
+            full = namespace or any("/" in pattern for pattern in patterns)
+            nodes = [f"{namespace}/{node}" if full else node for node in taking]
+            line = (
                 f"{layer.source}: no node of this run uses anything in it: it is for "
-                f"{', '.join(names)}; the run has {', '.join(taking)}"
+                f"{', '.join(patterns)}; the run has {', '.join(nodes)}"
             )
+            elsewhere = [s for s in layer.sections if s.last_token in taking]
+            if elsewhere:
+                name = elsewhere[0].last_token
+                above = "/" + elsewhere[0].pattern.strip("/").rpartition("/")[0]
+                line += f": call the section {name}, or run in the namespace {above}"
+            yield line
 
 
 def large_angles(

@@ -15,12 +15,11 @@ import numpy as np
 
 from trunk_msgs_util.events import Event, as_count
 from trunk_msgs_util.parameters.declarations import Value
-from trunk_msgs_util.parameters.declarations import build as build_config
 from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
 
-from ..plans.nodes import CONTROLLERS, NODES
+from ..plans.nodes import CONTROLLERS, recorded_config
 from ..plans.timeline import Change
 
 if TYPE_CHECKING:
@@ -50,7 +49,7 @@ class Process:
     @cached_property
     def config(self) -> Any:
         """The configuration at the start. Raises ParameterError, KeyError for a node that is not ours."""
-        return build_config(NODES[self.node].config, self.parameters)
+        return recorded_config(self.node, self.parameters)
 
     @cached_property
     def changes(self) -> list[Change]:

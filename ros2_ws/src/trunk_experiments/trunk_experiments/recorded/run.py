@@ -15,7 +15,7 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.parameters.declarations import ParameterError, Value, build
+from trunk_msgs_util.parameters.declarations import ParameterError, Value
 from trunk_msgs_util.provenance import ARITHMETIC, FORMAT
 from trunk_msgs_util.recording.filling import Filling
 from trunk_msgs_util.recording.joint_arrays import JointArrays
@@ -311,9 +311,9 @@ class RecordedRun:
         Raises KeyError if it was not recorded, ParameterError if it cannot be used.
         """
         if node not in self._configs:
-            from ..plans.nodes import NODES
+            from ..plans.nodes import recorded_config
 
-            self._configs[node] = build(NODES[node].config, self.parameters[node])
+            self._configs[node] = recorded_config(node, self.parameters[node])
         return self._configs[node]
 
     def parameter_changes(self, node: str) -> list[ParameterChange]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from trunk_control.controller_config import ControllerConfig
 from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import ENDS, Event
@@ -37,8 +38,10 @@ if TYPE_CHECKING:
 
 _MODES = {"real_time": False, "lockstep": True}  # is lockstep.enabled set?
 _LINKS = tuple(f"link.{way}.{name}" for way in ("state", "command") for name in LINK)
-# Groups of parameters that recordings of earlier versions lack; such runs are judged with the defaults.
+# Groups of parameters that recordings of earlier versions lack; such runs are judged with the defaults, or
+# with what the configuration says of the `unrecorded`.
 _LATER: dict[str, tuple[tuple[str, ...], ...]] = {
+    **{name: (tuple(ControllerConfig.unrecorded),) for name in CONTROLLERS},
     "recorder": (("markers",),),
     "simulator": (
         ("path.cosines", "path.sines"),
@@ -52,7 +55,10 @@ _LATER: dict[str, tuple[tuple[str, ...], ...]] = {
         ("sensor.dropout", *_LINKS, "link.command.missing", "link.seed"),
         ("operator.force", "operator.torque", "operator.timeout"),
     ),
-    "computed_torque": (("model.path_cosines", "model.path_sines"),),
+    "computed_torque": (
+        ("model.path_cosines", "model.path_sines"),
+        tuple(ControllerConfig.unrecorded),
+    ),
     "disturbance": (
         (
             *("pulse.random_count", "pulse.random_from", "pulse.random_until", "pulse.random_seed"),

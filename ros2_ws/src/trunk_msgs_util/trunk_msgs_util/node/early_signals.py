@@ -10,12 +10,14 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
 
+from .. import streams
 from ..errors import TrunkError
 from . import middleware
 
@@ -60,6 +62,9 @@ def node(module: str, *arguments: str) -> Callable[[], None]:
     """
 
     def main() -> None:
+        streams.prepare()
+        if any(option.startswith("error") for option in sys.warnoptions):  # rclpy itself warns
+            warnings.simplefilter("default")
         end_by(lambda number: os._exit(0))  # nothing has started, so there is nothing to clean up
         try:
             middleware.prepare()  # where there is no room for rclpy, it is not even imported

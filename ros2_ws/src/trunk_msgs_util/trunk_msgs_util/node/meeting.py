@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from rclpy.node import Node
+from rclpy.qos import ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from .. import topics
@@ -36,6 +37,17 @@ def known(endpoints: Iterable[TopicEndpointInfo]) -> set[str]:
 def publishers(node: Node, topic: str) -> set[str]:
     """Return the nodes that are known to publish on a topic."""
     return known(node.get_publishers_info_by_topic(topic))
+
+
+def described_publishers(node: Node, topic: str) -> list[str]:
+    """Return who publishes on a topic, and whether a lost message is not sent again."""
+    endpoints = node.get_publishers_info_by_topic(topic)
+    return [
+        f"{name} (best effort)"
+        if endpoint.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+        else name
+        for name, endpoint in zip(names(endpoints), endpoints, strict=True)
+    ]
 
 
 def listeners(node: Node, topic: str) -> set[str]:

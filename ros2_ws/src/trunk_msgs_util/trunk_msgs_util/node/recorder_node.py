@@ -22,7 +22,7 @@ from ..recording.schemas import parse_event, parse_parameter_event
 from ..samples import JointSample
 from ..source import process_of
 from ..units import LAST_STAMP_NS, NANOSECONDS, nanoseconds
-from . import qos, waiting
+from . import meeting, qos, waiting
 from .base import TrunkNode
 from .conversions import WireReader, sample_to_wire
 from .heard import HeardTopic
@@ -282,8 +282,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             return ""
         topic = self.resolve_topic_name(topics.JOINT_STATES)
         last_ns = self._written_ns.get(topics.JOINT_STATES, -1)
-        published = self._heard[topics.JOINT_STATES].publisher_count > 0
-        return waiting.states(topic, published, last_ns if self._looked_at else None)
+        publishers = meeting.described_publishers(self, topic)
+        return waiting.states(topic, publishers, last_ns if self._looked_at else None, {})
 
     def _disk_failed(self, reason: str) -> None:
         if self.exit_code is None:

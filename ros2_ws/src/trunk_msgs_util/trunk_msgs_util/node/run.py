@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
+from itertools import pairwise
 from types import FrameType
 from typing import Any, TypeVar
 
@@ -16,15 +18,22 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from ..errors import EXIT_FAILED, EXIT_USAGE, TrunkError
+from ..parameters.declarations import of_every_node, unknown_name
 from ..printable import printable
 from . import middleware
 from .base import TrunkNode
 from .executor import LoopExecutor
 
 Beside = TypeVar("Beside", bound=Node)
+_SETTING = re.compile(r"(?:([^:]+):)?([^:]+):=.*", re.DOTALL)  # [NODE:]NAME:=VALUE
 _DRAIN_S = 5.0  # at most, while messages still arrive; with none arriving, the nodes end at once
+
+
+class ArgumentError(TrunkError):
+    """An argument of a node's command line that nothing uses: which one, and what to write."""
 
 
 class Shutdown:
@@ -44,34 +53,33 @@ class Shutdown:
             signal.signal(number, signal.SIG_IGN)
 
 
-def run_nodes(creators: Mapping[str, Callable[[], TrunkNode[Any]]], program: str) -> int:
+def run_nodes(
+    creators: Mapping[str, Callable[[], TrunkNode[Any]]],
+    program: str,
+    argv: Sequence[str] | None = None,
+) -> int:
     """Run nodes in one executor until one of them is done, or they are told to stop.
 
     Return the process's exit code: 0 after a finished run, and after SIGINT or SIGTERM unless a node was to
     see a run through to its end; 1 if it was, if a node failed or if a callback raised; 2, with one line on
     stderr and no traceback, if a parameter or an argument is wrong.
     Whatever happens, the nodes are closed in the reverse order of the mapping: the recorder comes first in
-    it, so that it closes last and what it has recorded is kept.
+    it, so that it closes last and what it has recorded is kept. ``argv``: by default the
+    process's.
     """
+    argv = sys.argv if argv is None else argv
     shutdown = Shutdown()
     try:
-        middleware.prepare()
-    except TrunkError as error:
-        return _say(program, error, error.exit_code)
-    # rcl would print its own version of what our one line says.
-    set_logger_level("rcl", LoggingSeverity.FATAL)
-    try:
-        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    except (
-        RuntimeError,
-        ValueError,
-    ) as error:  # RCLError and kin: a bad --ros-args argument or file
-        return _say(program, error, EXIT_USAGE)
+        _initialize(program, argv, [name for name in creators if name != program])
+    except (TrunkError, RuntimeError, ValueError) as error:
+        return _say(program, error, getattr(error, "exit_code", EXIT_USAGE))
     nodes: list[TrunkNode[Any]] = []
     try:
         for name, create in creators.items():
             program = name
             nodes.append(create())
+            if len(nodes) == len(creators):
+                _check_settings(nodes, argv)
             nodes[-1].autostart()
     except TrunkError as error:
         _close(nodes)
@@ -104,11 +112,10 @@ def run_beside(
     Return the process's exit code, as `run_nodes` does.
     """
     shutdown = Shutdown()
-    set_logger_level("rcl", LoggingSeverity.FATAL)  # its own version of what our one line says
     try:
-        middleware.prepare()
-        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+        _initialize(program, sys.argv)
         node = create()
+        _check_settings([node], sys.argv)
     except (TrunkError, RuntimeError, ValueError) as error:
         rclpy.try_shutdown()
         return _say(program, error, getattr(error, "exit_code", EXIT_USAGE))
@@ -121,6 +128,47 @@ def run_beside(
     rclpy.try_shutdown()
     shutdown.ended()
     return 0
+
+
+def _initialize(program: str, argv: Sequence[str], own: Collection[str] = ()) -> None:
+    """Initialize rclpy from the command line, whose only arguments besides ROS 2's are ``own``.
+
+    Raises TrunkError, and RuntimeError or ValueError (RCLError and kin) for what ROS 2 refuses.
+    """
+    middleware.prepare()
+    unused = [word for word in remove_ros_args(argv)[1:] if word not in own]
+    if {"-h", "--help"} & set(unused):
+        print(
+            f"usage: {program} --ros-args [-p NAME:=VALUE] [--params-file FILE] [-r OLD:=NEW] "
+            "(trunk params lists the parameters)"
+        )
+        sys.exit(0)
+    if unused:
+        begin = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
+        before = " ".join(word for word in argv[1:begin] if word not in own) or " ".join(unused)
+        advice = "leave it out"
+        if any(word.startswith("-") or ":=" in word for word in unused):
+            after = " ".join(["--ros-args", before, *argv[begin + 1 :]])
+            advice = f"arguments for ROS 2 follow --ros-args: {after}"
+        raise ArgumentError(f"nothing uses {before}: {advice}")
+    # rcl would print its own version of what our one line says.
+    set_logger_level("rcl", LoggingSeverity.FATAL)
+    rclpy.init(args=list(argv), signal_handler_options=SignalHandlerOptions.NO)
+
+
+def _check_settings(nodes: Sequence[Node], argv: Sequence[str]) -> None:
+    """Raise ArgumentError for a ``-p`` that sets a parameter which no node of this process has."""
+    for flag, word in pairwise(argv):
+        setting = _SETTING.fullmatch(word) if flag in ("-p", "--param") else None
+        if setting is None or of_every_node(setting[2]):
+            continue
+        named = [node for node in nodes if setting[1] in (None, node.get_name())]
+        if not named:
+            names = ", ".join(node.get_name() for node in nodes)
+            raise ArgumentError(f"nothing uses -p {word}: it is for {setting[1]}, this is {names}")
+        if not any(node.has_parameter(setting[2]) for node in named):
+            known = [name for node in named for name in node.get_parameters_by_prefix("")]
+            raise ArgumentError(f"nothing uses -p {word}: {unknown_name(setting[2], known)}")
 
 
 def _fail(nodes: list[TrunkNode[Any]], error: Exception) -> None:

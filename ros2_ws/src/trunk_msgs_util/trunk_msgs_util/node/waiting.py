@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from ..units import seconds
 
@@ -55,14 +55,20 @@ def not_met(settings: Mapping[str, str]) -> str:
     )
 
 
-def states(topic: str, published: bool, last_ns: int | None) -> str:
+def states(
+    topic: str, publishers: Sequence[str], last_ns: int | None, refused: Mapping[str, int]
+) -> str:
     """Return what a node that hears no states waits for; empty if their publisher is only holding them.
 
-    ``last_ns``: the stamp of the last one, None if there was none yet; ``published``: there is a publisher.
+    ``last_ns``: the stamp of the last one, None if there was none yet; ``publishers``: who publishes them;
+    ``refused``: how many states were not used, by reason.
     """
     if last_ns is not None:
         last = f"the last one was at t = {seconds(last_ns):g} s"
-        return "" if published else f"states on {topic}: {last}, and nobody publishes them now"
-    if published:
-        return f"the first state on {topic}: its publisher has not started yet"
+        return "" if publishers else f"states on {topic}: {last}, and nobody publishes them now"
+    if refused:
+        counts = ", ".join(f"{reason} {count}" for reason, count in refused.items())
+        return f"the first usable state on {topic}: {counts}"
+    if publishers:
+        return f"the first state on {topic}: none has come from {', '.join(publishers)} yet"
     return f"states on {topic}: nobody publishes them (start it: ros2 run trunk_sim simulator)"

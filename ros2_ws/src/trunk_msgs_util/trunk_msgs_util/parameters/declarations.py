@@ -59,6 +59,7 @@ class Declaration:
     choices: tuple[str, ...] = ()
     length: int | None = None
     longest: int | None = None  # of an array without a fixed length
+    each: str = ""  # what one element of an array of fixed length is
     fixed: bool = False  # cannot change after start
     unit_by: str = ""  # the parameter whose value chooses the unit among ``units``
     units: tuple[tuple[str, str], ...] = ()  # that value, and the unit
@@ -69,7 +70,7 @@ class Declaration:
         each = "each " if self.kind.endswith("array") else ""
         phrase = self.kind
         if self.length is not None:
-            phrase += f" of {self.length}"
+            phrase += f" of {self.length}{', ' if self.each else ''}{self.each}"
         elif self.longest is not None:
             phrase += f" of at most {self.longest}"
         if self.choices:

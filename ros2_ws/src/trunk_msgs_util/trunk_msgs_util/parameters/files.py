@@ -57,15 +57,16 @@ class Layer:
     folder: Path = Path()
 
     def within(self, namespace: str) -> Layer:
-        """Return the layer with its relative node names (``pid``, not ``/pid``) in the namespace.
+        """Return the layer with its bare node names (``pid``, not ``/pid`` or ``arm/pid``) in the namespace.
 
-        rcl takes ``pid`` for ``/pid``: this is for a file that is resolved here and not passed to nodes.
+        rcl takes ``pid`` for ``/pid``, and ``arm/pid`` for ``/arm/pid``: this is for a file that is
+        resolved here and not passed to nodes.
         """
         return Layer(
             self.source,
             tuple(
                 s
-                if s.pattern.startswith(("/", "*"))
+                if not namespace or "/" in s.pattern or "*" in s.pattern
                 else Section(f"{namespace}/{s.pattern}", s.values)
                 for s in self.sections
             ),
@@ -73,12 +74,19 @@ class Layer:
         )
 
 
-def _flatten(values: Mapping[Any, Any], prefix: str = "") -> dict[str, object]:
-    flat: dict[str, object] = {}
+def _flatten(
+    values: Mapping[Any, Any], where: str, prefix: str = "", flat: dict[str, object] | None = None
+) -> dict[str, object]:
+    """Return values by dotted name. Raises ParameterFileError for one that is there twice."""
+    flat = {} if flat is None else flat
     for key, value in values.items():
         name = f"{prefix}{key}"
         if isinstance(value, dict):
-            flat.update(_flatten(value, name + "."))
+            _flatten(value, where, name + ".", flat)
+        elif name in flat:  # rcl would silently take the last
+            raise ParameterFileError(
+                f"{where}: parameter {name!r} appears twice, dotted and nested: leave one out"
+            )
         else:
             flat[name] = value
     return flat
@@ -91,7 +99,7 @@ def _sections(tree: Any, source: str, path: str = "") -> Iterable[Section]:
         if key == "ros__parameters":
             if not isinstance(below, dict):
                 raise ParameterFileError(f"{source}: {path}: ros__parameters is not a mapping")
-            yield Section(path, _flatten(below))
+            yield Section(path, _flatten(below, f"{source}: {path}"))
         else:
             yield from _sections(below, source, f"{path.rstrip('/')}/{key}" if path else str(key))
 

@@ -105,7 +105,12 @@ def bag_folder(folder: Path) -> BagFolder:
             f"{folder / METADATA} lists a file twice: repair it with ros2 bag reindex"
         )
     count = about.get("message_count")
-    return BagFolder(files, count if isinstance(count, int) else None)
+    if count is not None and (not isinstance(count, int) or isinstance(count, bool) or count < 0):
+        raise RecordingError(
+            f"{folder / METADATA}: message_count is {str(count)[:MAX_NAME]!r}, a whole number is needed: "
+            "repair it with ros2 bag reindex"
+        )
+    return BagFolder(files, count)
 
 
 def _information(path: Path) -> dict[str, Any]:
