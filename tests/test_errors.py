@@ -26,7 +26,14 @@ from trunk_sim.simulation import DivergedError
 
 PACKAGES = ("trunk_msgs_util", "trunk_sim", "trunk_control", "trunk_experiments")
 # These never reach a user: readers turn them into a RecordingError that names the file.
-INTERNAL = {"DamageError", "ChecksumError", "LimitError", "LimitReachedError", "_Interrupted"}
+INTERNAL = {
+    "DamageError",
+    "ChecksumError",
+    "LimitError",
+    "LimitReachedError",
+    "TrailingError",
+    "_Interrupted",
+}
 
 
 def exceptions():

@@ -55,6 +55,7 @@ EXACT_OF_NUMPY = {
     *(
         "concatenate",
         "column_stack",
+        "delete",
         "repeat",
         "ravel",
         "where",

@@ -26,7 +26,7 @@ _SIZE = 16  # bytes of a digest
 _HEAD = struct.Struct("<qI")
 # Of a graph, these depend on where and in which process it ran.
 _PROCESS, _OUTPUT = "process", "output"
-_YOUNGER = ("gap.max_periods",)  # parameters than what was frozen
+_YOUNGER = ("gap.max_periods", "sync_interval")  # parameters than what was frozen
 
 
 class Heard(NamedTuple):

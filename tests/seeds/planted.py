@@ -44,7 +44,7 @@ BUGS = (
     Bug("nobody waits for the recorder at the end", _NODE + "evidence.py",
         "    patience = settings.patience()\n", "    return\n    patience = settings.patience()\n"),
     Bug("an unflushed file", _NODE + "run_file.py",
-        "self._writer.finish(complete=complete, reason=reason)", "None"),
+        "self._writer.finish(complete=complete, reason=reason, sync=self._syncs)", "None"),
     Bug("nobody says how much there was", _NODE + "base.py",
         "            self.event(Event.PUBLISHED, DiagnosticStatus.OK, **counts)\n", "            pass\n"),
     Bug("a step without its disturbance", _SIM + "pacing.py",

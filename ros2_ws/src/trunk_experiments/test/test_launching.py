@@ -86,7 +86,7 @@ def test_relative_names_get_the_namespace_and_absolute_ones_do_not(tmp_path):
         plan = launch_plan(given(controller="pid", namespace="a", params=str(path)))
         assert plan.controller.p == found, name
     layer = parse(text.format("pid"), "mine")
-    assert [s.pattern for s in layer.within("").sections] == ["/pid"]
+    assert [s.pattern for s in layer.within("").sections] == ["pid"]  # rcl's short form
 
 
 def test_viewers_are_not_part_of_the_plan(tmp_path):

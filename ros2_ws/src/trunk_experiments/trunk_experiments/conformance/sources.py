@@ -9,7 +9,7 @@ import math
 import textwrap
 from collections.abc import Iterator
 from types import FunctionType, ModuleType
-from typing import Any, cast
+from typing import Any
 
 from trunk_control.law import Law, from_scratch, unchanged
 from trunk_msgs_util.reached import reached
@@ -114,7 +114,7 @@ def _power(node: ast.AST, base: ast.expr, exponent: ast.expr, where: str) -> Ite
     advice = "use exp and log of trunk_control.api, or multiply"
     if times in (2, 3, 4):
         factor = ast.unparse(base) if isinstance(base, ast.Constant) else f"({ast.unparse(base)})"
-        advice = f"write {' * '.join([factor] * cast(int, times))}"
+        advice = f"write {' * '.join([factor] * int(times))}"
     yield LawFinding("portable", where, f"computes {ast.unparse(node)}", advice)
 
 
