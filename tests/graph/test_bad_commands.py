@@ -125,7 +125,9 @@ def test_silent_controller_in_real_time(children: Children, peer: Peer) -> None:
 def test_bad_states_and_strangers(children: Children, peer: Peer) -> None:
     """The test plays the plant: a controller counts what it cannot use and answers the rest."""
     answers = peer.hear(topics.EFFORT_COMMAND)
-    pid = children.node("pid", "gains.i:=0.0", "gains.d:=0.0")
+    # A megabyte fills the kernel's buffer: in real time, what does not fit is not sent again.
+    reliable = f"qos_overrides./{topics.JOINT_STATES}.subscription.reliability:=reliable"
+    pid = children.node("pid", "gains.i:=0.0", "gains.d:=0.0", reliable)
     say = peer.speaker(topics.JOINT_STATES)
 
     def state(k: int, angle: float = 0.25) -> JointSample:

@@ -37,7 +37,8 @@ UNCONFIGURED, INACTIVE, ACTIVE = "unconfigured", "inactive", "active"
     ],
 )
 def test_every_transition(children: Children, peer: Peer, tmp_path: Path, node: str) -> None:
-    child = children.node(node, "autostart:=false", "output:=run.mcap", "overwrite:=true")
+    file = ("output:=run.mcap", "overwrite:=true") if node == "recorder" else ()
+    child = children.node(node, "autostart:=false", *file)
     peer.until_up(node)
     life = Life(peer, node)
     assert life.state() == UNCONFIGURED

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.graph
 
 OWN = {
     "simulator": ("fall.angle:=.inf", "plant.trunk_mass:=0.75"),
-    "disturbance": ("pulse.times:=[0.5, 1.0e-05]", "pulse.width:=1.0e-05"),
+    "disturbance": ("pulse.start_times:=[1.0e-05, 0.5]", "pulse.duration:=1.0e-05"),
     "fuzzy_pid": (
         "u_clamp_max:=.inf",
         "i_clamp_min:=-.inf",

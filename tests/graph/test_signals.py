@@ -19,6 +19,10 @@ SIGNALS = [signal.SIGINT, signal.SIGTERM]
 EXECUTABLES = ("simulator", "disturbance", "pid", "fuzzy_pid", "recorder")
 
 
+def _file(node: str) -> list[str]:
+    return ["output:=run.mcap"] if node == "recorder" else []
+
+
 def stop(number: int, *children: Child, code: int = 0) -> None:
     """Send all of them the signal at once; each must end by itself, with this code."""
     for child in children:
@@ -36,8 +40,7 @@ def stop(number: int, *children: Child, code: int = 0) -> None:
 def test_idle_node(children: Children, peer: Peer, tmp_path: Path, number: int) -> None:
     # Each in its own namespace: they do not meet and have nothing to do.
     started = {
-        name: children.node(name, "output:=run.mcap", "-r", f"__ns:=/{name}")
-        for name in EXECUTABLES
+        name: children.node(name, *_file(name), "-r", f"__ns:=/{name}") for name in EXECUTABLES
     }
     for name in started:
         peer.hear_run(f"/{name}")
@@ -103,7 +106,7 @@ def test_a_node_signalled_repeatedly_ends_cleanly(
     children: Children, peer: Peer, node: str
 ) -> None:
     """As when a terminal's Ctrl-C and ros2 launch both signal it: later signals must not kill it."""
-    child = children.node(node, "output:=run.mcap")
+    child = children.node(node, *_file(node))
     peer.until_up(node)
 
     def told_has_ended() -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from math import inf
 
 from .. import topics
 from ..events import ENDS, Event, as_count
@@ -43,7 +42,7 @@ class Tally:
         )  # by source and topic, of nodes that ended
         self._anew = False  # was a node cleaned up? its count then restarts
         self._states = 0  # of a finished run
-        self._duration = inf  # s, of the run
+        self._duration = 0.0  # s, of the run; a robot's has no end either
         self._begun = 0  # runs, as the simulator reports them
         self._silent: dict[str, bool] = {}  # known nodes: has none of their events arrived?
 
@@ -79,7 +78,7 @@ class Tally:
 
     @property
     def goes_on(self) -> bool:
-        """True while there is no run, or one without an end of its own that nobody has ended yet."""
+        """True while there is no run, or one that has no end of its own and that nobody has ended yet."""
         begun = self._begun or any(self.counts[topic] for topic in OF_STATES)
         return not begun or (self.end is None and self._duration == 0.0)
 
