@@ -59,7 +59,7 @@ def test_reliability(
         "fig8",
         "pid",
         params=[str(file)] if override else [],
-        everywhere={"lockstep.enabled": lockstep},
+        everywhere={"lockstep.enabled": lockstep, "duration": 0.0},
     )
     plan.write_parameters(tmp_path / "params.yaml")
     child = children.node(node, "--params-file", tmp_path / "params.yaml")
