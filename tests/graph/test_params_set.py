@@ -58,7 +58,10 @@ def test_values_are_set_in_one_transaction(children: Children, peer: Peer, set_v
             ("gains.d=8", "gains.p=-1"),
             "parameter 'gains.p': -1.0 is not allowed: double, >= 0 and <= 1e+09",
         ),
-        (("gains.d=8", "u_clamp_max=-200"), "'u_clamp_max': -200.0 is not allowed: greater than"),
+        (
+            ("gains.d=8", "u_clamp_max=-200"),
+            "'u_clamp_max': -200.0 is not allowed: it must be greater than",
+        ),
         (("gains.d=8", "update_rate=300"), "'update_rate': 300.0 is not allowed: fixed at start"),
         (("gains.d=8", "joint=3"), "parameter 'joint': 3 is not allowed: "),
     ):
