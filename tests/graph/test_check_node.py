@@ -53,7 +53,7 @@ def test_each_fault_is_named(children: Children) -> None:
         with Player(f"/{name}", ("hip", "trunk")) as player:
             transcript = player.play(200.0, player.meet(600.0), limit=100.0)
         named[name] = {check.name for check, found in findings(transcript) if found}
-    nodes.stop(signal.SIGTERM)
+    nodes.stop(signal.SIGKILL)
     # Whether half of the answers took longer than a period is the machine's business, too.
     assert [n for n, check in FAULTS.items() if check not in named[n]] == []
     # Whether half of the answers took longer than a period is the machine's business, too.
@@ -64,7 +64,7 @@ def test_ours_keep_every_check(children: Children) -> None:
     node = children.node("fuzzy_pid")
     checked = children.trunk("check", "node", "--limit", 100, "--wait", 600, "--json")
     assert checked.wait() in (0, 1), checked.stderr
-    node.stop(signal.SIGTERM)
+    node.stop(signal.SIGKILL)
     document = json.loads(checked.stdout)
     assert document["node"] == "/fuzzy_pid"
     assert {c["name"] for c in document["checks"] if not c["kept"]} <= {"latency"}
@@ -78,4 +78,4 @@ def test_without_a_node_it_says_what_is_there_instead(children: Children) -> Non
         says = r"nobody publishes /effort_command .*/elsewhere/effort_command"
         with pytest.raises(RunError, match=says):
             player.meet(0.0)
-    node.stop(signal.SIGTERM)
+    node.stop(signal.SIGKILL)

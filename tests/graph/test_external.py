@@ -66,7 +66,7 @@ def test_an_example_in_lockstep_has_the_bits_of_the_same_law(
     assert run.wait() == 0, run.stderr
     assert "connect your node" in run.stderr
     assert "connected: " in run.stderr
-    node.stop(signal.SIGTERM)
+    node.stop(signal.SIGKILL)
     theirs = RecordedRun.open(tmp_path / "run" / "run.mcap")
     assert theirs.external == "mine"
     verdict = verify(theirs.recording)
@@ -117,7 +117,7 @@ def test_in_real_time_each_habit_is_named(
         *("run", "fig6", "--duration", 1, "--rate", 200, "--external", "--json", "--output", "run")
     )
     code = run.wait()
-    node.stop(signal.SIGTERM)
+    node.stop(signal.SIGKILL)
     doubts = json.loads(run.stdout)["doubts"]
     # On a busy machine the recorder may miss what a publisher no longer keeps, and then says so.
     lost = "was not recorded" in (doubts["reason"] or "")
@@ -142,7 +142,7 @@ def test_in_lockstep_the_wall_clocks_stamps_end_the_run(children: Children) -> N
         "/foreign_pd (effort_command): in lock-step its commands must answer states" in run.stderr
     )
     assert "copy header.stamp of the state" in run.stderr
-    node.stop(signal.SIGTERM)
+    node.stop(signal.SIGKILL)
 
 
 def test_two_strangers_are_named(children: Children) -> None:
@@ -154,7 +154,7 @@ def test_two_strangers_are_named(children: Children) -> None:
     assert run.wait() == 1
     assert "2 nodes publish /effort_command: /foreign_pd, /my_pd" in run.stderr
     for node in nodes:
-        node.stop(signal.SIGTERM)
+        node.stop(signal.SIGKILL)
 
 
 @pytest.mark.slow
