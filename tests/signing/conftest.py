@@ -1,10 +1,7 @@
 from __future__ import annotations
 
-import sys
-
 import pytest
 
-from trunk_experiments import cli
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.runs.offline_recording import record_offline
 
@@ -26,20 +23,6 @@ def run(original, tmp_path, monkeypatch):
     write_key(tmp_path / "mallory", MALLORY)
     (tmp_path / "run.mcap").write_bytes(original.read_bytes())
     return tmp_path / "run.mcap"
-
-
-@pytest.fixture
-def trunk(monkeypatch, capsys):
-    """Return a function that runs the command and returns (exit code, output, errors)."""
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["trunk", *map(str, words)])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        out, err = capsys.readouterr()
-        return ended.value.code, out, err
-
-    return call
 
 
 @pytest.fixture

@@ -114,7 +114,7 @@ def _power(node: ast.AST, base: ast.expr, exponent: ast.expr, where: str) -> Ite
     advice = "use exp and log of trunk_control.api, or multiply"
     if times in (2, 3, 4):
         factor = ast.unparse(base) if isinstance(base, ast.Constant) else f"({ast.unparse(base)})"
-        advice = f"write {' * '.join([factor] * int(times))}"
+        advice = f"write {' * '.join([factor] * int(cast(float, times)))}"
     yield LawFinding("portable", where, f"computes {ast.unparse(node)}", advice)
 
 
