@@ -112,9 +112,9 @@ def _power(node: ast.AST, base: ast.expr, exponent: ast.expr, where: str) -> Ite
     if isinstance(base, ast.Constant) and isinstance(base.value, int) and isinstance(times, int):
         return
     advice = "use exp and log of trunk_control.api, or multiply"
-    if times in (2, 3, 4):
+    if isinstance(times, int | float) and times in (2, 3, 4):
         factor = ast.unparse(base) if isinstance(base, ast.Constant) else f"({ast.unparse(base)})"
-        advice = f"write {' * '.join([factor] * int(cast(float, times)))}"
+        advice = f"write {' * '.join([factor] * int(times))}"
     yield LawFinding("portable", where, f"computes {ast.unparse(node)}", advice)
 
 
