@@ -125,9 +125,10 @@ def test_nodes_of_other_projects_pass(tmp_path):
         ("simulator.initial.position=[0, 30]", "simulator: initial.position is 30 rad"),
         ("pid.reference.value=45", "pid: reference.value is 45 rad, which is 2578 degrees"),
         ("pid.reference.initial=-20", "pid: reference.initial is -20 rad"),
+        ("simulator.plant.length=60", "simulator: plant.length is 60 m: lengths are in metres"),
     ],
 )
-def test_an_angle_of_more_than_a_turn_gets_a_warning(setting, told):
+def test_what_was_most_likely_meant_in_another_unit_gets_a_warning(setting, told):
     (warning,) = make_plan("fig8", "pid", settings=[setting]).warnings
     assert warning.startswith(told)
 
@@ -138,6 +139,8 @@ def test_an_angle_of_more_than_a_turn_gets_a_warning(setting, told):
         "simulator.initial.position=[30, 0.5]",
         "pid.reference.value=6.28",
         "simulator.fall.angle=inf",
+        "simulator.plant.length=60m",
+        "simulator.plant.length=9",
         "simulator.initial.velocity=[30, 30]",
     ],
 )

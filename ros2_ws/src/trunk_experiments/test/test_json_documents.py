@@ -94,6 +94,8 @@ CASES = [
     Case(
         "tune-1", "tune optimise --controller fuzzy_pid --generations 1 --population 1", marks=SLOW
     ),
+    Case("margins-1", "margins"),
+    Case("margins-1", "margins b.mcap -o loop.png"),
     Case("fit-path-1", "fit path gait.csv --harmonics 2 -o gait.yaml"),
     Case("paper-1", "paper -o paper"),
     Case("bench-1", "bench read a.mcap --rounds 1", code=None),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -12,13 +10,11 @@ from hypothesis import strategies as st
 
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.lqr_law import LqrConfig
-from trunk_control.pid import Gains
 from trunk_experiments.cli import trunk
 from trunk_experiments.commands.tune import command
 from trunk_experiments.errors import PlanError, TuningError
 from trunk_experiments.plans.plan import make_plan
-from trunk_experiments.runs.steps import steps
-from trunk_experiments.tuning.linear import Linear, LinearLoop, largest_delay, linearise, margins
+from trunk_experiments.tuning.linear import Linear, linearise
 from trunk_experiments.tuning.methods import by_lqr, by_poles, relay, ultimate
 from trunk_experiments.tuning.search import fuzzy_space, gains_space
 from trunk_msgs_util.mechanics import Body
@@ -59,89 +55,6 @@ def test_by_lqr_gives_the_nodes_defaults():
     assert gains == pytest.approx(LqrConfig().gains, rel=1e-5)
 
 
-LOOPS = [
-    (Gains(60.0, 100.0, 9.0), 0.001, True),
-    (Gains(60.0, 100.0, 9.0), 0.005, False),
-    (Gains(60.0, 36.0, 400.0), 0.001, True),
-    (Gains(80.0, 0.0, 6.0), 0.002, True),
-]
-
-
-@pytest.mark.parametrize(("gains", "h", "rate"), LOOPS, ids=str)
-@pytest.mark.slow
-def test_a_simulation_confirms_the_largest_delay(gains, h, rate):
-    loop = LinearLoop(PLANT, gains, h, rate)
-    limit = largest_delay(loop)
-    assert margins(loop).delay == pytest.approx(limit * h)
-    for delay, dies in ((limit, True), (limit + 1, False)):
-        radius = replace(loop, delay=delay).radius()
-        assert (radius < 1.0) == dies
-        settings_ = [
-            "simulator.substeps=1",
-            "simulator.hip.mode=prescribed",
-            "simulator.path.amplitude=0.0",
-            "simulator.initial.position=[0.0, 1.0e-9]",
-            "simulator.initial.velocity=[0.0, 0.0]",
-            f"simulator.sensor.delay={delay * h}",
-            *(
-                f"pid.gains.{n}={v}"
-                for n, v in zip("pid", (gains.p, gains.i, gains.d), strict=True)
-            ),
-            f"pid.derivative_mode={'rate' if rate else 'measurement'}",
-            "pid.u_clamp_max=.inf",
-            "pid.u_clamp_min=-.inf",
-        ]
-        # Until the slowest mode has changed a hundredfold, if that is not too long.
-        periods = min(int(5.0 / abs(np.log(radius))), 4000)
-        plan = make_plan(
-            "fig6", "pid", [], settings_, {"update_rate": 1.0 / h, "duration": 4 * periods * h}
-        )
-        angles = np.abs([step.truth.position[1] for step in steps(plan)])
-        quarter = len(angles) // 4
-        assert (np.max(angles[-quarter:]) < np.max(angles[quarter : 2 * quarter])) == dies
-
-
-@pytest.mark.slow
-@pytest.mark.one_in(3)
-@pytest.mark.parametrize(
-    "poles", [(-12.0, -8.0, -2.0), (-3.0, -4.0), (-1.0, -2.0), (-20.0, -1.0), (-30.0, -7.0, -0.2)]
-)
-@pytest.mark.parametrize("rate", [True, False])
-def test_the_largest_delay_equals_a_step_by_step_search(poles, rate):
-    loop = LinearLoop(PLANT, by_poles(PLANT, poles), 0.005, rate)
-    counted = next(d for d in range(60) if not replace(loop, delay=d + 1).stable)
-    assert largest_delay(loop) == counted > 1
-    assert largest_delay(loop, limit=2) == 2
-
-
-def test_a_slow_loop_has_a_phase_margin():
-    """Its only crossover lies at a thousandth of the Nyquist frequency."""
-    loop = LinearLoop(PLANT, by_poles(PLANT, (-1.0, -2.0)), 0.002)
-    (crossover,) = loop.crossovers()
-    assert crossover * loop.h / np.pi < 1.2e-3
-    found = margins(loop)
-    assert np.radians(found.phase_deg) / crossover == pytest.approx(found.delay, abs=loop.h)
-    assert found.modulus < 2.0 * np.sin(np.radians(found.phase_deg) / 2.0) + 1e-9
-
-
-def test_margins_of_an_unstable_loop_are_refused():
-    with pytest.raises(ValueError, match="unstable"):
-        margins(LinearLoop(PLANT, Gains(100.0, 0.0, 0.0), 0.001))
-
-
-def test_gain_margins_are_edges():
-    loop = LinearLoop(PLANT, Gains(60.0, 36.0, 400.0), 0.001)
-    found = margins(loop)
-    for factor, stable in (
-        (0.999 * found.gain_up, True),
-        (1.001 * found.gain_up, False),
-        (1.001 * found.gain_down, True),
-        (0.999 * found.gain_down, False),
-    ):
-        gains = Gains(*(factor * gain for gain in loop.gains))
-        assert replace(loop, gains=gains).stable == stable
-
-
 def test_the_relay_agrees_with_routh():
     plant = Linear(PLANT.a, PLANT.b, c=4.0, lag=0.02)
     found = relay(plant, 1.0)
@@ -152,6 +65,25 @@ def test_the_relay_agrees_with_routh():
     assert found.period == pytest.approx(found.exact_period, rel=0.08)
     poles = np.roots([0.02, 1.08, 4.0 - 0.02 * plant.a, plant.b * found.exact_gain - plant.a])
     assert np.max(poles.real) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.one_in(2)
+@pytest.mark.parametrize(
+    ("lag", "damping", "mass", "gain"),
+    [
+        (0.02, 0.5, 0.5, 22.2997),
+        (0.05, 1.0, 0.5, 19.6447),
+        (0.01, 0.3, 0.5, 25.9201),
+        (0.03, 2.0, 1.5, 61.2828),
+    ],
+)
+def test_the_relay_finds_the_exact_limit_cycle(lag, damping, mass, gain):
+    """Tsypkin's, computed independently."""
+    plant = linearise(Body(trunk_mass=mass))
+    assert relay(plant._replace(c=damping * plant.b, lag=lag), 1.0).gain == pytest.approx(
+        gain, abs=1e-4
+    )
 
 
 @pytest.mark.parametrize("plant", [PLANT, PLANT._replace(lag=0.02), PLANT._replace(c=1.0)], ids=str)

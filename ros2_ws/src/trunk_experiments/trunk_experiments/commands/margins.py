@@ -1,99 +1,135 @@
-"""The margins of a sampled loop, as ``trunk tune`` prints them."""
+"""``trunk margins``: how far given gains are from instability, as numbers and as a picture."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from trunk_control.pid import Gains
-from trunk_msgs_util.units import seconds
-
+from ..console.common import FiniteRange
+from ..console.controller_name import ControllerName
+from ..console.document import json_option, write_json
+from ..console.outputs import check_output, output_options
+from ..console.reading import show_warnings
 from ..console.tables import print_table
-from ..plans.plan import RunPlan
+from ..errors import PlanError
+from ..plans.plan import RunPlan, make_plan
 
 if TYPE_CHECKING:
-    from ..tuning.linear import Linear, Margins
+    from ..tuning.margins import LoopMargins
 
 
-class LoopMargins(NamedTuple):
-    """The margins of the loop with some gains; None where it is unstable."""
+@click.command("margins")
+@click.argument("run", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--controller", type=ControllerName(), help="Without a RUN: the controller.  [default: pid]"
+)
+@click.option("--params", multiple=True, metavar="FILE", help="A parameter file; repeatable.")
+@click.option(
+    "--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="One value; repeatable."
+)
+@click.option(
+    "--rate",
+    type=FiniteRange(0.001, 1e6, unit="Hz"),
+    metavar="HZ",
+    help="update_rate of the sampled loop, Hz.",
+)
+@output_options("Also a picture: Bode, Nyquist, root locus and step; .png, .svg or .pdf.")
+@json_option("margins-1")
+def command(
+    run: Path | None,
+    controller: str | None,
+    params: tuple[str, ...],
+    settings: tuple[str, ...],
+    rate: float | None,
+    output: Path | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Print the margins of the loop about the upright: of a recorded RUN, or of parameters.
 
-    at: str  # which gains
-    margins: Margins | None
-    radius: float  # spectral radius of the sampled loop
-
-    def as_values(self) -> dict[str, object]:
-        """Return plain values, for JSON."""
-        return {
-            "at": self.at,
-            "stable": self.margins is not None,
-            "spectral_radius": self.radius,
-            "margins": self.margins and self.margins._asdict(),
-        }
-
-
-def margins_of(plan: RunPlan, config: Any, plant: Linear | None = None) -> list[LoopMargins]:
-    """Return the margins of a controller's configuration around a plan's plant, or another linear one.
-
-    For a fuzzy gain box, corner by corner; a law without gains has no margins of this kind.
+    The loop is linearised with delays, filters and drive, its hip prescribed and passive on level ground. The
+    profile is profile_practical unless --params gives another.
     """
-    if not (hasattr(config, "gains") or hasattr(config, "alpha_centers")):
-        return []
-    from ..tuning.linear import LinearLoop, linearise, margins
+    from ..tuning.margins import plan_margins
 
-    linear = plant or linearise(plan.simulator.body)
-    if plan.controller_name == "computed_torque":
-        linear = linear._replace(a=0.0, b=1.0)
-    corners = {"gains": config.gains} if hasattr(config, "gains") else _corners(config)
-    found = []
-    for label, gains in corners.items():
-        loop = LinearLoop(
-            linear, gains, seconds(plan.controller.period_ns), config.derivative_mode == "rate"
+    if output is not None:
+        from ..views.plot_style import SUFFIXES
+
+        check_output(output, tuple(SUFFIXES), force, [run] if run else list(params))
+    if run is None:
+        plan = make_plan(
+            "fig6",
+            controller or "pid",
+            ("profile_practical", *params),
+            settings,
+            {} if rate is None else {"update_rate": rate},
         )
-        found.append(LoopMargins(label, margins(loop) if loop.stable else None, loop.radius()))
-    return found
+    elif controller or params or settings or rate:
+        raise PlanError(
+            f"{run} brings its own parameters: give a RUN, or --controller and --params"
+        )
+    else:
+        from ..recorded.run import RecordedRun
 
+        plan = RecordedRun.open(run).plan()
+    show_warnings(plan.warnings)
+    rows = plan_margins(plan)
+    if output is not None:
+        from ..views.loop_plot import draw
+        from ..views.plot_style import save
 
-def print_margins(plan: RunPlan, found: Sequence[LoopMargins]) -> None:
-    """Print margins as a table."""
-    if not found:
-        click.echo(f"no margins: {plan.controller_name} has no gains to linearise with")
+        rate_text = f"{plan.controller.update_rate:g} Hz"
+        drawn = [row for row in rows if row.at in plan.controllers]
+        save(draw(drawn, f"{plan.turns} at {rate_text}, about the upright"), output)
+    if as_json:
+        show_warnings(margin_warnings(plan, rows))
+        values = {
+            "file": run,
+            "output": output,
+            "update_rate_hz": plan.controller.update_rate,
+            "margins": [row.as_values() for row in rows],
+        }
+        write_json("margins-1", values)
         return
-    if plan.simulator.actuator is not None:
-        told = "trunk: warning: the margins are for a drive without lag, limits and friction"
-        click.echo(f"{told}; trunk map draws the multipliers with its lag", err=True)
-    if plan.simulator.network is not None:
-        click.echo("trunk: warning: the margins are for a loop without links", err=True)
-    rows = []
-    for one in found:
-        m = one.margins
+    print_margins(plan, rows)
+    if output is not None:
+        click.echo(f"picture: {output}")
+
+
+def margin_warnings(plan: RunPlan, rows: Sequence[LoopMargins]) -> list[str]:
+    """Return what makes margins doubtful: thin ones, a model of another plant, what is left out."""
+    from ..tuning.linear import left_out
+    from ..tuning.margins import other_plants, weakness
+
+    weak = ((row, weakness(row)) for row in rows)
+    return [
+        *other_plants(plan),
+        *(f"{row.at}, hip {row.hip}: {text}" for row, text in weak if text),
+        *left_out(plan.simulator),
+    ]
+
+
+def print_margins(plan: RunPlan, rows: Sequence[LoopMargins]) -> None:
+    """Print margins as a table, after what makes them doubtful."""
+    show_warnings(margin_warnings(plan, rows))
+    cells = []
+    for row in rows:
+        m = row.margins
         if m is None:
-            rows.append((one.at, "UNSTABLE", f"spectral radius {one.radius:.4g}", "", "", ""))
-            continue
-        rows.append(
-            (
-                one.at,
+            numbers = ("UNSTABLE", "", "", "")
+        else:
+            numbers = (
                 f"{m.gain_down:.3g} to {m.gain_up:.3g}",
                 f"{m.phase_deg:.1f}",
                 f"{m.modulus:.3f}",
                 f"{1e3 * m.delay:.4g}",
-                f"{one.radius:.6f}",
             )
-        )
+        cells.append((row.at, row.hip, *numbers, f"{row.radius:.6f}"))
     print_table(
         f"margins of the sampled loop at {plan.controller.update_rate:g} Hz, linearised trunk",
-        ("at", "gain, factor", "phase °", "modulus", "delay ms", "spectral radius"),
-        rows,
+        ("at", "hip", "gain, factor", "phase °", "modulus", "delay ms", "radius"),
+        cells,
     )
-
-
-def _corners(config: Any) -> dict[str, Gains]:
-    """Return the corners of a fuzzy gain box, at the middle alpha: constant gains, not a proof."""
-    alpha = sum(config.alpha_centers) / len(config.alpha_centers)
-    return {
-        f"kp {p:.4g}, kd {d:.4g}": Gains(p, p * p / (alpha * d), d)
-        for p in (config.p_min, config.p_max)
-        for d in (config.d_min, config.d_max)
-    }

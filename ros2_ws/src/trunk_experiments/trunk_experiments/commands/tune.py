@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from math import radians
 from typing import TYPE_CHECKING, Any
@@ -150,12 +151,12 @@ def relay_command(lag: float, damping: float, amplitude: float, **options: Any) 
     from ..tuning.methods import relay, ziegler_nichols
 
     plan, plant = _linear("pid", options)
-    plant = plant._replace(c=damping * plant.b, lag=lag)
-    found = relay(plant, amplitude)
+    found = relay(plant._replace(c=damping * plant.b, lag=lag), amplitude)
     if not options["as_json"]:
         show_relay(found)
     gains = ziegler_nichols(found.gain, found.period)
-    finish(plan, gains, options, plant=plant, how={"relay": found._asdict()})
+    drive = replace(plan.simulator, actuator_time_constant=lag, viscous_friction=damping)
+    finish(replace(plan, simulator=drive), gains, options, how={"relay": found._asdict()})
 
 
 @command.command("optimise")

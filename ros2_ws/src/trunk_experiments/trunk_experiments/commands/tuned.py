@@ -11,13 +11,14 @@ from trunk_msgs_util.parameters.declarations import Value, build, values_of
 from trunk_msgs_util.parameters.files import write
 
 from ..console.document import write_json
+from ..console.reading import show_warnings
 from ..console.tables import print_table
+from ..errors import PlanError
 from ..plans.nodes import NODES
 from ..plans.plan import RunPlan
-from .margins import margins_of, print_margins
+from .margins import margin_warnings, print_margins
 
 if TYPE_CHECKING:
-    from ..tuning.linear import Linear
     from ..tuning.methods import Ultimate
 
 
@@ -26,39 +27,45 @@ def finish(
     gains: Gains,
     options: dict[str, Any],
     others: dict[str, Value] | None = None,
-    plant: Linear | None = None,
     how: dict[str, object] | None = None,
 ) -> None:
     """Do as `finish_values` with the gains of a PID, and ``others``."""
     values: dict[str, Value] = {f"gains.{n}": getattr(gains, n) for n in "pid"}
-    finish_values(plan, {**values, **(others or {})}, options, plant, how)
+    finish_values(plan, {**values, **(others or {})}, options, how)
 
 
 def finish_values(
     plan: RunPlan,
     values: dict[str, Value],
     options: dict[str, Any],
-    plant: Linear | None = None,
     how: dict[str, object] | None = None,
 ) -> None:
     """Print the gains and their margins and write the file; refuse what the node would refuse.
 
     ``how``: the method's own results in the JSON document, under the method's name.
     """
+    from ..tuning.margins import plan_margins
+
     name = plan.controller_name
     config = build(NODES[name].config, {**values_of(plan.controller), **values})
-    found = margins_of(plan, config, plant)
+    tuned = plan.with_controller(config)
+    try:
+        margins = plan_margins(tuned)
+    except PlanError as error:  # a law of another kind: its gains are worth no less
+        margins = []
+        show_warnings([f"no margins: {error}"])
     if options["output"] is not None:
         write(options["output"], {name: values})
     if options["as_json"]:
-        told = {
+        show_warnings(margin_warnings(tuned, margins))
+        document = {
             "controller": name,
             "output": options["output"],
             "parameters": values,
             "update_rate_hz": plan.controller.update_rate,
-            "margins": [one.as_values() for one in found],
+            "margins": [row.as_values() for row in margins],
         }
-        write_json("tune-1", {**told, "relay": None, "search": None, **(how or {})})
+        write_json("tune-1", {**document, "relay": None, "search": None, **(how or {})})
         return
     print_table(
         name,
@@ -68,7 +75,8 @@ def finish_values(
             for key, value in values.items()
         ],
     )
-    print_margins(plan, found)
+    if margins:
+        print_margins(tuned, margins)
     if options["output"] is not None:
         click.echo(f"{options['output']}: for --params, or ros2 run … --ros-args --params-file")
 

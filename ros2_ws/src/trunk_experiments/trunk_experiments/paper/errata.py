@@ -14,12 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import sympy as sp  # type: ignore[import-untyped]
 
-from trunk_control.pid import Gains
+from trunk_control.pid_law import PidConfig
 from trunk_control.rule_tables import INPUT_LABELS, KD_AS_PRINTED
 from trunk_msgs_util.mechanics import Body
+from trunk_sim.config import SimulatorConfig
 from trunk_sim.plant import PlantState, accelerations
 
-from ..tuning.linear import LinearLoop, linearise
+from ..tuning.linear import linearise, loop_of
 
 KU, TU = 100.0, 1.2  # as printed, except for the sign: N m/rad, s
 
@@ -246,7 +247,11 @@ def _no_ultimate_gain() -> tuple[bool, str]:
     real = max(float(np.max(np.abs(np.roots([1.0, 0.0, lin.b * k - lin.a]).real))) for k in gains)
     period = 2.0 * pi / sqrt(lin.b * KU - lin.a)
     wanted = ((2.0 * pi / TU) ** 2 + lin.a) / lin.b
-    late = min(LinearLoop(lin, Gains(float(k), 0.0, 0.0), 0.001).radius() for k in gains)
+    plant = SimulatorConfig(update_rate=1000.0)
+    late = min(
+        loop_of(plant, PidConfig(update_rate=1000.0, p=float(k), i=0.0, d=0.0)).radius()
+        for k in gains
+    )
     return real < 1e-6 and abs(period - TU) > 0.1 and late > 1.0, (
         f"pure P, 60 gains from 1.02·mgl = {gains[0]:.3g} to 1e4: largest |real part| of a pole "
         f"{real:.1g} 1/s: every one oscillates for ever, none is the ultimate one; at K = 100 the period "

@@ -1,4 +1,4 @@
-"""What a user most likely did not mean: values for nodes that do not run, angles in degrees."""
+"""What a user most likely did not mean: values for nodes that do not run, degrees, centimetres."""
 
 from __future__ import annotations
 
@@ -56,25 +56,34 @@ def not_taken(files: Iterable[Layer], taking: Sequence[str], namespace: str = ""
             yield line
 
 
-def large_angles(
+def suspicious_units(
     configs: Mapping[str, Any], with_units: Mapping[str, Collection[str]]
 ) -> Iterator[str]:
-    """Yield a warning for each angle of more than a turn: it was most likely meant in degrees.
+    """Yield a warning for each angle of more than a turn, and each length beyond a limb's.
 
-    ``with_units``: by node, the parameters in whose values a unit is written: those are meant.
+    They were most likely meant in degrees, and in centimetres. ``with_units``: by node, the parameters in
+    whose values a unit is written: those are meant.
     """
     for node, config in configs.items():
         values = values_of(config)
-        told = with_units.get(node, ())
         for name, declared in declarations(type(config)).items():
-            if name in told:
+            if name in with_units.get(node, ()) or values[name] == declared.default:
                 continue
             for value in _angles(name, declared.unit, values[name]):
-                if 2.0 * pi < abs(value) < 1e300 and values[name] != declared.default:
+                if 2.0 * pi < abs(value) < 1e300:
                     yield (
                         f"{node}: {name} is {value:g} rad, which is {degrees(value):.0f} degrees: "
                         "angles are in radians, unless given with a unit, such as 30 deg"
                     )
+            if name in _LENGTHS and values[name] > LONGEST:  # type: ignore[operator]
+                yield (
+                    f"{node}: {name} is {values[name]:g} m: lengths are in metres, unless given with a unit, "
+                    "such as 60 cm"
+                )
+
+
+LONGEST = 10.0  # m
+_LENGTHS = ("plant.length", "model.length")
 
 
 def _angles(name: str, unit: str | None, value: Any) -> list[float]:
@@ -82,4 +91,4 @@ def _angles(name: str, unit: str | None, value: Any) -> list[float]:
         return [value[1]]
     if unit != "rad":
         return []
-    return [one for one in (value if isinstance(value, tuple) else (value,)) if isfinite(one)]
+    return [angle for angle in (value if isinstance(value, tuple) else (value,)) if isfinite(angle)]

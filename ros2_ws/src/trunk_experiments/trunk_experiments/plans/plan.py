@@ -32,7 +32,7 @@ from trunk_sim.disturbance_config import DisturbanceConfig
 
 from ..errors import PlanError
 from ..similar import did_you_mean
-from .doubtful import check_targets, large_angles, not_taken
+from .doubtful import check_targets, not_taken, suspicious_units
 from .files import find_file, parse_setting, scenario_layers
 from .layers import config_from
 from .nodes import CONTROLLERS, declared_names
@@ -248,7 +248,7 @@ def _checked(
     check_joints(plan)
     check_turns(plan, standby)
     return with_values(
-        plan, warnings=(*plan.warnings, *advice(plan), *large_angles(plan.configs, with_units))
+        plan, warnings=(*plan.warnings, *advice(plan), *suspicious_units(plan.configs, with_units))
     )
 
 

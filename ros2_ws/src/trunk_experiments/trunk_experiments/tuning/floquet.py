@@ -24,13 +24,13 @@ from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds
 from trunk_msgs_util.with_arrays import with_arrays
-from trunk_sim.actuator import Actuator
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
 from trunk_sim.step import Plant, SensorParameters, Trunk, act, sense
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan
+from .linear import linear_drive, observed
 
 _STEP = 1e-6  # of the differences: rad, rad/s, rad s, N m
 _INPUTS = 10  # angle, rate, both delayed, five of the law's memory, and the actuator's torque
@@ -160,13 +160,6 @@ def _compiled(controller: str) -> Callable[..., int]:
     return compiled(monodromy_of(law_named(controller).update))
 
 
-def _linear(actuator: Actuator | None) -> Actuator | None:
-    """Return an actuator without dead band, resolution and bias, which have no slope at zero torque."""
-    if actuator is None:
-        return None
-    return actuator._replace(dead_band=0.0, resolution=0.0, bias=0.0)
-
-
 def floquet(plan: RunPlan) -> Floquet:
     """Return a plan's multipliers, its hip prescribed at its initial speed.
 
@@ -182,7 +175,9 @@ def floquet(plan: RunPlan) -> Floquet:
     plant = simulator.plant
     body = with_arrays(plant.body._replace(prescribed=True))
     loop = SampledLoop(
-        plant._replace(body=body, max_effort=inf, fall_angle=inf, actuator=_linear(plant.actuator)),
+        plant._replace(
+            body=body, max_effort=inf, fall_angle=inf, actuator=linear_drive(plant.actuator)
+        ),
         config.law,
         simulator.period_ns,
         config.period_ns,
@@ -210,6 +205,9 @@ def floquet(plan: RunPlan) -> Floquet:
     period = seconds(steps * loop.period_ns)
     if not np.all(np.isfinite(matrix)):
         return Floquet(np.full(size, np.inf), period, inf, inf)
-    multipliers = np.linalg.eigvals(matrix)
+    # What neither plant nor torque depends on, such as an integral without a gain, has multipliers that move
+    # nothing: the integral's is 1.
+    kept = observed(matrix, [0, 1])
+    multipliers = np.linalg.eigvals(matrix[np.ix_(kept, kept)])
     radius = float(np.max(np.abs(multipliers)))
     return Floquet(multipliers, period, radius, radius ** (1.0 / period))

@@ -1,28 +1,41 @@
-"""The trunk linearised about the upright, hip prescribed, and the sampled loop around it.
+"""The loop of plant, sampled law and delays, linearised about the upright trunk, its hip on level ground.
 
-``theta'' = a theta + b tau`` with a = g / l and b = 1 / (m l^2), taken from the plant's equations.
+Plant and law are linearised by central differences of the functions that run them (`act`, the law's
+``update``). So whatever these do to small signals is in it: derivative mode and filter, gains of a rule
+base at the origin, a drive's lag, viscous friction, delays of the sensors, a control rate below the plant's.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from trunk_control.pid import Gains
+from trunk_control.computed_torque import Hip
+from trunk_control.controller_config import ControllerConfig
+from trunk_control.law import Sample
+from trunk_control.laws import law_of
 from trunk_msgs_util.mechanics import Body
 from trunk_msgs_util.recording.joint_arrays import Floats
+from trunk_msgs_util.units import seconds
+from trunk_sim.actuator import Actuator
+from trunk_sim.config import SimulatorConfig
+from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState, accelerations
+from trunk_sim.step import Plant, Trunk, act
 
 from ..errors import PlanError
 
 Complexes = npt.NDArray[np.complex128]
-_SMALL = 1e-6  # rad: the error of the difference quotient is of the order of its square
+STEP = 1e-6  # of the differences, SI: their error is of the order of its square
+STABLE = 1.0 - 1e-9  # spectral radius; closer to 1 than the differences are exact is not stable
+_SETTLED = 4  # updates at rest after which a law's memory no longer changes its kind
+_AT_REST = Disturbance()
 
 
 class Linear(NamedTuple):
@@ -42,18 +55,23 @@ class Linear(NamedTuple):
         return a[:2, :2], a[:2, 2:]
 
 
+def level(plant: Body, prescribed: bool = True) -> Body:
+    """Return a body whose hip is on level ground: it moves uniformly, or is free to be pushed."""
+    return plant._replace(prescribed=prescribed, as_printed=False, amplitude=0.0, harmonics=None)
+
+
 def linearise(plant: Body) -> Linear:
     """Return the plant's linearisation at theta = 0 with a hip that moves uniformly on level ground.
 
     Raises PlanError for a plant whose accelerations are not finite.
     """
-    p = plant._replace(prescribed=True, as_printed=False, amplitude=0.0, harmonics=None)
+    p = level(plant)
 
     def response(theta: float, torque: float) -> float:
         return accelerations(PlantState(0.0, theta, 0.0, 0.0), 0.0, torque, p)[1]
 
     try:
-        slope = (response(_SMALL, 0.0) - response(-_SMALL, 0.0)) / (2.0 * _SMALL)
+        slope = (response(STEP, 0.0) - response(-STEP, 0.0)) / (2.0 * STEP)
         gain = response(0.0, 1.0)
     except ArithmeticError:
         slope = gain = nan
@@ -65,73 +83,110 @@ def linearise(plant: Body) -> Linear:
     return Linear(slope, gain)
 
 
+def linear_drive(actuator: Actuator | None) -> Actuator | None:
+    """Return a drive without what has no slope at zero: dead band, resolution, bias, Coulomb friction."""
+    if actuator is None:
+        return None
+    return actuator._replace(dead_band=0.0, resolution=0.0, bias=0.0, coulomb=0.0)
+
+
+def left_out(simulator: SimulatorConfig) -> Iterator[str]:
+    """Yield a warning for each part of a plant that a linear model leaves out."""
+    if simulator.network is not None:
+        yield "link.state, link.command and sensor.dropout are left out of the linear model"
+    if simulator.actuator is not None and simulator.actuator != linear_drive(simulator.actuator):
+        yield (
+            "actuator.dead_band, resolution, bias and coulomb_friction are left out of the linear model: "
+            "they have no slope at zero"
+        )
+
+
 @dataclass(frozen=True)
 class LinearLoop:
-    """A sampled PID loop around the linearised trunk: period h, torque held, angle delayed.
+    """A plant and a controller, sampled with the period ``h`` [s], a torque u [N m] held between samples.
 
-    ``delay`` counts whole periods. ``rate``: the derivative is the measured rate, otherwise it is the
-    difference of two samples of the angle.
+    ::
+
+        x(k+1) = A x(k) + B u(k),     y(k) = C x(k-d) + D u(k-d)      plant, d periods of delay
+        z(k+1) = F z(k) + G (y(k), r(k)),     u(k) = f (H z(k) + J (y(k), r(k)))     controller
+
+    x: angle, rate and the drive's torque [3]; y: measured angle and rate [2]; z: what the law remembers
+    and its command depends on [m]; r: the reference, rad; f: a factor on all gains.
     """
 
-    plant: Linear
-    gains: Gains
-    h: float  # s
-    rate: bool = True
+    a: Floats  # [3, 3]
+    b: Floats  # [3]
+    c: Floats  # [2, 3]
+    d: Floats  # [2], 0 without delay
+    memory: Floats  # F [m, m]
+    input: Floats  # G [m, 3]
+    output: Floats  # H [m]
+    direct: Floats  # J [3]
+    h: float
     delay: int = 0
+    factor: float = 1.0
 
     def matrix(self) -> Floats:
-        """Return the map of one period, on (plant, delayed angles and rates, integral, last angle)."""
-        a, b = self.plant.matrices()
-        n = len(a)
-        held = expm(np.block([[a, b], [np.zeros((1, n + 1))]]) * self.h)
-        size = n + 2 * self.delay + 2
-        angle, speed = np.zeros(size), np.zeros(size)
-        angle[n + 2 * (self.delay - 1) if self.delay else 0] = 1.0
-        speed[n + 2 * (self.delay - 1) + 1 if self.delay else 1] = 1.0
-        integral, last = np.eye(size)[-2], np.eye(size)[-1]
-        kp, ki, kd = self.gains
-        summed = integral - self.h * angle
-        derivative = -speed if self.rate else (last - angle) / self.h
-        torque = -kp * angle + ki * summed + kd * derivative
-        step = np.zeros((size, size))
-        step[:n, :n] = held[:n, :n]
-        step[:n] += np.outer(held[:n, n], torque)
-        for k in range(self.delay):
-            source = n + 2 * (k - 1) if k else 0
-            step[n + 2 * k, source] = step[n + 2 * k + 1, source + 1] = 1.0
-        step[-2], step[-1] = summed, angle
-        return step
+        """Return the map of one period, on (plant, law, torques under way)."""
+        return self._maps()[0]
+
+    def _maps(self) -> tuple[Floats, Floats]:
+        """Return the map of one period [size, size], and what a reference adds to it [size]."""
+        n, m = len(self.b), len(self.output)
+        size = n + m + self.delay + 1  # the last: the reference
+        state, memory = np.eye(size)[:n], np.eye(size)[n : n + m]
+        underway, reference = np.eye(size)[n + m : -1], np.eye(size)[-1:]
+        torque: Floats = underway[-1] if self.delay else np.zeros(size)
+        read = np.vstack([self.c @ state + np.outer(self.d, torque), reference])
+        command = self.factor * (self.output @ memory + self.direct @ read)
+        if not self.delay:
+            torque = command
+        after: list[Floats] = [
+            self.a @ state + np.outer(self.b, torque),
+            self.memory @ memory + self.input @ read,
+        ]
+        if self.delay:
+            after.append(np.vstack([command, underway[:-1]]))
+        step = np.vstack(after)
+        return step[:, :-1], step[:, -1]
+
+    def step_response(self, count: int) -> Floats:
+        """Return the angle over ``count`` periods after a step of the reference from 0 to 1, at rest."""
+        step, reference = self._maps()
+        state: Floats = np.zeros(len(step))
+        angles = []
+        for _ in range(count + self.delay):
+            angles.append(float(state[0]))
+            state = step @ state + reference
+        return np.array(
+            angles[self.delay :]
+        )  # the map delays the torque in place of what is measured
 
     def radius(self) -> float:
-        """Return the largest modulus of the map's eigenvalues; the loop is stable below 1.
-
-        An integral without gain is left out: its eigenvalue 1 moves nothing.
-        """
+        """Return the largest modulus of the map's eigenvalues; the loop is stable below 1."""
         step = self.matrix()
-        if self.gains.i == 0.0:
-            keep = [k for k in range(len(step)) if k != len(step) - 2]
-            step = step[np.ix_(keep, keep)]
         if not np.all(np.isfinite(step)):
-            return np.inf  # so long a period that the fall overflows
+            return inf  # so long a period that the fall overflows
         return float(np.max(np.abs(np.linalg.eigvals(step))))
 
     @property
     def stable(self) -> bool:
         """True if every disturbance dies out."""
-        return self.radius() < 1.0 - 1e-12
+        return self.radius() < STABLE
 
     def response(self, frequency: Floats) -> Complexes:
-        """Return the open-loop frequency response L(e^(j w h)) at w in rad/s, cut at the torque."""
-        a, b = self.plant.matrices()
-        n = len(a)
-        held = expm(np.block([[a, b], [np.zeros((1, n + 1))]]) * self.h)
-        kp, ki, kd = self.gains
+        """Return the open-loop frequency response L(e^(j w h)) at w in rad/s, cut at the torque.
+
+        ::
+
+            L(z) = -f (H (z - F)^-1 G + J) (C (z - A)^-1 B + D) z^-d
+        """
         z = np.exp(1j * frequency * self.h)
-        inverted = z[:, None, None] * np.eye(n) - held[:n, :n]
-        x = np.linalg.solve(inverted, held[:n, n : n + 1])[:, :, 0].T
-        derivative = x[1] if self.rate else x[0] * (1.0 - 1.0 / z) / self.h
-        integral = ki * self.h * z / (z - 1.0) * x[0]
-        values: Complexes = (kp * x[0] + integral + kd * derivative) * z**-self.delay
+        plant = _transfer(z, self.a, self.b[:, None], self.c, self.d[:, None])
+        law = _transfer(
+            z, self.memory, self.input[:, :2], self.output[None, :], self.direct[None, :2]
+        )
+        values: Complexes = -self.factor * (law @ plant)[:, 0, 0] * z**-self.delay
         return values
 
     def crossovers(self) -> Floats:
@@ -139,11 +194,11 @@ class LinearLoop:
         grid = self.frequencies()
         above = np.log(np.abs(self.response(grid)))
 
-        def level(w: float) -> float:
+        def log_gain(w: float) -> float:
             return float(np.log(np.abs(self.response(np.array([w]))[0])))
 
         passes = np.flatnonzero(np.diff(np.sign(above)))
-        return np.array([brentq(level, grid[k], grid[k + 1], xtol=1e-12) for k in passes])
+        return np.array([brentq(log_gain, grid[k], grid[k + 1], xtol=1e-12) for k in passes])
 
     def frequencies(self) -> Floats:
         """Return a grid in rad/s up to the Nyquist frequency, over six decades."""
@@ -151,68 +206,121 @@ class LinearLoop:
         return np.geomspace(1e-6 * nyquist, 0.9999 * nyquist, 8000).astype(np.float64)
 
 
-class Margins(NamedTuple):
-    """How far a sampled loop is from instability."""
-
-    gain_up: float  # factor on all gains at which it loses stability; infinite where it never does
-    gain_down: float  # the same, downwards; 0 where it never does
-    phase_deg: float
-    modulus: float  # 1 / peak sensitivity: the smallest distance of L from -1
-    delay: float  # s, the largest that it tolerates, in whole periods
+def _transfer(z: Complexes, a: Floats, b: Floats, c: Floats, d: Floats) -> Complexes:
+    """Return ``C (z - A)^-1 B + D`` for each z."""
+    shifted = z[:, None, None] * np.eye(len(a)) - a
+    values: Complexes = (c @ np.linalg.solve(shifted, b + 0j) + d).astype(np.complex128)
+    return values
 
 
-def margins(loop: LinearLoop) -> Margins:
-    """Return a stable loop's margins. Raises ValueError if it is not stable.
+def loop_of(
+    simulator: SimulatorConfig, config: ControllerConfig, prescribed: bool = True
+) -> LinearLoop:
+    """Return the loop of a plant, its hip prescribed or free (passive), and a controller.
 
-    Gain margins are found by bisection on the loop's eigenvalues, the phase margin at the crossovers of
-    the frequency response, the modulus margin on a grid of 8000 frequencies.
+    Raises PlanError where it cannot be linearised.
     """
-    if not loop.stable:
-        raise ValueError("the loop is unstable: it has no margins")
-    crossing = loop.response(loop.crossovers())
-    phase = np.abs(np.degrees(np.angle(-crossing)))
-    return Margins(
-        _edge(loop, 1.0, 1e4),
-        _edge(loop, 1.0, 1e-4),
-        float(np.min(phase)) if len(phase) else np.inf,
-        float(np.min(np.abs(1.0 + loop.response(loop.frequencies())))),
-        largest_delay(loop) * loop.h,
+    plant = simulator.plant._replace(
+        body=level(simulator.plant.body, prescribed),
+        max_effort=inf,
+        fall_angle=inf,
+        actuator=linear_drive(simulator.actuator),
+    )
+    try:
+        a, b = _plant_step(plant)
+        law = _law_step(config, seconds(config.period_ns))
+    except ArithmeticError:
+        a, law = np.full((3, 3), nan), None
+    if law is None or not all(np.all(np.isfinite(part)) for part in (a, b, *law)):
+        linearise(simulator.body)  # says so if it is the plant
+        raise PlanError(
+            f"{law_of(config).name} cannot be linearised about the upright: its command is not finite there"
+        )
+    every = max(1, round(config.period_ns / simulator.period_ns))
+    # The sensors' delay in whole control periods, and what is left: so many plant periods before a sample.
+    whole, early = divmod(simulator.delay_steps, every)
+    c: Floats = np.eye(3)[:2]
+    d: Floats = np.zeros(2)
+    if early:
+        before, held = _power(a, b, every - early)
+        c, d, whole = c @ before, c @ held, whole + 1
+    return LinearLoop(
+        *_power(a, b, every), c, d, *_remembered(*law), seconds(every * simulator.period_ns), whole
     )
 
 
-def largest_delay(loop: LinearLoop, limit: int = 400) -> int:
-    """Return how many periods of delay the loop tolerates on top of its own, up to a limit.
+def _plant_step(plant: Plant) -> tuple[Floats, Floats]:
+    """Return A [3, 3] and B [3] over one period of the plant, of angle, rate and the drive's torque."""
 
-    A delay changes only the phase: an eigenvalue leaves the unit circle first at the crossover whose phase
-    margin is used up first. The loop's eigenvalues decide on which side of that delay a whole period lies.
-    """
-    w = loop.crossovers()
-    left = np.mod(np.angle(loop.response(w)) + np.pi, 2.0 * np.pi) / (w * loop.h)
-    delay = int(min(np.min(left, initial=np.inf), limit))
-    while delay > 0 and not _delayed(loop, delay).stable:
-        delay -= 1
-    while delay < limit and _delayed(loop, delay + 1).stable:
-        delay += 1
-    return delay
+    def step(values: Floats) -> tuple[float, ...]:
+        theta, rate, torque, effort = values.tolist()
+        before = Trunk(PlantState(0.0, theta, 0.0, rate), torque, False, False)
+        after = act(before, effort, _AT_REST, plant)
+        if after.diverged:
+            return nan, nan, nan
+        return after.state.theta, after.state.theta_dot, after.effort
 
-
-def _delayed(loop: LinearLoop, extra: int) -> LinearLoop:
-    return LinearLoop(loop.plant, loop.gains, loop.h, loop.rate, loop.delay + extra)
+    slopes = _slopes(step, np.zeros(4))
+    return slopes[:, :3], slopes[:, 3]
 
 
-def _edge(loop: LinearLoop, inside: float, outside: float) -> float:
-    """Return the factor on all gains at which stability ends, between 1 and ``outside``."""
+def _law_step(config: ControllerConfig, dt: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return F, G, H, J of a law at rest at the reference 0, its limits out of the way."""
+    law = law_of(config)
+    limits = config.law._replace(u_min=-inf, u_max=inf)
+    constants = config.constants
+    memory = law.memory
+    for _ in range(_SETTLED):
+        memory, _ = law.update(memory, Sample(0.0, 0.0, 0.0, dt, Hip()), constants, limits)
+    fields = memory._asdict()
+    names = [name for name, value in fields.items() if isinstance(value, float)]
+    for name in fields.keys() - names:
+        if not isinstance(fields[name], bool):
+            raise PlanError(
+                f"{law.name} cannot be linearised: its memory's {name} is {fields[name]!r}, not a float"
+            )
 
-    def stable(factor: float) -> bool:
-        gains = Gains(*(factor * gain for gain in loop.gains))
-        return LinearLoop(loop.plant, gains, loop.h, loop.rate, loop.delay).stable
+    def step(values: Floats) -> tuple[float, ...]:
+        *remembered, theta, rate, reference = values.tolist()
+        before = memory._replace(**dict(zip(names, remembered, strict=True)))
+        sample = Sample(reference, theta, rate, dt, Hip())
+        after, terms = law.update(before, sample, constants, limits)
+        return (*(getattr(after, name) for name in names), nan if terms.held else terms.effort)
 
-    steps = np.geomspace(inside, outside, 200)
-    unstable = next((float(f) for f in steps[1:] if not stable(float(f))), None)
-    if unstable is None:
-        return np.inf if outside > 1.0 else 0.0
-    good = float(steps[list(steps).index(unstable) - 1])
-    for _ in range(50):
-        middle = (good * unstable) ** 0.5
-        good, unstable = (middle, unstable) if stable(middle) else (good, middle)
-    return good
+    m = len(names)
+    slopes = _slopes(step, np.array([*(getattr(memory, name) for name in names), 0.0, 0.0, 0.0]))
+    return slopes[:m, :m], slopes[:m, m:], slopes[m, :m], slopes[m, m:]
+
+
+def _slopes(function: Callable[[Floats], tuple[float, ...]], at: Floats) -> Floats:
+    """Return the Jacobian of a function [outputs, inputs] by central differences."""
+    columns = []
+    for direction in np.eye(len(at)) * STEP:
+        above, below = function(at + direction), function(at - direction)
+        columns.append((np.array(above) - np.array(below)) / (2.0 * STEP))
+    return np.array(columns).T
+
+
+def _power(a: Floats, b: Floats, steps: int) -> tuple[Floats, Floats]:
+    """Return A and B over several steps, the input held."""
+    size = len(a)
+    joined = np.eye(size + 1)
+    joined[:size, :size], joined[:size, size] = a, b
+    over = np.linalg.matrix_power(joined, steps)
+    return over[:size, :size], over[:size, size]
+
+
+def _remembered(
+    f: Floats, g: Floats, h: Floats, j: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return a law without what its command does not depend on, such as an integral without a gain."""
+    kept = observed(f, np.flatnonzero(h).tolist())
+    return f[np.ix_(kept, kept)], g[kept], h[kept], j
+
+
+def observed(step: Floats, seen: list[int]) -> list[int]:
+    """Return the states that those ``seen`` depend on in a linear map, and they themselves, in order."""
+    kept = set(seen)
+    while more := {int(k) for i in kept for k in np.flatnonzero(step[i])} - kept:
+        kept |= more
+    return sorted(kept)

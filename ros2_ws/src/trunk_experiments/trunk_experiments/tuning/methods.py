@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import pi, sqrt
+from math import inf, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import expm, solve_continuous_are
+from scipy.optimize import brentq
 from scipy.signal import place_poles
 
 from trunk_control.pid import Gains
@@ -85,35 +86,49 @@ def ultimate(plant: Linear) -> tuple[float, float]:
     return (plant.a + (1.0 + plant.lag * plant.c) * square) / plant.b, 2.0 * pi / sqrt(square)
 
 
-def relay(plant: Linear, amplitude: float, steps: int = 4000, cycles: int = 60) -> Ultimate:
+def relay(plant: Linear, amplitude: float, steps: int = 1000, cycles: int = 60) -> Ultimate:
     """Return the response of the trunk to a relay of +-``amplitude`` N m in place of the controller.
 
-    Astrom and Hagglund's experiment on the linear plant, torque exact between the ``steps`` of
-    each expected period; the last cycles of ``cycles`` are measured. Raises TuningError if no limit
-    cycle settles.
+    Astrom and Hagglund's experiment on the linear plant, computed exactly: the torque is constant between
+    switchings, which are located where the angle passes 0. The last cycles of ``cycles`` are measured, at
+    ``steps`` points of each expected period. Raises TuningError if no limit cycle settles.
     """
     exact_gain, exact_period = ultimate(plant)
     step = exact_period / steps
     a, b = plant.matrices()
     n = len(a)
-    held = expm(np.block([[a, b], [np.zeros((1, n + 1))]]) * step)
-    phi, gamma = held[:n, :n], held[:n, n]
-    state = np.zeros(n)
+    motion = np.block([[a, b], [np.zeros((1, n + 1))]])
+    over = expm(motion * step)
     # Within what the relay can hold against gravity, near the describing function's prediction.
+    state = np.zeros(n + 1)
     state[0] = 2.0 * amplitude / (pi * exact_gain)
+    state[n] = -amplitude
+    time = peak = 0.0
     crossings: list[float] = []
     peaks: list[float] = []
-    peak = 0.0
-    for k in range(cycles * steps):
-        before = state[0]
-        state = phi @ state + gamma * (-amplitude if before > 0.0 else amplitude)
-        peak = max(peak, abs(state[0]))
+    for _ in range(cycles * steps):
+        after = over @ state
+        peak = max(peak, abs(after[0]))
         if not peak < 100.0 * amplitude / exact_gain:
             raise TuningError("the relay's oscillation grows without bound: no limit cycle")
-        if before <= 0.0 < state[0]:
-            crossings.append((k + before / (before - state[0])) * step)
+        if after[0] * state[n] < 0.0:  # the torque opposes the angle
+            time, state = time + step, after
+            continue
+
+        def angle(t: float, start: Floats = state) -> float:
+            return float((expm(motion * t) @ start)[0])
+
+        passed = (
+            brentq(angle, 0.0, step, xtol=1e-12 * step) if angle(0.0) * after[0] < 0.0 else step
+        )
+        time, state = time + passed, expm(motion * passed) @ state
+        state[n] = -state[n]
+        if state[n] < 0.0:  # upwards
+            crossings.append(time)
             peaks.append(peak)
             peak = 0.0
+            if np.ptp(np.diff(crossings)[-5:] if len(crossings) > 5 else [0.0, inf]) < 1e-9 * time:
+                break
     periods = np.diff(crossings)[-5:]
     if len(periods) < 5 or np.ptp(periods) > 0.01 * float(np.mean(periods)):
         raise TuningError("the relay's oscillation does not settle to a limit cycle")
