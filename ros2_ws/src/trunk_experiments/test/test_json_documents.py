@@ -94,6 +94,7 @@ CASES = [
     Case(
         "tune-1", "tune optimise --controller fuzzy_pid --generations 1 --population 1", marks=SLOW
     ),
+    Case("limit-1", "limit fig6 --vary simulator.sensor.delay --to 0.5 --within 0.1"),
     Case("margins-1", "margins"),
     Case("margins-1", "margins b.mcap -o loop.png"),
     Case("fit-path-1", "fit path gait.csv --harmonics 2 -o gait.yaml"),

@@ -44,6 +44,7 @@ _VERBS = {
     "check": ("check", "Check that a controller does what every controller must."),
     "sweep": ("sweep", "Run a study: grids and draws over any parameter, compiled."),
     "paper": ("paper", "Reproduce the paper's figures and judge its claims."),
+    "limit": ("limit", "Find the greatest push, delay, mass … that a controller stands."),
     "margins": ("margins", "How far gains are from instability, as numbers and a picture."),
     "tune": ("tune", "Compute gains and their margins; write the gains as a parameter file."),
     "fit": ("fit", "Compute parameters from measurements: the hip's path."),

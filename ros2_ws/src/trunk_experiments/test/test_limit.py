@@ -1,0 +1,124 @@
+"""``trunk limit``: both sides of a limit are real runs; survival curves count the runs of a study."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from trunk_experiments.batch.block import RunSummary
+from trunk_experiments.recorded.run import RecordedRun
+from trunk_experiments.replay.doubts import doubts_of
+from trunk_experiments.study import limit
+from trunk_experiments.study.limit import find_limit
+
+PUSH = [
+    *("limit", "demo", "--vary", "disturbance.pulse.magnitude", "--to", "300Nm"),
+    *("--set", "disturbance.pulse.channel=trunk_effort"),
+]
+BACKWARD = ("--from", "0.5", "--to", "0.1")
+STUDY = """
+scenario: fig6
+rate: 200
+duration: 3.0
+set: {disturbance.pulse.channel: trunk_effort, disturbance.pulse.start_times: [1.0]}
+controllers: [pid, lqr]
+runs: 12
+vary:
+  mass: {parameter: simulator.plant.trunk_mass, distribution: uniform, low: 0.4, high: 0.7}
+"""
+
+
+def stands_below(*spans):
+    """Return summaries of runs that stand where their plan, a number, is in one of the spans."""
+
+    class Metrics:
+        def __init__(self, angle):
+            self.theta_max_deg, self.theta_min_deg = angle, 0.0
+
+    def summaries(plans, batch):
+        good = ((low <= value <= high for low, high in spans) for value in plans)
+        return [RunSummary(Metrics(10.0 if any(inside) else 91.0)) for inside in good]
+
+    return summaries
+
+
+def test_the_bisection_closes_in(monkeypatch):
+    monkeypatch.setattr(limit, "summaries", stands_below((0.0, 61.3)))
+    found = find_limit(lambda value: value, 0.0, 100.0, 1e-3)
+    assert found.stands <= 61.3 < found.falls <= found.stands + 1e-3
+    assert found.stands_again == ()
+    assert found.runs <= 16 * 5
+
+
+@pytest.mark.parametrize(
+    ("spans", "stands", "falls"),
+    [([(0.0, 100.0)], 100.0, None), ([(-2.0, -1.0)], None, 0.0)],
+    ids=["all", "none"],
+)
+def test_a_range_without_a_limit(monkeypatch, spans, stands, falls):
+    monkeypatch.setattr(limit, "summaries", stands_below(*spans))
+    found = find_limit(lambda value: value, 0.0, 100.0, 1e-3)
+    assert (found.stands, found.falls) == (stands, falls)
+
+
+def test_what_stands_beyond_the_first_fall_is_not_the_limit(monkeypatch):
+    monkeypatch.setattr(limit, "summaries", stands_below((0.0, 20.0), (50.0, 70.0)))
+    found = find_limit(lambda value: value, 0.0, 100.0, 1e-3)
+    assert found.stands == pytest.approx(20.0, abs=1e-3)
+    assert found.stands_again
+    assert all(50.0 <= value <= 70.0 for value in found.stands_again)
+
+
+@pytest.mark.slow
+def test_the_recordings_are_of_both_sides(command_says, tmp_path):
+    code, out, _ = command_says(*PUSH, "--controller", "pid", "-o", str(tmp_path), "--json")
+    assert code == 0
+    (row,) = json.loads(out)["limits"]
+    assert 0.0 < row["falls"] - row["stands"] <= 0.3
+    stands, falls = (RecordedRun.open(path) for path in row["recordings"])
+    for run, value in ((stands, row["stands"]), (falls, row["falls"])):
+        assert run.plan().disturbance.pulse_magnitude == value
+    fell = [doubts_of(run, twin=False).fell_at_s for run in (stands, falls)]
+    assert [at is None for at in fell] == [True, False]
+    code, _, err = command_says(*PUSH, "--controller", "pid", "-o", str(tmp_path))
+    assert (code, "it exists" in err) == (2, True)
+
+
+@pytest.mark.slow
+def test_a_survival_curve_counts_a_study_s_runs(command_says, tmp_path):
+    path = tmp_path / "study.yaml"
+    path.write_text(STUDY)
+    words = ["limit", "--study", str(path), *PUSH[2:4], "--to", "600", "--points", "4"]
+    picture = tmp_path / "survival.svg"
+    code, out, _ = command_says(*words, "-o", str(picture), "--json")
+    assert code == 0
+    curves = {curve["controller"]: curve for curve in json.loads(out)["survival"]}
+    assert set(curves) == {"pid", "lqr"}
+    for curve in curves.values():
+        shares = [point["share"] for point in curve["points"]]
+        assert (curve["runs"], shares[0], shares[-1]) == (12, 1.0, 0.0)
+        assert 0.0 < curve["half_falls_at"] < 600.0
+        assert all(p["low"] <= p["share"] <= p["high"] for p in curve["points"])
+    assert "runs that stand" in picture.read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["limit", "--vary", "simulator.sensor.delay", "--to", "1"], "give a SCENARIO, or --study"),
+        (["limit", "demo", "--vary", "simulator.sensor.delay", *BACKWARD], "the smaller one"),
+        (["limit", "demo", "--vary", "simulator.sensor.delay", "--to", "5kg"], "it is a mass"),
+        (["limit", "demo", "--vary", "simulator.hip.mode", "--to", "5"], "hip.mode"),
+        (["limit", "demo", "--vary", "lqr.gains.p", "--to", "5"], "no node of this run takes it"),
+        (
+            [*PUSH[:3], "disturbance.pulse.magnitude", "--to", "300Nm"],
+            "pulse.channel chooses the unit",
+        ),
+    ],
+)
+def test_mistakes_are_one_line(command_says, words, says):
+    code, _, err = command_says(*words)
+    assert code == 2
+    assert says in err
+    assert len(err.strip().splitlines()) == 1
