@@ -110,6 +110,7 @@ FORCE = ("disturbance.sine.amplitude=1.0",)  # of the hip
 OFFSET = ("disturbance.sine.amplitude=0.001", "disturbance.sine.channel=trunk_position")
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("pulse_length", "more", "compiled"),

@@ -57,6 +57,7 @@ def import_blocked(*modules: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 @pytest.mark.parametrize("package", PACKAGES)
 def test_modules_import_without_ros_installed(package):

@@ -36,6 +36,7 @@ SWAPPED = {
 }
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.slow
 @pytest.mark.parametrize("scenario", SWAPPED)
 def test_runs_in_which_controllers_take_turns(scenario, tmp_path):

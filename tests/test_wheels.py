@@ -145,6 +145,7 @@ def test_the_wheels_alone_simulate_and_verify(trunk):
     assert re.search(r"^commit +none$", trunk("info", "run.mcap").stdout, re.MULTILINE)
 
 
+@pytest.mark.one_in(5)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "words",

@@ -62,6 +62,7 @@ def judged(path: Path) -> tuple[int, list[str]]:
     return verdict.exit_code, [*verdict.reasons, *verdict.obstacles]
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.slow
 @pytest.mark.parametrize("index", range(6))
 def test_random_links_and_drives_verify(index: int, tmp_path: Path) -> None:

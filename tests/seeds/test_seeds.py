@@ -29,22 +29,25 @@ def seeds(*words: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(script, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.one_in(5)
-@pytest.mark.parametrize("first", range(0, 300, 60))
+@pytest.mark.one_in(15)
+@pytest.mark.parametrize("first", range(0, 300, 20))
 def test_whatever_happens_the_promises_hold(first: int) -> None:
-    done = seeds(60, "--seed", first)
+    done = seeds(20, "--seed", first)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.startswith("60 seeds, 0 failed")
+    assert done.stdout.startswith("20 seeds, 0 failed")
 
 
-def test_seeds_that_once_failed_pass_now() -> None:
-    done = seeds(1, *(f"--seed={seed}" for seed in FOUND))
+@pytest.mark.one_in(3)
+@pytest.mark.parametrize("part", range(3))
+def test_seeds_that_once_failed_pass_now(part: int) -> None:
+    chosen = FOUND[part::3]
+    done = seeds(1, *(f"--seed={seed}" for seed in chosen))
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.startswith(f"{len(FOUND)} seeds, 0 failed")
+    assert done.stdout.startswith(f"{len(chosen)} seeds, 0 failed")
 
 
 def test_a_seed_plays_the_same_twice() -> None:
-    done = seeds(6, "--seed", 1000, "--twice")
+    done = seeds(2, "--seed", 1000, "--twice")
     assert done.returncode == 0, done.stdout + done.stderr
     traces = [seeds("--seed", 7, "--trace").stdout.splitlines()[:-1] for _ in range(2)]
     kept = [[line for line in trace if "/dev/shm" not in line] for trace in traces]

@@ -78,6 +78,7 @@ def same(run, plan, tmp_path):
     return found.identical or found.describe()
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "changes"),

@@ -142,6 +142,7 @@ def test_a_compiled_controller_at_half_the_plants_rate_does_so_too(batch, half_r
     assert (torque[2::2] != torque[1:-1:2]).all()
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", ["pid", "fuzzy_pid"])
 def test_metrics_are_those_of_the_recording(batch, short_run, controller):

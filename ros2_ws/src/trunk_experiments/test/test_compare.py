@@ -156,6 +156,7 @@ def test_a_folder_given_as_a_dot_has_its_name(runs, tmp_path, monkeypatch):
     assert "mine: true error" in CliRunner().invoke(trunk, ["metrics", "."]).output
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "files", "differs"),

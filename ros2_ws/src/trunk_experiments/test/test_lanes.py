@@ -69,6 +69,7 @@ def different(name, settings=(), count=LANES):
     return plans
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.slow
 @pytest.mark.parametrize("settings", [(), DISTURBED], ids=["undisturbed", "disturbed"])
 @pytest.mark.parametrize("name", CONTROLLERS)

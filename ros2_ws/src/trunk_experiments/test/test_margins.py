@@ -78,6 +78,7 @@ def test_the_poles_are_those_of_the_transfer_functions(gains, h, mode, delay):
         assert min(abs(pole - x) for x in expected) < 1e-7
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("controller", "settings"),
     [
@@ -152,6 +153,7 @@ def test_filters_and_delays_count():
     assert loop_of(late, tuned).radius() == pytest.approx(1.00068, abs=1e-5)
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize(("gains", "h", "mode"), LOOPS, ids=str)
 @pytest.mark.slow
 def test_a_simulation_confirms_the_largest_delay(gains, h, mode):

@@ -46,6 +46,7 @@ def test_a_number_has_both_ends_and_no_traceback(words, option):
         assert f"Invalid value for '{option.opts[0]}'" in done.output
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "says"),

@@ -118,6 +118,7 @@ def test_what_exists_is_replaced_only_by_force(here, told, words):
     assert after == before
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "made"),

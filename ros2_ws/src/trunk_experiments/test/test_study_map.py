@@ -29,7 +29,7 @@ rate: 200
 duration: 4.0
 controllers: [pid, fuzzy_pid]
 runs: 3
-set: {simulator.substeps: 1, simulator.hip.mode: prescribed, simulator.path.amplitude: 0.03}
+set: {simulator.substeps: 1, simulator.hip.mode: prescribed, simulator.path.amplitude: 0.0}
 vary:
   delay: {parameter: simulator.sensor.delay, from: 0.0, to: 0.3, steps: 4}
   gain: {parameter: [pid.gains.p, fuzzy_pid.gains.p_max], as: factor, values: [1.0, 1.5, 2.25, 3.375]}

@@ -164,6 +164,7 @@ MISTAKES = {
 }
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 @pytest.mark.parametrize(("arguments", "code", "says"), MISTAKES.values(), ids=MISTAKES.keys())
 def test_a_mistake_gives_one_line(arguments, code, says, tmp_path):

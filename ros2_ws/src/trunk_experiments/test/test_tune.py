@@ -110,6 +110,7 @@ def invoke(*arguments):
     return CliRunner().invoke(command, list(map(str, arguments)), catch_exceptions=False)
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize(
     ("controller", "arguments"),
     [
@@ -172,6 +173,7 @@ def test_a_file_is_not_overwritten(tmp_path):
     assert path.read_text() == "mine"
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("setting", "says"),

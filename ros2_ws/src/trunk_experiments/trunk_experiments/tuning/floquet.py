@@ -37,6 +37,7 @@ _INPUTS = 10  # angle, rate, both delayed, five of the law's memory, and the act
 # Angle, rate, the law's memory (integral, error, measurement, derivative, effort), the actuator's torque.
 _OUTPUTS = 8
 _MOST_STEPS = 1_000_000  # of a period
+WORTH_COMPILING = 200  # samples: compiling takes as long as some thousands in CPython
 
 _QUIET = Disturbance()
 _SENSOR = SensorParameters(0.0, 0.0, 0.0, 0.0, None)
@@ -156,6 +157,11 @@ def workspace_of(size: int) -> Workspace:
 
 
 @cache
+def _plain(controller: str) -> Callable[..., int]:
+    return monodromy_of(law_named(controller).update)
+
+
+@cache
 def _compiled(controller: str) -> Callable[..., int]:
     return compiled(monodromy_of(law_named(controller).update))
 
@@ -198,7 +204,8 @@ def floquet(plan: RunPlan) -> Floquet:
     now = np.ascontiguousarray(identity[:_OUTPUTS])
     past = np.ascontiguousarray(identity[_OUTPUTS:].reshape(delay, 2, size))
     constants = tuple(with_arrays(one) for one in config.constants)
-    slot = _compiled(plan.controller_name)(
+    worthwhile = steps >= WORTH_COMPILING
+    slot = (_compiled if worthwhile else _plain)(plan.controller_name)(
         speed, steps, every, loop, constants, now, past, workspace_of(size)
     )
     matrix = np.vstack([now, np.roll(past, -slot, axis=0).reshape(2 * delay, size)])
