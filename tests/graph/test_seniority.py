@@ -20,9 +20,9 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
 from trunk_msgs_util.node.recorder_node import RecorderNode
-from trunk_msgs_util.process_id import process_id
 from trunk_msgs_util.recording.schemas import event, parameter_event
 from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.source import process_id
 from trunk_sim.disturbance_node import DisturbanceNode
 from trunk_sim.simulator_node import SimulatorNode
 

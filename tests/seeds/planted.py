@@ -42,7 +42,7 @@ BUGS = (
     Bug("parameters change without a word", _NODE + "base.py",
         "self._say_parameters(self.run_stamp_ns, changed)", "pass"),
     Bug("nobody waits for the recorder at the end", _NODE + "evidence.py",
-        "    patience = settings.patience()\n", "    return\n    patience = settings.patience()\n"),
+        "    patience = middleware.patience()\n", "    return\n    patience = middleware.patience()\n"),
     Bug("an unflushed file", _NODE + "run_file.py",
         "self._writer.finish(complete=complete, reason=reason, sync=self._syncs)", "None"),
     Bug("nobody says how much there was", _NODE + "base.py",

@@ -10,7 +10,7 @@ from std_srvs.srv import Trigger
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.node import meeting, qos, waiting
+from trunk_msgs_util.node import discovery, qos
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.conversions import sample_to_wire
 from trunk_msgs_util.node.managed import ENDING
@@ -79,7 +79,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         """Report ready once a turn is due and the simulator is matched in both directions."""
         if not (self.active or self._scheduled):
             return
-        if meeting.met(self, hears=topics.JOINT_STATES, answers=topics.EFFORT_COMMAND):
+        if discovery.met(self, hears=topics.JOINT_STATES, answers=topics.EFFORT_COMMAND):
             self._ready_timer.cancel()
             self.event(Event.READY, answers=topics.EFFORT_COMMAND)
 
@@ -171,8 +171,8 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         topic = self.resolve_topic_name(topics.JOINT_STATES)
         last_ns = self.run_stamp_ns if self.run_stamp_ns >= 0 else None
         refused = {what: n for what, n in self.counters.items() if what.startswith("states ")}
-        publishers = meeting.described_publishers(self, topic)
-        return waiting.states(topic, publishers, last_ns, refused)
+        publishers = discovery.described_publishers(self, topic)
+        return discovery.states(topic, publishers, last_ns, refused)
 
     def tear_down(self) -> None:
         """Log how many commands were sent."""

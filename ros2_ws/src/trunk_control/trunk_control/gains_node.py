@@ -16,7 +16,7 @@ from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.executor import LoopExecutor
 from trunk_msgs_util.node.ros_parameters import NodeParameters
 from trunk_msgs_util.node.run import run_beside
-from trunk_msgs_util.printable import printable
+from trunk_msgs_util.text import printable
 
 from .controller import Controller
 from .decide import Reading

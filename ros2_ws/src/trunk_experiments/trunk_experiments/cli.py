@@ -11,7 +11,7 @@ from typing import TextIO, cast
 import click
 
 from trunk_msgs_util.errors import EXIT_UNREAD, EXIT_USAGE, TrunkError
-from trunk_msgs_util.printable import PrintableStream
+from trunk_msgs_util.text import PrintableStream
 
 from .console.document import ERROR, documents_alone, json_asked, write_json
 from .console.mistakes import line_of, say, tell

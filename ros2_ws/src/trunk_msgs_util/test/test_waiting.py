@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from trunk_msgs_util.node.waiting import Waiting, states
+from trunk_msgs_util.node.discovery import Waiting, states
 
 
 def test_a_line_is_said_at_once_then_every_five_seconds_and_at_once_when_it_changes():

@@ -31,7 +31,7 @@ import numba
 from numba.core.errors import NumbaError as NumbaError
 from numba.extending import register_jitable
 
-from .reached import reached
+from .compilable import call_graph
 
 # Without numba's reference counting (_nrt): for arrays in named tuples passed between functions it took
 # half of a run's time. So compiled code only uses arrays that it is given, which the caller keeps alive;
@@ -51,7 +51,7 @@ def compiled(function: Function) -> Function:
     numba's own cache checks the age of one source file only. Code not used for 90 days is
     deleted when other sources are compiled. If no folder is writable, nothing is kept.
     """
-    for callee in reached(function):
+    for callee in call_graph(function):
         if callee is not function and callee not in _registered:
             # inline: passing rule tables by value costs as much as using them
             register_jitable(forceinline=True, **_OPTIONS)(callee)
@@ -122,7 +122,7 @@ def reason_of(error: Exception) -> str:
 def fingerprint(function: Callable[..., Any]) -> str:
     """Return a hash of a twin's source files and of numba's version."""
     names = {Path(__file__)}  # the options are part of it
-    names |= {Path(one.__code__.co_filename) for one in reached(function)}
+    names |= {Path(one.__code__.co_filename) for one in call_graph(function)}
     digest = hashlib.sha256(version("numba").encode())
     for path in sorted(names, key=lambda path: (path.name, str(path))):
         digest.update(_contents(path))

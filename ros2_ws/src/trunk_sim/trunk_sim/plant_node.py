@@ -23,10 +23,9 @@ from trunk_msgs_util.node.conversions import (
 )
 from trunk_msgs_util.node.strangers import Sender
 from trunk_msgs_util.patience import HeldUp
-from trunk_msgs_util.printable import printable
-from trunk_msgs_util.process_id import local_pid
 from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.source import source_in
+from trunk_msgs_util.source import local_pid, source_in
+from trunk_msgs_util.text import printable
 from trunk_msgs_util.units import nanoseconds, seconds, step_count
 
 from .answers import RefusedError, disturbance_of, effort_of

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from trunk_msgs_util.parameters.declarations import Value, values_of
-from trunk_msgs_util.printable import printable
+from trunk_msgs_util.text import printable
 
 from ..errors import PlanError
 from ..plans.nodes import CONTROLLERS

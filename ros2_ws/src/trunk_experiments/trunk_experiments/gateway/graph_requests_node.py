@@ -24,8 +24,8 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import sample_to_ros
 from trunk_msgs_util.patience import Patience
-from trunk_msgs_util.process_id import local_pid
 from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.source import local_pid
 from trunk_msgs_util.units import nanoseconds
 
 from ..live.parameters import as_present

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from trunk_msgs_util.parameters.in_si import number_in
-from trunk_msgs_util.parameters.quantity_text import UnitError
+from trunk_msgs_util.parameters.declarations import UnitError
+from trunk_msgs_util.parameters.to_si import number_in
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 
 from ..errors import PlanError

@@ -11,7 +11,7 @@ from ..parameters.config import ManagedConfig
 from ..samples import JointSample
 from ..source import source_in
 from ..units import LAST_STAMP_NS
-from . import meeting
+from . import discovery
 from .adaptive import AdaptiveSubscription
 from .base import TrunkNode
 from .conversions import WireReader, sample_to_wire
@@ -53,7 +53,7 @@ class AheadNode(TrunkNode[Config]):
         """Say ready once it is active and the simulator is matched in both directions."""
         if not self.active:
             return
-        if meeting.met(self, hears=topics.GROUND_TRUTH, answers=self._topic):
+        if discovery.met(self, hears=topics.GROUND_TRUTH, answers=self._topic):
             self._ready_timer.cancel()
             self.event(Event.READY, answers=self._topic)
 

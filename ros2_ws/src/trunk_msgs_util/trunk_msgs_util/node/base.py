@@ -19,16 +19,15 @@ from ..errors import EXIT_FAILED
 from ..events import Event
 from ..parameters.config import ManagedConfig
 from ..parameters.declarations import values_of
-from ..printable import printable
-from ..process_id import process_id
-from ..source import source
-from ..values import Value
+from ..samples import Value
+from ..source import process_id, source
+from ..text import printable
 from . import evidence, qos
 from .conversions import status_to_ros
+from .discovery import Waiting
+from .duplicate_node import UniqueNode
 from .managed import ENDING
-from .namesakes import UniqueNode
 from .ros_parameters import NodeParameters
-from .waiting import Waiting
 
 Config = TypeVar("Config", bound=ManagedConfig)
 

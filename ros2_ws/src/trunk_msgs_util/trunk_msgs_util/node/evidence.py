@@ -12,7 +12,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from .. import topics
-from . import meeting, qos, settings
+from . import discovery, middleware, qos
 
 # A node that ends waits at most this long for the recorder and every other reliable reader to receive
 # what it published; this and the next limit are multiplied by TRUNK_PATIENCE.
@@ -55,7 +55,7 @@ class Evidence:
 
     def recorders(self) -> set[str]:
         """Return the nodes that subscribe to it; one whose name is not known yet has discovery's."""
-        return set(meeting.names(meeting.recorders(self._node, self.topic)))
+        return set(discovery.names(discovery.recorders(self._node, self.topic)))
 
 
 def counted(evidence: Sequence[Evidence]) -> dict[str, int]:
@@ -73,7 +73,7 @@ def hand_over(node: Node, born_s: float, evidence: Sequence[Evidence]) -> None:
     known, one may still be discovered for some time after the node's start, ``born_s`` (monotonic clock),
     and after its first evidence: wait for it until then.
     """
-    patience = settings.patience()
+    patience = middleware.patience()
     published = [topic for topic in evidence if topic.count]
     known_s = max([born_s, *(topic.began_s for topic in published)]) + _FOUND_S * patience
     deadline = time.monotonic() + _HAND_OVER_S * patience
@@ -81,7 +81,7 @@ def hand_over(node: Node, born_s: float, evidence: Sequence[Evidence]) -> None:
         recorders = set().union(*(topic.recorders() for topic in published))
         # DDS announces a participant's subscriptions in the order of their creation; the recorder creates
         # the one for the run's events last.
-        if recorders and recorders <= meeting.listeners(node, topics.RUN_EVENTS):
+        if recorders and recorders <= discovery.listeners(node, topics.RUN_EVENTS):
             break
         if not recorders and time.monotonic() > known_s:
             break

@@ -27,7 +27,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from .. import topics
 from ..recording.joint_state_cdr import frame_in
 from ..source import source_in
-from . import meeting, qos
+from . import discovery, qos
 
 Info: TypeAlias = Mapping[str, Any]  # what the middleware reports about a message
 Kind: TypeAlias = tuple[ReliabilityPolicy, DurabilityPolicy]
@@ -116,9 +116,9 @@ class HeardTopic:
         if found == self._looked_at:
             return
         self._looked_at = found
-        keep = meeting.publishers(self._node, self._kept_topic)
+        keep = discovery.publishers(self._node, self._kept_topic)
         for endpoint in self._node.get_publishers_info_by_topic(self._topic):
-            name = meeting.names([endpoint])[0]
+            name = discovery.names([endpoint])[0]
             if name in keep:
                 continue
             if name.endswith(topics.UNKNOWN_NODE) and self._unnamed_looks < _UNNAMED_LOOKS:

@@ -16,19 +16,17 @@ from sensor_msgs.msg import JointState
 from .. import provenance, topics
 from ..events import Event
 from ..parameters.config import RecorderConfig
-from ..printable import printable
-from ..process_id import process_id
 from ..recording.schemas import parse_event, parse_parameter_event
 from ..samples import JointSample
-from ..source import process_of
+from ..source import process_id, process_of
+from ..text import printable
 from ..units import LAST_STAMP_NS, NANOSECONDS, nanoseconds
-from . import meeting, qos, waiting
+from . import discovery, qos
 from .base import TrunkNode
 from .conversions import WireReader, sample_to_wire
 from .heard import HeardTopic
-from .pictures import Pictures
 from .run import main_for
-from .run_file import RunFile, open_output
+from .run_file import Pictures, RunFile, open_output
 from .tally import SourcedTally, Tally
 
 _MESSAGES: dict[str, type[Any]] = {
@@ -282,8 +280,8 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             return ""
         topic = self.resolve_topic_name(topics.JOINT_STATES)
         last_ns = self._written_ns.get(topics.JOINT_STATES, -1)
-        publishers = meeting.described_publishers(self, topic)
-        return waiting.states(topic, publishers, last_ns if self._looked_at else None, {})
+        publishers = discovery.described_publishers(self, topic)
+        return discovery.states(topic, publishers, last_ns if self._looked_at else None, {})
 
     def _disk_failed(self, reason: str) -> None:
         if self.exit_code is None:

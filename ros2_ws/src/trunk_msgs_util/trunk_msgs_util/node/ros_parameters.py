@@ -21,6 +21,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 
+from ..parameters.csv_parameters import ONLY_PLANNED, only_planned
 from ..parameters.declarations import (
     Declaration,
     ParameterError,
@@ -33,8 +34,7 @@ from ..parameters.declarations import (
     unknown_name,
     values_of,
 )
-from ..parameters.param_load import meant
-from ..parameters.table_keys import ONLY_PLANNED, only_planned
+from ..parameters.to_si import meant
 from .conversions import stamp_to_ros
 
 Config = TypeVar("Config")

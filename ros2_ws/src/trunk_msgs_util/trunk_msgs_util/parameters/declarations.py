@@ -8,6 +8,7 @@ from the parameters of a ROS node, from a parameter file offline and from a reco
 from __future__ import annotations
 
 import math
+import re
 from array import array
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
@@ -15,8 +16,8 @@ from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from ..errors import TrunkError
-from ..values import Value as Value
-from .quantity_text import looks_like_quantity
+from ..samples import Value as Value
+from ..text import shortened
 
 Config = TypeVar("Config")
 
@@ -35,8 +36,7 @@ class ParameterError(TrunkError, ValueError):
 
 
 def _shown(value: object) -> str:
-    text = repr(list(value) if isinstance(value, tuple | array) else value)
-    return text if len(text) <= 80 else text[:77] + "..."
+    return shortened(repr(list(value) if isinstance(value, tuple | array) else value), 80)
 
 
 @dataclass(frozen=True)
@@ -221,3 +221,27 @@ def values_of(config: Any) -> dict[str, Value]:
         for f in fields(config)
         if "declaration" in f.metadata
     }
+
+
+# Sign, infinity or digits, the digits' exponent, unit.
+QUANTITY = re.compile(
+    r"\s*([-+]?)(?:\.?(inf)(?=\s)|((?:\d+\.?\d*|\.\d+)(?:[eE]([-+]?\d+))?)(?![\d.]))\s*(\S.*)",
+    re.ASCII | re.DOTALL,
+)
+
+
+class UnitError(TrunkError):
+    """A number with a unit that cannot be used: what is wrong, and what is allowed."""
+
+
+def looks_like_quantity(text: str) -> bool:
+    """Return True for a text that begins with a number and is not one by itself."""
+    return QUANTITY.match(text) is not None and not _is_plain(text)
+
+
+def _is_plain(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -197,12 +197,12 @@ def content_of(record: Record, budget: Budget | None = None) -> Content:
             budget.unpack(chunk_head(record.body).size)
         return split(chunk_records(record.body), budget)
     except LimitError as error:
-        raise reached(record, error) from None
+        raise limit_reached(record, error) from None
     except Exception as error:  # whatever a decompressor may raise on damaged bytes
         raise damaged(record, error) from None
 
 
-def reached(record: Record, error: LimitError) -> LimitReachedError:
+def limit_reached(record: Record, error: LimitError) -> LimitReachedError:
     """Return the error for a record that goes beyond a limit."""
     where = f"at the {name_of(record.opcode)} record at byte {record.offset}"
     return LimitReachedError(f"the file reaches a limit {where}: {error}")

@@ -21,7 +21,7 @@ from .blocks import (
     content_of,
     damaged,
     is_known,
-    reached,
+    limit_reached,
     read_block,
     records,
 )
@@ -124,7 +124,7 @@ class RecordingFile:
         try:
             self.take_record(record)
         except LimitError as error:
-            raise reached(record, error) from None
+            raise limit_reached(record, error) from None
         except Exception as error:  # whatever mcap may raise on a damaged record
             raise damaged(record, error) from None
 

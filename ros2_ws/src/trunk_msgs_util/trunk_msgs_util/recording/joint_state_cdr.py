@@ -18,7 +18,7 @@ import numpy as np
 
 from ..samples import JointSample
 from ..units import NANOSECONDS
-from .joint_state_fields import CDR, ORIGIN, FieldCursor, FieldPlan
+from .cdr import CDR, ORIGIN, FieldCursor, FieldPlan
 from .limits import MAX_JOINTS, MAX_NAME
 
 if TYPE_CHECKING:

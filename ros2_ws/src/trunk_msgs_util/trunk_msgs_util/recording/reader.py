@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
     from pathlib import Path
 
-    from ..values import Value
+    from ..samples import Value
 
 __all__ = ["Recording", "RecordingError", "Topic"]
 

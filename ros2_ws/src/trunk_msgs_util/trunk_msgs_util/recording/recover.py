@@ -13,7 +13,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
 from mcap.writer import Writer
 
-from ..whole_file import whole_file
+from ..files import atomic_write
 from .blocks import (
     BLOCKS,
     ChecksumError,
@@ -24,8 +24,8 @@ from .blocks import (
     content_of,
     damaged,
     is_known,
+    limit_reached,
     name_of,
-    reached,
     records,
 )
 from .described import check_described, numbered
@@ -67,7 +67,7 @@ def recover(path: Path, output: Path, overwrite: bool = False) -> Recovery:
         check_magic(path, file, size)
         if output.exists() and output.samefile(path):
             raise FileExistsError(f"{output} is the broken file itself: choose another name")
-        with whole_file(output, overwrite=overwrite) as part:
+        with atomic_write(output, overwrite=overwrite) as part:
             with part.open("wb") as target:
                 _Copy(file, size, target, recovery).run()
             if not recovery.count:
@@ -208,7 +208,7 @@ class _Copy:
                 what = f"the {name_of(record.opcode)} record at byte {record.offset}"
                 self._recovery.lost.append(f"{what}: only messages and metadata are copied")
         except LimitError as error:
-            raise reached(record, error) from None
+            raise limit_reached(record, error) from None
         except Exception as error:  # whatever mcap may raise on a damaged record
             raise damaged(record, error) from None
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from rosbags.typesys.store import Typestore
 
-    from ..values import Value
+    from ..samples import Value
 
 LEVEL_OK, LEVEL_WARN, LEVEL_ERROR = 0, 1, 2
 

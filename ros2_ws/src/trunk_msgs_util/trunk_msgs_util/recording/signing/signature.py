@@ -16,7 +16,7 @@ from pathlib import Path
 from cryptography.exceptions import InvalidSignature
 
 from ...errors import TrunkError
-from ...real_path import real_path
+from ...files import resolve_path
 from .keys import (
     Ed25519PrivateKey,
     Ed25519PublicKey,
@@ -52,7 +52,7 @@ class Signature:
 
 def signature_path(recording: Path) -> Path:
     """Return where a recording's signature is: beside it, RUN.mcap.sig."""
-    named = recording if recording.name not in ("", "..") else real_path(recording)
+    named = recording if recording.name not in ("", "..") else resolve_path(recording)
     return named.with_name(f"{named.name}.sig") if named.name else named / ".sig"
 
 

@@ -1,14 +1,16 @@
-"""How a parameter file names a CSV in place of two arrays: keys that plans read, and nodes do not have.
+"""Parameters that are the rows of a table over time, and how a parameter file names a CSV in their place.
 
-Nodes and recordings get the numbers, never a path.
+Plans read the keys that name one, and nodes do not have them. Nodes and recordings get the numbers, never a
+path.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from .declarations import Declaration, declarations
+from .declarations import Declaration, ParameterError, declarations, parameter
 
 FILE = "file"  # the value of `TableFile.switch`
 ONLY_PLANNED = "only trunk reads files: give the node the parameter file that trunk plan writes"
@@ -56,3 +58,30 @@ def listed(config: type[Any]) -> dict[str, Declaration]:
 def only_planned(config: type[Any], name: str) -> bool:
     """Return True for a key that plans read and nodes do not have."""
     return any(one.name == name for table in tables_of(config) for one in table.keys)
+
+
+MOST_ROWS = 10_000
+
+
+def times_parameter(name: str, description: str) -> Any:
+    """Return the declaration of times in s, by default none."""
+    return parameter(
+        name,
+        (),
+        description,
+        unit="s",
+        element=float,
+        longest=MOST_ROWS,
+        minimum=0.0,
+        maximum=1e6,
+    )
+
+
+def check_rows(prefix: str, times: Sequence[float], values: Sequence[float]) -> None:
+    """Raise ParameterError unless ``PREFIX.values`` are as many as ``PREFIX.times``, which ascend."""
+    if len(values) != len(times):
+        raise ParameterError(
+            f"{prefix}.values", values, f"as many as {prefix}.times ({len(times)})"
+        )
+    if list(times) != sorted(times):
+        raise ParameterError(f"{prefix}.times", times, "ascending times")

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.printable import PrintableStream, printable
+from trunk_msgs_util.text import PrintableStream, printable
 
 
 @pytest.mark.parametrize(

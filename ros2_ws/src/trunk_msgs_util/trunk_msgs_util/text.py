@@ -15,12 +15,17 @@ _UNPRINTABLE = re.compile(
 
 def printable(text: str) -> str:
     r"""Return the text with each character that acts on a terminal written as JSON would: ``\u001b``."""
-    return _UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    return _UNPRINTABLE.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
+
+
+def shortened(text: str, longest: int = 40) -> str:
+    """Return a text as an error quotes it: of at most so many characters."""
+    return text if len(text) <= longest else text[: longest - 3] + "..."
 
 
 def quoted_names(names: Sequence[str]) -> str:
     """Return names from a message as a line quotes them: the first few, each of bounded length."""
-    shown = [repr(name if len(name) <= 40 else name[:37] + "...") for name in names[:4]]
+    shown = [repr(shortened(name)) for name in names[:4]]
     more = f" and {len(names) - 4} more" if len(names) > 4 else ""
     return f"[{', '.join(shown)}]{more}"
 

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import socket
+import struct
 import time
 from collections.abc import Mapping
+from contextlib import suppress
+from hashlib import blake2b
 from typing import ClassVar
 
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from ..errors import EXIT_FAILED, TrunkError
 from ..events import Event
-from ..printable import printable
-from ..process_id import is_older, local_pid, process_id, same_machine
-from . import settings
-from .claim import HeldError, claimed
+from ..source import is_older, local_pid, process_id, same_machine
+from ..text import printable
+from . import middleware
 from .managed import ManagedNode
 
 # Of two on different machines without a run, one that is configured for so long is not the newcomer;
@@ -88,7 +93,7 @@ class UniqueNode(ManagedNode):
         first = is_older(process_id(), process)
         if first is None:
             waited = time.monotonic() - self._configured_s
-            first = self.leads_a_run or waited > _SETTLED_S * settings.patience()
+            first = self.leads_a_run or waited > _SETTLED_S * middleware.patience()
         if first:
             self.get_logger().warning(
                 f"a second {node} was started, in process {printable(process)}: it ends by itself"
@@ -106,7 +111,7 @@ class UniqueNode(ManagedNode):
             return False
         if self._doubled_since_s is None:
             self._doubled_since_s = time.monotonic()
-        return time.monotonic() - self._doubled_since_s < _SPEAKS_S * settings.patience()
+        return time.monotonic() - self._doubled_since_s < _SPEAKS_S * middleware.patience()
 
     def is_second(self, node: str, process: str) -> bool:
         """Return True for the process of a node whose name an older process that is alive has: it ends.
@@ -141,3 +146,38 @@ def _reason(node: str, process: str) -> str:
         f"another {node} is running, in process {process or 'unknown'}: stop it, or give each its own "
         "namespace or ROS_DOMAIN_ID"
     )
+
+
+_CREDENTIALS = struct.Struct("3i")  # pid, uid, gid: unix(7), SO_PEERCRED
+
+
+class HeldError(TrunkError):
+    """Another process holds the name; the text is its number, or empty."""
+
+
+def claimed(name: str) -> socket.socket:
+    """Hold a name until the socket is closed or the process ends, however it ends. Raises HeldError.
+
+    An abstract socket of Linux is the token: it leaves no file, and is seen where DDS on this machine is
+    seen, in one network namespace. The process that holds the name may claim it again.
+    """
+    token = socket.socket(socket.AF_UNIX)
+    address = f"\0trunk {blake2b(name.encode(), digest_size=16).hexdigest()}"
+    try:
+        token.bind(address)
+        token.listen()
+    except OSError as error:
+        holder = _holder(address)
+        if error.errno == errno.EADDRINUSE and holder != str(os.getpid()):
+            token.close()
+            raise HeldError(holder) from None
+    return token
+
+
+def _holder(address: str) -> str:
+    with suppress(OSError), socket.socket(socket.AF_UNIX) as asked:
+        asked.setblocking(False)  # its process need not answer
+        asked.connect(address)
+        told = asked.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+        return str(_CREDENTIALS.unpack(told)[0])
+    return ""

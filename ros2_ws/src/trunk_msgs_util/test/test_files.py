@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from trunk_msgs_util.whole_file import whole_file
+from trunk_msgs_util.files import atomic_write
 
 
 def test_a_file_gets_its_name_when_complete(tmp_path):
     path = tmp_path / "a.txt"
-    with whole_file(path) as part:
+    with atomic_write(path) as part:
         part.write_text("new")
         assert part.suffix == ".txt"  # writers go by it
         assert not path.exists()
@@ -23,7 +23,7 @@ def test_an_existing_file_survives_a_failure(tmp_path, error):
     path.write_text("old")
 
     def fail() -> None:
-        with whole_file(path) as part:
+        with atomic_write(path) as part:
             part.write_text("half")
             raise error("stop")
 
@@ -35,10 +35,10 @@ def test_an_existing_file_survives_a_failure(tmp_path, error):
 
 def test_errors_name_the_file_that_was_asked_for(tmp_path):
     path = tmp_path / "missing" / "a.txt"
-    with pytest.raises(FileNotFoundError) as raised, whole_file(path) as part:
+    with pytest.raises(FileNotFoundError) as raised, atomic_write(path) as part:
         part.write_text("new")
     assert raised.value.filename == str(path)
-    with pytest.raises(FileNotFoundError) as raised, whole_file(tmp_path / "b") as part:
+    with pytest.raises(FileNotFoundError) as raised, atomic_write(tmp_path / "b") as part:
         (tmp_path / "input").read_text()
     assert raised.value.filename == str(tmp_path / "input")
 
@@ -48,7 +48,7 @@ def test_a_device_that_is_full_is_named_and_left(tmp_path):
     path.symlink_to("/dev/full")
     with (
         pytest.raises(OSError, match="No space left on device") as raised,
-        whole_file(path) as part,
+        atomic_write(path) as part,
     ):
         part.write_text("new")
     assert raised.value.filename == str(path)
@@ -59,7 +59,7 @@ def test_an_existing_file_is_replaced_only_if_asked(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("old")
     refused = pytest.raises(FileExistsError, match="choose another name")
-    with refused, whole_file(path, overwrite=False):
+    with refused, atomic_write(path, overwrite=False):
         pytest.fail("must not be reached")
 
 
@@ -67,7 +67,7 @@ def test_a_link_stays_a_link(tmp_path):
     (tmp_path / "target.txt").write_text("old")
     link = tmp_path / "link.txt"
     link.symlink_to("target.txt")
-    with whole_file(link) as part:
+    with atomic_write(link) as part:
         part.write_text("new")
     assert link.is_symlink()
     assert (tmp_path / "target.txt").read_text() == "new"
@@ -75,8 +75,8 @@ def test_a_link_stays_a_link(tmp_path):
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 def test_a_device_is_written_to_directly():
-    with whole_file(Path("/dev/null")) as part:
+    with atomic_write(Path("/dev/null")) as part:
         assert part == Path("/dev/null")
-    with pytest.raises(OSError, match="No space"), whole_file(Path("/dev/full")) as part:
+    with pytest.raises(OSError, match="No space"), atomic_write(Path("/dev/full")) as part:
         part.write_text("new")
     assert Path("/dev/full").is_char_device()

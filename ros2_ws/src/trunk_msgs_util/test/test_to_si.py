@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import pytest
 
 from trunk_msgs_util.parameters.declarations import ParameterError, build, declarations, parameter
-from trunk_msgs_util.parameters.in_si import in_si, written_with_units
+from trunk_msgs_util.parameters.to_si import to_si, written_with_units
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ def test_numbers_with_units_are_in_si_units():
         "times": [1, "500 ms", 2.5, "1 min"],
         "size": "2 kN",
     }
-    found = in_si(DECLARED, values)
+    found = to_si(DECLARED, values)
     assert found == {
         "delay": 0.1,
         "ratio": 0.5,
@@ -57,7 +57,7 @@ def test_everything_else_is_left_as_it_is():
         "times": [],
         "unknown": "5 kg",
     }
-    assert in_si(DECLARED, values) == values
+    assert to_si(DECLARED, values) == values
     assert not written_with_units(DECLARED, values)
 
 
@@ -82,7 +82,7 @@ def test_everything_else_is_left_as_it_is():
 )
 def test_a_mistake_names_parameter_value_and_what_is_allowed(values, says):
     with pytest.raises(ParameterError) as caught:
-        build(Example, in_si(DECLARED, values))
+        build(Example, to_si(DECLARED, values))
     assert says in str(caught.value)
 
 

@@ -1,4 +1,4 @@
-"""Files that appear complete or not at all."""
+"""Paths without links, and files that appear complete or not at all."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _PARTS: set[Path] = set()  # that are being written
 
 
 @contextmanager
-def whole_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
+def atomic_write(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
     """Yield a name to write to; what is written there becomes ``path`` when the block ends.
 
     Whatever happens in the block (a full disk, an exception, kill -9), ``path`` stays as it was. Anything
@@ -25,7 +25,7 @@ def whole_file(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
         if path.exists() and not path.is_file():
             yield path
             return
-        target = Path(os.path.realpath(path))
+        target = resolve_path(path)
         part = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
         _PARTS.add(part)
         yield part
@@ -53,3 +53,8 @@ def _discard(part: Path) -> None:
     with suppress(OSError):
         part.unlink()
     _PARTS.discard(part)
+
+
+def resolve_path(path: Path) -> Path:
+    """Return a path without links and dots; as far as it goes, for a link that leads to itself."""
+    return Path(os.path.realpath(path))
