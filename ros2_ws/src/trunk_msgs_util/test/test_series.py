@@ -6,9 +6,9 @@ import pytest
 from mcap.opcode import Opcode
 
 from trunk_msgs_util.recording import store as module
+from trunk_msgs_util.recording.columns import read_series
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.series import read_series
 from trunk_msgs_util.samples import JointSample
 
 from .mcap_files import message, write_mcap

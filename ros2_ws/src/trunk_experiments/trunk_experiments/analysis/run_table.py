@@ -13,9 +13,9 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.parameters.declarations import ParameterError, build
+from trunk_msgs_util.recording.columns import in_turn, series_of
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
-from trunk_msgs_util.recording.series import in_turn, series_of
 from trunk_msgs_util.units import NANOSECONDS, seconds
 
 from ..recorded.run import RecordedRun
