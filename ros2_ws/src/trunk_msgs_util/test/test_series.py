@@ -43,8 +43,8 @@ def test_an_index_of_more_messages_than_there_are_is_refused(tmp_path, monkeypat
     path = uncompressed(tmp_path / "a.mcap")
     path.write_bytes(without_one(path.read_bytes()))
     assert Recording.open(path).topics["/a"].count == COUNT - 1
-    monkeypatch.setattr(module, "_GLANCE", 0)
-    glanced = Recording.glance(path)
+    monkeypatch.setattr(module, "_BY_SUMMARY", 0)
+    glanced = Recording.open_by_summary(path)
     assert not glanced.checked
     assert glanced.topics["/a"].count == COUNT
     with pytest.raises(RecordingError, match=r"a\.mcap: /a has 299 messages, 300 were counted"):

@@ -55,7 +55,7 @@ def written_values(path: Path) -> Values:
     """Return `run_values` of a recording just written, and its number of states; null if unknown."""
     if path.is_file():  # not a pipe, or /dev/null
         with suppress(TrunkError):
-            run = RecordedRun(Recording.glance(path))
+            run = RecordedRun(Recording.open_by_summary(path))
             return {**run_values(run), "states": run.count(topics.GROUND_TRUTH)}
     return {"file": path, "doubts": None, "states": None}
 
@@ -66,7 +66,7 @@ def show_written_doubts(path: Path) -> None:
 
     if path.is_file():
         with suppress(TrunkError):
-            run = RecordedRun(Recording.glance(path))
+            run = RecordedRun(Recording.open_by_summary(path))
             for line in doubts_of(run, twin=False, whole=False).lines:
                 click.echo(line)
 

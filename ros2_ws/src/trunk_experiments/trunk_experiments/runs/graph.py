@@ -251,7 +251,7 @@ def _check_recorder(process: NodeProcess, killed: set[str], file: Path) -> None:
 
 def _has_end(file: Path) -> bool:
     with suppress(RecordingError):
-        return Recording.glance(file).end is not None
+        return Recording.open_by_summary(file).end is not None
     return False
 
 

@@ -159,7 +159,7 @@ def next_to_stop(running: Sequence[str]) -> list[str]:
 def what_lacks(file: Path) -> str:
     """Return why a run's recording is not whole, naming it; empty for a complete one."""
     try:
-        recording = Recording.glance(file)
+        recording = Recording.open_by_summary(file)
     except RecordingError as error:
         return str(error)
     if recording.complete:

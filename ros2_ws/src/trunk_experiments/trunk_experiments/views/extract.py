@@ -13,9 +13,9 @@ from mcap.writer import Writer
 
 from trunk_msgs_util import topics as names
 from trunk_msgs_util.files import atomic_write
+from trunk_msgs_util.recording.digests import END, PROVENANCE
 from trunk_msgs_util.recording.file import RecordingFile
 from trunk_msgs_util.recording.messages import Messages
-from trunk_msgs_util.recording.own_records import END, PROVENANCE
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import NANOSECONDS
 

@@ -24,7 +24,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema
 
-DIGESTS = "trunk_digests"  # name of the metadata record
+# Names of our metadata records.
+PROVENANCE, END, DIGESTS = "trunk_provenance", "trunk_end", "trunk_digests"
 HEADS, CHANNELS, METADATA = "heads", "channels", "metadata"
 HEADER, ATTACHMENTS = "header", "attachments"
 # What is covered besides the topics, with its name in messages.

@@ -40,12 +40,12 @@ class Recording(RecordedFiles):
         return cls(path)._opened(progress)
 
     @classmethod
-    def glance(
+    def open_by_summary(
         cls, path: str | Path, progress: Callable[[int, int], None] = lambda _done, _of: None
     ) -> Recording:
         """Open a recording by its summary and indexes; ``checked`` is False if that was enough.
 
-        Files of less than `_GLANCE` bytes, and those without a sound summary, are scanned.
+        Files of less than `_BY_SUMMARY` bytes, and those without a sound summary, are scanned.
         Raises as `open` does.
         """
         recording = cls(path)

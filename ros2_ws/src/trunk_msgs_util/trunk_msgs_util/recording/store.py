@@ -12,11 +12,10 @@ import numpy as np
 
 from .bag_folder import METADATA, bag_folder
 from .blocks import name_of
-from .digests import DIGESTS, RunningDigests, differing, uncoverable, uncovered
+from .digests import DIGESTS, END, PROVENANCE, RunningDigests, differing, uncoverable, uncovered
 from .file import RecordingFile, size_of
-from .glance import glance
-from .own_records import END, PROVENANCE
 from .structure import ERROR, structure
+from .summary import open_by_summary
 from .topic import RecordingError, Topic
 
 if TYPE_CHECKING:
@@ -26,8 +25,8 @@ if TYPE_CHECKING:
 
 # Decompressed chunks kept for the next pass: a one-minute run is decompressed once.
 _KEPT = 64 << 20
-# A larger file need not be read whole at a glance; smaller ones are scanned in no time.
-_GLANCE = 32 << 20
+# A larger file need not be read whole to be opened; smaller ones are scanned in no time.
+_BY_SUMMARY = 32 << 20
 _OURS = "trunk_msgs_util"  # prefix of the library's name in files that must have an end record
 
 
@@ -58,16 +57,16 @@ class RecordedFiles:
         if is_bag:
             files, counted = bag_folder(self.path)
         sizes = [size_of(path) for path in files]
-        glances = not self.checked and sum(sizes) >= _GLANCE
+        by_summary = not self.checked and sum(sizes) >= _BY_SUMMARY
         self.checked = True
         for i, path in enumerate(files):
-            glanced = glance(path, self.topics) if glances else None
-            if glanced is not None:
+            file = open_by_summary(path, self.topics) if by_summary else None
+            if file is not None:
                 self.checked = False
-            file = glanced or RecordingFile(path, self.topics)
-            if glanced is None:
-                told = partial(_tell, progress, sum(sizes[:i]), sum(sizes))
-                file.scan(told, partial(self._keep_scanned, i))
+            else:
+                file = RecordingFile(path, self.topics)
+                report = partial(_report, progress, sum(sizes[:i]), sum(sizes))
+                file.scan(report, partial(self._keep_scanned, i))
             self._files.append(file)
             self._sound &= file.sound
             self.provenance.update(file.metadata[PROVENANCE])
@@ -332,5 +331,5 @@ def _cost(content: Content) -> int:
     return 2 * len(content.data) + 1000
 
 
-def _tell(progress: Callable[[int, int], None], before: int, of: int, done: int) -> None:
+def _report(progress: Callable[[int, int], None], before: int, of: int, done: int) -> None:
     progress(before + done, of)

@@ -12,8 +12,7 @@ from mcap.records import Channel, Schema
 from mcap.writer import LIBRARY_IDENTIFIER
 
 from . import rosbag2
-from .digests import DIGESTS, RunningDigests
-from .own_records import END, PROFILE, PROVENANCE
+from .digests import DIGESTS, END, PROVENANCE, RunningDigests
 from .schemas import definition
 from .writing.chunked import ChunkedWriter
 from .writing.own_file import check_own, open_own
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["END", "PROVENANCE", "RecordingWriter"]
 
-_LIBRARY = f"trunk_msgs_util {LIBRARY_IDENTIFIER}"
+_PROFILE, _LIBRARY = "ros2", f"trunk_msgs_util {LIBRARY_IDENTIFIER}"
 _COMPRESSIONS = {"zstd": "zstd", "lz4": "lz4", "none": ""}
 
 
@@ -54,8 +53,8 @@ class RecordingWriter:
         self._types: dict[int, str] = {}
         self._digests = RunningDigests()
         self._failure: OSError | None = None
-        self._writer.start(PROFILE, _LIBRARY)
-        self._digests.header(PROFILE, _LIBRARY)
+        self._writer.start(_PROFILE, _LIBRARY)
+        self._digests.header(_PROFILE, _LIBRARY)
 
     def channel(self, topic: str, type_name: str) -> int:
         """Add a topic, unless it is there, and return its channel. Raises ValueError for an unknown type."""
