@@ -49,8 +49,8 @@ class ControllerNode(TrunkNode[ControllerConfig]):
     def set_up(self) -> None:
         """Open the topics: states are followed from now on, and answered once active."""
         self._forget()
-        self._command = self.create_evidence(topics.EFFORT_COMMAND)
-        self._terms = self.create_evidence("~/state")
+        self._command = self.create_replayable(topics.EFFORT_COMMAND)
+        self._terms = self.create_replayable("~/state")
         self._controller_state = self.create_publisher(
             JointState, topics.CONTROLLER_STATE, qos.live()
         )
@@ -70,16 +70,16 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         """Leave the plant to another controller, but keep following the states."""
         self._controller.deactivate()
 
-    def retune(self, config: ControllerConfig) -> None:
+    def reconfigure(self, config: ControllerConfig) -> None:
         """Apply changed parameters between two samples; a law's `retune` keeps the command from jumping."""
-        self._controller.retune(config)
-        self._inputs.retune(config)
+        self._controller.reconfigure(config)
+        self._inputs.reconfigure(config)
 
     def _announce(self) -> None:
         """Report ready once a turn is due and the simulator is matched in both directions."""
         if not (self.active or self._scheduled):
             return
-        if discovery.met(self, hears=topics.JOINT_STATES, answers=topics.EFFORT_COMMAND):
+        if discovery.matched(self, hears=topics.JOINT_STATES, answers=topics.EFFORT_COMMAND):
             self._ready_timer.cancel()
             self.event(Event.READY, answers=topics.EFFORT_COMMAND)
 

@@ -54,8 +54,8 @@ class GainsNode(Node):
         self._inputs.follow(self, self._on_reading)
 
     def _retune(self, old: FuzzyPidConfig, new: FuzzyPidConfig) -> None:
-        self._controller.retune(new)
-        self._inputs.retune(new)
+        self._controller.reconfigure(new)
+        self._inputs.reconfigure(new)
 
     def _refuse(self, what: str, why: str) -> None:
         self._counters[what] += 1

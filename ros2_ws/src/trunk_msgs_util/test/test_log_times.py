@@ -42,8 +42,8 @@ def test_a_log_time_that_cannot_be_costs_its_message(tmp_path, options, log_time
     run = Recording.open(path)
     kept = [k for k in range(COUNT) if k not in rows]
     assert run.joints("/a").stamp_ns.tolist() == [k * MS for k in kept]
-    faults = run.topics["/a"].faults
-    assert (faults.count, faults.first[0].describe()) == (
+    unreadable = run.topics["/a"].unreadable
+    assert (unreadable.count, unreadable.first[0].describe()) == (
         len(rows),
         f"message {min(rows)}: {BAD}",
     )

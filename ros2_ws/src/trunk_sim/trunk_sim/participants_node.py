@@ -134,4 +134,4 @@ class GraphParticipants(Participants):
             process = process_of(message.header.frame_id) or values.get("process", "")
             if not self._node.is_second(status.name, process):
                 self.hear(status.name, status.message, values)
-            self._node.look_for_namesake(status.name, status.message, values)
+            self._node.look_for_duplicate(status.name, status.message, values)

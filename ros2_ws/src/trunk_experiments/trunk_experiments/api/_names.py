@@ -12,7 +12,7 @@ from trunk_msgs_util.parameters.declarations import Value
 from ..errors import PlanError
 from ..plans.files import SCENARIOS, shipped_files
 from ..plans.nodes import CONTROLLERS, NODES
-from ..similar import did_you_mean
+from ..suggestions import did_you_mean
 
 
 @dataclass(frozen=True)

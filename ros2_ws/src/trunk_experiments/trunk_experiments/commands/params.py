@@ -22,7 +22,7 @@ class _Verb(Verbs):
             return found
         from ..errors import PlanError
         from ..plans.nodes import NODES
-        from ..similar import did_you_mean
+        from ..suggestions import did_you_mean
 
         if cmd_name not in NODES:
             if ctx.resilient_parsing:  # a shell completes

@@ -295,7 +295,7 @@ class OfflineRecorder:
     def _pictures(self, states: States, row: int, stamp_ns: int) -> Iterator[Rows]:
         """Yield the messages of a state's picture."""
         film, joints, state = self._film or Film(), self._plan.simulator.joints, states.table[row]
-        film.retune(values_of(self._of_simulator.config))
+        film.reconfigure(values_of(self._of_simulator.config))
         if states.acting(row):
             self._reference = float(state[REFERENCE])
         pushed = disturbance_sample(stamp_ns, joints, self._drawn(stamp_ns))

@@ -15,7 +15,7 @@ from . import discovery
 from .adaptive import AdaptiveSubscription
 from .base import TrunkNode
 from .conversions import WireReader, sample_to_wire
-from .evidence import Evidence
+from .replayable import ReplayablePublisher
 
 Config = TypeVar("Config", bound=ManagedConfig)
 
@@ -30,13 +30,13 @@ class AheadNode(TrunkNode[Config]):
         super().__init__(name, config_class)
         self._topic = topic
         self._read = WireReader()
-        self._publisher: Evidence
-        self.retune(self.config)
+        self._publisher: ReplayablePublisher
+        self.reconfigure(self.config)
 
     def set_up(self) -> None:
         """Listen for states."""
         self._sent_ns = -1
-        self._publisher = self.create_evidence(self._topic)
+        self._publisher = self.create_replayable(self._topic)
         AdaptiveSubscription(self, topics.GROUND_TRUTH, self._on_state)
         self._ready_timer = self.every(0.02, self._announce)
 
@@ -53,7 +53,7 @@ class AheadNode(TrunkNode[Config]):
         """Say ready once it is active and the simulator is matched in both directions."""
         if not self.active:
             return
-        if discovery.met(self, hears=topics.GROUND_TRUTH, answers=self._topic):
+        if discovery.matched(self, hears=topics.GROUND_TRUTH, answers=self._topic):
             self._ready_timer.cancel()
             self.event(Event.READY, answers=self._topic)
 

@@ -22,7 +22,7 @@ from ..parameters.declarations import values_of
 from ..samples import Value
 from ..source import process_id, source
 from ..text import printable
-from . import evidence, qos
+from . import qos, replayable
 from .conversions import status_to_ros
 from .discovery import Waiting
 from .duplicate_node import UniqueNode
@@ -46,11 +46,11 @@ class TrunkNode(UniqueNode, Generic[Config]):
     """
 
     def __init__(self, name: str, config_class: type[Config]) -> None:
-        """Declare and check the parameters. Raises ParameterError, and NamesakeError if the name is taken."""
+        """Declare and check the parameters. Raises ParameterError and DuplicateNodeError."""
         super().__init__(name, start_parameter_services=False)  # they are made with the parameters
         self.run_stamp_ns = -1  # before the first state
         self._born_s = time.monotonic()
-        self._evidence: list[evidence.Evidence] = []
+        self._replayable: list[replayable.ReplayablePublisher] = []
         self._accounted = False
         self._refused: set[str] = set()  # kinds of messages
         self._waiting = Waiting()
@@ -96,7 +96,7 @@ class TrunkNode(UniqueNode, Generic[Config]):
     def _on_parameters(self, old: Config, new: Config) -> None:
         before, after = values_of(old), values_of(new)
         changed = {name: value for name, value in after.items() if value != before[name]}
-        self.retune(new)
+        self.reconfigure(new)
         if changed:
             # There is no order between two topics: this marks the change's place among the node's events.
             self.event(Event.RETUNED)
@@ -110,7 +110,7 @@ class TrunkNode(UniqueNode, Generic[Config]):
         """Name the source from now on in what is recorded, or no longer."""
         self.source = self._own_source if real_time else ""
 
-    def retune(self, config: Config) -> None:
+    def reconfigure(self, config: Config) -> None:
         """Take a changed configuration; called between two callbacks."""
 
     def diagnostics(self) -> Mapping[str, object]:
@@ -141,13 +141,13 @@ class TrunkNode(UniqueNode, Generic[Config]):
         )
         return super().create_subscription(msg_type, topic, callback, qos_profile, **more)
 
-    def create_evidence(self, topic: str, live: bool = True) -> evidence.Evidence:
+    def create_replayable(self, topic: str, live: bool = True) -> replayable.ReplayablePublisher:
         """Create a publisher of serialized JointState messages that the recorder must not miss.
 
         Unless they are ``live``, the recorder alone hears them.
         """
-        self._evidence.append(evidence.Evidence(self, topic, live))
-        return self._evidence[-1]
+        self._replayable.append(replayable.ReplayablePublisher(self, topic, live))
+        return self._replayable[-1]
 
     def event(self, message: Event, level: bytes = DiagnosticStatus.OK, **values: object) -> None:
         """Publish a run event; the recorder records it."""
@@ -227,14 +227,14 @@ class TrunkNode(UniqueNode, Generic[Config]):
 
     def _clean_up(self) -> None:
         self._say_refused()
-        evidence.hand_over(self, self._born_s, self._evidence)
-        self._evidence.clear()
+        replayable.await_acknowledgement(self, self._born_s, self._replayable)
+        self._replayable.clear()
         super()._clean_up()
 
     def account(self) -> None:
         """Report, once, how much evidence was published; nothing is published after it."""
         self._say_refused()
-        counts = evidence.counted(self._evidence)
+        counts = replayable.counted(self._replayable)
         if counts and not self._accounted:
             self._accounted = True
             self.event(Event.PUBLISHED, DiagnosticStatus.OK, **counts)
@@ -242,6 +242,6 @@ class TrunkNode(UniqueNode, Generic[Config]):
     def close(self) -> None:
         """Report how much evidence was published, wait a bounded time until it is recorded, then destroy."""
         self.account()
-        evidence.hand_over(self, self._born_s, self._evidence)
+        replayable.await_acknowledgement(self, self._born_s, self._replayable)
         self.destroy_node()
         self.release_name()

@@ -93,7 +93,7 @@ def _participants(endpoints: Iterable[TopicEndpointInfo]) -> set[bytes]:
     return {bytes(endpoint.endpoint_gid[_PARTICIPANT]) for endpoint in endpoints}
 
 
-def met(node: Node, hears: str, answers: str) -> bool:
+def matched(node: Node, hears: str, answers: str) -> bool:
     """Return True if a publisher of ``hears`` is known that also subscribes to ``answers``."""
     return bool(publishers(node, hears) & listeners(node, answers))
 
@@ -124,10 +124,10 @@ class Waiting:
             self._since = now
         self._said, self._said_at = text, now
         unmet = _START in text and now - self._since >= _UNMET_S
-        return f"waiting for {text}{f'; {not_met(settings)}' if unmet else ''}"
+        return f"waiting for {text}{f'; {not_discovered(settings)}' if unmet else ''}"
 
 
-def not_met(settings: Mapping[str, str]) -> str:
+def not_discovered(settings: Mapping[str, str]) -> str:
     """Return what to look at where a node runs and is not met, by the settings of this one."""
     if server := settings.get("ROS_DISCOVERY_SERVER"):
         return (

@@ -29,7 +29,7 @@ _SETTLED_S = 3.0
 _SPEAKS_S = 1.0
 
 
-class NamesakeError(TrunkError):
+class DuplicateNodeError(TrunkError):
     """Another process of this machine has a node of this name."""
 
     exit_code: ClassVar[int] = EXIT_FAILED
@@ -39,7 +39,7 @@ class UniqueNode(ManagedNode):
     """A node whose name in its namespace and domain is its own: a recording would mix two."""
 
     def claim_name(self) -> None:
-        """Hold the name against later processes of this machine. Raises NamesakeError if one has it.
+        """Hold the name against later processes of this machine. Raises DuplicateNodeError if one has it.
 
         Those are not told by events: what a newcomer publishes until it hears of the older node would
         already be in the run. Only processes that hear one another compete: of one domain and middleware.
@@ -51,11 +51,11 @@ class UniqueNode(ManagedNode):
             self._claim = claimed(f"node {middleware} {domain} {name}")
         except HeldError as error:
             self.destroy_node()
-            raise NamesakeError(_reason(name, str(error))) from None
+            raise DuplicateNodeError(_reason(name, str(error))) from None
         self._processes = {name: process_id()}  # of nodes by name: the oldest that is alive
         self._configured_s = time.monotonic()
         self._doubled_since_s: float | None = None
-        self._met_namesake = False
+        self._duplicate_seen = False
 
     @property
     def leads_a_run(self) -> bool:
@@ -74,7 +74,7 @@ class UniqueNode(ManagedNode):
     def fail(self, reason: str, **values: object) -> None:
         """End this node's process with an error."""
 
-    def look_for_namesake(self, node: str, message: str, values: Mapping[str, str]) -> None:
+    def look_for_duplicate(self, node: str, message: str, values: Mapping[str, str]) -> None:
         """End this node if an event shows that an older one has its name.
 
         Of two on one machine the processes' identities tell which is older. Of others, the one whose run is
@@ -89,7 +89,7 @@ class UniqueNode(ManagedNode):
             or not self._is_alive(node, process)
         ):
             return
-        self._met_namesake = True
+        self._duplicate_seen = True
         first = is_older(process_id(), process)
         if first is None:
             waited = time.monotonic() - self._configured_s
@@ -106,7 +106,7 @@ class UniqueNode(ManagedNode):
 
     def may_be_second(self) -> bool:
         """Return True, for a bounded time, while the graph shows another node of this name that is silent."""
-        if self._met_namesake or not self._is_doubled(self.get_fully_qualified_name()):
+        if self._duplicate_seen or not self._is_doubled(self.get_fully_qualified_name()):
             self._doubled_since_s = None
             return False
         if self._doubled_since_s is None:

@@ -145,11 +145,11 @@ class Pictures:
             return partial(self._newest.__setitem__, _TERMS)
         return None
 
-    def retune(self, change: ParameterChange) -> None:
+    def reconfigure(self, change: ParameterChange) -> None:
         """Take a node's parameters."""
         for values in (change.new, change.changed):
             if _OF_A_PLANT in values:
-                self._film.retune(values)
+                self._film.reconfigure(values)
 
     def of(self, stamp_ns: int, truth: bytes, log_ns: int) -> Iterator[tuple[str, bytes]]:
         """Yield the topics and messages of a true state's picture; none for a state that is not drawn."""

@@ -25,7 +25,7 @@ class Film:
         self._due_ns = 0
         self._last_ns = -1
 
-    def retune(self, parameters: Mapping[str, object]) -> None:
+    def reconfigure(self, parameters: Mapping[str, object]) -> None:
         """Take the simulator's parameters, or some that have changed."""
         self._plant.update(parameters)
         self._geometry = Geometry.of(self._plant)

@@ -176,8 +176,8 @@ class RecordingFile:
             topic = self.topics.setdefault(
                 item.topic, Topic(described.name if described else "", item.message_encoding)
             )
-            if topic.type in STAMPED and topic.is_read() and topic.faults.limit is None:
-                topic.faults.limit = topic.is_read()
+            if topic.type in STAMPED and topic.is_read() and topic.unreadable.limit is None:
+                topic.unreadable.limit = topic.is_read()
 
     def take_content(self, content: Content, record: Record) -> None:
         """Count a block's messages. Raises DamageError for unknown channels."""

@@ -72,9 +72,9 @@ class Recording(RecordedFiles):
                 with suppress(RecordingError):  # raised again when it is asked for
                     read()
         self.warnings += [
-            topic.faults.describe(name, topic.count)
+            topic.unreadable.describe(name, topic.count)
             for name, topic in sorted(self.topics.items())
-            if topic.faults.count or topic.faults.limit is not None
+            if topic.unreadable.count or topic.unreadable.limit is not None
         ]
 
     @cached_property
@@ -189,8 +189,8 @@ class Recording(RecordedFiles):
         found: list[tuple[int, Parsed]] = []
         if topic is None:
             return []
-        if topic.faults.limit is not None:
-            raise RecordingError(f"{self.path}: {topic.faults.describe(name, topic.count)}")
+        if topic.unreadable.limit is not None:
+            raise RecordingError(f"{self.path}: {topic.unreadable.describe(name, topic.count)}")
         index = size = 0
         for file, block, channels, content in self._contents([name]):
             messages = content.messages(sorted(channels & content.channels.keys()))
@@ -198,8 +198,8 @@ class Recording(RecordedFiles):
                 continue
             size += int((messages.end - messages.start).sum())
             if size > MAX_TEXT:
-                topic.faults.limit = f"its messages have more than the {MAX_TEXT} bytes allowed"
-                raise RecordingError(f"{self.path}: {topic.faults.describe(name, topic.count)}")
+                topic.unreadable.limit = f"its messages have more than the {MAX_TEXT} bytes allowed"
+                raise RecordingError(f"{self.path}: {topic.unreadable.describe(name, topic.count)}")
             bad: list[int] = []
             for row, data in enumerate(messages.bytes()):
                 if messages.log_time_ns[row] < 0:  # counted when the file was scanned
@@ -209,7 +209,7 @@ class Recording(RecordedFiles):
                         raise ValueError(f"its type is {topic.type or 'not given'}")
                     found.append((int(messages.log_time_ns[row]), parse(data)))
                 except ValueError as error:
-                    topic.faults.add(index + row, int(messages.log_time_ns[row]), str(error))
+                    topic.unreadable.add(index + row, int(messages.log_time_ns[row]), str(error))
                     bad.append(row)
             file.leave_out(block.offset, messages, bad)
             index += len(messages)

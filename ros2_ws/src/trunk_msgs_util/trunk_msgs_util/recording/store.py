@@ -220,8 +220,10 @@ class RecordedFiles:
         """
         asked = list(topics)
         for topic in asked:
-            if topic in self.topics and self.topics[topic].faults.limit is not None:
-                raise RecordingError(f"{self.path}: {self.topics[topic].faults.describe(topic, 0)}")
+            if topic in self.topics and self.topics[topic].unreadable.limit is not None:
+                raise RecordingError(
+                    f"{self.path}: {self.topics[topic].unreadable.describe(topic, 0)}"
+                )
         return self._blocks(asked, only_readable=True)
 
     def _blocks(
@@ -280,13 +282,13 @@ class RecordedFiles:
         about = self.topics.get(topic)
         if about is None or not about.count or about.readable:
             return ""
-        why = about.faults.limit or about.faults.first[0].why
+        why = about.unreadable.limit or about.unreadable.first[0].why
         return f"none of its {about.count} messages can be read: {why}"
 
     def longest_gap_ns(self, topic: str) -> int:
         """Return the longest time between the log times of a topic's messages, in the order of these."""
         about = self.topics[topic]
-        if about.ordered or about.faults.limit is not None:
+        if about.ordered or about.unreadable.limit is not None:
             return about.longest_gap_ns
         log = np.concatenate([block[topic].log_time_ns for block in self.blocks([topic])])
         return int(np.diff(np.sort(log)).max(initial=0))

@@ -60,7 +60,7 @@ class BadMessage(NamedTuple):
 
 
 @dataclass
-class Faults:
+class Unreadable:
     """What cannot be read on a topic. ``limit``: why none of its messages are."""
 
     count: int = 0
@@ -160,13 +160,13 @@ class Topic:
     longest_step_ns: int = field(default=0, compare=False)
     overflowing: int = field(default=0, compare=False)  # their nanoseconds make a second or more
     _previous_ns: int | None = field(default=None, repr=False, compare=False)
-    faults: Faults = field(default_factory=Faults)
+    unreadable: Unreadable = field(default_factory=Unreadable)
     _check: JointCheck = field(default_factory=JointCheck, repr=False, compare=False)
 
     @property
     def readable(self) -> int:
         """How many of the messages can be read, as far as they were looked at."""
-        return 0 if self.faults.limit is not None else self.count - self.faults.count
+        return 0 if self.unreadable.limit is not None else self.count - self.unreadable.count
 
     def is_read(self) -> str:
         """Return why messages of this topic are not read by their type; empty if they are."""
@@ -176,7 +176,7 @@ class Topic:
         """Count some messages that follow the earlier ones; return the rows that cannot be read."""
         bad = self._bad(messages)
         for row, why in bad:
-            self.faults.add(self.count + row, int(messages.log_time_ns[row]), why)
+            self.unreadable.add(self.count + row, int(messages.log_time_ns[row]), why)
         rows = [row for row, _ in bad]
         good = messages.without(rows) if rows else messages
         self.count += len(messages)
@@ -195,14 +195,18 @@ class Topic:
     def _bad_of(self, messages: Messages, late: list[int]) -> list[tuple[int, str]]:
         """Return the rows that cannot be read, the ``late`` ones, which are not among these, included."""
         found = [(row, "its log time is beyond the year 2262") for row in late]
-        if self.type != names.JOINT_STATE_TYPE or self.is_read() or self.faults.limit is not None:
+        if (
+            self.type != names.JOINT_STATE_TYPE
+            or self.is_read()
+            or self.unreadable.limit is not None
+        ):
             return found
         if not len(messages):
             return found
         try:
             bad = self._check.bad(messages)
         except LimitError as error:
-            self.faults.limit = str(error)
+            self.unreadable.limit = str(error)
             return found
         if not late:
             return bad

@@ -1,4 +1,4 @@
-"""`Patience`: how long processes have been waited for, not counting time when a busy machine held them up.
+"""`CpuDeadline`: how long processes have been waited for, not counting time when a busy machine held them up.
 
 A limit in wall time may report a hang when a process is only waiting for a processor that others use.
 Linux shows the difference: for each thread, `/proc/PID/task/TID/schedstat` has the time on a processor and
@@ -50,7 +50,7 @@ def threads_of(pid: int) -> Threads:
     return found
 
 
-def held_up_ns(before: Threads, now: Threads, wall_ns: int) -> int:
+def scheduling_delay_ns(before: Threads, now: Threads, wall_ns: int) -> int:
     """Return how much of ``wall_ns`` between two looks a process could not run although it was ready to.
 
     Its threads wait in parallel: the one that was held up longest counts. Linux adds the delay only when
@@ -67,7 +67,7 @@ def held_up_ns(before: Threads, now: Threads, wall_ns: int) -> int:
     return min(longest, wall_ns)
 
 
-class HeldUp:
+class SchedulingDelay:
     """Tells how long the processes waited for were held up between two looks."""
 
     def __init__(self, look: Callable[[int], Threads] = threads_of) -> None:
@@ -82,12 +82,12 @@ class HeldUp:
         held_ns = max(wall_ns - _GAP_NS, 0)
         for pid in pids:
             threads = self._look(pid)
-            held_ns += held_up_ns(self._seen.get(pid, {}), threads, wall_ns)
+            held_ns += scheduling_delay_ns(self._seen.get(pid, {}), threads, wall_ns)
             self._seen[pid] = threads
         return min(held_ns, wall_ns)
 
 
-class Patience:
+class CpuDeadline:
     """Counts the time for which processes are waited for, up to a limit in s.
 
     Time on a processor counts: a process in an endless loop is given up like one that sleeps.
@@ -101,7 +101,7 @@ class Patience:
     ) -> None:
         self._limit_ns = nanoseconds(limit_s)
         self._clock = clock
-        self._held_up = HeldUp(look)
+        self._held_up = SchedulingDelay(look)
         self.restart()
 
     def restart(self) -> None:

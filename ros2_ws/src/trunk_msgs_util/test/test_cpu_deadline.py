@@ -6,7 +6,13 @@ import os
 
 import pytest
 
-from trunk_msgs_util.patience import Patience, Thread, Threads, held_up_ns, threads_of
+from trunk_msgs_util.cpu_deadline import (
+    CpuDeadline,
+    Thread,
+    Threads,
+    scheduling_delay_ns,
+    threads_of,
+)
 
 MS = 1_000_000
 LOOK_S = 0.05
@@ -33,10 +39,10 @@ class Machine:
 
 def steps_until_spent(limit_s: float, **way: object) -> int:
     machine = Machine()
-    patience = Patience(limit_s, machine.clock, machine.look)
+    deadline = CpuDeadline(limit_s, machine.clock, machine.look)
     for step in range(1, 2000):
         machine.spend(**way)
-        if patience.spent([7]):
+        if deadline.spent([7]):
             return step
     return 0
 
@@ -62,27 +68,29 @@ def test_a_process_without_a_processor_or_waiting_for_the_disk_is_not_given_up(w
 
 def test_a_gap_between_two_looks_is_the_observers_and_does_not_count() -> None:
     machine = Machine()
-    patience = Patience(1.0, machine.clock, machine.look)
+    deadline = CpuDeadline(1.0, machine.clock, machine.look)
     machine.now_s += 3600.0
-    assert not patience.spent([7])
-    assert patience.waited_s < 1.0
+    assert not deadline.spent([7])
+    assert deadline.waited_s < 1.0
 
 
 def test_a_sign_of_life_restarts_the_wait() -> None:
     machine = Machine()
-    patience = Patience(1.0, machine.clock, machine.look)
+    deadline = CpuDeadline(1.0, machine.clock, machine.look)
     for _ in range(100):
         machine.spend()
-        assert not patience.spent([7])
+        assert not deadline.spent([7])
         if machine.now_s % 0.5 < LOOK_S:
-            patience.restart()
+            deadline.restart()
 
 
 def test_the_thread_that_was_held_up_longest_counts() -> None:
     before = {1: Thread(0, 0, "S"), 2: Thread(0, 0, "S")}
     now = {1: Thread(0, 10 * MS, "S"), 2: Thread(0, 30 * MS, "S"), 3: Thread(0, 40 * MS, "S")}
-    assert held_up_ns(before, now, 50 * MS) == 30 * MS  # 3 is new: nothing is known of its past
-    assert held_up_ns(before, now, 20 * MS) == 20 * MS
+    assert (
+        scheduling_delay_ns(before, now, 50 * MS) == 30 * MS
+    )  # 3 is new: nothing is known of its past
+    assert scheduling_delay_ns(before, now, 20 * MS) == 20 * MS
 
 
 def test_linux_reports_this_process_and_nothing_for_one_that_does_not_exist() -> None:

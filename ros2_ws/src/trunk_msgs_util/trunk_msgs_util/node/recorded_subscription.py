@@ -1,4 +1,4 @@
-"""`HeardTopic`: a topic heard from every publisher, whatever its quality of service, each message once.
+"""`RecordedSubscription`: each message of a topic once, from any publisher, whatever its quality of service.
 
 DDS matches a subscription only with publishers that offer at least what it requests. Our nodes keep what
 they publish for a recorder that joins late, on a separate topic (`topics.evidence`). Others publish only on
@@ -58,7 +58,7 @@ class _Remembered:
         return count > 0
 
 
-class HeardTopic:
+class RecordedSubscription:
     """The subscriptions to one topic; ``other_types`` has the nodes that publish something else there."""
 
     def __init__(
@@ -112,10 +112,10 @@ class HeardTopic:
 
     def look(self) -> None:
         """Subscribe once more for a publisher that no subscription receives; cheap if none is new."""
-        found = (self._node.count_publishers(self._topic), self._kept.get_publisher_count())
-        if found == self._looked_at:
+        counts = (self._node.count_publishers(self._topic), self._kept.get_publisher_count())
+        if counts == self._looked_at:
             return
-        self._looked_at = found
+        self._looked_at = counts
         keep = discovery.publishers(self._node, self._kept_topic)
         for endpoint in self._node.get_publishers_info_by_topic(self._topic):
             name = discovery.names([endpoint])[0]

@@ -12,8 +12,8 @@ pytest.importorskip("rclpy")
 
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-from trunk_msgs_util.node import heard
-from trunk_msgs_util.node.heard import HeardTopic
+from trunk_msgs_util.node import recorded_subscription
+from trunk_msgs_util.node.recorded_subscription import RecordedSubscription
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.topics import JOINT_STATE_TYPE
@@ -38,7 +38,7 @@ class Topic:
             create_subscription=lambda *_, **__: SimpleNamespace(get_publisher_count=lambda: 1),
             get_logger=lambda: SimpleNamespace(warning=self.warned.append),
         )
-        self.heard = HeardTopic(node, "a", JOINT_STATE_TYPE, None, self.taken.append)
+        self.heard = RecordedSubscription(node, "a", JOINT_STATE_TYPE, None, self.taken.append)
         self._times = iter(range(10**9))
 
     def strangers(self, *kinds):
@@ -113,7 +113,7 @@ def test_a_recording_that_is_played_is_heard():
 
 
 def test_it_remembers_so_many_copies_and_no_more(monkeypatch):
-    monkeypatch.setattr(heard, "_REMEMBERED", 10)
+    monkeypatch.setattr(recorded_subscription, "_REMEMBERED", 10)
     topic = Topic()
     topic.strangers(PLAIN)
     for k in range(100):

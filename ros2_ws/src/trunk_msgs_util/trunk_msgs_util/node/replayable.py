@@ -1,4 +1,4 @@
-"""Evidence of a run: counted as it is published, and handed to the recorder before its node ends."""
+"""Publishers of what is recorded of a run: counted, and received by the recorder before their node ends."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from . import discovery, middleware, qos
 
 # A node that ends waits at most this long for the recorder and every other reliable reader to receive
 # what it published; this and the next limit are multiplied by TRUNK_PATIENCE.
-_HAND_OVER_S = 3.0
+_ACKNOWLEDGED_S = 3.0
 # A node discovers a recorder within this time after its start, and after its first message to be recorded
 # (the plant may have waited for the recorder). After that, a node that knows of no recorder ends at once.
-_FOUND_S = 2.0
+_DISCOVERED_S = 2.0
 _LOOK_S = 0.01
 
 
-class Evidence:
+class ReplayablePublisher:
     """Publishes serialized messages twice, and counts them: live for the loop, and kept for the recorder.
 
     The live topic has only the present; `topics.evidence` names the topic that also has the past. What the
@@ -58,27 +58,31 @@ class Evidence:
         return set(discovery.names(discovery.recorders(self._node, self.topic)))
 
 
-def counted(evidence: Sequence[Evidence]) -> dict[str, int]:
+def counted(publishers: Sequence[ReplayablePublisher]) -> dict[str, int]:
     """Return how many messages were published, by topic; topics without any are left out."""
     counts: Counter[str] = Counter()
-    for topic in evidence:
-        counts[topic.topic] += topic.count
+    for publisher in publishers:
+        counts[publisher.topic] += publisher.count
     return dict(+counts)
 
 
-def hand_over(node: Node, born_s: float, evidence: Sequence[Evidence]) -> None:
+def await_acknowledgement(
+    node: Node, born_s: float, publishers: Sequence[ReplayablePublisher]
+) -> None:
     """Wait, for a bounded time, until every reliable reader has received what the node published.
 
-    If there is ``evidence``, first wait until every known recorder is matched with this node. If none is
-    known, one may still be discovered for some time after the node's start, ``born_s`` (monotonic clock),
-    and after its first evidence: wait for it until then.
+    If one of ``publishers`` has published, first wait until every known recorder is matched with this
+    node. If none is known, one may still be discovered for some time after the node's start, ``born_s``
+    (monotonic clock), and after its first message to be recorded: wait for it until then.
     """
     patience = middleware.patience()
-    published = [topic for topic in evidence if topic.count]
-    known_s = max([born_s, *(topic.began_s for topic in published)]) + _FOUND_S * patience
-    deadline = time.monotonic() + _HAND_OVER_S * patience
+    published = [publisher for publisher in publishers if publisher.count]
+    known_s = (
+        max([born_s, *(publisher.began_s for publisher in published)]) + _DISCOVERED_S * patience
+    )
+    deadline = time.monotonic() + _ACKNOWLEDGED_S * patience
     while published and time.monotonic() < deadline:
-        recorders = set().union(*(topic.recorders() for topic in published))
+        recorders = set().union(*(publisher.recorders() for publisher in published))
         # DDS announces a participant's subscriptions in the order of their creation; the recorder creates
         # the one for the run's events last.
         if recorders and recorders <= discovery.listeners(node, topics.RUN_EVENTS):

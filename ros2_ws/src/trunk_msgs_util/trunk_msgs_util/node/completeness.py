@@ -1,4 +1,4 @@
-"""`Tally`: compares what was recorded of a run with what its nodes report; `SourcedTally`: in real time."""
+"""`CompletenessCheck`: what was recorded of a run against what its nodes report; `Sourced…`: in real time."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ NO_COMMAND = (
 )
 
 
-class Tally:
+class CompletenessCheck:
     """Counts a run's messages, hears its events, and tells whether the recording is whole.
 
-    In lock-step each state has an answer on each of some topics; `SourcedTally` is for real time.
+    In lock-step each state has an answer on each of some topics; `SourcedCompletenessCheck` is for real time.
     """
 
     def __init__(self, name_of: Callable[[str], str], of_each_state: Sequence[str] = ()) -> None:
@@ -50,7 +50,7 @@ class Tally:
         """Take a message that is on record."""
         self.counts[topic] += 1
 
-    def hear(self, event: RunEvent) -> None:
+    def take_event(self, event: RunEvent) -> None:
         """Take an event. Raises ValueError for one that no node of ours sends."""
         self._silent[event.node] = False
         if event.message == Event.PUBLISHED:
@@ -69,7 +69,7 @@ class Tally:
             # Of a run before the recorder came, events and commands may be all that the file holds.
             self._begun += 1
 
-    def meet(self, change: ParameterChange) -> None:
+    def take_parameters(self, change: ParameterChange) -> None:
         """Take note of a node that has published its parameters."""
         self._silent.setdefault(change.node, True)
         duration = change.new.get("duration", change.changed.get("duration"))
@@ -154,7 +154,7 @@ class Tally:
         return self.counts[topic]
 
 
-class SourcedTally(Tally):
+class SourcedCompletenessCheck(CompletenessCheck):
     """Counts the messages of each source, and looks for everything that acted on the plant.
 
     What acted on nothing may be missing, if no node of ours has counted it: a stranger's message, or the last
