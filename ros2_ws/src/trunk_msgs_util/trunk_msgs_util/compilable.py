@@ -19,20 +19,20 @@ def call_graph(function: Callable[..., Any]) -> list[FunctionType]:
 
     They are found through global names and, for a function built by a factory, its closure.
     """
-    found: list[FunctionType] = []
+    functions: list[FunctionType] = []
     waiting: list[Any] = [function]
     while waiting:
-        one = waiting.pop()
-        if one not in found:
-            found.append(one)
-            waiting += _called(one)
-    return found
+        callee = waiting.pop()
+        if callee not in functions:
+            functions.append(callee)
+            waiting += _called(callee)
+    return functions
 
 
 def names_used(code: CodeType) -> tuple[str, ...]:
     """Return the global and attribute names in a function's code."""
     inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
-    return (*code.co_names, *(name for one in inner for name in names_used(one)))
+    return (*code.co_names, *(name for constant in inner for name in names_used(constant)))
 
 
 def _called(function: FunctionType) -> Iterator[FunctionType]:

@@ -88,7 +88,7 @@ def ready(function: Function, *example: object) -> Function:
     return twin
 
 
-def compiled_or_plain(function: Function, told: Callable[[str], None]) -> Function:
+def compiled_or_plain(function: Function, report: Callable[[str], None]) -> Function:
     """Return the compiled twin; where numba refuses a function, its calls run in CPython, with the same bits.
 
     ``told`` is called once, with numba's reason in one line.
@@ -103,7 +103,7 @@ def compiled_or_plain(function: Function, told: Callable[[str], None]) -> Functi
                 return twin(*arguments)
             except NumbaError as error:
                 plain = True
-                told(reason_of(error))
+                report(reason_of(error))
         return function(*arguments)
 
     return cast(Function, run)
@@ -112,17 +112,17 @@ def compiled_or_plain(function: Function, told: Callable[[str], None]) -> Functi
 def reason_of(error: Exception) -> str:
     """Return numba's reason in one line: what it does not know, and where."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    told = [
+    reasons = [
         line for line in lines if not line.startswith(("Failed in", "During:", "-", ">>>", "^"))
     ]
     where = [line for line in lines if line.startswith("File ")]
-    return " ".join([*told[:1], *where[-1:]]) or type(error).__name__
+    return " ".join([*reasons[:1], *where[-1:]]) or type(error).__name__
 
 
 def fingerprint(function: Callable[..., Any]) -> str:
     """Return a hash of a twin's source files and of numba's version."""
     names = {Path(__file__)}  # the options are part of it
-    names |= {Path(one.__code__.co_filename) for one in call_graph(function)}
+    names |= {Path(callee.__code__.co_filename) for callee in call_graph(function)}
     digest = hashlib.sha256(version("numba").encode())
     for path in sorted(names, key=lambda path: (path.name, str(path))):
         digest.update(_contents(path))

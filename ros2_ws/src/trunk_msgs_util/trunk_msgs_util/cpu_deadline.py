@@ -36,7 +36,7 @@ Threads = Mapping[int, Thread]
 
 def threads_of(pid: int) -> Threads:
     """Return a process's threads by their id; none if it has ended or Linux does not report them."""
-    found: dict[int, Thread] = {}
+    threads: dict[int, Thread] = {}
     try:
         for task in Path(f"/proc/{pid}/task").iterdir():
             run, delay, _ = (task / "schedstat").read_text("ascii").split()
@@ -44,10 +44,10 @@ def threads_of(pid: int) -> Threads:
             tid = int(task.name)
             # The observing thread is running now: that says nothing about the time before.
             state = "" if tid == threading.get_native_id() else state
-            found[tid] = Thread(int(run), int(delay), state)
+            threads[tid] = Thread(int(run), int(delay), state)
     except (OSError, ValueError):  # a thread has just ended, or there is no schedstat: as wall time
         pass
-    return found
+    return threads
 
 
 def scheduling_delay_ns(before: Threads, now: Threads, wall_ns: int) -> int:

@@ -85,12 +85,12 @@ def same_machine(identity: str) -> bool:
     return False
 
 
-def is_older(one: str, other: str) -> bool | None:
+def is_older(identity: str, other: str) -> bool | None:
     """Return True if a process was started before another one; None if they ran on different machines.
 
     Of two that were started within one tick of the kernel, the one with the smaller number counts as older.
     """
-    (boot, *numbers), (other_boot, *other_numbers) = one.split("."), other.split(".")
+    (boot, *numbers), (other_boot, *other_numbers) = identity.split("."), other.split(".")
     if boot != other_boot:
         return None
     if not all(len(n) == 2 and all(map(str.isdecimal, n)) for n in (numbers, other_numbers)):

@@ -40,6 +40,6 @@ class CountingLoop:
         assert number != 0
         self.counts[what] = self.counts.get(what, 0) + number
 
-    def refuse(self, what, why):
+    def refuse(self, kind, why):
         assert why
-        self.count(what)
+        self.count(kind)

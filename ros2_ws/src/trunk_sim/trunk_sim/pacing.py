@@ -54,7 +54,7 @@ class Loop(Protocol):
     def count(self, what: str, number: int = 1) -> None:
         """Count something for diagnostics."""
 
-    def refuse(self, what: str, why: str) -> None:
+    def refuse(self, kind: str, why: str) -> None:
         """Count a message that is not used as it was meant, and say why."""
 
     def participant(self, topic: str) -> str:

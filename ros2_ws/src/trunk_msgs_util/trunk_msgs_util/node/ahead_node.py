@@ -47,7 +47,7 @@ class AheadNode(TrunkNode[Config]):
 
     @abstractmethod
     def sample_at(self, stamp_ns: int) -> JointSample:
-        """Return what holds in the state with this stamp."""
+        """Return the sample for the state with this stamp."""
 
     def _announce(self) -> None:
         """Say ready once it is active and the simulator is matched in both directions."""

@@ -114,7 +114,7 @@ class TrunkNode(UniqueNode, Generic[Config]):
         """Take a changed configuration; called between two callbacks."""
 
     def diagnostics(self) -> Mapping[str, object]:
-        """Return what /diagnostics reports on this node besides its counters."""
+        """Return the values in /diagnostics besides this node's counters."""
         return {}
 
     def create_subscription(
@@ -163,23 +163,23 @@ class TrunkNode(UniqueNode, Generic[Config]):
             )
         )
 
-    def refuse(self, what: str, why: str) -> None:
+    def refuse(self, kind: str, why: str) -> None:
         """Count a message that is not used, or not as it was meant, and say why: at once the first time.
 
         The log then has a line at the 10th, the 100th and so on; the record has the first and the count.
         """
-        self.counters[what] += 1
-        count = self.counters[what]
+        self.counters[kind] += 1
+        count = self.counters[kind]
         if count == 1:
-            self._refused.add(what)
-            self.event(Event.REFUSED, DiagnosticStatus.WARN, what=what, why=why)
+            self._refused.add(kind)
+            self.event(Event.REFUSED, DiagnosticStatus.WARN, what=kind, why=why)
         if str(count).rstrip("0") == "1":  # a power of ten
             so_far = "" if count == 1 else f" ({count} so far)"
-            self.get_logger().warning(printable(f"{what}{so_far}: {why}"))
+            self.get_logger().warning(printable(f"{kind}{so_far}: {why}"))
 
     def _say_refused(self) -> None:
         """Record how many messages were refused, of each kind."""
-        counts = {what: self.counters[what] for what in sorted(self._refused)}
+        counts = {kind: self.counters[kind] for kind in sorted(self._refused)}
         self._refused.clear()
         if counts:
             self.event(Event.REFUSED, DiagnosticStatus.WARN, **counts)
@@ -199,7 +199,7 @@ class TrunkNode(UniqueNode, Generic[Config]):
         return self._last_turns >= 0 and not self.exit_code
 
     def waits_for(self) -> str:
-        """Return what this node waits for, and how to start it; called once a second. Empty: for nothing."""
+        """Return the line on what is waited for, and how to start it; asked once a second. Empty: nothing."""
         return ""
 
     def _every_second(self) -> None:

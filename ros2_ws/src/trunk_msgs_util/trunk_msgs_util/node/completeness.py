@@ -99,7 +99,7 @@ class CompletenessCheck:
         return (True, reason) if lacking is None else (False, lacking)
 
     def _lacking(self, heard: Sequence[str], unheard: Sequence[str]) -> Iterator[str]:
-        """Yield what a finished run lacks on record."""
+        """Yield the gaps in the record of a finished run."""
         yield from self._without_states(self._of_each_state, OF_STATES)
         for topic in heard:
             # From one node only: the disturbance, a law's terms. Commands may also come from a stranger.

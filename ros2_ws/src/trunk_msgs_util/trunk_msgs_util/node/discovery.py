@@ -128,7 +128,7 @@ class Waiting:
 
 
 def not_discovered(settings: Mapping[str, str]) -> str:
-    """Return what to look at where a node runs and is not met, by the settings of this one."""
+    """Return advice for a node that runs and is not discovered, by the settings of this one."""
     if server := settings.get("ROS_DISCOVERY_SERVER"):
         return (
             f"if it runs, it was not met: ROS_DISCOVERY_SERVER must be {server} there too, the server must "
@@ -149,7 +149,7 @@ def not_discovered(settings: Mapping[str, str]) -> str:
 def states(
     topic: str, publishers: Sequence[str], last_ns: int | None, refused: Mapping[str, int]
 ) -> str:
-    """Return what a node that hears no states waits for; empty if their publisher is only holding them.
+    """Return the line for a node that hears no states; empty if their publisher is only holding them.
 
     ``last_ns``: the stamp of the last one, None if there was none yet; ``publishers``: who publishes them;
     ``refused``: how many states were not used, by reason.

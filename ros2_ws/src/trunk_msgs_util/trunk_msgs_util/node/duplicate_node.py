@@ -178,6 +178,6 @@ def _holder(address: str) -> str:
     with suppress(OSError), socket.socket(socket.AF_UNIX) as asked:
         asked.setblocking(False)  # its process need not answer
         asked.connect(address)
-        told = asked.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-        return str(_CREDENTIALS.unpack(told)[0])
+        credentials = asked.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+        return str(_CREDENTIALS.unpack(credentials)[0])
     return ""

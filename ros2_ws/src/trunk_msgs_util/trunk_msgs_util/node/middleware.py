@@ -42,10 +42,10 @@ def prepare(shared_memory: Path = _SHARED_MEMORY) -> None:
     if TRANSPORTS not in os.environ:  # with shared memory alone, nobody could reach us by UDP
         os.environ.setdefault(PROFILES_FILE, str(PROFILES))
     try:
-        found = os.statvfs(shared_memory)
+        room = os.statvfs(shared_memory)
     except OSError:
         return  # no shared memory here
-    free = found.f_bavail * found.f_frsize
+    free = room.f_bavail * room.f_frsize
     if free < _PAGE * _tracing_pages(shared_memory):
         raise MiddlewareError(
             f"{shared_memory} is full ({free} bytes free): no ROS 2 process can start; free some of it "

@@ -186,7 +186,7 @@ class RecordedSubscription:
 
 
 def _kind(endpoint: TopicEndpointInfo) -> Kind:
-    """Return what a publisher offers; durability without reliability counts as volatile."""
+    """Return the kind that a publisher offers; durability without reliability counts as volatile."""
     offered = endpoint.qos_profile
     if offered.reliability == ReliabilityPolicy.RELIABLE:
         return offered.reliability, offered.durability

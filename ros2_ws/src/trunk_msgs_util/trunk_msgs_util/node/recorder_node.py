@@ -241,7 +241,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def _draw(self, pictures: Pictures, file: RunFile, truth: bytes) -> None:
         """Record the picture of a true state, if it is one that is drawn."""
         log_ns = max(self.run_stamp_ns, 0) if self.config.lockstep else time.time_ns()
-        for topic, data in pictures.of(self.run_stamp_ns, truth, log_ns):
+        for topic, data in pictures.picture(self.run_stamp_ns, truth, log_ns):
             file.write(topic, log_ns, data)
 
     def _tell_progress(self) -> None:
@@ -275,7 +275,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self.look_for_duplicate(event.node, event.message, event.values)
 
     def waits_for(self) -> str:
-        """Return what a recorder that hears nothing waits for, and how to end one whose run is over."""
+        """Return the reason why a recorder hears nothing, and how to end one whose run is over."""
         if not self.active:
             return ""
         if self._completeness.end is not None:
@@ -295,7 +295,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             self.fail(reason)
 
     def diagnostics(self) -> dict[str, object]:
-        """Return what is written, and where."""
+        """Return the file and the number of its messages."""
         if self._file is None:
             return {"messages": 0}
         return {"file": self._file.path, "messages": self._completeness.counts.total()}

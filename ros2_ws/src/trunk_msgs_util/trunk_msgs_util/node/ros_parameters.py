@@ -51,7 +51,7 @@ _TYPES = {
 
 
 def descriptor(declaration: Declaration) -> ParameterDescriptor:
-    """Return what ``ros2 param describe`` shows of a declaration."""
+    """Return the descriptor of a declaration, as ``ros2 param describe`` shows it."""
     unit = f" [{declaration.unit}]" if declaration.unit else ""
     message = ParameterDescriptor(
         name=declaration.name,
@@ -223,8 +223,8 @@ class NodeParameters(Generic[Config]):
             check(declaration, change.value)
         elif not self._node.has_parameter(change.name):  # rclpy declares some of its own
             planned = only_planned(self._class, change.name)
-            told = ONLY_PLANNED if planned else unknown_name(change.name, self._declared)
-            raise ParameterError(change.name, change.value, told)
+            allowed = ONLY_PLANNED if planned else unknown_name(change.name, self._declared)
+            raise ParameterError(change.name, change.value, allowed)
 
     def _judge(self, changes: list[Parameter]) -> SetParametersResult:
         """Accept or refuse changes made within this process, which do not go through a service.

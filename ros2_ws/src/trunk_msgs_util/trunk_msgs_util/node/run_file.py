@@ -138,7 +138,7 @@ class Pictures:
         self._read: defaultdict[str, WireReader] = defaultdict(WireReader)
 
     def taking(self, topic: str) -> Callable[[bytes], None] | None:
-        """Return what takes a topic's messages; None for a topic that no picture shows."""
+        """Return the function that takes a topic's messages; None for a topic that no picture shows."""
         if topic == topics.DISTURBANCE:
             return partial(self._newest.__setitem__, topic)
         if topics.is_controller_state(topic):
@@ -151,7 +151,7 @@ class Pictures:
             if _OF_A_PLANT in values:
                 self._film.reconfigure(values)
 
-    def of(self, stamp_ns: int, truth: bytes, log_ns: int) -> Iterator[tuple[str, bytes]]:
+    def picture(self, stamp_ns: int, truth: bytes, log_ns: int) -> Iterator[tuple[str, bytes]]:
         """Yield the topics and messages of a true state's picture; none for a state that is not drawn."""
         if not self._film.is_due(stamp_ns):
             return

@@ -63,7 +63,7 @@ def read_csv(path: Path, columns: Sequence[Column]) -> CsvTable:
 
 
 def _read(path: Path, reader: Iterator[list[str]], columns: Sequence[Column]) -> CsvTable:
-    found: list[list[float]] = [[] for _ in columns]
+    table: list[list[float]] = [[] for _ in columns]
     units: list[str | None] | None = None
     longest = columns[0].declaration.longest
     for cells in reader:
@@ -79,18 +79,18 @@ def _read(path: Path, reader: Iterator[list[str]], columns: Sequence[Column]) ->
                 f"{line}: {shortened(','.join(cells))!r} is not allowed: "
                 f"{len(columns)} values are needed, {names}"
             )
-        if len(found[0]) == longest:
+        if len(table[0]) == longest:
             raise ParameterFileError(f"{line}: one row too many: at most {longest} are allowed")
-        for column, unit, numbers, cell in zip(columns, units, found, cells, strict=True):
+        for column, unit, numbers, cell in zip(columns, units, table, cells, strict=True):
             numbers.append(_number(line, column, unit, cell))
-        if found[0][-2:] != sorted(found[0][-2:]):
+        if table[0][-2:] != sorted(table[0][-2:]):
             raise ParameterFileError(
                 f"{line}: {columns[0].name}: {shortened(cells[0])!r} is not allowed: "
                 "times must ascend, and this one is before the time in the row above"
             )
-    if units is None or not found[0]:
+    if units is None or not table[0]:
         raise ParameterFileError(f"{path}: it has no numbers: {_wanted(columns)}")
-    return CsvTable(tuple(map(tuple, found)), tuple(unit is not None for unit in units))
+    return CsvTable(tuple(map(tuple, table)), tuple(unit is not None for unit in units))
 
 
 def _text(path: Path) -> str:
@@ -184,7 +184,7 @@ def numbers_for(
     numbers = Numbers({}, set())
     said: dict[str, _Said] | None = None
     for table in tables_of(config):
-        names = {one.name for one in table.keys} | ({table.switch} - {""})
+        names = {key.name for key in table.keys} | ({table.switch} - {""})
         if not any(names & s.values.keys() for layer in layers for s in layer.sections):
             continue
         said = _said(node, layers) if said is None else said
@@ -216,12 +216,12 @@ def _counts(table: TableFile, said: Mapping[str, _Said], node: str) -> bool:
                 switch, node, table.switch, f"with it, {table.key.name} must name a CSV file"
             )
         return True
-    for name in (one.name for one in table.keys):
-        one = said.get(name)
-        if one is None or one.value == "":
+    for name in (setting.name for setting in table.keys):
+        setting = said.get(name)
+        if setting is None or setting.value == "":
             continue
-        if switch is None or switch.place <= one.place:  # else a later layer overrides it
-            raise _refused(one, node, name, f"it is used only with {table.switch}: {FILE}")
+        if switch is None or switch.place <= setting.place:  # else a later layer overrides it
+            raise _refused(setting, node, name, f"it is used only with {table.switch}: {FILE}")
     return False
 
 
@@ -242,8 +242,8 @@ def _fill(
                 said[other], node, other, f"{name} gives the numbers: give only one of the two"
             )
     declared = declarations(config)
-    defaults = {one.name: one.default for one in declared.values()}
-    chosen = {**defaults, **present, **{name: one.value for name, one in said.items()}}
+    defaults = {setting.name: setting.default for setting in declared.values()}
+    chosen = {**defaults, **present, **{name: setting.value for name, setting in said.items()}}
     columns = [
         Column(heading, declared[target], units_of(declared[target], chosen)[0][0])
         for heading, target in (("t", table.times), (table.column, table.values))
@@ -266,9 +266,9 @@ def _fill(
             raise ParameterFileError(f"{how.layer.source}: {_short(node)}: {error}") from None
 
 
-def _refused(one: _Said, node: str, name: str, allowed: str) -> ParameterFileError:
-    error = ParameterError(name, one.value, allowed)
-    return ParameterFileError(f"{one.layer.source}: {_short(node)}: {error}")
+def _refused(setting: _Said, node: str, name: str, allowed: str) -> ParameterFileError:
+    error = ParameterError(name, setting.value, allowed)
+    return ParameterFileError(f"{setting.layer.source}: {_short(node)}: {error}")
 
 
 def _short(node: str) -> str:

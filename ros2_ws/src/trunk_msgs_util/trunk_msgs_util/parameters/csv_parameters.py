@@ -40,24 +40,28 @@ class TableFile:
 
 def tables_of(config: type[Any]) -> tuple[TableFile, ...]:
     """Return the CSV files that can be named for nodes of a configuration class."""
-    found: tuple[TableFile, ...] = getattr(config, "table_files", ())
-    return found
+    tables: tuple[TableFile, ...] = getattr(config, "table_files", ())
+    return tables
 
 
 def listed(config: type[Any]) -> dict[str, Declaration]:
-    """Return what a parameter file may set: the node's declarations, and what only plans read."""
+    """Return all keys of a parameter file: the node's declarations, and what only plans read."""
     switches = {table.switch for table in tables_of(config)}
     keys = {table.values: table.keys for table in tables_of(config)}
-    found: dict[str, Declaration] = {}
-    for name, one in declarations(config).items():
-        found[name] = replace(one, choices=(*one.choices, FILE)) if name in switches else one
-        found |= {key.name: key for key in keys.get(name, ())}
-    return found
+    declared: dict[str, Declaration] = {}
+    for name, declaration in declarations(config).items():
+        declared[name] = (
+            replace(declaration, choices=(*declaration.choices, FILE))
+            if name in switches
+            else declaration
+        )
+        declared |= {key.name: key for key in keys.get(name, ())}
+    return declared
 
 
 def only_planned(config: type[Any], name: str) -> bool:
     """Return True for a key that plans read and nodes do not have."""
-    return any(one.name == name for table in tables_of(config) for one in table.keys)
+    return any(key.name == name for table in tables_of(config) for key in table.keys)
 
 
 MOST_ROWS = 10_000

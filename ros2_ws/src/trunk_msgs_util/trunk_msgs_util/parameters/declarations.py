@@ -66,7 +66,7 @@ class Declaration:
     elsewhere: tuple[tuple[str, str], ...] = ()  # no choice here: a value, and what to do instead
 
     def allowed(self) -> str:
-        """Return what is allowed, as a readable phrase."""
+        """Return the allowed values as a readable phrase."""
         each = "each " if self.kind.endswith("array") else ""
         phrase = self.kind
         if self.length is not None:
@@ -117,8 +117,8 @@ def parameter(
 
 def declarations(config: type[Any]) -> dict[str, Declaration]:
     """Return the declarations of a configuration class by parameter name, in order."""
-    found = (f.metadata["declaration"] for f in fields(config) if "declaration" in f.metadata)
-    return {declaration.name: declaration for declaration in found}
+    declared = (f.metadata["declaration"] for f in fields(config) if "declaration" in f.metadata)
+    return {declaration.name: declaration for declaration in declared}
 
 
 def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
@@ -134,9 +134,9 @@ def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
         )
     if isinstance(value, str):
         if declaration.choices and value not in declaration.choices:
-            told = dict(declaration.elsewhere).get(value)
+            place = dict(declaration.elsewhere).get(value)
             raise ParameterError(
-                declaration.name, whole, declaration.allowed() + (f"; {told}" if told else "")
+                declaration.name, whole, declaration.allowed() + (f"; {place}" if place else "")
             )
         return value
     number: Any = value

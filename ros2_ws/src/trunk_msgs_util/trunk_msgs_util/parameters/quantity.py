@@ -47,24 +47,24 @@ class Quantity(NamedTuple):
         scale = self.unit.scale / unit.scale
         try:
             if pi == 1 and scale == Fraction(1, 180):
-                found = float(self.digits) * (math.pi / 180.0)  # as math.radians does it
+                number = float(self.digits) * (math.pi / 180.0)  # as math.radians does it
             else:
-                found = float(Fraction(self.digits) * scale * _PI**pi)
+                number = float(Fraction(self.digits) * scale * _PI**pi)
         except OverflowError:
-            found = math.inf
-        if math.isinf(found):
+            number = math.inf
+        if math.isinf(number):
             raise UnitError("it is larger than any double")
-        return self.sign * found
+        return self.sign * number
 
 
 def parse_quantity(text: str) -> Quantity:
     """Return a number with its unit. Raises UnitError."""
     if len(text) > _LONGEST:
         raise UnitError(f"it has {len(text)} characters: at most {_LONGEST} are read")
-    found = QUANTITY.match(text)
-    if found is None:
+    match = QUANTITY.match(text)
+    if match is None:
         raise UnitError("it is not a number, with or without a unit")
-    sign, infinite, digits, exponent, unit = found.groups()
+    sign, infinite, digits, exponent, unit = match.groups()
     if exponent and abs(int(exponent)) > _LARGEST_EXPONENT:
         raise UnitError("it is beyond what a double can hold")
     unit = unit.strip()
@@ -78,13 +78,13 @@ def read_quantity(text: str, *units: str) -> float:
     """
     asked = [_declared(unit) for unit in units]
     try:
-        found = parse_quantity(text)
+        quantity = parse_quantity(text)
     except UnitError as error:
         raise UnitError(f"{error}; {needed(*units)}") from None
     for unit in asked:
-        if unit.dimension == found.unit.dimension:
-            return found.within(unit)
-    raise UnitError(f"it is {named(found.written)}; {needed(*units)}")
+        if unit.dimension == quantity.unit.dimension:
+            return quantity.within(unit)
+    raise UnitError(f"it is {named(quantity.written)}; {needed(*units)}")
 
 
 def _declared(unit: str) -> Unit:
@@ -96,21 +96,21 @@ def _declared(unit: str) -> Unit:
 
 
 def needed(*units: str) -> str:
-    """Return what is allowed, with examples: ``a time in s is needed, such as 5 s or 5 ms``."""
+    """Return the allowed kind of value, with examples: ``a time in s is needed, such as 5 s or 5 ms``."""
     if not any(units):
         return "a plain number is needed, or a percentage such as 50%"
     names = [named_in(unit) for unit in units]
-    told = " or ".join(filter(None, (", ".join(names[:-1]), names[-1])))
-    return f"{told} is needed, such as {' or '.join(_examples(units[0]))}"
+    kinds = " or ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+    return f"{kinds} is needed, such as {' or '.join(_examples(units[0]))}"
 
 
 def _examples(unit: str) -> tuple[str, ...]:
     """Return a value in the unit and, for a short unit or an angle, one in another."""
     other = unit.replace("rad", "deg") if "rad" in unit else _OTHER.get(unit)
     return tuple(
-        f"5{one.removeprefix('1')}" if one.startswith("1/") else f"5 {one}"
-        for one in (unit, other)
-        if one
+        f"5{symbol.removeprefix('1')}" if symbol.startswith("1/") else f"5 {symbol}"
+        for symbol in (unit, other)
+        if symbol
     )
 
 
@@ -211,12 +211,12 @@ _NAMES = {
 
 
 def named(unit: str) -> str:
-    """Return what a unit measures: ``a time``, or ``a quantity in N m/rad``. Raises UnitError."""
+    """Return the quantity in a unit: ``a time``, or ``a quantity in N m/rad``. Raises UnitError."""
     return _NAMES.get(parse_unit(unit).dimension) or f"a quantity in {unit}"
 
 
 def named_in(unit: str) -> str:
-    """Return what a unit measures, and the unit: ``a time in s``. Raises UnitError."""
+    """Return the quantity that a unit measures, and the unit: ``a time in s``. Raises UnitError."""
     return f"{_NAMES.get(parse_unit(unit).dimension, 'a quantity')} in {unit}"
 
 
@@ -249,36 +249,36 @@ class _Parser:
                 yield symbol or sign
 
     def whole(self) -> Unit:
-        found = self.product()
+        unit = self.product()
         if self.tokens:
             raise self.misplaced(self.tokens[0])
-        return found
+        return unit
 
     def product(self) -> Unit:
         # "/s^2" after a number is 1/s^2.
-        found = Unit() if self.at("/") else self.factor()
+        unit = Unit() if self.is_at("/") else self.factor()
         divided = False
-        while self.tokens and not self.at(")"):
-            sign = self.tokens.pop(0) if self.at("/", "*", "·", "×") else "*"
+        while self.tokens and not self.is_at(")"):
+            sign = self.tokens.pop(0) if self.is_at("/", "*", "·", "×") else "*"
             divided = divided or sign == "/"
             if divided and sign != "/":
                 raise UnitError(
                     f"the unit {self.text!r} can be read in two ways: put the denominator in "
                     "parentheses, as in N m/(rad s), and the numerator before the /"
                 )
-            found = found.times(self.factor(), -1 if sign == "/" else 1)
-        return found
+            unit = unit.times(self.factor(), -1 if sign == "/" else 1)
+        return unit
 
     def factor(self) -> Unit:
         if not self.tokens:
             raise UnitError(f"the unit {self.text!r} is not complete")
         token = self.tokens.pop(0)
         if token == "(":
-            found = self.product()
-            if not self.at(")"):
+            unit = self.product()
+            if not self.is_at(")"):
                 raise UnitError(f"the unit {self.text!r} lacks a )")
             self.tokens.pop(0)
-            return found
+            return unit
         if token == "1":
             return Unit()
         if isinstance(token, int) or not (token.isalpha() or token in SYMBOLS):
@@ -292,7 +292,7 @@ class _Parser:
             )
         return Unit().times(SYMBOLS[token], power)
 
-    def at(self, *signs: str) -> bool:
+    def is_at(self, *signs: str) -> bool:
         return bool(self.tokens) and self.tokens[0] in signs
 
     def misplaced(self, token: str | int) -> UnitError:
@@ -307,6 +307,6 @@ def _meant(symbol: str) -> str:
     by_lower = {known.lower(): known for known in reversed(SYMBOLS)} | _WORDS
     close = by_lower.get(word) or by_lower.get(singular)
     if close is None:
-        found = get_close_matches(singular, by_lower, n=1, cutoff=0.75)
-        close = by_lower[found[0]] if found else None
+        matches = get_close_matches(singular, by_lower, n=1, cutoff=0.75)
+        close = by_lower[matches[0]] if matches else None
     return f" (did you mean {close!r}?)" if close else ""

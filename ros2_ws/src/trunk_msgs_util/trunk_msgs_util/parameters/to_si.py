@@ -25,7 +25,7 @@ def to_si(
     written = written_with_units(declared, values)
     if not written:
         return dict(values)
-    defaults = {name: one.default for name, one in declared.items()}
+    defaults = {name: declaration.default for name, declaration in declared.items()}
     complete = {**defaults, **(present or {}), **values}
     return {
         name: _converted(declared[name], value, units_of(declared[name], complete))
@@ -47,7 +47,7 @@ def written_with_units(
 
 
 def _numbers_in(declaration: Declaration, value: object) -> Sequence[object]:
-    """Return what may be a number with a unit: integers have none, texts are texts."""
+    """Return the items that may be numbers with a unit: integers have none, texts are texts."""
     if declaration.kind == "double array" and isinstance(value, list | tuple):
         return value
     return (value,) if declaration.kind == "double" else ()
@@ -75,7 +75,7 @@ def units_of(
 
 
 def number_in(text: str | float, unit: str) -> float:
-    """Return what was given for a number in a unit: a number, its text, or a text with a unit.
+    """Return a number in a unit, given as a number, its text, or a text with a unit.
 
     Raises UnitError.
     """
@@ -93,26 +93,26 @@ def read_quantity(text: str, *units: str) -> float:
 
 
 def _converted(declaration: Declaration, value: object, units: Sequence[Sequence[str]]) -> object:
-    def one(item: object, place: int | None = None) -> object:
+    def convert(item: object, place: int | None = None) -> object:
         if not isinstance(item, str) or not looks_like_quantity(item):
             return item
         try:
             return read_quantity(item, *units[min(place or 0, len(units) - 1)])
         except UnitError as error:
             element = "" if place is None else f"element {place}: "
-            told = f" ({declaration.unit_by} chooses the unit)" if declaration.unit_by else ""
-            raise ParameterError(declaration.name, item, f"{element}{error}{told}") from None
+            chooser = f" ({declaration.unit_by} chooses the unit)" if declaration.unit_by else ""
+            raise ParameterError(declaration.name, item, f"{element}{error}{chooser}") from None
 
     if isinstance(value, list | tuple):
-        return [one(item, place) for place, item in enumerate(value)]
-    return one(value)
+        return [convert(item, place) for place, item in enumerate(value)]
+    return convert(value)
 
 
 _NUMBER = re.compile(r"[-+]?(inf|\d+(\.\d*)?(e[-+]?\d+)?)", re.ASCII)
 
 
 def meant(declaration: Declaration, value: object, present: Value) -> object:
-    """Return what a value that ``ros2 param load`` sends means; ``present`` is the parameter's current value.
+    """Return the meaning of a value that ``ros2 param load`` sends; ``present``: the current value.
 
     It sends a value as YAML reads the value's Python text: ``.inf`` in the file arrives as the text ``inf``,
     ``1.0e-05`` as ``1e-05`` and ``[.inf, 0.5]`` as ``[inf, 0.5]``; the text ``"1.5"`` arrives as a number.

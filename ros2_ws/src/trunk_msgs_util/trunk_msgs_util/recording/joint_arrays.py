@@ -115,7 +115,7 @@ def groups(messages: Messages) -> tuple[list[tuple[JointStateLayout, Integers]],
     data, _, start, end = messages
     sizes = end - start
     order = np.argsort(sizes, kind="stable")
-    found: list[tuple[JointStateLayout, Integers]] = []
+    layouts: list[tuple[JointStateLayout, Integers]] = []
     strange: list[int] = []
     for rows in np.split(order, np.flatnonzero(np.diff(sizes[order])) + 1):
         left = rows
@@ -128,11 +128,11 @@ def groups(messages: Messages) -> tuple[list[tuple[JointStateLayout, Integers]],
                 strange.append(first)
                 left = left[1:]
                 continue
-            found.append((layout, left[fits]))
+            layouts.append((layout, left[fits]))
             left = left[~fits]
-            if len(found) > MAX_LAYOUTS:
+            if len(layouts) > MAX_LAYOUTS:
                 raise LimitError(f"its messages have more than {MAX_LAYOUTS} layouts")
-    return sorted(found, key=lambda one: int(one[1][0])), sorted(strange)
+    return sorted(layouts, key=lambda group: int(group[1][0])), sorted(strange)
 
 
 def misfit(layout: JointStateLayout) -> str:

@@ -47,7 +47,7 @@ class Messages(NamedTuple):
     end: Integers
 
     def heads(self) -> bytes:
-        """Return what precedes each message's data, with opcode and length, as it is in the file."""
+        """Return the header of each message's data, with opcode and length, as it is in the file."""
         head = np.dtype((np.void, MESSAGE_HEAD.size))
         return unaligned(self.data, head)[self.offsets()].tobytes()
 
@@ -86,7 +86,7 @@ class Messages(NamedTuple):
         return head_field(self.data, self.offsets(), "channel")
 
     def offsets(self) -> Integers:
-        """Return where each message's record begins [N]."""
+        """Return the first byte of each message's record [N]."""
         return self.start - MESSAGE_HEAD.size
 
     def __len__(self) -> int:
@@ -94,7 +94,7 @@ class Messages(NamedTuple):
 
 
 def data_starts(offsets: Integers) -> Integers:
-    """Return where the data begin of the message records at ``offsets``."""
+    """Return the first byte of the data of the message records at ``offsets``."""
     return offsets + MESSAGE_HEAD.size
 
 

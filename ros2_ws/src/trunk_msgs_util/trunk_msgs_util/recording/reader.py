@@ -186,7 +186,7 @@ class Recording(RecordedFiles):
         """
         name = self.topic(relative)
         topic = self.topics.get(name)
-        found: list[tuple[int, Parsed]] = []
+        parsed: list[tuple[int, Parsed]] = []
         if topic is None:
             return []
         if topic.unreadable.limit is not None:
@@ -207,15 +207,15 @@ class Recording(RecordedFiles):
                 try:
                     if topic.type != type_name:
                         raise ValueError(f"its type is {topic.type or 'not given'}")
-                    found.append((int(messages.log_time_ns[row]), parse(data)))
+                    parsed.append((int(messages.log_time_ns[row]), parse(data)))
                 except ValueError as error:
                     topic.unreadable.add(index + row, int(messages.log_time_ns[row]), str(error))
                     bad.append(row)
             file.leave_out(block.offset, messages, bad)
             index += len(messages)
         if not topic.ordered:
-            found.sort(key=lambda pair: pair[0])
-        return [message for _, message in found]
+            parsed.sort(key=lambda pair: pair[0])
+        return [message for _, message in parsed]
 
     @cached_property
     def _parameter_events(self) -> list[ParameterChange]:
@@ -227,11 +227,11 @@ class Recording(RecordedFiles):
 
     def parameters(self) -> dict[str, dict[str, Value]]:
         """Return every node's first full set of parameters, by its fully qualified name."""
-        found: dict[str, dict[str, Value]] = {}
+        first_sets: dict[str, dict[str, Value]] = {}
         for event in self._parameter_events:
             if event.new:
-                found.setdefault(event.node, event.new)
-        return found
+                first_sets.setdefault(event.node, event.new)
+        return first_sets
 
     def parameter_messages(self) -> list[ParameterChange]:
         """Return all messages on ``run/parameters`` by log time."""

@@ -163,7 +163,7 @@ class _Copy:
         return self._size
 
     def _next_chunk(self) -> int:
-        """Return where the index gives a chunk after the damage."""
+        """Return the start of the next chunk after the damage, by the index."""
         after = bisect_right(self._chunks, self._seen)
         following = self._chunks[after] if after < len(self._chunks) else self._size
         self._seen = following

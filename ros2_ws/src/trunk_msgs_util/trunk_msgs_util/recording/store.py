@@ -84,10 +84,10 @@ class RecordedFiles:
 
     def _judge(self, is_bag: bool, counted: int | None) -> None:
         """Warn if nothing says that the run is whole."""
-        found = sum(topic.count for topic in self.topics.values())
-        if counted is not None and counted != found:
+        count = sum(topic.count for topic in self.topics.values())
+        if counted is not None and counted != count:
             self._sound = False
-            self.warnings.append(f"{METADATA} counts {counted} messages, its files hold {found}")
+            self.warnings.append(f"{METADATA} counts {counted} messages, its files hold {count}")
         library = self._files[0].library
         if self.end is not None:
             if self.end.get("complete") != "true":
@@ -141,7 +141,7 @@ class RecordedFiles:
         return uncovered(self.digests, self.topics) + self.undigestible()
 
     def undigestible(self) -> list[str]:
-        """Return what no digest could cover."""
+        """Return the parts that no digest could cover."""
         return uncoverable(
             self.topics,
             sum(file.attachments for file in self._files),
@@ -161,8 +161,8 @@ class RecordedFiles:
     @property
     def damage(self) -> list[str]:
         """What keeps the files from being read to their end, or as many messages as counted."""
-        found = [f"{file.path.name}: {file.warning}" for file in self._files if file.warning]
-        return found or (
+        damage = [f"{file.path.name}: {file.warning}" for file in self._files if file.warning]
+        return damage or (
             [] if self._sound else [f"the number of messages is not the one in {METADATA}"]
         )
 
@@ -230,11 +230,11 @@ class RecordedFiles:
         self, topics: Iterable[str], only_readable: bool = False
     ) -> Iterator[dict[str, Messages]]:
         for file, block, channels, content in self._contents(topics):
-            found = _by_topic(file, channels, content)
+            messages = _by_topic(file, channels, content)
             if only_readable:
-                found = _readable(file, block, found)
-            if found:
-                yield found
+                messages = _readable(file, block, messages)
+            if messages:
+                yield messages
 
     def copies(self, topics: Iterable[str]) -> Iterator[tuple[RecordingFile, Messages]]:
         """Yield the messages of some topics together, in file order, with their file."""
@@ -312,19 +312,19 @@ def _digest(digests: RunningDigests, file: RecordingFile, content: Content) -> N
 
 def _by_topic(file: RecordingFile, channels: Set[int], content: Content) -> dict[str, Messages]:
     """Return a block's messages of these channels by topic; none for a topic without messages."""
-    found: dict[str, Messages] = {}
+    messages_of: dict[str, Messages] = {}
     for topic, numbers in file.by_topic(sorted(channels & content.channels.keys())).items():
         messages = content.messages(numbers)
         if messages is not None and len(messages):
-            found[topic] = messages
-    return found
+            messages_of[topic] = messages
+    return messages_of
 
 
 def _readable(
-    file: RecordingFile, block: Block, found: Mapping[str, Messages]
+    file: RecordingFile, block: Block, whole: Mapping[str, Messages]
 ) -> dict[str, Messages]:
     """Return those of a block's messages that can be read; none for a topic without any."""
-    readable = {topic: file.readable(block.offset, messages) for topic, messages in found.items()}
+    readable = {topic: file.readable(block.offset, messages) for topic, messages in whole.items()}
     return {topic: messages for topic, messages in readable.items() if len(messages)}
 
 

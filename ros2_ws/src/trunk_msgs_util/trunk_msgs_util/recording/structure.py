@@ -60,7 +60,7 @@ class Finding:
 
 
 def structure(path: Path) -> list[Finding]:
-    """Return what is wrong with a file's structure. Raises RecordingError if it is not MCAP."""
+    """Return the faults in a file's structure. Raises RecordingError if it is not MCAP."""
     size = size_of(path)
     findings: list[Finding] = []
     with path.open("rb") as file:
@@ -205,7 +205,7 @@ def _others(summary: Summary) -> dict[Opcode, Sequence[MetadataIndex | Attachmen
 
 
 def _hidden(summary: Summary, walk: _Walk) -> Iterator[Finding]:
-    """Yield what readers that go by the summary do not see; without any index they scan the file."""
+    """Yield the records hidden from readers that go by the summary; without any index they scan the file."""
     place = summary.start
     if walk.chunks and not summary.chunks:
         yield Finding(INFO, "no index of chunks: readers have to scan the file", byte=place)
@@ -238,7 +238,7 @@ def _hidden(summary: Summary, walk: _Walk) -> Iterator[Finding]:
 def _chunk_index(
     file: BinaryIO, chunk: ChunkIndex, walk: _Walk, following: int
 ) -> Iterator[Finding]:
-    """Yield what is wrong with a chunk's index; ``following`` is where the next chunk begins."""
+    """Yield the faults of a chunk's index; ``following`` is where the next chunk begins."""
     at = chunk.chunk_start_offset
     seen = walk.chunks.get(at)
     if seen is None:

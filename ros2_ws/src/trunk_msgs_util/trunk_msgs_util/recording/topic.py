@@ -99,9 +99,9 @@ class JointCheck:
         check_table(self._messages, len(self._names), self._size)
         if self._is_as_before(messages, sizes):
             return []
-        found, strange = groups(messages)
+        layouts, strange = groups(messages)
         bad: list[tuple[int, str]] = []
-        for layout, rows in found:
+        for layout, rows in layouts:
             why = misfit(layout)
             if why:
                 bad += [(row, why) for row in rows.tolist()]
@@ -194,24 +194,24 @@ class Topic:
 
     def _bad_of(self, messages: Messages, late: list[int]) -> list[tuple[int, str]]:
         """Return the rows that cannot be read, the ``late`` ones, which are not among these, included."""
-        found = [(row, "its log time is beyond the year 2262") for row in late]
+        late_rows = [(row, "its log time is beyond the year 2262") for row in late]
         if (
             self.type != names.JOINT_STATE_TYPE
             or self.is_read()
             or self.unreadable.limit is not None
         ):
-            return found
+            return late_rows
         if not len(messages):
-            return found
+            return late_rows
         try:
             bad = self._check.bad(messages)
         except LimitError as error:
             self.unreadable.limit = str(error)
-            return found
+            return late_rows
         if not late:
             return bad
         kept = np.delete(np.arange(len(messages) + len(late)), late)
-        return sorted([*found, *((int(kept[row]), why) for row, why in bad)])
+        return sorted([*late_rows, *((int(kept[row]), why) for row, why in bad)])
 
     def take_stamps(self, messages: Messages) -> None:
         """Take account of the stamps of one or more messages."""
@@ -245,10 +245,10 @@ class Topic:
 def fields_of(messages: Messages) -> tuple[Integers, Integers]:
     """Return the stamps of CDR messages that begin with one, where they are long enough: s and ns."""
     start = messages.start[messages.end - messages.start >= _STAMP.itemsize]
-    found = unaligned(messages.data, _STAMP)[start]
-    little = found["order"] == 1
+    fields = unaligned(messages.data, _STAMP)[start]
+    little = fields["order"] == 1
     if little.all():  # as almost always
-        return found["sec"].astype(np.int64), found["nanosec"].astype(np.int64)
-    big = found.view(_STAMP.newbyteorder(">"))
-    sec, nanosec = (np.where(little, found[name], big[name]) for name in ("sec", "nanosec"))
+        return fields["sec"].astype(np.int64), fields["nanosec"].astype(np.int64)
+    big = fields.view(_STAMP.newbyteorder(">"))
+    sec, nanosec = (np.where(little, fields[name], big[name]) for name in ("sec", "nanosec"))
     return sec.astype(np.int64), nanosec.astype(np.int64)

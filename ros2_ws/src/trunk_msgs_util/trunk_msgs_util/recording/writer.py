@@ -171,12 +171,12 @@ class RecordingWriter:
             raise self._failed(error) from None
 
     def summary(self) -> rosbag2.BagSummary:
-        """Return what has been written by the last flush, in rosbag2's words."""
-        told = tuple(
+        """Return the topics and messages of the last flush, in rosbag2's words."""
+        counts = tuple(
             rosbag2.TopicCount(topic, self._types[channel], self._writer.counts.get(channel, 0))
             for channel, topic in self._topics.items()
         )
-        return rosbag2.BagSummary(told, self._writer.first_ns or 0, self._writer.last_ns)
+        return rosbag2.BagSummary(counts, self._writer.first_ns or 0, self._writer.last_ns)
 
     def _failed(self, error: OSError) -> OSError:
         """Return the first failure, naming the file; nothing is written after it."""

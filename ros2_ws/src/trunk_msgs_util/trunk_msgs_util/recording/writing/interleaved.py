@@ -38,7 +38,7 @@ class Interleaved(NamedTuple):
         return self.data[self.start[first] : self.end[last - 1]].tobytes()
 
     def heads(self, first: int, last: int) -> bytes:
-        """Return what precedes each message's data in the records in [first, last)."""
+        """Return the header of each message's data in the records in [first, last)."""
         return self._pieces(self.start[first:last], HEAD_FIELDS.itemsize)
 
     def messages(self, rows: Integers) -> bytes:
