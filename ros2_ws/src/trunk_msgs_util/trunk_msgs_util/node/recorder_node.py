@@ -76,7 +76,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._leaving_s: float | None = None
         self._quiet_turns = 0
         lockstep = self.config.lockstep
-        self._completeness = (
+        self._check = (
             CompletenessCheck(self.resolve_topic_name, self.config.lockstep_topics)
             if lockstep
             else SourcedCompletenessCheck(self.resolve_topic_name)
@@ -210,7 +210,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             if not file.write(topic, log_time, data):
                 return
             try:
-                self._completeness.take(topic, stamp_ns, data)
+                self._check.take(topic, stamp_ns, data)
             except ValueError as error:
                 self.refuse(f"messages malformed on {topic}", str(error))
             if topic == topics.EFFORT_COMMAND:
@@ -225,16 +225,11 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def _on_truth(self, data: bytes) -> None:
         before_ns, self.run_stamp_ns = self.run_stamp_ns, self._written_ns[topics.GROUND_TRUTH]
-        self._completeness.runs += self.run_stamp_ns < before_ns
-        if (
-            self._completeness.counts[topics.GROUND_TRUTH] % _TELL_EVERY == 0
-            and self.config.lockstep
-        ):
+        self._check.runs += self.run_stamp_ns < before_ns
+        if self._check.counts[topics.GROUND_TRUTH] % _TELL_EVERY == 0 and self.config.lockstep:
             self._tell_progress()
-        if self.config.lockstep and not self._completeness.driven:
-            self._completeness.driven = any(
-                self._read_truth(data).effort[1:]
-            )  # the first is the hip's
+        if self.config.lockstep and not self._check.driven:
+            self._check.driven = any(self._read_truth(data).effort[1:])  # the first is the hip's
         if self._pictures is not None and self._file is not None:
             self._draw(self._pictures, self._file, data)
 
@@ -259,7 +254,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             return
         if self.is_second(change.node, process_of(change.source)):
             return
-        self._completeness.take_parameters(change)
+        self._check.take_parameters(change)
         if self._pictures is not None:
             self._pictures.reconfigure(change)
 
@@ -268,7 +263,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             event = parse_event(data)
             process = process_of(event.source) or event.values.get("process", "")
             if not self.is_second(event.node, process):
-                self._completeness.take_event(event)
+                self._check.take_event(event)
         except ValueError as error:
             self.refuse("events malformed", str(error))
             return
@@ -278,11 +273,11 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         """Return the reason why a recorder hears nothing, and how to end one whose run is over."""
         if not self.active:
             return ""
-        if self._completeness.end is not None:
+        if self._check.end is not None:
             return (
                 "Ctrl-C: the run is over; stop the controllers first: then they report their counts"
             )
-        before, self._looked_at = self._looked_at, self._completeness.counts[topics.JOINT_STATES]
+        before, self._looked_at = self._looked_at, self._check.counts[topics.JOINT_STATES]
         if self._looked_at > before:
             return ""
         topic = self.resolve_topic_name(topics.JOINT_STATES)
@@ -298,7 +293,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         """Return the file and the number of its messages."""
         if self._file is None:
             return {"messages": 0}
-        return {"file": self._file.path, "messages": self._completeness.counts.total()}
+        return {"file": self._file.path, "messages": self._check.counts.total()}
 
     def account(self) -> None:
         """Expect what the other nodes of this process have just reported."""
@@ -308,12 +303,11 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def draining(self) -> bool:
         """Return True while messages that were in flight when it was told to end still arrive."""
         now = time.monotonic()
-        if (
-            self._leaving_s is None
-        ):  # what came while it was kept from its turn is still to be taken
+        # What came while it was kept from its turn is still to be taken.
+        if self._leaving_s is None:
             self._leaving_s = self._last_message = now
         self._quiet_turns += 1
-        if self._completeness.end is None and now - self._leaving_s > _LEAVE_S:
+        if self._check.end is None and now - self._leaving_s > _LEAVE_S:
             return False
         return now - self._last_message < _QUIET_S or self._quiet_turns <= _QUIET_TURNS
 
@@ -325,13 +319,13 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             if topic in _OF_THE_LOOP
             for line in subscription.of_other_types()
         ]
-        return self._completeness.verdict(list(self._recorded), unheard)
+        return self._check.verdict(list(self._recorded), unheard)
 
     def _finish(self) -> None:
         if self._file is None:
             return
         complete, reason = self.verdict()
-        if not complete and not self._completeness.goes_on:
+        if not complete and not self._check.goes_on:
             self.unfinished = reason
         count = self._file.finish(complete, reason)
         if count is not None:
