@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from .units import nanoseconds, seconds
+from .units import nanoseconds
 
 # A longer gap between two looks means that the observer itself was held up.
 _GAP_NS = 200_000_000
@@ -108,11 +108,6 @@ class CpuDeadline:
         """Start again from zero: there was a sign of life."""
         self._waited_ns = 0
         self._looked_ns = nanoseconds(self._clock())
-
-    @property
-    def waited_s(self) -> float:
-        """The time that counts so far, s."""
-        return seconds(self._waited_ns)
 
     def spent(self, pids: Iterable[int]) -> bool:
         """Look at the processes waited for, and return True once the limit has been passed."""

@@ -22,8 +22,6 @@ from .cdr import CDR, ORIGIN, Cursor
 from .limits import MAX_JOINTS, MAX_NAME
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
 # rmw_serialize leaves such a tail: room for alignment that empty arrays do not need.
@@ -234,14 +232,6 @@ class JointStateLayout:
             raise ValueError(f"the message does not have the layout {self!r}")
         stamp_ns = fields[1] * NANOSECONDS + fields[2]
         return JointSample(stamp_ns, self.name, fields[position], fields[velocity], fields[effort])
-
-    def decode(self, messages: Sequence[bytes]) -> NDArray[Any]:
-        """Return messages as an array of `dtype`. Raises ValueError unless all have this layout."""
-        size = self.size
-        joined = b"".join([message[:size] for message in messages])
-        if len(joined) != size * len(messages):
-            raise ValueError("messages of different sizes")
-        return self._checked(np.frombuffer(joined, f"V{size}"))
 
     def decode_at(self, data: bytes, start: NDArray[np.int64]) -> NDArray[Any]:
         """Return the messages that begin at some bytes of ``data`` as an array of `dtype`.
