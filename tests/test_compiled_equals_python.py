@@ -11,7 +11,7 @@ import pytest
 from trunk_control import computed_torque, fuzzy, fuzzy_pid, lqr, pid, reference
 from trunk_control.controller_config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_msgs_util import mechanics, time_table
+from trunk_msgs_util import mechanics, units
 from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.mechanics import Body
 from trunk_sim import disturbances, integrator, plant, plant_as_printed
@@ -28,7 +28,7 @@ MODULES = (
     lqr,
     computed_torque,
     reference,
-    time_table,
+    units,
 )
 
 
@@ -263,7 +263,7 @@ def test_time_table(twin, name):
         values = tuple(rng.uniform(-3.0, 3.0, len(times)).tolist())
         rows = (np.array(times, dtype=np.int64), np.array(values, dtype=np.float64))
         for t_ns in (*STAMPS, *times):
-            expected = vars(time_table)[name](t_ns, times, values, -0.25)
+            expected = vars(units)[name](t_ns, times, values, -0.25)
             assert bits(twin[name](t_ns, *rows, -0.25)) == bits(expected)
 
 

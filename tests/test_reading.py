@@ -16,9 +16,9 @@ from rosbags.typesys import Stores, get_typestore
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_experiments.recorded.run import RecordedRun
 from trunk_msgs_util import topics
+from trunk_msgs_util.recording.columns import joint_names, read_series
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.series import joint_names, read_series
 from trunk_msgs_util.samples import JointSample
 
 TYPE = topics.JOINT_STATE_TYPE

@@ -17,9 +17,9 @@ from trunk_experiments.cli import main, trunk
 from trunk_experiments.errors import RunError
 from trunk_experiments.runs.graph import _own_recording
 from trunk_experiments.runs.processes import NodeProcess
-from trunk_msgs_util.process_id import process_id
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
+from trunk_msgs_util.source import process_id
 
 from ..graph.peer import Peer
 from ..graph.processes import Child, Children, until

@@ -46,9 +46,9 @@ class Callbacks(RuleBasedStateMachine):
         """Bring the node to the point where it answers."""
 
     def _spy(self) -> None:
-        for evidence in self.node._evidence:
-            if evidence.topic.lstrip("/") in self.spied:
-                self._listen(evidence)
+        for publisher in self.node._replayable:
+            if publisher.topic.lstrip("/") in self.spied:
+                self._listen(publisher)
 
     def _listen(self, evidence: Any) -> None:
         publish, read = evidence.publish, WireReader()

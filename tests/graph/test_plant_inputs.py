@@ -14,10 +14,10 @@ from std_srvs.srv import SetBool, Trigger
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import ENDS
 from trunk_msgs_util.node.conversions import sample_to_ros, stamp_from_ros
-from trunk_msgs_util.process_id import process_id
 from trunk_msgs_util.recording.joint_arrays import JointArrays
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.source import process_id
 
 from .peer import Peer
 from .processes import Child, Children

@@ -20,9 +20,9 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.node.conversions import WireReader, sample_to_wire
 from trunk_msgs_util.node.recorder_node import RecorderNode
-from trunk_msgs_util.process_id import process_id
 from trunk_msgs_util.recording.schemas import event, parameter_event
 from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.source import process_id
 from trunk_sim.disturbance_node import DisturbanceNode
 from trunk_sim.simulator_node import SimulatorNode
 
@@ -74,7 +74,7 @@ def simulator(events: list[str]) -> SimulatorNode:
 
 
 def hears(node: SimulatorNode, process: str, name: str = "/simulator") -> None:
-    node.look_for_namesake(name, Event.CONFIGURED, {"process": process})
+    node.look_for_duplicate(name, Event.CONFIGURED, {"process": process})
 
 
 def test_the_older_of_two_processes_goes_on(arguments: Any, younger: str) -> None:
@@ -153,8 +153,8 @@ def test_what_a_second_node_says_is_not_the_firsts(
     says(younger, "started", rate=200.0)
     says(younger, "failed", reason="another /simulator is running", states=1)
     node._on_change(parameter_event(0, "/simulator", {"a": 1.0}, {}, source=f"simulator@{younger}"))
-    assert node._tally.end is None
-    assert node._tally._begun == 1
+    assert node._check.end is None
+    assert node._check._begun == 1
     says(older, "finished", states=0, reason="finished")
     assert node.verdict() == (True, "finished")
     node.close()

@@ -152,7 +152,11 @@ def _parameter(node: str, name: str, value: Any) -> Callable[[Rows], None]:
 def _no_status() -> bytes:
     message = schemas.build(
         EVENTS,
-        header=schemas.build("std_msgs/msg/Header", stamp=schemas._time(0), frame_id=""),
+        header=schemas.build(
+            "std_msgs/msg/Header",
+            stamp=schemas.build("builtin_interfaces/msg/Time", sec=0, nanosec=0),
+            frame_id="",
+        ),
         status=[],
     )
     return schemas.serialize(EVENTS, message)

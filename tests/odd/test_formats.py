@@ -7,9 +7,10 @@ from mcap.opcode import Opcode
 from ros2_ws.src.trunk_msgs_util.test.mcap_files import write_mcap
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.recording.blocks import MAGIC, records
+from trunk_msgs_util.recording.blocks import records
+from trunk_msgs_util.recording.digests import END
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
-from trunk_msgs_util.recording.own_records import END
+from trunk_msgs_util.recording.messages import MAGIC
 from trunk_msgs_util.samples import JointSample
 
 TRUTH = f"/{topics.GROUND_TRUTH}"

@@ -17,12 +17,12 @@ from trunk_control.controller_node import ControllerNode
 from trunk_control.laws import law_named
 from trunk_experiments.plans.nodes import NODES
 from trunk_experiments.plans.plan import RunPlan
-from trunk_msgs_util import process_id, provenance
-from trunk_msgs_util.node import claim
+from trunk_msgs_util import provenance, source
+from trunk_msgs_util.cpu_deadline import SchedulingDelay
+from trunk_msgs_util.node import duplicate_node
 from trunk_msgs_util.node.recorder_node import RecorderNode
 from trunk_msgs_util.node.run import run_nodes
 from trunk_msgs_util.parameters.declarations import declarations, values_of
-from trunk_msgs_util.patience import HeldUp
 from trunk_sim.disturbance_node import DisturbanceNode
 from trunk_sim.simulator_node import SimulatorNode
 
@@ -95,15 +95,15 @@ def _local_pid(identity: str) -> int | None:
     return None
 
 
-_as(process_id.process_id, lambda pid=None: rcl.here().identity)
-_as(process_id.same_machine, lambda identity: identity.startswith("virtual."))
-_as(process_id.local_pid, _local_pid)
+_as(source.process_id, lambda pid=None: rcl.here().identity)
+_as(source.same_machine, lambda identity: identity.startswith("virtual."))
+_as(source.local_pid, _local_pid)
 
 
 def _claimed(name: str) -> Held:
     holder = rcl.world().names.setdefault(name, rcl.here())
     if holder is not rcl.here() and holder.alive:
-        raise claim.HeldError(str(holder.number))
+        raise duplicate_node.HeldError(str(holder.number))
     rcl.world().names[name] = rcl.here()
     return Held()
 
@@ -114,7 +114,7 @@ class Held:
     def close(self) -> None: ...
 
 
-_as(claim.claimed, _claimed)
+_as(duplicate_node.claimed, _claimed)
 _ORIGIN = provenance.gather()
 
 
@@ -124,7 +124,7 @@ def _gather(**told: str) -> dict[str, str]:
 
 
 provenance.gather = _gather
-HeldUp.between = lambda self, pids, wall_ns: 0  # type: ignore[method-assign]
+SchedulingDelay.between = lambda self, pids, wall_ns: 0  # type: ignore[method-assign]
 
 
 def call(world: World, *asked: Request) -> None:

@@ -104,11 +104,11 @@ def test_reference_comes_from_the_profile_or_the_topic(make, config):
     assert given == [0.0, 0.0, 0.5]
     # A message counts only while the profile is "topic".
     assert controller.update(15 * MS, 0.2, 0.0, reference=-0.25).reference == 0.5
-    controller.retune(replace(config, reference_profile="topic", reference_value=0.125))
+    controller.reconfigure(replace(config, reference_profile="topic", reference_value=0.125))
     assert controller.update(20 * MS, 0.2, 0.0).reference == 0.125
     answer = controller.update(25 * MS, 0.2, 0.0, reference=-0.25)
     assert (answer.reference, answer.terms.error) == (-0.25, -0.45)
-    controller.retune(config)
+    controller.reconfigure(config)
     assert controller.update(30 * MS, 0.2, 0.0, reference=-0.25).reference == 0.5
 
 
@@ -192,7 +192,7 @@ def check_bumpless(controller, new, angle, rate):
     """With the angle and the rate at rest, the next command moves by ki h e alone."""
     for k in range(20):
         before = controller.update(5 * k * MS, angle, rate)
-    controller.retune(new)
+    controller.reconfigure(new)
     after = controller.update(100 * MS, angle, rate)
     terms = after.terms
     increment = terms.ki * 0.005 * terms.error
@@ -203,6 +203,6 @@ def check_bumpless(controller, new, angle, rate):
 @every
 def test_retuning_before_the_first_sample(make, config):
     controller = make(config)
-    controller.retune(replace(config, reference_value=0.5))
+    controller.reconfigure(replace(config, reference_value=0.5))
     assert controller.update(0, 0.0, 0.0).reference == 0.5
     assert controller.state.started

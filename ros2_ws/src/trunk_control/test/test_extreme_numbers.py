@@ -149,7 +149,7 @@ def test_back_calculation_with_an_integral_gain_that_underflows_in_a_product():
 def test_a_held_command_obeys_new_limits_at_once(controller, config):
     driven = controller(config())
     assert driven.update(0, -3.0, 0.0).effort == 100.0
-    driven.retune(config(u_clamp_max=5.0))
+    driven.reconfigure(config(u_clamp_max=5.0))
     assert driven.update(1, -3.0, 0.0).effort == 5.0  # no update is due
     never = controller(config(u_clamp_min=2.0))
     answer = never.update(0, inf, 0.0)

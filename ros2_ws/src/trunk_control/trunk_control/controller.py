@@ -180,7 +180,7 @@ class Controller:
         """Start over as if new: no state seen, active or not as the configuration says."""
         self.memory = fresh_memory(not self.config.active_times, Seen(), self.setting.initial)
 
-    def retune(self, config: ControllerConfig) -> None:
+    def reconfigure(self, config: ControllerConfig) -> None:
         """Change the configuration between two samples; the command does not jump.
 
         A held command obeys the new limits at once.

@@ -9,8 +9,8 @@ from math import inf
 from typing import Any, ClassVar
 
 from trunk_msgs_util.parameters.declarations import ParameterError, parameter
+from trunk_msgs_util.samples import Value
 from trunk_msgs_util.units import nanoseconds
-from trunk_msgs_util.values import Value
 
 from .pid import PidLaw
 from .reference_config import ReferenceConfig

@@ -10,7 +10,7 @@ from std_srvs.srv import Trigger
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.node import meeting, qos, waiting
+from trunk_msgs_util.node import discovery, qos
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.conversions import sample_to_wire
 from trunk_msgs_util.node.managed import ENDING
@@ -49,8 +49,8 @@ class ControllerNode(TrunkNode[ControllerConfig]):
     def set_up(self) -> None:
         """Open the topics: states are followed from now on, and answered once active."""
         self._forget()
-        self._command = self.create_evidence(topics.EFFORT_COMMAND)
-        self._terms = self.create_evidence("~/state")
+        self._command = self.create_replayable(topics.EFFORT_COMMAND)
+        self._terms = self.create_replayable("~/state")
         self._controller_state = self.create_publisher(
             JointState, topics.CONTROLLER_STATE, qos.live()
         )
@@ -70,16 +70,16 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         """Leave the plant to another controller, but keep following the states."""
         self._controller.deactivate()
 
-    def retune(self, config: ControllerConfig) -> None:
+    def reconfigure(self, config: ControllerConfig) -> None:
         """Apply changed parameters between two samples; a law's `retune` keeps the command from jumping."""
-        self._controller.retune(config)
-        self._inputs.retune(config)
+        self._controller.reconfigure(config)
+        self._inputs.reconfigure(config)
 
     def _announce(self) -> None:
         """Report ready once a turn is due and the simulator is matched in both directions."""
         if not (self.active or self._scheduled):
             return
-        if meeting.met(self, hears=topics.JOINT_STATES, answers=topics.EFFORT_COMMAND):
+        if discovery.matched(self, hears=topics.JOINT_STATES, answers=topics.EFFORT_COMMAND):
             self._ready_timer.cancel()
             self.event(Event.READY, answers=topics.EFFORT_COMMAND)
 
@@ -171,8 +171,8 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         topic = self.resolve_topic_name(topics.JOINT_STATES)
         last_ns = self.run_stamp_ns if self.run_stamp_ns >= 0 else None
         refused = {what: n for what, n in self.counters.items() if what.startswith("states ")}
-        publishers = meeting.described_publishers(self, topic)
-        return waiting.states(topic, publishers, last_ns, refused)
+        publishers = discovery.described_publishers(self, topic)
+        return discovery.states(topic, publishers, last_ns, refused)
 
     def tear_down(self) -> None:
         """Log how many commands were sent."""

@@ -16,7 +16,7 @@ from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.executor import LoopExecutor
 from trunk_msgs_util.node.ros_parameters import NodeParameters
 from trunk_msgs_util.node.run import run_beside
-from trunk_msgs_util.printable import printable
+from trunk_msgs_util.text import printable
 
 from .controller import Controller
 from .decide import Reading
@@ -54,8 +54,8 @@ class GainsNode(Node):
         self._inputs.follow(self, self._on_reading)
 
     def _retune(self, old: FuzzyPidConfig, new: FuzzyPidConfig) -> None:
-        self._controller.retune(new)
-        self._inputs.retune(new)
+        self._controller.reconfigure(new)
+        self._inputs.reconfigure(new)
 
     def _refuse(self, what: str, why: str) -> None:
         self._counters[what] += 1

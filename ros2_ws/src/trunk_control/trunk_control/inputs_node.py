@@ -11,8 +11,8 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.adaptive import AdaptiveSubscription
 from trunk_msgs_util.node.conversions import WireReader
-from trunk_msgs_util.printable import quoted_names
 from trunk_msgs_util.samples import JointSample, has_doubled
+from trunk_msgs_util.text import quoted_names
 
 from .controller import JointPlaces, hip_seen
 from .controller_config import ControllerConfig
@@ -49,7 +49,7 @@ class Inputs:
         for topic in (topics.REFERENCE, OWN_REFERENCE):
             AdaptiveSubscription(node, topic, self._on_reference, qos.control(1))
 
-    def retune(self, config: ControllerConfig) -> None:
+    def reconfigure(self, config: ControllerConfig) -> None:
         """Take a changed configuration. A profile other than ``topic`` forgets the reference received."""
         self._config = config
         if config.reference_profile != "topic":

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from trunk_msgs_util.elementary import sine_wave
-from trunk_msgs_util.time_table import held, interpolated
+from trunk_msgs_util.units import held, interpolated
 
 PROFILES = ("constant", "step", "sine", "sequence", "interpolated")
 CONSTANT, STEP, SINE, SEQUENCE, INTERPOLATED, TOPIC = range(6)

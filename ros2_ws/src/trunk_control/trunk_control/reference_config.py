@@ -6,9 +6,14 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from trunk_msgs_util.parameters.config import ManagedConfig
+from trunk_msgs_util.parameters.csv_parameters import (
+    FILE,
+    ONLY_PLANNED,
+    TableFile,
+    check_rows,
+    times_parameter,
+)
 from trunk_msgs_util.parameters.declarations import Declaration, ParameterError, parameter
-from trunk_msgs_util.parameters.rows import check_rows, times_parameter
-from trunk_msgs_util.parameters.table_keys import FILE, ONLY_PLANNED, TableFile
 from trunk_msgs_util.units import nanoseconds, period_ns
 
 from .reference import PROFILES, ReferenceProfile

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from trunk_experiments.replay.verify import VERIFIED, verdict_on
 from trunk_experiments.runs import segments
 from trunk_experiments.runs.offline_recording import record_offline
 from trunk_msgs_util import topics
+from trunk_msgs_util.recording import joint_arrays
 from trunk_msgs_util.recording.writing import chunked
 
 TERMS = topics.controller_state("pid")
@@ -80,8 +82,12 @@ def test_a_verified_run_is_never_read_whole(path, monkeypatch):
 
 
 def test_a_topic_of_several_layouts_is_read_when_it_is_needed(path, monkeypatch):
-    monkeypatch.setattr("trunk_msgs_util.recording.filling.structured", lambda messages: None)
-    monkeypatch.setattr("trunk_msgs_util.recording.filling.groups", lambda messages: ([], [0]))
+    def of_two_layouts(messages):
+        for rows, layout, array in joint_arrays.pieces(messages):
+            yield rows, layout, array
+            yield rows, replace(layout, name=(*layout.name, "other")), array
+
+    monkeypatch.setattr("trunk_msgs_util.recording.columns.pieces", of_two_layouts)
     run = RecordedRun.open(path)
     run.fill_tables(readable for _, readable in run.recording.survey())
     assert not run._tables

@@ -88,10 +88,10 @@ def test_reference_and_disturbance_are_shown_if_present():
 
 def test_constants_come_from_the_simulators_parameters():
     given = {"plant.length": 2.0, "joints": ["a", "b"], "plant.gravity": 9.81}
-    assert Geometry.of(given) == Geometry(length=2.0, joints=("a", "b"))
-    assert Geometry.of({}) == Geometry()
+    assert Geometry.from_parameters(given) == Geometry(length=2.0, joints=("a", "b"))
+    assert Geometry.from_parameters({}) == Geometry()
     given = {"path.cosines": [0.1], "path.sines": [0.2, 0.3], "path.amplitude": 0.0}
-    drawn = Geometry.of(given)
+    drawn = Geometry.from_parameters(given)
     assert drawn == Geometry(amplitude=0.0, harmonics=(0.1, 0.2, 0.0, 0.3))
     assert drawn.hip(0.7)[2] == path_height(0.7, 0.0, 1.0, (0.1, 0.2, 0.0, 0.3)) != 0.0
 

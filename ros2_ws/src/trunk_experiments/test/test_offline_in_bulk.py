@@ -158,7 +158,7 @@ def one_by_one(plan, path):
 
         def draw(self, step):
             self._of_simulator.advance(step.stamp_ns)
-            self._film.retune(values_of(self._of_simulator.config))
+            self._film.reconfigure(values_of(self._of_simulator.config))
             if step.answer is not None:
                 self._reference = step.answer.reference
             pushed = disturbance_sample(step.stamp_ns, simulator.joints, self._drawn(step.stamp_ns))

@@ -23,8 +23,8 @@ from trunk_experiments.runs.launching import ARGUMENTS, launch_plan
 from trunk_msgs_util.errors import TrunkError
 from trunk_msgs_util.parameters.declarations import ParameterError, declarations, values_of
 from trunk_msgs_util.parameters.files import ParameterFileError, read
-from trunk_msgs_util.parameters.in_si import in_si, units_of
-from trunk_msgs_util.parameters.unit_symbols import SYMBOLS, Unit, parse_unit
+from trunk_msgs_util.parameters.quantity import SYMBOLS, Unit, parse_unit
+from trunk_msgs_util.parameters.to_si import to_si, units_of
 
 NUMERIC = [
     (node, declaration)
@@ -73,7 +73,7 @@ def test_a_number_in_its_declared_unit_is_the_number(which, number, data):
     if declaration.unit_by:
         choose = {unit: value for value, unit in declaration.units}
         given_values[declaration.unit_by] = choose[unit]
-    found = in_si(declared, given_values)[declaration.name]
+    found = to_si(declared, given_values)[declaration.name]
     read_number = found[place] if isinstance(found, list) else found
     assert repr(read_number) == repr(number)
 
@@ -91,7 +91,7 @@ def test_a_unit_of_another_dimension_is_refused(which, other, data):
     if parse_unit(other).dimension == parse_unit(unit or "1").dimension:
         return
     with pytest.raises(ParameterError) as caught:
-        in_si(declared, {declaration.name: values_for(declaration, 5.0, other, place)})
+        to_si(declared, {declaration.name: values_for(declaration, 5.0, other, place)})
     assert f"'5.0 {other}' is not allowed" in str(caught.value)
     assert (unit or "a plain number") in str(caught.value)
     assert "is needed" in str(caught.value)
@@ -237,7 +237,7 @@ def test_shipped_files_are_plain_for_nodes():
             for node in (section.last_token,) if section.last_token in NODES else NODES:
                 declared = declarations(NODES[node].config)
                 values = {k: v for k, v in section.values.items() if k in declared}
-                assert in_si(declared, values) == values
+                assert to_si(declared, values) == values
 
 
 def test_units_are_loaded_only_where_one_is_used():

@@ -17,6 +17,7 @@ from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.study.bases import make_bases, plan_of
 from trunk_experiments.study.design import design
 from trunk_experiments.study.file import read_study
+from trunk_msgs_util.parameters.csv_parameters import listed
 from trunk_msgs_util.parameters.declarations import (
     ParameterError,
     build,
@@ -24,7 +25,6 @@ from trunk_msgs_util.parameters.declarations import (
     values_of,
 )
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, Section
-from trunk_msgs_util.parameters.table_keys import listed
 
 REFERENCE = "t [ms],reference [deg]\n0,0\n250,20\n250,10\n400,-5\n"
 PUSH = "t [s],value [N*m]\n0.1,0\n0.2,4\n0.3,0\n"

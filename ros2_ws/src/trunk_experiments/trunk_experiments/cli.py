@@ -11,12 +11,12 @@ from typing import TextIO, cast
 import click
 
 from trunk_msgs_util.errors import EXIT_UNREAD, EXIT_USAGE, TrunkError
-from trunk_msgs_util.printable import PrintableStream
+from trunk_msgs_util.text import PrintableStream
 
 from .console.document import ERROR, documents_alone, json_asked, write_json
 from .console.mistakes import line_of, say, tell
 from .errors import PlanError, tell_warnings_plainly
-from .similar import did_you_mean
+from .suggestions import did_you_mean
 
 # Verb: its module in `commands`, and one line for the overview (which thus imports nothing).
 _VERBS = {

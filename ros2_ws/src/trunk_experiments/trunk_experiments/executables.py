@@ -12,8 +12,8 @@ from threading import Thread
 
 from trunk_msgs_util import streams
 from trunk_msgs_util.errors import EXIT_DEFECT
+from trunk_msgs_util.files import discard_parts
 from trunk_msgs_util.node import early_signals
-from trunk_msgs_util.whole_file import discard_parts
 
 _SAID: list[bool] = []  # not empty: the line has been written
 _PATIENCE = 0.5  # s that a verb has to clean up

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
 
+from trunk_msgs_util.recording.messages import MESSAGE_HEAD
 from trunk_msgs_util.recording.writing import chunked
-from trunk_msgs_util.recording.writing.chunked import HEAD, ChunkedWriter
+from trunk_msgs_util.recording.writing.chunked import ChunkedWriter
 from trunk_msgs_util.recording.writing.interleaved import Rows
 
 TIMES = st.integers(0, 2**63 - 1) | st.integers(0, 5)
@@ -69,9 +70,9 @@ def test_the_file_is_the_one_that_the_library_writes(ours, theirs, steps, size):
         total = sum(1 for _ in calls(ChunkedWriter(found, ours, take), steps))
     assert found.getvalue() == expected.getvalue()
     assert dict(taken) == dict(wanted)
-    assert [HEAD.unpack_from(heads, k)[0] for k in range(0, len(heads), HEAD.size)] == [
-        Opcode.MESSAGE
-    ] * total
+    assert [
+        MESSAGE_HEAD.unpack_from(heads, k)[0] for k in range(0, len(heads), MESSAGE_HEAD.size)
+    ] == [Opcode.MESSAGE] * total
 
 
 # A channel's messages in a block: how long each is, and in which places they are.

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.parameters.csv_table import MAX_BYTES, Column, read_csv
+from trunk_msgs_util.parameters.csv_files import MAX_BYTES, Column, read_csv
 from trunk_msgs_util.parameters.declarations import Declaration
 from trunk_msgs_util.parameters.files import ParameterFileError
 

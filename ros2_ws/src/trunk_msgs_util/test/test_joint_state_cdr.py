@@ -69,7 +69,7 @@ def test_rclpy_reads_what_is_packed_and_the_reverse(sample):
 def test_bulk_decoding_equals_one_by_one(sample, times):
     layout = layout_of(sample)
     messages = [layout.pack(sample._replace(stamp_ns=t)) for t in times]
-    array = layout.decode(messages)
+    array = layout.decode_at(b"".join(messages), layout.size * np.arange(len(messages)))
     assert array.dtype.itemsize == layout.size == len(messages[0])
     for row, message in zip(array, messages, strict=True):
         values = (tuple(row[q].tolist()) for q in ("position", "velocity", "effort"))
@@ -94,7 +94,7 @@ def test_another_layout_is_refused(other):
     for refused in (
         lambda: layout.pack(other),
         lambda: layout.unpack(packed),
-        lambda: layout.decode([layout.pack(sample), packed]),
+        lambda: layout.decode_at(layout.pack(sample) + packed, np.array([0, layout.size])),
     ):
         with pytest.raises(ValueError, match=r"layout|size"):
             refused()
@@ -119,7 +119,6 @@ def test_every_reader_notices_every_altered_byte_that_the_layout_fixes(name, fra
         altered[at] ^= 0x01
         readers = (
             layout.unpack,
-            lambda data: layout.decode([packed, data]),
             lambda data: layout.decode_at(packed + data, np.array([0, len(packed)])),
         )
         fits = layout.fits(packed + bytes(altered), np.array([0, len(packed)])).tolist()

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout
-from trunk_msgs_util.recording.joint_state_rows import packed
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import LAST_STAMP_NS
 
@@ -24,7 +23,9 @@ def test_the_bytes_are_those_of_single_messages(names, stamps, has, seed):
     values = np.frombuffer(bits).reshape(len(stamps), -1)
     values = np.where(np.isnan(values), 0.5, values)  # of NaN some bits are free
     parts = np.split(values, np.cumsum(counts)[:-1], axis=1)
-    found = packed(layout, np.array(stamps), position=parts[0], velocity=parts[1], effort=parts[2])
+    found = layout.pack_rows(
+        np.array(stamps), position=parts[0], velocity=parts[1], effort=parts[2]
+    )
     assert [one.tobytes() for one in found] == [
         layout.pack(JointSample(stamp, names, *(tuple(part[row].tolist()) for part in parts)))
         for row, stamp in enumerate(stamps)
@@ -34,6 +35,6 @@ def test_the_bytes_are_those_of_single_messages(names, stamps, has, seed):
 def test_what_does_not_fit_is_refused():
     layout = JointStateLayout(("trunk",), 1)
     with pytest.raises(ValueError, match=r"position of shape \(1, 2\): 1 values per message"):
-        packed(layout, np.array([0]), position=np.zeros((1, 2)))
+        layout.pack_rows(np.array([0]), position=np.zeros((1, 2)))
     with pytest.raises(ValueError, match="stamps beyond"):
-        packed(layout, np.array([LAST_STAMP_NS + 1]), position=np.zeros((1, 1)))
+        layout.pack_rows(np.array([LAST_STAMP_NS + 1]), position=np.zeros((1, 1)))

@@ -42,8 +42,8 @@ def test_a_log_time_that_cannot_be_costs_its_message(tmp_path, options, log_time
     run = Recording.open(path)
     kept = [k for k in range(COUNT) if k not in rows]
     assert run.joints("/a").stamp_ns.tolist() == [k * MS for k in kept]
-    faults = run.topics["/a"].faults
-    assert (faults.count, faults.first[0].describe()) == (
+    unreadable = run.topics["/a"].unreadable
+    assert (unreadable.count, unreadable.first[0].describe()) == (
         len(rows),
         f"message {min(rows)}: {BAD}",
     )
@@ -90,8 +90,8 @@ def test_spans_and_gaps_do_not_depend_on_the_order(tmp_path, monkeypatch, rows, 
     messages = [("/a", s.stamp_ns + 3, layout_of(s).pack(s)) for s in samples]
     path = write_mcap(tmp_path / "a.mcap", messages, chunk_size=1024)
     if glances:
-        monkeypatch.setattr(store, "_GLANCE", 0)
-    run = Recording.glance(path)
+        monkeypatch.setattr(store, "_BY_SUMMARY", 0)
+    run = Recording.open_by_summary(path)
     assert run.checked != glances
     assert seen(run) == (0, (COUNT - 1 + 9) * MS, 10 * MS, COUNT)
 

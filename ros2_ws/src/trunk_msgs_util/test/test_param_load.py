@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from trunk_msgs_util.parameters.declarations import Declaration, ParameterError, check
-from trunk_msgs_util.parameters.param_load import meant
+from trunk_msgs_util.parameters.to_si import meant
 
 numbers = st.floats(allow_nan=False)
 

@@ -115,7 +115,7 @@ def test_the_description_comes_first_and_again_when_it_changes():
     film = Film()
     told = [[topic for topic, _ in film.picture(truth(t), None, None, t)] for t in (0, 50 * MS)]
     assert told == [["robot_description", "markers", "tf"], ["markers", "tf"]]
-    film.retune({"plant.length": 2.0, "plant.gravity": 1.6})
+    film.reconfigure({"plant.length": 2.0, "plant.gravity": 1.6})
     again = dict(film.picture(truth(100 * MS), None, None, 100 * MS))
     assert list(again) == ["robot_description", "markers", "tf"]
     text = deserialize(topics.STRING_TYPE, again["robot_description"]).data

@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 
-from trunk_msgs_util.process_id import is_older, local_pid, process_id
+from trunk_msgs_util.source import is_older, local_pid, process_id
 
 
 def test_each_process_has_its_own_id_which_leads_back_to_it():
@@ -17,7 +17,7 @@ def test_each_process_has_its_own_id_which_leads_back_to_it():
 
 
 def test_a_process_that_becomes_another_program_keeps_its_id():
-    code = "from trunk_msgs_util.process_id import process_id; print(process_id())"
+    code = "from trunk_msgs_util.source import process_id; print(process_id())"
     child = subprocess.Popen(
         ["/bin/sh", "-c", 'read go; exec "$@"', "sh", sys.executable, "-c", code],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},

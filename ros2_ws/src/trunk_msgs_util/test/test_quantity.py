@@ -9,10 +9,9 @@ import sympy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.parameters.in_si import number_in
-from trunk_msgs_util.parameters.quantity import read_quantity
-from trunk_msgs_util.parameters.quantity_text import UnitError, looks_like_quantity
-from trunk_msgs_util.parameters.unit_symbols import SYMBOLS, parse_unit
+from trunk_msgs_util.parameters.declarations import UnitError, looks_like_quantity
+from trunk_msgs_util.parameters.quantity import SYMBOLS, parse_unit, read_quantity
+from trunk_msgs_util.parameters.to_si import number_in
 
 NUMBERS = st.decimals(allow_nan=False, allow_infinity=False, min_value=-1e12, max_value=1e12)
 SIZES = {  # in SI units, by hand

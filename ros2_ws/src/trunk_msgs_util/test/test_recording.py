@@ -11,9 +11,9 @@ from mcap.writer import Writer
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording import schemas
+from trunk_msgs_util.recording.columns import joint_names, read_series
 from trunk_msgs_util.recording.joint_state_cdr import layout_of
 from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.series import joint_names, read_series
 from trunk_msgs_util.recording.writer import RecordingWriter
 from trunk_msgs_util.samples import JointSample
 
@@ -159,7 +159,11 @@ def test_a_bad_message_is_named_and_the_others_are_read(tmp_path, odd, why):
 def test_bad_events_and_parameters_are_named_and_the_others_are_read(tmp_path):
     empty = schemas.build(
         topics.DIAGNOSTIC_ARRAY_TYPE,
-        header=schemas.build("std_msgs/msg/Header", stamp=schemas._time(0), frame_id=""),
+        header=schemas.build(
+            "std_msgs/msg/Header",
+            stamp=schemas.build("builtin_interfaces/msg/Time", sec=0, nanosec=0),
+            frame_id="",
+        ),
         status=[],
     )
     path = tmp_path / "a.mcap"

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.node.meeting import reporting
+from trunk_msgs_util.node.discovery import reporting
 
 
 def endpoint(name, process):

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.process_id import process_id
 from trunk_msgs_util.recording.joint_state_cdr import frame_in, layout_of
 from trunk_msgs_util.recording.limits import MAX_NAME
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.source import (
     frame_of_inputs,
+    process_id,
     process_of,
     source,
     source_in,

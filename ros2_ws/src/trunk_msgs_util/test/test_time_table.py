@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_msgs_util.time_table import held, interpolated, latest
+from trunk_msgs_util.units import held, interpolated, latest
 
 TIMES = (1_000, 3_000, 3_000, 4_000)
 VALUES = (0.5, -0.5, 2.0, 1.0)

@@ -31,7 +31,7 @@ import numba
 from numba.core.errors import NumbaError as NumbaError
 from numba.extending import register_jitable
 
-from .reached import reached
+from .compilable import call_graph
 
 # Without numba's reference counting (_nrt): for arrays in named tuples passed between functions it took
 # half of a run's time. So compiled code only uses arrays that it is given, which the caller keeps alive;
@@ -51,7 +51,7 @@ def compiled(function: Function) -> Function:
     numba's own cache checks the age of one source file only. Code not used for 90 days is
     deleted when other sources are compiled. If no folder is writable, nothing is kept.
     """
-    for callee in reached(function):
+    for callee in call_graph(function):
         if callee is not function and callee not in _registered:
             # inline: passing rule tables by value costs as much as using them
             register_jitable(forceinline=True, **_OPTIONS)(callee)
@@ -88,7 +88,7 @@ def ready(function: Function, *example: object) -> Function:
     return twin
 
 
-def compiled_or_plain(function: Function, told: Callable[[str], None]) -> Function:
+def compiled_or_plain(function: Function, report: Callable[[str], None]) -> Function:
     """Return the compiled twin; where numba refuses a function, its calls run in CPython, with the same bits.
 
     ``told`` is called once, with numba's reason in one line.
@@ -103,7 +103,7 @@ def compiled_or_plain(function: Function, told: Callable[[str], None]) -> Functi
                 return twin(*arguments)
             except NumbaError as error:
                 plain = True
-                told(reason_of(error))
+                report(reason_of(error))
         return function(*arguments)
 
     return cast(Function, run)
@@ -112,17 +112,17 @@ def compiled_or_plain(function: Function, told: Callable[[str], None]) -> Functi
 def reason_of(error: Exception) -> str:
     """Return numba's reason in one line: what it does not know, and where."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    told = [
+    reasons = [
         line for line in lines if not line.startswith(("Failed in", "During:", "-", ">>>", "^"))
     ]
     where = [line for line in lines if line.startswith("File ")]
-    return " ".join([*told[:1], *where[-1:]]) or type(error).__name__
+    return " ".join([*reasons[:1], *where[-1:]]) or type(error).__name__
 
 
 def fingerprint(function: Callable[..., Any]) -> str:
     """Return a hash of a twin's source files and of numba's version."""
     names = {Path(__file__)}  # the options are part of it
-    names |= {Path(one.__code__.co_filename) for one in reached(function)}
+    names |= {Path(callee.__code__.co_filename) for callee in call_graph(function)}
     digest = hashlib.sha256(version("numba").encode())
     for path in sorted(names, key=lambda path: (path.name, str(path))):
         digest.update(_contents(path))

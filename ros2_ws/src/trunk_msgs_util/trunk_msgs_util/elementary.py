@@ -64,7 +64,7 @@ SMALLEST_NORMAL = 2.2250738585072014e-308  # 2**-1022
 # 2**p and 2**-p for p = 512, 256, ..., 1.
 _POWERS = (512.0, 256.0, 128.0, 64.0, 32.0, 16.0, 8.0, 4.0, 2.0, 1.0)
 _UP = tuple(float(1 << int(p)) for p in _POWERS)
-_DOWN = tuple(1.0 / one for one in _UP)
+_DOWN = tuple(1.0 / power for power in _UP)
 
 
 def sincos(x: float) -> tuple[float, float]:

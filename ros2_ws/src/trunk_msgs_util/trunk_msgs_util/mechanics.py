@@ -45,7 +45,7 @@ def harmonics_of(cosines: Sequence[float], sines: Sequence[float]) -> tuple[floa
     The shorter list is filled up with zeros; zeros at the end have no effect. None if all are 0.
     """
     count = max(len(cosines), len(sines))
-    pairs = [(one[n] if n < len(one) else 0.0) for n in range(count) for one in (cosines, sines)]
+    pairs = [(part[n] if n < len(part) else 0.0) for n in range(count) for part in (cosines, sines)]
     while pairs and pairs[-1] == pairs[-2] == 0.0:
         del pairs[-2:]
     return tuple(pairs) or None
@@ -54,7 +54,7 @@ def harmonics_of(cosines: Sequence[float], sines: Sequence[float]) -> tuple[floa
 def harmonics_at(
     sin_phase: float, cos_phase: float, wavenumber: float, harmonics: Sequence[float] | None
 ) -> tuple[float, float, float]:
-    """Return what harmonics add to the path's height [m], slope and curvature [1/m] at the phase k x.
+    """Return the harmonics' part of the path's height [m], slope and curvature [1/m] at the phase k x.
 
     ::
 

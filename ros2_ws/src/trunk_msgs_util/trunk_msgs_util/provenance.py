@@ -37,11 +37,11 @@ OF_MACHINE = frozenset({"started_utc", "platform", "host", "ros_distro", "rmw"})
 
 
 def gather(**known: str) -> dict[str, str]:
-    """Return what can be found out about code and machine; ``known`` (scenario, rmw ...) overrides it."""
+    """Return the facts about code and machine; ``known`` (scenario, rmw ...) overrides it."""
     import platform
     from datetime import datetime, timezone
 
-    found = {
+    origin = {
         "started_utc": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "commit": _commit(),
         **{name: _version(name) for name in _PROJECT + _LIBRARIES},
@@ -54,7 +54,7 @@ def gather(**known: str) -> dict[str, str]:
         "rmw": os.environ.get("RMW_IMPLEMENTATION") or NONE,
         **packages_of_laws(),
     }
-    return {**found, **known}
+    return {**origin, **known}
 
 
 def packages_of_laws() -> dict[str, str]:
@@ -71,8 +71,8 @@ def packages_of_laws() -> dict[str, str]:
             about = entry.dist.name.replace("-", "_"), entry.dist.version
             modules.setdefault(about, set()).add(entry.module.partition(".")[0])
     return {
-        f"{PACKAGE}{name}": f"{version}, sources {_sources(sorted(found))}"
-        for (name, version), found in sorted(modules.items())
+        f"{PACKAGE}{name}": f"{version}, sources {_sources(sorted(names))}"
+        for (name, version), names in sorted(modules.items())
     }
 
 
@@ -84,8 +84,8 @@ def _sources(modules: list[str]) -> str:
     for module in modules:
         with suppress(ImportError, ValueError, OSError):
             spec = find_spec(module)
-            folders = [Path(one) for one in (spec and spec.submodule_search_locations) or ()]
-            files = [(one.relative_to(f), one) for f in folders for one in f.rglob("*.py")]
+            folders = [Path(path) for path in (spec and spec.submodule_search_locations) or ()]
+            files = [(path.relative_to(f), path) for f in folders for path in f.rglob("*.py")]
             if spec is not None and not folders and spec.origin:
                 files = [(Path(Path(spec.origin).name), Path(spec.origin))]
             for name, file in sorted(files):

@@ -1,4 +1,4 @@
-"""`JointSample`: the content of a sensor_msgs/JointState, free of ROS."""
+"""Contents of messages, free of ROS: `JointSample`, of a sensor_msgs/JointState; `Value`, of a parameter."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+# What a parameter may hold, in a node, a file or a recording.
+Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
 
 class JointSample(NamedTuple):

@@ -2,12 +2,16 @@
 
 It is the frame of a JointState message or an event, which mean nothing else there. Other projects' messages
 have none. In lock-step there is one process for each node by construction, and no message names it.
+PROCESS is unique on any host and at any time: its boot's id, its number and its start time.
 """
 
 from __future__ import annotations
 
+import os
 import re
+from contextlib import suppress
 from functools import lru_cache
+from pathlib import Path
 
 # In ``plant/inputs``: of what somebody else's node sent, or where nothing acts.
 NO_SOURCE = "-"
@@ -57,3 +61,48 @@ def sources_of_inputs(frame_id: str) -> tuple[str, str, str] | None:
         return None
     simulator, command, disturbance = ("" if text == NO_SOURCE else text for text in texts)
     return simulator, command, disturbance
+
+
+_BOOT = Path("/proc/sys/kernel/random/boot_id")
+
+
+def process_id(pid: int | None = None) -> str:
+    """Return ``BOOT.PID.START``, of this process by default; empty where there is none.
+
+    START counts the kernel's ticks since the boot; an exec does not change it.
+    """
+    pid = os.getpid() if pid is None else pid
+    with suppress(OSError, IndexError):
+        started = Path(f"/proc/{pid}/stat").read_text("utf-8", "replace").rpartition(") ")[2]
+        return f"{_BOOT.read_text('ascii').strip()}.{pid}.{started.split()[19]}"
+    return ""
+
+
+def same_machine(identity: str) -> bool:
+    """Return True if a process ran, or runs, on this machine since it was booted."""
+    with suppress(OSError):
+        return identity.partition(".")[0] == _BOOT.read_text("ascii").strip()
+    return False
+
+
+def is_older(identity: str, other: str) -> bool | None:
+    """Return True if a process was started before another one; None if they ran on different machines.
+
+    Of two that were started within one tick of the kernel, the one with the smaller number counts as older.
+    """
+    (boot, *numbers), (other_boot, *other_numbers) = identity.split("."), other.split(".")
+    if boot != other_boot:
+        return None
+    if not all(len(n) == 2 and all(map(str.isdecimal, n)) for n in (numbers, other_numbers)):
+        return None
+    ages = [(int(started), int(pid)) for pid, started in (numbers, other_numbers)]
+    return ages[0] < ages[1]
+
+
+def local_pid(identity: str) -> int | None:
+    """Return the number of a process that runs on this machine and is visible from here; else None."""
+    _, _, rest = identity.partition(".")
+    number = rest.partition(".")[0]
+    if number.isdecimal() and len(number) < 12 and process_id(int(number)) == identity:
+        return int(number)
+    return None

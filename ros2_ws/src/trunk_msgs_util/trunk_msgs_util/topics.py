@@ -198,7 +198,7 @@ STATE_NAMES = (
 
 
 def evidence(topic: str) -> str:
-    """Return where the recorder hears what our nodes publish on a topic, past messages included.
+    """Return the topic of the recorder's copies of a topic of our nodes, past messages included.
 
     ROS 2's tools hide names with a part that begins with an underscore.
     """

@@ -32,7 +32,7 @@ class CountingLoop:
     def participant(self, topic):
         return f"/node ({topic})"
 
-    def held_up_ns(self, topics, wall_ns):
+    def scheduling_delay_ns(self, topics, wall_ns):
         return self.held_up * wall_ns // 100 if topics else 0
 
     def count(self, what, number=1):
@@ -40,6 +40,6 @@ class CountingLoop:
         assert number != 0
         self.counts[what] = self.counts.get(what, 0) + number
 
-    def refuse(self, what, why):
+    def refuse(self, kind, why):
         assert why
-        self.count(what)
+        self.count(kind)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import isfinite
 
 from trunk_msgs_util.errors import TrunkError
-from trunk_msgs_util.printable import quoted_names
 from trunk_msgs_util.samples import JointSample, has_doubled
+from trunk_msgs_util.text import quoted_names
 
 from .disturbances import Disturbance
 

@@ -7,14 +7,13 @@ from math import pi
 from typing import Any, ClassVar
 
 from trunk_msgs_util.parameters.config import ManagedConfig
+from trunk_msgs_util.parameters.csv_parameters import TableFile, check_rows, times_parameter
 from trunk_msgs_util.parameters.declarations import (
     Declaration,
     ParameterError,
     Value,
     parameter,
 )
-from trunk_msgs_util.parameters.rows import check_rows, times_parameter
-from trunk_msgs_util.parameters.table_keys import TableFile
 from trunk_msgs_util.units import nanoseconds, period_ns
 
 from .config import joints_parameter, update_rate_parameter

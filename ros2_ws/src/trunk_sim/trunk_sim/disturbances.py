@@ -16,7 +16,7 @@ import numpy as np
 
 from trunk_msgs_util.elementary import sine_wave
 from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.time_table import held, interpolated
+from trunk_msgs_util.units import held, interpolated
 
 CHANNELS = ("hip_effort", "trunk_effort", "hip_position", "trunk_position")
 

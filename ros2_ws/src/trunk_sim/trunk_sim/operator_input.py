@@ -9,8 +9,8 @@ from __future__ import annotations
 from math import isfinite
 from typing import NamedTuple
 
-from trunk_msgs_util.printable import quoted_names
 from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.text import quoted_names
 from trunk_msgs_util.units import seconds
 
 from .answers import RefusedError

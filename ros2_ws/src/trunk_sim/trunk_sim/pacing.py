@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.patience import READ_FROM
+from trunk_msgs_util.cpu_deadline import READ_FROM
 from trunk_msgs_util.source import ARRIVAL, CLOCK_STAMP, NO_STAMP, ODD_STAMP
 from trunk_msgs_util.units import NANOSECONDS, nanoseconds, seconds
 
@@ -54,13 +54,13 @@ class Loop(Protocol):
     def count(self, what: str, number: int = 1) -> None:
         """Count something for diagnostics."""
 
-    def refuse(self, what: str, why: str) -> None:
+    def refuse(self, kind: str, why: str) -> None:
         """Count a message that is not used as it was meant, and say why."""
 
     def participant(self, topic: str) -> str:
         """Return who answers on a topic, as readable text."""
 
-    def held_up_ns(self, topics: Sequence[str], wall_ns: int) -> int:
+    def scheduling_delay_ns(self, topics: Sequence[str], wall_ns: int) -> int:
         """Return for how much of the last ``wall_ns`` the nodes that answer on these topics could not run."""
 
 
@@ -369,7 +369,7 @@ class LockstepPacing(Pacing):
         wall_ns, self._ticked_ns = now_ns - self._ticked_ns, now_ns
         timeout_ns = self._timeout * NANOSECONDS
         soon = self._waited_ns < timeout_ns * READ_FROM
-        self._waited_ns += wall_ns - self._loop.held_up_ns(() if soon else silent, wall_ns)
+        self._waited_ns += wall_ns - self._loop.scheduling_delay_ns(() if soon else silent, wall_ns)
         return self._waited_ns > timeout_ns
 
 

@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from trunk_msgs_util import topics
-from trunk_msgs_util.node import meeting, qos
+from trunk_msgs_util.node import discovery, qos
 from trunk_msgs_util.node.adaptive import AdaptiveSubscription
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.strangers import Sender, Senders
@@ -71,8 +71,8 @@ class GraphParticipants(Participants):
             if self.unmet(
                 topic,
                 self._answering_count(topic),
-                meeting.known(self._answering(topic)),
-                meeting.listeners(self._node, heard),
+                discovery.known(self._answering(topic)),
+                discovery.listeners(self._node, heard),
             )
         ]
 
@@ -88,8 +88,8 @@ class GraphParticipants(Participants):
         if "recorder" not in self._config.wait_for or not self.strange_senders():
             return False
         self._strange_since_s = now if self._strange_since_s is None else self._strange_since_s
-        recorders = set(meeting.names(self._answering("recorder")))
-        if not recorders <= meeting.listeners(self._node, topics.EFFORT_COMMAND):
+        recorders = set(discovery.names(self._answering("recorder")))
+        if not recorders <= discovery.listeners(self._node, topics.EFFORT_COMMAND):
             self._heard_since_s = now
         return now - self._heard_since_s < _HEARD_S and now - self._strange_since_s < _UNHEARD_S
 
@@ -97,7 +97,7 @@ class GraphParticipants(Participants):
         """Return the endpoints of those who answer on a topic; a recorder subscribes to the evidence."""
         if topic == "recorder":
             states = self._node.resolve_topic_name(topics.GROUND_TRUTH)
-            return meeting.recorders(self._node, states)
+            return discovery.recorders(self._node, states)
         return self._node.get_publishers_info_by_topic(topic)
 
     def _answering_count(self, topic: str) -> int:
@@ -122,11 +122,11 @@ class GraphParticipants(Participants):
         ]
 
     def _reporting(self, topic: str) -> set[str]:
-        return meeting.reporting(self._node, self._answering(topic))
+        return discovery.reporting(self._node, self._answering(topic))
 
     def _hearing(self, topic: str) -> bool:
         listeners = self._node.get_subscriptions_info_by_topic(_HEARD[topic])
-        return meeting.share_a_participant(self._answering(topic), listeners)
+        return discovery.share_a_participant(self._answering(topic), listeners)
 
     def _on_event(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -134,4 +134,4 @@ class GraphParticipants(Participants):
             process = process_of(message.header.frame_id) or values.get("process", "")
             if not self._node.is_second(status.name, process):
                 self.hear(status.name, status.message, values)
-            self._node.look_for_namesake(status.name, status.message, values)
+            self._node.look_for_duplicate(status.name, status.message, values)

@@ -11,6 +11,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.cpu_deadline import SchedulingDelay
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.adaptive import AdaptiveSubscription
@@ -22,11 +23,9 @@ from trunk_msgs_util.node.conversions import (
     stamp_to_ros,
 )
 from trunk_msgs_util.node.strangers import Sender
-from trunk_msgs_util.patience import HeldUp
-from trunk_msgs_util.printable import printable
-from trunk_msgs_util.process_id import local_pid
 from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.source import source_in
+from trunk_msgs_util.source import local_pid, source_in
+from trunk_msgs_util.text import printable
 from trunk_msgs_util.units import nanoseconds, seconds, step_count
 
 from .answers import RefusedError, disturbance_of, effort_of
@@ -63,7 +62,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._referred = False  # has a reference arrived?
         limits = config.operator_limits
         self._operator = None if limits is None else Operator(limits)
-        self._held_up = HeldUp()
+        self._held_up = SchedulingDelay()
         self._diagnosed = (time.monotonic(), 0)
         self._strangers: dict[str, Sender] = {}  # by GUID
         self._senders_seen = -1
@@ -71,10 +70,10 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self.unfinished = ""
 
     def _create_topics(self, config: SimulatorConfig) -> None:
-        self._truth = self.create_evidence(topics.GROUND_TRUTH)
-        self._measured = self.create_evidence(topics.JOINT_STATES)
+        self._truth = self.create_replayable(topics.GROUND_TRUTH)
+        self._measured = self.create_replayable(topics.JOINT_STATES)
         if not config.lockstep:
-            self._inputs = PlantInputs(self.create_evidence(topics.PLANT_INPUTS, live=False))
+            self._inputs = PlantInputs(self.create_replayable(topics.PLANT_INPUTS, live=False))
         self._clock_topic = (
             self.create_publisher(Clock, "/clock", qos.clock()) if config.publish_clock else None
         )
@@ -100,16 +99,16 @@ class PlantNode(TrunkNode[SimulatorConfig]):
                 raw=True,
             )
         if self._operator is not None:
-            self._pushes = self.create_evidence(topics.OPERATOR_PUSH)
+            self._pushes = self.create_replayable(topics.OPERATOR_PUSH)
             self.create_subscription(
                 JointState, topics.OPERATOR_REQUEST, self._on_request, qos.control()
             )
         self._step_timer = self.every(tick_period(config), self._tick)
         self._step_timer.cancel()
 
-    def retune(self, config: SimulatorConfig) -> None:
+    def reconfigure(self, config: SimulatorConfig) -> None:
         """Take changed constants; they act from the next step on."""
-        self._simulation.retune(config)
+        self._simulation.reconfigure(config)
         self._pacing.set_timeout(config.command_timeout)
         self._pacing.set_speed(config.lockstep_speed, time.monotonic_ns())
         if self.configured:
@@ -242,7 +241,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         """Return who answers on a topic, in words for a message."""
         return self._participants.describe(topic)
 
-    def held_up_ns(self, topics: Sequence[str], wall_ns: int) -> int:
+    def scheduling_delay_ns(self, topics: Sequence[str], wall_ns: int) -> int:
         """Return how much of the last ``wall_ns`` this node or those answering on the topics could not run.
 
         A process on another machine cannot be observed: it is taken as having run.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from trunk_msgs_util.with_arrays import with_arrays
+from trunk_msgs_util.compilable import with_arrays
 
 from .actuator import Actuator
 from .config import SimulatorConfig

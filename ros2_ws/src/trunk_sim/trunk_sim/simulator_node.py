@@ -10,7 +10,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.node import meeting
+from trunk_msgs_util.node import discovery
 from trunk_msgs_util.node.managed import ENDING
 from trunk_msgs_util.node.run import main_for
 from trunk_msgs_util.node.strangers import near_misses
@@ -108,7 +108,7 @@ class SimulatorNode(PlantNode):
 
     def _own_names(self) -> list[str]:
         """Return the nodes that publish events of a run: none of them is a controller that goes astray."""
-        return sorted(meeting.publishers(self, topics.RUN_EVENTS))
+        return sorted(discovery.publishers(self, topics.RUN_EVENTS))
 
     # Services.
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
+from trunk_msgs_util.compilable import with_arrays
 from trunk_msgs_util.mechanics import Body
-from trunk_msgs_util.with_arrays import with_arrays
 
 from .actuator import Actuator, driven, quantised, saturate, with_friction
 from .disturbances import Disturbance

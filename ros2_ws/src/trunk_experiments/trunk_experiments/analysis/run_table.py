@@ -11,12 +11,12 @@ import numpy as np
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
+from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.parameters.declarations import ParameterError, build
+from trunk_msgs_util.recording.columns import in_turn, series_of
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.recording.reader import RecordingError
-from trunk_msgs_util.recording.series import in_turn, series_of
 from trunk_msgs_util.units import NANOSECONDS, seconds
-from trunk_msgs_util.whole_file import whole_file
 
 from ..recorded.run import RecordedRun
 
@@ -186,7 +186,7 @@ class RunTable:
         """Write `CSV_COLUMNS`, one row per state; every number reads back as the same double."""
         columns = [getattr(self, name) for name in CSV_COLUMNS]
         with (
-            whole_file(Path(path)) as part,
+            atomic_write(Path(path)) as part,
             part.open("w", encoding="ascii", newline="") as file,
         ):
             file.write(",".join(CSV_COLUMNS) + "\n")

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trunk_control.laws import law_named
+from trunk_msgs_util.parameters.csv_parameters import listed
 from trunk_msgs_util.parameters.declarations import Value
-from trunk_msgs_util.parameters.table_keys import listed
 
 from ..errors import PlanError
 from ..plans.files import SCENARIOS, shipped_files
 from ..plans.nodes import CONTROLLERS, NODES
-from ..similar import did_you_mean
+from ..suggestions import did_you_mean
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_msgs_util.printable import printable
 from trunk_msgs_util.recording.topic import RecordingError
+from trunk_msgs_util.text import printable
 
 from ..errors import PlanError
 from ._paths import AnyPath, output_path, writing
@@ -198,12 +198,12 @@ class Run:
         Raises PlanError for a file that exists, unless ``overwrite``, for any suffix but ``.mcap``, and
         for a recording of several files.
         """
-        from trunk_msgs_util.whole_file import whole_file
+        from trunk_msgs_util.files import atomic_write
 
         target = output_path(path, (".mcap",), overwrite, [self.path])
         if self.path.is_dir():
             raise PlanError(f"{self.path}: a folder: copy it as a whole, or load one of its files")
-        with writing(target), whole_file(target) as part:
+        with writing(target), atomic_write(target) as part:
             shutil.copyfile(self.path, part)
 
     def _states(self) -> str:

@@ -7,7 +7,7 @@ from html import escape
 from types import MappingProxyType
 from typing import TypeVar
 
-from trunk_msgs_util.printable import printable
+from trunk_msgs_util.text import printable
 
 Inner = TypeVar("Inner")
 

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import yaml
 
+from trunk_msgs_util.yaml_text import dump
+
 from ..errors import StudyError
 from ._paths import AnyPath, path_of
 from ._values import mapping_of, names_of, number_of, plain
@@ -157,17 +159,10 @@ def _parsed(tree: Mapping[str, Any]) -> StudySpec:
     from ..study.file import parse_study
 
     try:
-        text = yaml.dump(dict(tree), Dumper=_WithoutAliases, sort_keys=False, allow_unicode=True)
+        text = dump(dict(tree), allow_unicode=True)
     except yaml.YAMLError as error:
         raise StudyError(f"study: {' '.join(str(error).split())}") from None
     return parse_study(text, "study")
-
-
-class _WithoutAliases(yaml.SafeDumper):
-    """Writes a repeated value in full each time: study files have no aliases."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        return True
 
 
 def _overrides(value: Mapping[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from trunk_msgs_util.printable import printable
+from trunk_msgs_util.text import printable
 
 from ..errors import PlanError, StudyError, SweepError
 from ._paths import AnyPath, output_path, path_of, writing
@@ -156,10 +156,10 @@ class Sweep:
         """
         import pyarrow.parquet as pq
 
-        from trunk_msgs_util.whole_file import whole_file
+        from trunk_msgs_util.files import atomic_write
 
         target = output_path(path, (".parquet",), overwrite)
-        with writing(target), whole_file(target) as part:
+        with writing(target), atomic_write(target) as part:
             pq.write_table(self._results.table, part, compression="zstd")
 
     def __repr__(self) -> str:

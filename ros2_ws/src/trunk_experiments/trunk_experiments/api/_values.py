@@ -9,7 +9,7 @@ from trunk_msgs_util.parameters.files import Layer, Section
 
 from ..errors import PlanError
 from ..plans.nodes import CONTROLLERS, NODES
-from ..similar import did_you_mean
+from ..suggestions import did_you_mean
 from ._paths import AnyPath, path_of
 
 

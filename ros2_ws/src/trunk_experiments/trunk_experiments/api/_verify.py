@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, cast
 
-from trunk_msgs_util.printable import printable
+from trunk_msgs_util.text import printable
 
 from ._paths import AnyPath, path_of
 from ._run import Run

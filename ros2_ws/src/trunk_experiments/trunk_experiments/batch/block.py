@@ -12,10 +12,10 @@ from trunk_control.controller import hip_index, setting_of
 from trunk_control.laws import law_named, law_of
 from trunk_control.pid import PidState, limited
 from trunk_control.reference import ReferenceProfile
+from trunk_msgs_util.compilable import with_arrays
 from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds, step_count
-from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.disturbances import Signals
 from trunk_sim.noise import noise_samples
 from trunk_sim.step import noisy

@@ -14,10 +14,10 @@ from trunk_control.controller import Controller
 from trunk_control.decide import Answer
 from trunk_control.law import Law
 from trunk_control.laws import law_named
+from trunk_msgs_util.compilable import with_arrays
 from trunk_msgs_util.compiled import compiled_or_plain, fingerprint
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import NANOSECONDS
-from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.noise import noise_samples
 from trunk_sim.step import Measurement, Plant, Trunk, at_rest, noisy, torque_of

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from trunk_msgs_util.parameters.declarations import Value
-from trunk_msgs_util.parameters.in_si import number_in
-from trunk_msgs_util.parameters.quantity_text import UnitError
-from trunk_msgs_util.time_table import held
-from trunk_msgs_util.units import nanoseconds, seconds
+from trunk_msgs_util.parameters.declarations import UnitError, Value
+from trunk_msgs_util.parameters.to_si import number_in
+from trunk_msgs_util.units import held, nanoseconds, seconds
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import CHANNELS
 

@@ -11,11 +11,10 @@ import numpy as np
 
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.events import Event
-from trunk_msgs_util.process_id import process_id
-from trunk_msgs_util.real_path import real_path
+from trunk_msgs_util.files import atomic_write, resolve_path
 from trunk_msgs_util.recording.joint_arrays import Integers
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
-from trunk_msgs_util.whole_file import whole_file
+from trunk_msgs_util.source import process_id
 
 from ..plans.plan import RunPlan
 from ..recorded.branch_of import AT, CHANGES, MADE_BY, OF, PARENT
@@ -47,7 +46,7 @@ def record_branch(
     planned = run.config("simulator").duration
     replaced = {"simulator": duration} if planned not in (0.0, plan.simulator.duration) else {}
     past = Past(run, resumed.stamp_ns, replaced)
-    with whole_file(path, overwrite=overwrite) as part, RecordingWriter(part) as writer:
+    with atomic_write(path, overwrite=overwrite) as part, RecordingWriter(part) as writer:
         writer.add_metadata(PROVENANCE, _origin(run, branch, plan))
         past.copy(writer)
         recorder = _BranchRecorder(run, branched, writer, past.ahead_ns)
@@ -75,7 +74,7 @@ def _origin(run: RecordedRun, branch: Branch, plan: RunPlan) -> dict[str, str]:
     here = provenance.gather()
     told = {
         OF: digest_of(run.recording.files),
-        PARENT: real_path(run.path).name,
+        PARENT: resolve_path(run.path).name,
         AT: repr(branch.at),
         CHANGES: branch.describe(),
         MADE_BY: f"trunk_experiments {here['trunk_experiments']}, commit {here['commit']}",

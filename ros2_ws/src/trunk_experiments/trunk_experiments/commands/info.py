@@ -136,7 +136,7 @@ def command(run: Path, as_json: bool) -> None:
     Long files are judged by their indexes, in an instant.
     """
     with reading(run) as tell:
-        recording = Recording.glance(run, tell)
+        recording = Recording.open_by_summary(run, tell)
     recorded = RecordedRun(recording)
     doubts = doubts_of(recorded, twin=False, whole=recording.checked)
     found = summary(recorded)

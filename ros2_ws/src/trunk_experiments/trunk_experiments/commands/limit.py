@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from trunk_msgs_util.parameters.declarations import declarations, values_of
-from trunk_msgs_util.parameters.in_si import number_in, units_of
-from trunk_msgs_util.parameters.quantity_text import UnitError
+from trunk_msgs_util.parameters.declarations import UnitError, declarations, values_of
+from trunk_msgs_util.parameters.to_si import number_in, units_of
 
 from ..console.complete import names_or_files, studies
 from ..console.controller_name import ControllerName
@@ -237,8 +236,8 @@ def _study(
 
         curves = survival(study, Target(node, parameter), values, progress)
     if output is not None:
+        from ..study.survival_plot import draw
         from ..views.plot_style import save
-        from ..views.survival_plot import draw
 
         title = f"{name}: {next(iter(curves.values())).runs} runs at each value, 95 % intervals"
         save(draw(curves, f"{vary}, {unit}", title), output)

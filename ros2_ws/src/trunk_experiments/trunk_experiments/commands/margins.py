@@ -78,7 +78,7 @@ def command(
     show_warnings(plan.warnings)
     rows = plan_margins(plan)
     if output is not None:
-        from ..views.loop_plot import draw
+        from ..tuning.loop_plot import draw
         from ..views.plot_style import save
 
         rate_text = f"{plan.controller.update_rate:g} Hz"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.real_path import real_path
+from trunk_msgs_util.files import resolve_path
 from trunk_msgs_util.recording.topic import RecordingError
 
 from ..analysis.metrics import QUANTITIES, has_level, missing
@@ -56,4 +56,4 @@ def command(run: Path, as_json: bool) -> None:
         show_warnings(recorded.recording.further_warnings)
         write_json("metrics-1", metrics_values(recorded))
     else:
-        show_metrics(recorded, f"{real_path(run).name}: true error e = reference - angle")
+        show_metrics(recorded, f"{resolve_path(run).name}: true error e = reference - angle")

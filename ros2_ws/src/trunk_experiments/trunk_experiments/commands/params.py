@@ -22,7 +22,7 @@ class _Verb(Verbs):
             return found
         from ..errors import PlanError
         from ..plans.nodes import NODES
-        from ..similar import did_you_mean
+        from ..suggestions import did_you_mean
 
         if cmd_name not in NODES:
             if ctx.resilient_parsing:  # a shell completes
@@ -84,7 +84,7 @@ for _command in (show, set_values, apply):
 
 def markdown_rows(node: str) -> dict[str, str]:
     """Return a node's parameters by name, each as a row of a Markdown table."""
-    from trunk_msgs_util.parameters.table_keys import listed
+    from trunk_msgs_util.parameters.csv_parameters import listed
 
     from ..console.parameter_text import value_text
     from ..plans.nodes import NODES
@@ -124,7 +124,7 @@ def markdown(node: str) -> str:
 
 
 def _list(nodes: Sequence[str], as_json: bool, as_markdown: bool) -> None:
-    from trunk_msgs_util.parameters.table_keys import listed
+    from trunk_msgs_util.parameters.csv_parameters import listed
 
     from ..console.parameter_text import allowed_text, short_text
     from ..console.tables import print_table
@@ -156,7 +156,7 @@ def _list(nodes: Sequence[str], as_json: bool, as_markdown: bool) -> None:
 
 
 def _values(config: type[Any]) -> dict[str, Any]:
-    from trunk_msgs_util.parameters.table_keys import listed
+    from trunk_msgs_util.parameters.csv_parameters import listed
 
     return {
         d.name: {

@@ -69,7 +69,7 @@ def shown(layers: Iterable[Layer]) -> list[Shown]:
 
 def _declaration(section: Section, name: str) -> Declaration | None:
     """Return what declares a parameter of a section: of the first of our nodes that has it."""
-    from trunk_msgs_util.parameters.table_keys import listed
+    from trunk_msgs_util.parameters.csv_parameters import listed
 
     from ..plans.nodes import NODES
 
@@ -83,7 +83,7 @@ def _declaration(section: Section, name: str) -> Declaration | None:
 
 def _refused(found: Iterable[Shown]) -> Iterable[str]:
     from trunk_msgs_util.parameters.declarations import ParameterError, check
-    from trunk_msgs_util.parameters.in_si import in_si
+    from trunk_msgs_util.parameters.to_si import to_si
 
     found = list(found)
     for one in found:
@@ -91,7 +91,7 @@ def _refused(found: Iterable[Shown]) -> Iterable[str]:
             # The parameter that chooses its unit may be in the same section.
             beside = {other.name: other.value for other in found if other.nodes == one.nodes}
             try:
-                values = in_si({one.name: one.declaration}, {one.name: one.value}, beside)
+                values = to_si({one.name: one.declaration}, {one.name: one.value}, beside)
                 check(one.declaration, values[one.name])
             except ParameterError as error:
                 yield f"{one.source}: {one.nodes}: {error}"

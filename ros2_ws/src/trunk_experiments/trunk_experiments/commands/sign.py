@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.signing.keys import (
     Ed25519PrivateKey,
@@ -25,7 +26,6 @@ from trunk_msgs_util.recording.signing.signature import (
     signature_path,
     to_text,
 )
-from trunk_msgs_util.whole_file import whole_file
 
 from ..console.common import file_option
 from ..console.document import json_option, write_json
@@ -160,6 +160,6 @@ def _check_verdict(run: Path, verdict: Verdict, unverified: bool) -> None:
 
 def _write(target: Path, recording: Recording, key: Ed25519PrivateKey, force: bool) -> Signature:
     signature = sign(recording.digested, key)
-    with whole_file(target, overwrite=force) as part:
+    with atomic_write(target, overwrite=force) as part:
         part.write_text(to_text(signature), encoding="ascii")
     return signature

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from trunk_msgs_util.real_path import real_path
+from trunk_msgs_util.files import resolve_path
 from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.signing.keys import public_key, read_key
 from trunk_msgs_util.units import seconds
@@ -83,7 +83,7 @@ def judged(run: Path, key: Path | None, signature: Path | None) -> tuple[Recordi
         )
     with reading(run) as tell:
         recording = Recording.open(run, tell)
-    with progress_bar(f"recomputing {real_path(run).name}"):
+    with progress_bar(f"recomputing {resolve_path(run).name}"):
         verdict = verify(recording)
     judge_signature(verdict, recording, trusted, str(key), signature)
     return recording, verdict

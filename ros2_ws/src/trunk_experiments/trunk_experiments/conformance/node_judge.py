@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from math import isfinite
 from typing import NamedTuple
 
-from trunk_msgs_util.printable import quoted_names
 from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.text import quoted_names
 from trunk_msgs_util.units import NANOSECONDS, seconds
 
 from .node_script import GAP, LARGE, MOTION, REPEAT, REST, SILENCE, Played

@@ -12,7 +12,7 @@ from types import FunctionType, ModuleType
 from typing import Any
 
 from trunk_control.law import Law, from_scratch, unchanged
-from trunk_msgs_util.reached import reached
+from trunk_msgs_util.compilable import call_graph
 
 from .finding import LawFinding, name_of
 
@@ -38,7 +38,7 @@ def functions_of(law: Law) -> list[FunctionType]:
     found: dict[FunctionType, None] = {}
     for root in roots:
         if isinstance(root, FunctionType):
-            found.update(dict.fromkeys(reached(root)))
+            found.update(dict.fromkeys(call_graph(root)))
     return list(found)
 
 
@@ -147,7 +147,7 @@ def _of_value(node: ast.expr, function: FunctionType, where: str) -> Iterator[La
             f"calls {shown} of {module or type(value).__module__}",
             "no clock, no randomness, no files: a law computes from what it is given",
         )
-    elif isinstance(value, FunctionType) and value not in reached(function):
+    elif isinstance(value, FunctionType) and value not in call_graph(function):
         yield LawFinding(
             "source",
             where,

@@ -9,10 +9,10 @@ from typing import Any, TypeVar
 
 import click
 
-from trunk_msgs_util.parameters.in_si import number_in
-from trunk_msgs_util.parameters.quantity_text import UnitError
+from trunk_msgs_util.parameters.declarations import UnitError
+from trunk_msgs_util.parameters.to_si import number_in
 
-from ..similar import did_you_mean
+from ..suggestions import did_you_mean
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

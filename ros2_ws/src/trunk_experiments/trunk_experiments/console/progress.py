@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
-from trunk_msgs_util.printable import printable
+from trunk_msgs_util.text import printable
 
 from .terminal import console
 

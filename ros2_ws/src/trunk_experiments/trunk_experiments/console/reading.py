@@ -11,7 +11,7 @@ import click
 
 from trunk_msgs_util import topics
 from trunk_msgs_util.errors import TrunkError
-from trunk_msgs_util.real_path import real_path
+from trunk_msgs_util.files import resolve_path
 from trunk_msgs_util.recording.reader import Recording
 
 from ..recorded.run import RecordedRun
@@ -27,7 +27,7 @@ _LONG = 100e6  # bytes, which take seconds to read
 
 def reading(path: Path, verb: str = "reading") -> AbstractContextManager[Tell]:
     """Show how much of a recording has been read; without a terminal, a short one prints no lines."""
-    return progress_bar(f"{verb} {real_path(path).name}", _LONG)
+    return progress_bar(f"{verb} {resolve_path(path).name}", _LONG)
 
 
 def open_run(path: Path) -> RecordedRun:
@@ -55,7 +55,7 @@ def written_values(path: Path) -> Values:
     """Return `run_values` of a recording just written, and its number of states; null if unknown."""
     if path.is_file():  # not a pipe, or /dev/null
         with suppress(TrunkError):
-            run = RecordedRun(Recording.glance(path))
+            run = RecordedRun(Recording.open_by_summary(path))
             return {**run_values(run), "states": run.count(topics.GROUND_TRUTH)}
     return {"file": path, "doubts": None, "states": None}
 
@@ -66,7 +66,7 @@ def show_written_doubts(path: Path) -> None:
 
     if path.is_file():
         with suppress(TrunkError):
-            run = RecordedRun(Recording.glance(path))
+            run = RecordedRun(Recording.open_by_summary(path))
             for line in doubts_of(run, twin=False, whole=False).lines:
                 click.echo(line)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TextIO
 
 import click
 
-from trunk_msgs_util.printable import PrintableStream, printable
+from trunk_msgs_util.text import PrintableStream, printable
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from ..errors import PlanError
-from ..similar import did_you_mean
+from ..suggestions import did_you_mean
 
 _WHOLE = 10_000  # characters of a first sentence; click would cut it at the line's end
 

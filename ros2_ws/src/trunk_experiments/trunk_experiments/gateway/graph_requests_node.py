@@ -21,11 +21,11 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.cpu_deadline import CpuDeadline
 from trunk_msgs_util.node import qos
 from trunk_msgs_util.node.conversions import sample_to_ros
-from trunk_msgs_util.patience import Patience
-from trunk_msgs_util.process_id import local_pid
 from trunk_msgs_util.samples import JointSample
+from trunk_msgs_util.source import local_pid
 from trunk_msgs_util.units import nanoseconds
 
 from ..live.parameters import as_present
@@ -221,7 +221,7 @@ class GraphRequests:
         if client is None:
             raise RefusedRequestError(f"{name} has no such service")
         futures: list[Any] = []
-        ask_s, patience = -inf, Patience(_ANSWER_S)
+        ask_s, deadline = -inf, CpuDeadline(_ANSWER_S)
         there = local_pid(self._graph.nodes[name].process) if name in self._graph.nodes else None
         awaited = [os.getpid(), *([there] if there else [])]
         self._asking += 1
@@ -240,7 +240,7 @@ class GraphRequests:
                     raise RefusedRequestError(
                         f"{name}: refused; it is {self._graph.nodes[name].state}"
                     )
-                if patience.spent(awaited):
+                if deadline.spent(awaited):
                     raise RefusedRequestError(f"{name} did not answer within {_ANSWER_S:g} s")
                 await asyncio.sleep(_LOOK_S)
         finally:

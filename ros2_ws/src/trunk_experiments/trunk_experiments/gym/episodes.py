@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from trunk_msgs_util.compilable import with_arrays
 from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.recording.joint_arrays import Floats
-from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.disturbances import Signals
 from trunk_sim.noise import fill, random_bits
 from trunk_sim.step import pruned

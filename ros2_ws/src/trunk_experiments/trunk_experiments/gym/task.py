@@ -20,7 +20,7 @@ from ..batch.block import LONGEST, Regular, regular_run
 from ..errors import PlanError
 from ..plans.plan import RunPlan, make_plan
 from ..runs.offline import check
-from ..similar import did_you_mean
+from ..suggestions import did_you_mean
 
 ACTIONS = ("torque", "gains")
 SPREAD = (0.0, 0.1, 0.0, 0.1)  # m, rad, m/s, rad/s

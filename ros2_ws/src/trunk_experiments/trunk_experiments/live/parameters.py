@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from trunk_msgs_util.parameters.csv_files import numbers_for
+from trunk_msgs_util.parameters.csv_parameters import tables_of
 from trunk_msgs_util.parameters.declarations import (
     Declaration,
     ParameterError,
@@ -15,9 +17,7 @@ from trunk_msgs_util.parameters.declarations import (
     unknown_name,
 )
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
-from trunk_msgs_util.parameters.in_si import in_si, written_with_units
-from trunk_msgs_util.parameters.table_files import numbers_for
-from trunk_msgs_util.parameters.table_keys import tables_of
+from trunk_msgs_util.parameters.to_si import to_si, written_with_units
 
 from ..errors import PlanError
 
@@ -120,7 +120,7 @@ def said_in_si(
     if not _have_text(said):
         return dict(said)
     try:
-        return in_si(_declared(node), said, present)
+        return to_si(_declared(node), said, present)
     except ParameterError as error:
         raise ParameterFileError(f"{source}: {node}: {error}") from None
 

@@ -12,8 +12,8 @@ from datetime import datetime, timezone
 from importlib.util import find_spec
 from pathlib import Path
 
+from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.whole_file import whole_file
 
 from ..errors import CrateError, NotInstalledError
 from ..plans.files import find_file
@@ -88,5 +88,5 @@ def _copy_parameters(result: Reproduction, folder: Path) -> list[Path]:
 
 
 def _write(path: Path, text: str) -> None:
-    with whole_file(path) as part:
+    with atomic_write(path) as part:
         part.write_text(text, encoding="utf-8")

@@ -13,7 +13,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from trunk_msgs_util.whole_file import whole_file
+from trunk_msgs_util.files import atomic_write
 
 from ..analysis.metrics import missing
 from ..recorded.run import RecordedRun
@@ -47,7 +47,7 @@ def write_report(result: Reproduction, folder: Path, say: Say = lambda step: Non
     ``say`` is called with each next step.
     """
     text = json.dumps(as_json(result), indent=2, ensure_ascii=False, allow_nan=False)
-    with whole_file(folder / "paper.json") as part:
+    with atomic_write(folder / "paper.json") as part:
         part.write_text(text + "\n", encoding="utf-8")
     pictures = {}
     for figure in FIGURES:
@@ -74,7 +74,7 @@ def write_report(result: Reproduction, folder: Path, say: Say = lambda step: Non
         rate_keys=RATE_KEYS,
     )
     path = folder / "report.html"
-    with whole_file(path) as part:
+    with atomic_write(path) as part:
         part.write_text(page, encoding="utf-8")
     return path
 

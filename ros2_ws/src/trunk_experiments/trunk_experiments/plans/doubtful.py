@@ -10,7 +10,7 @@ from trunk_msgs_util.parameters.declarations import declarations, values_of
 from trunk_msgs_util.parameters.files import Layer
 
 from ..errors import PlanError
-from ..similar import closest
+from ..suggestions import closest
 from .nodes import CONTROLLERS, NODES
 
 

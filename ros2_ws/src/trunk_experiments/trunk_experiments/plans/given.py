@@ -6,17 +6,16 @@ import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 
+from trunk_msgs_util.text import shortened
 from trunk_msgs_util.yaml_text import YamlTextError, load
 
 from ..errors import PlanError
 from .nodes import NODES
 
-_LONGEST = 80  # characters that an error quotes
-
 
 def quoted(text: str) -> str:
     """Return a text as an error quotes it."""
-    return repr(text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "...")
+    return repr(shortened(text, 80))
 
 
 def value_of(text: str, told: str) -> object:

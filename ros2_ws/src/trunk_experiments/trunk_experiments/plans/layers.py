@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from trunk_msgs_util.parameters.csv_files import numbers_for
 from trunk_msgs_util.parameters.declarations import ParameterError, build, declarations
 from trunk_msgs_util.parameters.files import Layer, ParameterFileError, resolve
-from trunk_msgs_util.parameters.in_si import in_si, written_with_units
-from trunk_msgs_util.parameters.table_files import numbers_for
+from trunk_msgs_util.parameters.to_si import to_si, written_with_units
 
 from .nodes import NODES
 
@@ -32,7 +32,7 @@ def config_from(node: str, layers: Sequence[Layer], namespace: str) -> Resolved:
     values = resolve(full_name, layers, declared) | of_files.values
     try:
         return Resolved(
-            build(config, in_si(declared, values)),
+            build(config, to_si(declared, values)),
             written_with_units(declared, values) | of_files.with_units,
         )
     except ParameterError as error:

@@ -9,8 +9,8 @@ from typing import Any
 from trunk_control.laws import REGISTERED, LawError, law_named, package_of
 from trunk_control.reference_config import ReferenceConfig
 from trunk_msgs_util.parameters.config import RecorderConfig
+from trunk_msgs_util.parameters.csv_parameters import listed
 from trunk_msgs_util.parameters.declarations import Value, build
-from trunk_msgs_util.parameters.table_keys import listed
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import NamedTuple
 
-from trunk_msgs_util.parameters.in_si import number_in
-from trunk_msgs_util.parameters.quantity_text import UnitError
+from trunk_msgs_util.parameters.declarations import UnitError
+from trunk_msgs_util.parameters.to_si import number_in
 
 from ..errors import PlanError
 from .nodes import CONTROLLERS

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from trunk_msgs_util.recording.filling import Filling
+from trunk_msgs_util.recording.columns import Column, ColumnLoader
 from trunk_msgs_util.recording.joint_arrays import (
     QUANTITIES,
     Floats,
@@ -20,7 +20,6 @@ from trunk_msgs_util.recording.joint_arrays import (
 )
 from trunk_msgs_util.recording.limits import LimitError
 from trunk_msgs_util.recording.reader import Recording, RecordingError
-from trunk_msgs_util.recording.series import Column
 from trunk_msgs_util.topics import JOINT_STATE_TYPE
 from trunk_msgs_util.units import seconds
 
@@ -43,7 +42,7 @@ class JointTable:
         recording: Recording,
         relative: str,
         needed: Collection[Column] = (),
-        filled: Filling | None = None,
+        filled: ColumnLoader | None = None,
         known_ns: Integers | None = None,
         joint: str | None = None,
     ) -> None:

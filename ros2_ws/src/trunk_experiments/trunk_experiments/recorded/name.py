@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from trunk_msgs_util.real_path import real_path
+from trunk_msgs_util.files import resolve_path
 
 IN_A_RUN = "run.mcap"  # the same in every run's folder
 
 
 def place_of(path: Path) -> Path:
     """Return the file or folder that a recording goes by: of a run's file, the folder."""
-    return real_path(path).parent if path.name == IN_A_RUN else real_path(path)
+    return resolve_path(path).parent if path.name == IN_A_RUN else resolve_path(path)
 
 
 def name_of_run(path: Path) -> str:

@@ -17,11 +17,17 @@ from trunk_msgs_util import topics
 from trunk_msgs_util.events import Event
 from trunk_msgs_util.parameters.declarations import ParameterError, Value
 from trunk_msgs_util.provenance import ARITHMETIC, FORMAT
-from trunk_msgs_util.recording.filling import Filling
+from trunk_msgs_util.recording.columns import (
+    Column,
+    ColumnLoader,
+    Series,
+    joint_names,
+    read_series,
+    series_of,
+)
 from trunk_msgs_util.recording.joint_arrays import JointArrays
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import ParameterChange, RunEvent
-from trunk_msgs_util.recording.series import Column, Series, joint_names, read_series, series_of
 from trunk_msgs_util.topics import EXTERNAL, JOINT_STATE_TYPE
 
 from .branch_of import BranchOf, branch_of
@@ -216,22 +222,22 @@ class RecordedRun:
             return
         loop = [t for t in LOOP if self.count(t) and t not in self._tables]
         terms = [topics.controller_state(name) for name in self.controllers]
-        fillings = {
-            relative: Filling(self.count(relative), values=relative not in terms)
+        loaders = {
+            relative: ColumnLoader(self.count(relative), values=relative not in terms)
             for relative in (*loop, *terms)
             if self.recording.topics[self.recording.topic(relative)].type == JOINT_STATE_TYPE
         }
         for block in blocks:
-            for relative, filling in fillings.items():
+            for relative, loader in loaders.items():
                 messages = block.get(self.recording.topic(relative))
                 if messages is not None:
-                    filling.take(messages)
+                    loader.take(messages)
         known_ns: Integers | None = None
-        for relative in list(fillings):
-            filling = fillings.pop(relative)
+        for relative in list(loaders):
+            loader = loaders.pop(relative)
             others = relative == topics.EFFORT_COMMAND and bool(self.external)
-            if filling.whole and not (others and not filling.is_effort_of(self._plants_joint)):
-                table = JointTable(self.recording, relative, (), filling, known_ns)
+            if loader.whole and not (others and not loader.is_effort_of(self._plants_joint)):
+                table = JointTable(self.recording, relative, (), loader, known_ns)
                 known_ns = table.stamp_ns if known_ns is None else known_ns
                 self._tables[relative] = self._of_strangers(table)
 

@@ -9,10 +9,10 @@ from importlib.util import find_spec
 import numpy as np
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.compilable import with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.source import ARRIVAL
 from trunk_msgs_util.units import nanoseconds
-from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.disturbances import Signals, disturbance_at
 
 from ..plans.timeline import Timeline

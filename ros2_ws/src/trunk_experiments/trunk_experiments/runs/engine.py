@@ -343,7 +343,7 @@ class _PlantSide:
         self.index = start.first
         self.anew = False
 
-    def retune(self, config: SimulatorConfig) -> None:
+    def reconfigure(self, config: SimulatorConfig) -> None:
         """Take other parameters; the state stays."""
         self.config = config
 

@@ -106,7 +106,7 @@ class RunFiles:
     def describe(self) -> None:
         """Make the folder a bag to ROS 2's tools: write ``metadata.yaml``, if the recording was finished."""
         with suppress(RecordingError, YamlTextError, ValueError, OSError):  # the run says why
-            (file,) = Recording.glance(self.recording).opened
+            (file,) = Recording.open_by_summary(self.recording).opened
             text = metadata_yaml(dict(file.metadata_records).get(RECORD, {}), self.recording.name)
             self.description.write_text(text, "utf-8")
 

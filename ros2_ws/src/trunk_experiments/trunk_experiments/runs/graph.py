@@ -10,9 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from trunk_msgs_util.cpu_deadline import CpuDeadline
 from trunk_msgs_util.events import ENDS, Event
 from trunk_msgs_util.node import middleware
-from trunk_msgs_util.patience import Patience
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.recording.schemas import RunEvent
 
@@ -114,7 +114,7 @@ def _watch(
     note: Callable[[str], None],
 ) -> bool:
     """Return True when the run has finished, False where it was over before that could be heard."""
-    starting = Patience(START_TIMEOUT_S)
+    starting = CpuDeadline(START_TIMEOUT_S)
     own = {name: (running.get(COMPOSED) or running[name]).identity for name in plan.configs}
     simulator = running.get(COMPOSED) or running["simulator"]
     silence = _Silence(simulator.pid)
@@ -174,7 +174,7 @@ class _Silence:
 
     def __init__(self, pid: int) -> None:
         self._pids = (os.getpid(), pid)  # this process, too, may have to wait for a processor
-        self._patience, self._told = Patience(SILENCE_S), 0
+        self._patience, self._told = CpuDeadline(SILENCE_S), 0
 
     def lasts(self, monitor: Monitor) -> bool:
         if monitor.told != self._told or not monitor.started:
@@ -208,14 +208,14 @@ def _silent(plan: RunPlan, ready: set[str]) -> str:
 def _end_first(simulator: NodeProcess, monitor: Monitor) -> None:
     """Let the simulator end while all others are there, so that its last state is answered and recorded."""
     simulator.signal(signal.SIGINT)
-    patience = Patience(_ENDS_FIRST_S)
-    while simulator.exit_code is None and not patience.spent([os.getpid(), simulator.pid]):
+    deadline = CpuDeadline(_ENDS_FIRST_S)
+    while simulator.exit_code is None and not deadline.spent([os.getpid(), simulator.pid]):
         monitor.spin(0.05)
 
 
 def _hear_last_words(monitor: Monitor) -> None:
-    patience = Patience(0.5)
-    while not (monitor.failure or monitor.finished or patience.spent([os.getpid()])):
+    deadline = CpuDeadline(0.5)
+    while not (monitor.failure or monitor.finished or deadline.spent([os.getpid()])):
         monitor.spin(0.05)
 
 
@@ -251,7 +251,7 @@ def _check_recorder(process: NodeProcess, killed: set[str], file: Path) -> None:
 
 def _has_end(file: Path) -> bool:
     with suppress(RecordingError):
-        return Recording.glance(file).end is not None
+        return Recording.open_by_summary(file).end is not None
     return False
 
 

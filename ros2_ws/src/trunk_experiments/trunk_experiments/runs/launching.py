@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from trunk_msgs_util.parameters.in_si import number_in
-from trunk_msgs_util.parameters.quantity_text import UnitError
+from trunk_msgs_util.parameters.declarations import UnitError
+from trunk_msgs_util.parameters.to_si import number_in
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 
 from ..errors import PlanError
@@ -159,7 +159,7 @@ def next_to_stop(running: Sequence[str]) -> list[str]:
 def what_lacks(file: Path) -> str:
     """Return why a run's recording is not whole, naming it; empty for a complete one."""
     try:
-        recording = Recording.glance(file)
+        recording = Recording.open_by_summary(file)
     except RecordingError as error:
         return str(error)
     if recording.complete:

@@ -16,9 +16,9 @@ from trunk_control.controller import hip_index
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import Answer, Reading, Setting, decide
 from trunk_control.law import Law
+from trunk_msgs_util.compilable import with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.units import nanoseconds, step_count
-from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at

@@ -10,6 +10,7 @@ import numpy as np
 
 from trunk_msgs_util import provenance, topics
 from trunk_msgs_util.events import Event
+from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.parameters.declarations import Value, declarations, values_of
 from trunk_msgs_util.picture.film import Film
 from trunk_msgs_util.recording.joint_arrays import Integers
@@ -18,7 +19,6 @@ from trunk_msgs_util.recording.schemas import event, parameter_event
 from trunk_msgs_util.recording.writer import PROVENANCE, RecordingWriter
 from trunk_msgs_util.recording.writing.interleaved import Rows
 from trunk_msgs_util.samples import JointSample
-from trunk_msgs_util.whole_file import whole_file
 from trunk_sim.disturbances import disturbance_sample
 from trunk_sim.simulation import DivergedError
 from trunk_sim.traffic import Traffic
@@ -76,7 +76,7 @@ def _record(
     overwrite: bool,
     progress: Progress,
 ) -> int:
-    with whole_file(path, overwrite=overwrite) as part, RecordingWriter(part) as writer:
+    with atomic_write(path, overwrite=overwrite) as part, RecordingWriter(part) as writer:
         run = OfflineRecorder(plan, answering, writer)
         run.open()
         diverged = run.write_all(stretches, progress)
@@ -295,7 +295,7 @@ class OfflineRecorder:
     def _pictures(self, states: States, row: int, stamp_ns: int) -> Iterator[Rows]:
         """Yield the messages of a state's picture."""
         film, joints, state = self._film or Film(), self._plan.simulator.joints, states.table[row]
-        film.retune(values_of(self._of_simulator.config))
+        film.reconfigure(values_of(self._of_simulator.config))
         if states.acting(row):
             self._reference = float(state[REFERENCE])
         pushed = disturbance_sample(stamp_ns, joints, self._drawn(stamp_ns))

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from trunk_msgs_util.node import early_signals
-from trunk_msgs_util.process_id import process_id
+from trunk_msgs_util.source import process_id
 
 from ..errors import ExecutableError
 

@@ -10,7 +10,6 @@ import numpy as np
 from trunk_msgs_util import topics
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.recording.joint_state_cdr import JointStateLayout, shared
-from trunk_msgs_util.recording.joint_state_rows import packed
 from trunk_msgs_util.recording.writing.interleaved import Rows
 from trunk_msgs_util.units import nanoseconds
 from trunk_sim.disturbances import Disturbance
@@ -208,5 +207,5 @@ class StateMessages:
         stamp_ns: Integers,
         **quantities: Floats,
     ) -> Rows:
-        data = packed(shared(layout), stamp_ns, **quantities)
+        data = shared(layout).pack_rows(stamp_ns, **quantities)
         return Rows(self._channels[topic], place, stamp_ns, data)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Protocol, TypeVar
 
-from trunk_msgs_util.patience import Patience
+from trunk_msgs_util.cpu_deadline import CpuDeadline
 
 # A node that ends hands its evidence over within 3 s.
 FIRST_S = 3.7
@@ -45,13 +45,13 @@ def stop(
     ``last`` is the recorder: it has to record the others' last messages. Return those that had to be killed;
     none is left running.
     """
-    total = Patience(ALL_S, clock)
-    killed = _end(first, [Patience(FIRST_S, clock), total], sleep)
+    total = CpuDeadline(ALL_S, clock)
+    killed = _end(first, [CpuDeadline(FIRST_S, clock), total], sleep)
     return killed + _end(last, [total], sleep)
 
 
 def _end(
-    processes: Sequence[Process], limits: Sequence[Patience], sleep: Callable[[float], None]
+    processes: Sequence[Process], limits: Sequence[CpuDeadline], sleep: Callable[[float], None]
 ) -> list[Process]:
     for process in processes:
         process.signal(signal.SIGINT)

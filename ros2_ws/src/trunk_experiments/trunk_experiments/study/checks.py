@@ -6,8 +6,12 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from trunk_msgs_util.parameters.declarations import ParameterError, declarations, unknown_name
-from trunk_msgs_util.parameters.quantity_text import UnitError
+from trunk_msgs_util.parameters.declarations import (
+    ParameterError,
+    UnitError,
+    declarations,
+    unknown_name,
+)
 
 from ..batch.limits import wrong_duration
 from ..errors import PlanError, StudyError

@@ -14,7 +14,7 @@ from trunk_msgs_util.yaml_text import YamlTextError, load
 
 from ..errors import DrawError, StudyError
 from ..plans.nodes import CONTROLLERS
-from ..similar import did_you_mean
+from ..suggestions import did_you_mean
 from .draws import DISTRIBUTIONS, Distribution
 from .study import (
     HOWS,

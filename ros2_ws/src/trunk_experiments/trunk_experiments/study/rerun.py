@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from trunk_msgs_util.whole_file import whole_file
+from trunk_msgs_util.files import atomic_write
 from trunk_sim.simulation import DivergedError
 
 from ..analysis.recorded_metrics import table_and_metrics
@@ -84,7 +84,7 @@ def record_again(
 
     Raises StudyError, and leaves the file as it was, if the bits of a metric or the divergence differ.
     """
-    with whole_file(path, overwrite=overwrite) as part:
+    with atomic_write(path, overwrite=overwrite) as part:
         diverged = None
         try:
             record_offline(one.plan, part, overwrite=True, progress=progress)

@@ -22,9 +22,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from trunk_msgs_util.compiled import fingerprint
+from trunk_msgs_util.files import atomic_write
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.provenance import OF_MACHINE, gather
-from trunk_msgs_util.whole_file import whole_file
 
 from ..analysis.metrics import RunMetrics
 from ..batch.block import summaries
@@ -145,7 +145,7 @@ class SweepJob:
         self.check()
         self.folder.mkdir(exist_ok=True)
         if not self._mark.exists():
-            with whole_file(self._mark) as part:
+            with atomic_write(self._mark) as part:
                 part.write_text(json.dumps({_PROGRAM: sources(), "study": self._identity}))
         self.missing = [i for i in range(self.blocks) if not self._path(i).exists()]
         return self.study.total - sum(len(self._rows(i)) for i in self.missing)
@@ -188,7 +188,7 @@ class SweepJob:
                 f"block {index} comes from a worker with other sources or libraries: "
                 "install the same on all"
             )
-        with whole_file(self._path(index)) as part:
+        with atomic_write(self._path(index)) as part:
             pq.write_table(table, part)
 
     def finish(self) -> None:
@@ -208,7 +208,7 @@ class SweepJob:
 
         schema = self._read(0).schema.with_metadata(metadata)
         with (
-            whole_file(self.output) as part,
+            atomic_write(self.output) as part,
             pq.ParquetWriter(part, schema, compression="zstd") as writer,
         ):
             for i in range(self.blocks):

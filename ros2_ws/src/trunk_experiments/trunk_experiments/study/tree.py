@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from trunk_msgs_util.parameters.quantity_text import UnitError, looks_like_quantity
+from trunk_msgs_util.parameters.declarations import UnitError, looks_like_quantity
+from trunk_msgs_util.text import shortened
 
 from ..errors import StudyError
 from .study import Scalar
@@ -94,5 +95,4 @@ class TreeReader:
 
 def shown(value: object) -> str:
     """Return a value as an error quotes it."""
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return shortened(repr(value), 60)

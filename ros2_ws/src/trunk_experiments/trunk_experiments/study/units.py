@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from trunk_msgs_util.parameters.declarations import declarations, values_of
-from trunk_msgs_util.parameters.in_si import read_quantity, units_of
-from trunk_msgs_util.parameters.quantity_text import UnitError, looks_like_quantity
+from trunk_msgs_util.parameters.declarations import (
+    UnitError,
+    declarations,
+    looks_like_quantity,
+    values_of,
+)
+from trunk_msgs_util.parameters.to_si import read_quantity, units_of
 
 from ..plans.nodes import NODES
 from .study import ContenderSpec, StudySpec, Target, Variable

@@ -20,10 +20,10 @@ from trunk_control.computed_torque import Hip
 from trunk_control.law import Sample, Update
 from trunk_control.laws import law_named
 from trunk_control.pid import PidLaw, PidState
+from trunk_msgs_util.compilable import with_arrays
 from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds
-from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
 from trunk_sim.step import Plant, SensorParameters, Trunk, act, sense

@@ -11,9 +11,8 @@ import numpy as np
 
 from trunk_control.computed_torque_law import ComputedTorqueConfig
 from trunk_msgs_util.mechanics import path_height
-from trunk_msgs_util.parameters.declarations import ParameterError, Value, build
-from trunk_msgs_util.parameters.in_si import read_quantity
-from trunk_msgs_util.parameters.quantity_text import UnitError
+from trunk_msgs_util.parameters.declarations import ParameterError, UnitError, Value, build
+from trunk_msgs_util.parameters.to_si import read_quantity
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_sim.config import SimulatorConfig
 

@@ -12,12 +12,12 @@ import numpy as np
 from mcap.writer import Writer
 
 from trunk_msgs_util import topics as names
+from trunk_msgs_util.files import atomic_write
+from trunk_msgs_util.recording.digests import END, PROVENANCE
 from trunk_msgs_util.recording.file import RecordingFile
 from trunk_msgs_util.recording.messages import Messages
-from trunk_msgs_util.recording.own_records import END, PROVENANCE
 from trunk_msgs_util.recording.reader import Recording, RecordingError
 from trunk_msgs_util.units import NANOSECONDS
-from trunk_msgs_util.whole_file import whole_file
 
 from ..analysis.run_table import CSV_COLUMNS, RunTable
 from ..recorded.message_stamps import message_stamps
@@ -37,14 +37,14 @@ def write_parquet(table: RunTable, path: Path) -> None:
     pyarrow = import_module("pyarrow")  # untyped, and 0.2 s to import
     parquet = import_module("pyarrow.parquet")
     columns = {name: np.ascontiguousarray(getattr(table, name)) for name in COLUMNS}
-    with whole_file(path) as part, part.open("wb") as file:
+    with atomic_write(path) as part, part.open("wb") as file:
         parquet.write_table(pyarrow.table(columns), file, compression="zstd")
 
 
 def write_npz(table: RunTable, path: Path) -> None:
     """Write `COLUMNS` as a compressed NumPy archive, one array each."""
     with (
-        whole_file(path) as part,
+        atomic_write(path) as part,
         part.open("wb") as file,
     ):  # given a name, NumPy would append .npz
         np.savez_compressed(file, **{name: getattr(table, name) for name in COLUMNS})
@@ -67,7 +67,7 @@ def write_mcap(
     first, last = _ns(start), _ns(end)
     parameters = recording.topic(names.RUN_PARAMETERS)
     count = 0
-    with whole_file(path) as part, part.open("wb") as file:
+    with atomic_write(path) as part, part.open("wb") as file:
         writer = Writer(file, enable_data_crcs=True)
         writer.start("ros2", f"trunk_msgs_util export of {recording.library}")
         if recording.provenance:

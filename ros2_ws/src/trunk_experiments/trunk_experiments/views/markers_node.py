@@ -69,7 +69,7 @@ class MarkersNode(Node):
         if event.node.endswith("/simulator"):
             for parameter in (*event.new_parameters, *event.changed_parameters):
                 self._plant[parameter.name] = parameter_value_to_python(parameter.value)
-            self._geometry = Geometry.of(self._plant)
+            self._geometry = Geometry.from_parameters(self._plant)
 
     def show(self) -> None:
         """Publish the picture if there is a new state."""

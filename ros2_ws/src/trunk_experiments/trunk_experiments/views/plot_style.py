@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from trunk_msgs_util.whole_file import whole_file
+from trunk_msgs_util.files import atomic_write
 
 from ..errors import PlanError
 
@@ -69,7 +69,7 @@ def save(figure: Figure, path: Path) -> None:
     if suffix not in SUFFIXES:
         raise PlanError(f"{path}: a picture's name must end in one of {', '.join(SUFFIXES)}")
     picture = drawn(figure, suffix)  # matplotlib's writers do not say what went wrong with a file
-    with whole_file(path) as part:
+    with atomic_write(path) as part:
         part.write_bytes(picture)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from trunk_control.fuzzy_pid_law import FuzzyPidConfig
 from trunk_control.rule_tables import INPUT_LABELS
-from trunk_msgs_util.real_path import real_path
+from trunk_msgs_util.files import resolve_path
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import seconds
 
@@ -123,7 +123,7 @@ def _section(view: RunView, label: str, doubts: Doubts) -> RunSection:
         ("scenario", recording.provenance.get("scenario", "not recorded") or "none"),
         ("mode", recording.provenance.get("mode", "not recorded")),
         ("states", f"{len(table.t)} from {table.t[0]:g} s to {table.t[-1]:g} s"),
-        ("file", f"{real_path(view.path).name}, {state}"),
+        ("file", f"{resolve_path(view.path).name}, {state}"),
         *((("branch", view.run.branch.describe()),) if view.run.branch else ()),
         *((("fell", f"at t = {seconds(fell):g} s"),) if fell is not None else ()),
     )

@@ -17,7 +17,7 @@ from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from trunk_control.rule_tables import INPUT_LABELS
-from trunk_msgs_util.whole_file import whole_file
+from trunk_msgs_util.files import atomic_write
 
 from .report import Report, number, quantity_label
 
@@ -67,7 +67,7 @@ def render(report: Report) -> str:
 def write(report: Report, path: Path) -> int:
     """Write the page; return its size in bytes. Raises OSError."""
     data = render(report).encode("utf-8")
-    with whole_file(path) as part:
+    with atomic_write(path) as part:
         part.write_bytes(data)
     return len(data)
 

@@ -16,8 +16,7 @@ from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.recording.reader import Recording
-from trunk_msgs_util.time_table import held
-from trunk_msgs_util.units import seconds
+from trunk_msgs_util.units import held, seconds
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import CHANNELS, Signals, pulse

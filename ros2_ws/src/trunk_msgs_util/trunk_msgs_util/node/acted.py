@@ -60,7 +60,7 @@ class _Topic:
             self.record(_Key(key.stamp_ns, ""))
 
     def missing(self) -> list[_Key]:
-        """Return what was in force, but is not on record, in order."""
+        """Return the messages that were in force but are not on record, in order."""
         return sorted(self._missing)
 
 
@@ -85,7 +85,7 @@ class _Arrivals:
             self._missing.setdefault(effort, stamp_ns)
 
     def missing(self) -> list[_Key]:
-        """Return what was in force, but is not on record, in order."""
+        """Return the messages that were in force but are not on record, in order."""
         return sorted(_Key(stamp_ns, "") for stamp_ns in self._missing.values())
 
 
@@ -136,7 +136,7 @@ class ActedRecord:
                 topic.name(_Key(sample.stamp_ns - int(age), source))
 
     def missing(self) -> Iterator[str]:
-        """Yield what acted but is not on record, a line for each topic."""
+        """Yield the topics whose messages acted but are not on record, a line each."""
         missing = [(name, topic.missing()) for name, topic in self._topics.items()]
         for name, keys in (*missing, (EFFORT_COMMAND, self._arrivals.missing())):
             if keys:

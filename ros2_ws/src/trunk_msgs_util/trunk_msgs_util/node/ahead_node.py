@@ -11,11 +11,11 @@ from ..parameters.config import ManagedConfig
 from ..samples import JointSample
 from ..source import source_in
 from ..units import LAST_STAMP_NS
-from . import meeting
+from . import discovery
 from .adaptive import AdaptiveSubscription
 from .base import TrunkNode
 from .conversions import WireReader, sample_to_wire
-from .evidence import Evidence
+from .replayable import ReplayablePublisher
 
 Config = TypeVar("Config", bound=ManagedConfig)
 
@@ -30,13 +30,13 @@ class AheadNode(TrunkNode[Config]):
         super().__init__(name, config_class)
         self._topic = topic
         self._read = WireReader()
-        self._publisher: Evidence
-        self.retune(self.config)
+        self._publisher: ReplayablePublisher
+        self.reconfigure(self.config)
 
     def set_up(self) -> None:
         """Listen for states."""
         self._sent_ns = -1
-        self._publisher = self.create_evidence(self._topic)
+        self._publisher = self.create_replayable(self._topic)
         AdaptiveSubscription(self, topics.GROUND_TRUTH, self._on_state)
         self._ready_timer = self.every(0.02, self._announce)
 
@@ -47,13 +47,13 @@ class AheadNode(TrunkNode[Config]):
 
     @abstractmethod
     def sample_at(self, stamp_ns: int) -> JointSample:
-        """Return what holds in the state with this stamp."""
+        """Return the sample for the state with this stamp."""
 
     def _announce(self) -> None:
         """Say ready once it is active and the simulator is matched in both directions."""
         if not self.active:
             return
-        if meeting.met(self, hears=topics.GROUND_TRUTH, answers=self._topic):
+        if discovery.matched(self, hears=topics.GROUND_TRUTH, answers=self._topic):
             self._ready_timer.cancel()
             self.event(Event.READY, answers=self._topic)
 

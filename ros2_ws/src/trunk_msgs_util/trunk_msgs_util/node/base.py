@@ -19,16 +19,15 @@ from ..errors import EXIT_FAILED
 from ..events import Event
 from ..parameters.config import ManagedConfig
 from ..parameters.declarations import values_of
-from ..printable import printable
-from ..process_id import process_id
-from ..source import source
-from ..values import Value
-from . import evidence, qos
+from ..samples import Value
+from ..source import process_id, source
+from ..text import printable
+from . import qos, replayable
 from .conversions import status_to_ros
+from .discovery import Waiting
+from .duplicate_node import UniqueNode
 from .managed import ENDING
-from .namesakes import UniqueNode
 from .ros_parameters import NodeParameters
-from .waiting import Waiting
 
 Config = TypeVar("Config", bound=ManagedConfig)
 
@@ -47,11 +46,11 @@ class TrunkNode(UniqueNode, Generic[Config]):
     """
 
     def __init__(self, name: str, config_class: type[Config]) -> None:
-        """Declare and check the parameters. Raises ParameterError, and NamesakeError if the name is taken."""
+        """Declare and check the parameters. Raises ParameterError and DuplicateNodeError."""
         super().__init__(name, start_parameter_services=False)  # they are made with the parameters
         self.run_stamp_ns = -1  # before the first state
         self._born_s = time.monotonic()
-        self._evidence: list[evidence.Evidence] = []
+        self._replayable: list[replayable.ReplayablePublisher] = []
         self._accounted = False
         self._refused: set[str] = set()  # kinds of messages
         self._waiting = Waiting()
@@ -97,7 +96,7 @@ class TrunkNode(UniqueNode, Generic[Config]):
     def _on_parameters(self, old: Config, new: Config) -> None:
         before, after = values_of(old), values_of(new)
         changed = {name: value for name, value in after.items() if value != before[name]}
-        self.retune(new)
+        self.reconfigure(new)
         if changed:
             # There is no order between two topics: this marks the change's place among the node's events.
             self.event(Event.RETUNED)
@@ -111,11 +110,11 @@ class TrunkNode(UniqueNode, Generic[Config]):
         """Name the source from now on in what is recorded, or no longer."""
         self.source = self._own_source if real_time else ""
 
-    def retune(self, config: Config) -> None:
+    def reconfigure(self, config: Config) -> None:
         """Take a changed configuration; called between two callbacks."""
 
     def diagnostics(self) -> Mapping[str, object]:
-        """Return what /diagnostics reports on this node besides its counters."""
+        """Return the values in /diagnostics besides this node's counters."""
         return {}
 
     def create_subscription(
@@ -142,13 +141,13 @@ class TrunkNode(UniqueNode, Generic[Config]):
         )
         return super().create_subscription(msg_type, topic, callback, qos_profile, **more)
 
-    def create_evidence(self, topic: str, live: bool = True) -> evidence.Evidence:
+    def create_replayable(self, topic: str, live: bool = True) -> replayable.ReplayablePublisher:
         """Create a publisher of serialized JointState messages that the recorder must not miss.
 
         Unless they are ``live``, the recorder alone hears them.
         """
-        self._evidence.append(evidence.Evidence(self, topic, live))
-        return self._evidence[-1]
+        self._replayable.append(replayable.ReplayablePublisher(self, topic, live))
+        return self._replayable[-1]
 
     def event(self, message: Event, level: bytes = DiagnosticStatus.OK, **values: object) -> None:
         """Publish a run event; the recorder records it."""
@@ -164,23 +163,23 @@ class TrunkNode(UniqueNode, Generic[Config]):
             )
         )
 
-    def refuse(self, what: str, why: str) -> None:
+    def refuse(self, kind: str, why: str) -> None:
         """Count a message that is not used, or not as it was meant, and say why: at once the first time.
 
         The log then has a line at the 10th, the 100th and so on; the record has the first and the count.
         """
-        self.counters[what] += 1
-        count = self.counters[what]
+        self.counters[kind] += 1
+        count = self.counters[kind]
         if count == 1:
-            self._refused.add(what)
-            self.event(Event.REFUSED, DiagnosticStatus.WARN, what=what, why=why)
+            self._refused.add(kind)
+            self.event(Event.REFUSED, DiagnosticStatus.WARN, what=kind, why=why)
         if str(count).rstrip("0") == "1":  # a power of ten
             so_far = "" if count == 1 else f" ({count} so far)"
-            self.get_logger().warning(printable(f"{what}{so_far}: {why}"))
+            self.get_logger().warning(printable(f"{kind}{so_far}: {why}"))
 
     def _say_refused(self) -> None:
         """Record how many messages were refused, of each kind."""
-        counts = {what: self.counters[what] for what in sorted(self._refused)}
+        counts = {kind: self.counters[kind] for kind in sorted(self._refused)}
         self._refused.clear()
         if counts:
             self.event(Event.REFUSED, DiagnosticStatus.WARN, **counts)
@@ -200,7 +199,7 @@ class TrunkNode(UniqueNode, Generic[Config]):
         return self._last_turns >= 0 and not self.exit_code
 
     def waits_for(self) -> str:
-        """Return what this node waits for, and how to start it; called once a second. Empty: for nothing."""
+        """Return the line on what is waited for, and how to start it; asked once a second. Empty: nothing."""
         return ""
 
     def _every_second(self) -> None:
@@ -228,14 +227,14 @@ class TrunkNode(UniqueNode, Generic[Config]):
 
     def _clean_up(self) -> None:
         self._say_refused()
-        evidence.hand_over(self, self._born_s, self._evidence)
-        self._evidence.clear()
+        replayable.await_acknowledgement(self, self._born_s, self._replayable)
+        self._replayable.clear()
         super()._clean_up()
 
     def account(self) -> None:
         """Report, once, how much evidence was published; nothing is published after it."""
         self._say_refused()
-        counts = evidence.counted(self._evidence)
+        counts = replayable.counted(self._replayable)
         if counts and not self._accounted:
             self._accounted = True
             self.event(Event.PUBLISHED, DiagnosticStatus.OK, **counts)
@@ -243,6 +242,6 @@ class TrunkNode(UniqueNode, Generic[Config]):
     def close(self) -> None:
         """Report how much evidence was published, wait a bounded time until it is recorded, then destroy."""
         self.account()
-        evidence.hand_over(self, self._born_s, self._evidence)
+        replayable.await_acknowledgement(self, self._born_s, self._replayable)
         self.destroy_node()
         self.release_name()

@@ -13,8 +13,8 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from ..errors import EXIT_FAILED
 from ..events import Event
 from ..parameters.declarations import ParameterError
-from ..printable import printable
-from ..process_id import process_id
+from ..source import process_id
+from ..text import printable
 
 RCLError = rclpy_implementation.RCLError
 ENDING = "this node is shutting down: requests no longer change the run"

@@ -16,20 +16,18 @@ from sensor_msgs.msg import JointState
 from .. import provenance, topics
 from ..events import Event
 from ..parameters.config import RecorderConfig
-from ..printable import printable
-from ..process_id import process_id
 from ..recording.schemas import parse_event, parse_parameter_event
 from ..samples import JointSample
-from ..source import process_of
+from ..source import process_id, process_of
+from ..text import printable
 from ..units import LAST_STAMP_NS, NANOSECONDS, nanoseconds
-from . import meeting, qos, waiting
+from . import discovery, qos
 from .base import TrunkNode
+from .completeness import CompletenessCheck, SourcedCompletenessCheck
 from .conversions import WireReader, sample_to_wire
-from .heard import HeardTopic
-from .pictures import Pictures
+from .recorded_subscription import RecordedSubscription
 from .run import main_for
-from .run_file import RunFile, open_output
-from .tally import SourcedTally, Tally
+from .run_file import Pictures, RunFile, open_output
 
 _MESSAGES: dict[str, type[Any]] = {
     topics.JOINT_STATE_TYPE: JointState,
@@ -78,16 +76,16 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         self._leaving_s: float | None = None
         self._quiet_turns = 0
         lockstep = self.config.lockstep
-        self._tally = (
-            Tally(self.resolve_topic_name, self.config.lockstep_topics)
+        self._check = (
+            CompletenessCheck(self.resolve_topic_name, self.config.lockstep_topics)
             if lockstep
-            else SourcedTally(self.resolve_topic_name)
+            else SourcedCompletenessCheck(self.resolve_topic_name)
         )
         self._written_ns = dict.fromkeys(self.config.lockstep_topics, -1)
         self._told_ns = -1
         self._looked_at = 0
         self.run_stamp_ns = -1
-        self._heard: dict[str, HeardTopic] = {}
+        self._recorded: dict[str, RecordedSubscription] = {}
         self._pictures = Pictures() if self.config.markers else None
 
     def set_up(self) -> None:
@@ -112,7 +110,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def _begin(self, file: RunFile) -> None:
         config = self.config
-        told = provenance.gather(
+        origin = provenance.gather(
             scenario=config.scenario,
             controller=" ".join(config.controllers),
             mode=config.mode,
@@ -120,14 +118,14 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             process=process_id(),
         )
         pictures = topics.PICTURES if self._pictures is not None else {}
-        file.begin(told, self._evidence_types() | pictures)
+        file.begin(origin, self._evidence_types() | pictures)
 
     def _evidence_types(self) -> dict[str, str]:
         return topics.evidence_types(self.config.controllers, self.config.mode)
 
     def activate(self) -> None:
         """Subscribe, the first time; earlier messages come too, from the publishers' history."""
-        if not self._heard:
+        if not self._recorded:
             for topic, type_name in self._evidence_types().items():
                 self._subscribe(topic, type_name)
             self._follow_timer = self.every(_FOLLOW_S, self._follow)
@@ -139,10 +137,10 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         From then on, such a node's own references are heard too, and an operator's pushes if the simulator
         takes any.
         """
-        for heard in list(self._heard.values()):
-            heard.look()
+        for subscription in list(self._recorded.values()):
+            subscription.look()
         if self.config.lockstep and any(
-            self._heard[topic].by_strangers for topic in self.config.lockstep_topics
+            self._recorded[topic].by_strangers for topic in self.config.lockstep_topics
         ):  # the plant then leaves it few steps
             self.linger_s = _LINGER_BESIDE_STRANGERS_S
             self._progress_timer.timer_period_ns = nanoseconds(_TELL_STRANGERS_S)
@@ -153,7 +151,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
                 name.startswith(prefix)
                 and (topics.is_controller_state(relative) or relative == topics.OPERATOR_PUSH)
                 and topics.JOINT_STATE_TYPE in types
-                and relative not in self._heard
+                and relative not in self._recorded
                 and self._file is not None
             ):
                 self._subscribe(relative, topics.JOINT_STATE_TYPE)
@@ -161,7 +159,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def _announce(self) -> None:
         """Report ready once every topic of the loop that the plant waits for has a publisher."""
         wanted = self.config.lockstep_topics if self.config.lockstep else ()
-        if all(self._heard[topic].publisher_count for topic in wanted):
+        if all(self._recorded[topic].publisher_count for topic in wanted):
             self._ready_timer.cancel()
             self.event(Event.READY, answers="recorder")
 
@@ -179,7 +177,9 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             kept = topics.evidence(self.resolve_topic_name(topic))
             self.create_subscription(_MESSAGES[type_name], kept, take, qos.evidence(), raw=True)
         else:
-            self._heard[topic] = HeardTopic(self, topic, type_name, _MESSAGES[type_name], take)
+            self._recorded[topic] = RecordedSubscription(
+                self, topic, type_name, _MESSAGES[type_name], take
+            )
         if topics.is_controller_state(topic):
             own = topics.own_reference(topic.partition("/")[0])
             self._subscribe(own, topics.JOINT_STATE_TYPE)
@@ -210,7 +210,7 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             if not file.write(topic, log_time, data):
                 return
             try:
-                self._tally.take(topic, stamp_ns, data)
+                self._check.take(topic, stamp_ns, data)
             except ValueError as error:
                 self.refuse(f"messages malformed on {topic}", str(error))
             if topic == topics.EFFORT_COMMAND:
@@ -225,18 +225,18 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def _on_truth(self, data: bytes) -> None:
         before_ns, self.run_stamp_ns = self.run_stamp_ns, self._written_ns[topics.GROUND_TRUTH]
-        self._tally.runs += self.run_stamp_ns < before_ns
-        if self._tally.counts[topics.GROUND_TRUTH] % _TELL_EVERY == 0 and self.config.lockstep:
+        self._check.runs += self.run_stamp_ns < before_ns
+        if self._check.counts[topics.GROUND_TRUTH] % _TELL_EVERY == 0 and self.config.lockstep:
             self._tell_progress()
-        if self.config.lockstep and not self._tally.driven:
-            self._tally.driven = any(self._read_truth(data).effort[1:])  # the first is the hip's
+        if self.config.lockstep and not self._check.driven:
+            self._check.driven = any(self._read_truth(data).effort[1:])  # the first is the hip's
         if self._pictures is not None and self._file is not None:
             self._draw(self._pictures, self._file, data)
 
     def _draw(self, pictures: Pictures, file: RunFile, truth: bytes) -> None:
         """Record the picture of a true state, if it is one that is drawn."""
         log_ns = max(self.run_stamp_ns, 0) if self.config.lockstep else time.time_ns()
-        for topic, data in pictures.of(self.run_stamp_ns, truth, log_ns):
+        for topic, data in pictures.picture(self.run_stamp_ns, truth, log_ns):
             file.write(topic, log_ns, data)
 
     def _tell_progress(self) -> None:
@@ -254,46 +254,46 @@ class RecorderNode(TrunkNode[RecorderConfig]):
             return
         if self.is_second(change.node, process_of(change.source)):
             return
-        self._tally.meet(change)
+        self._check.take_parameters(change)
         if self._pictures is not None:
-            self._pictures.retune(change)
+            self._pictures.reconfigure(change)
 
     def _on_event(self, data: bytes) -> None:
         try:
             event = parse_event(data)
             process = process_of(event.source) or event.values.get("process", "")
             if not self.is_second(event.node, process):
-                self._tally.hear(event)
+                self._check.take_event(event)
         except ValueError as error:
             self.refuse("events malformed", str(error))
             return
-        self.look_for_namesake(event.node, event.message, event.values)
+        self.look_for_duplicate(event.node, event.message, event.values)
 
     def waits_for(self) -> str:
-        """Return what a recorder that hears nothing waits for, and how to end one whose run is over."""
+        """Return the reason why a recorder hears nothing, and how to end one whose run is over."""
         if not self.active:
             return ""
-        if self._tally.end is not None:
+        if self._check.end is not None:
             return (
                 "Ctrl-C: the run is over; stop the controllers first: then they report their counts"
             )
-        before, self._looked_at = self._looked_at, self._tally.counts[topics.JOINT_STATES]
+        before, self._looked_at = self._looked_at, self._check.counts[topics.JOINT_STATES]
         if self._looked_at > before:
             return ""
         topic = self.resolve_topic_name(topics.JOINT_STATES)
         last_ns = self._written_ns.get(topics.JOINT_STATES, -1)
-        publishers = meeting.described_publishers(self, topic)
-        return waiting.states(topic, publishers, last_ns if self._looked_at else None, {})
+        publishers = discovery.described_publishers(self, topic)
+        return discovery.states(topic, publishers, last_ns if self._looked_at else None, {})
 
     def _disk_failed(self, reason: str) -> None:
         if self.exit_code is None:
             self.fail(reason)
 
     def diagnostics(self) -> dict[str, object]:
-        """Return what is written, and where."""
+        """Return the file and the number of its messages."""
         if self._file is None:
             return {"messages": 0}
-        return {"file": self._file.path, "messages": self._tally.counts.total()}
+        return {"file": self._file.path, "messages": self._check.counts.total()}
 
     def account(self) -> None:
         """Expect what the other nodes of this process have just reported."""
@@ -303,12 +303,11 @@ class RecorderNode(TrunkNode[RecorderConfig]):
     def draining(self) -> bool:
         """Return True while messages that were in flight when it was told to end still arrive."""
         now = time.monotonic()
-        if (
-            self._leaving_s is None
-        ):  # what came while it was kept from its turn is still to be taken
+        # What came while it was kept from its turn is still to be taken.
+        if self._leaving_s is None:
             self._leaving_s = self._last_message = now
         self._quiet_turns += 1
-        if self._tally.end is None and now - self._leaving_s > _LEAVE_S:
+        if self._check.end is None and now - self._leaving_s > _LEAVE_S:
             return False
         return now - self._last_message < _QUIET_S or self._quiet_turns <= _QUIET_TURNS
 
@@ -316,17 +315,17 @@ class RecorderNode(TrunkNode[RecorderConfig]):
         """Return whether the run is whole in the file, and why."""
         unheard = [
             line
-            for topic, heard in self._heard.items()
+            for topic, subscription in self._recorded.items()
             if topic in _OF_THE_LOOP
-            for line in heard.of_other_types()
+            for line in subscription.of_other_types()
         ]
-        return self._tally.verdict(list(self._heard), unheard)
+        return self._check.verdict(list(self._recorded), unheard)
 
     def _finish(self) -> None:
         if self._file is None:
             return
         complete, reason = self.verdict()
-        if not complete and not self._tally.goes_on:
+        if not complete and not self._check.goes_on:
             self.unfinished = reason
         count = self._file.finish(complete, reason)
         if count is not None:
@@ -335,11 +334,11 @@ class RecorderNode(TrunkNode[RecorderConfig]):
 
     def _say_end(self, path: Path, count: int, complete: bool, reason: str) -> None:
         """Say what is in the file, and what is missing."""
-        told = printable(f"recorded: {path}, {count} messages")
+        written = printable(f"recorded: {path}, {count} messages")
         if complete:
-            self.get_logger().info(f"{told}, complete ({printable(reason)})")
+            self.get_logger().info(f"{written}, complete ({printable(reason)})")
         else:
-            self.get_logger().warning(f"{told}, INCOMPLETE: {printable(reason)}")
+            self.get_logger().warning(f"{written}, INCOMPLETE: {printable(reason)}")
 
     def close(self) -> None:
         """Take in what is in flight, finish the file, then end."""

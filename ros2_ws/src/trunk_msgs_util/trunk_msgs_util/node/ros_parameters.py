@@ -21,6 +21,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 
+from ..parameters.csv_parameters import ONLY_PLANNED, only_planned
 from ..parameters.declarations import (
     Declaration,
     ParameterError,
@@ -33,8 +34,7 @@ from ..parameters.declarations import (
     unknown_name,
     values_of,
 )
-from ..parameters.param_load import meant
-from ..parameters.table_keys import ONLY_PLANNED, only_planned
+from ..parameters.to_si import meant
 from .conversions import stamp_to_ros
 
 Config = TypeVar("Config")
@@ -51,7 +51,7 @@ _TYPES = {
 
 
 def descriptor(declaration: Declaration) -> ParameterDescriptor:
-    """Return what ``ros2 param describe`` shows of a declaration."""
+    """Return the descriptor of a declaration, as ``ros2 param describe`` shows it."""
     unit = f" [{declaration.unit}]" if declaration.unit else ""
     message = ParameterDescriptor(
         name=declaration.name,
@@ -223,8 +223,8 @@ class NodeParameters(Generic[Config]):
             check(declaration, change.value)
         elif not self._node.has_parameter(change.name):  # rclpy declares some of its own
             planned = only_planned(self._class, change.name)
-            told = ONLY_PLANNED if planned else unknown_name(change.name, self._declared)
-            raise ParameterError(change.name, change.value, told)
+            allowed = ONLY_PLANNED if planned else unknown_name(change.name, self._declared)
+            raise ParameterError(change.name, change.value, allowed)
 
     def _judge(self, changes: list[Parameter]) -> SetParametersResult:
         """Accept or refuse changes made within this process, which do not go through a service.

@@ -22,7 +22,7 @@ from rclpy.utilities import remove_ros_args
 
 from ..errors import EXIT_FAILED, EXIT_USAGE, TrunkError
 from ..parameters.declarations import of_every_node, unknown_name
-from ..printable import printable
+from ..text import printable
 from . import middleware
 from .base import TrunkNode
 from .executor import LoopExecutor

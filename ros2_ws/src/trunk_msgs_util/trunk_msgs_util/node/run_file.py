@@ -1,16 +1,22 @@
-"""The file that the recorder writes: its name, its topics, and a disk that may fail at any time."""
+"""The file that the recorder writes: its name, topics and pictures, and a disk that may fail at any time."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
+from .. import topics
 from ..parameters.config import RecorderConfig
 from ..parameters.declarations import ParameterError
+from ..picture.film import Film, value
+from ..recording.schemas import ParameterChange
 from ..recording.writer import PROVENANCE, RecordingWriter
 from ..topics import JOINT_STATE_TYPE
+from .conversions import WireReader
 
 _SUFFIX = ".mcap"
 
@@ -114,3 +120,42 @@ def open_output(config: RecorderConfig) -> RecordingWriter:
 
 def _refused(path: Path, allowed: str) -> ParameterError:
     return ParameterError("output", str(path), allowed)
+
+
+_TERMS = "terms"  # those of the controller heard last
+_OF_A_PLANT = "plant.length"  # a parameter that no other node has
+
+
+class Pictures:
+    """What a recorder hears, as the pictures that it records for 3-D views.
+
+    Keeps the newest message of what a picture shows, as bytes; only what is drawn is parsed.
+    """
+
+    def __init__(self) -> None:
+        self._film = Film()
+        self._newest: dict[str, bytes] = {}
+        self._read: defaultdict[str, WireReader] = defaultdict(WireReader)
+
+    def taking(self, topic: str) -> Callable[[bytes], None] | None:
+        """Return the function that takes a topic's messages; None for a topic that no picture shows."""
+        if topic == topics.DISTURBANCE:
+            return partial(self._newest.__setitem__, topic)
+        if topics.is_controller_state(topic):
+            return partial(self._newest.__setitem__, _TERMS)
+        return None
+
+    def reconfigure(self, change: ParameterChange) -> None:
+        """Take a node's parameters."""
+        for values in (change.new, change.changed):
+            if _OF_A_PLANT in values:
+                self._film.reconfigure(values)
+
+    def picture(self, stamp_ns: int, truth: bytes, log_ns: int) -> Iterator[tuple[str, bytes]]:
+        """Yield the topics and messages of a true state's picture; none for a state that is not drawn."""
+        if not self._film.is_due(stamp_ns):
+            return
+        read = {name: self._read[name](data) for name, data in self._newest.items()}
+        state = self._read[topics.GROUND_TRUTH](truth)
+        reference = value(read.get(_TERMS), "position", "reference")
+        yield from self._film.picture(state, read.get(topics.DISTURBANCE), reference, log_ns)

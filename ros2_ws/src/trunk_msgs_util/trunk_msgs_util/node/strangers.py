@@ -15,7 +15,7 @@ from rclpy.qos import DurabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from .. import topics
-from . import meeting
+from . import discovery
 
 # The first two bytes of an endpoint's GUID name its DDS (OMG: DDSI-RTPS vendor ids).
 _VENDORS = {
@@ -74,7 +74,7 @@ class Senders:
             if endpoint.topic_type != self._type_name:
                 continue  # nobody receives what it says there
             guid = bytes(endpoint.endpoint_gid).hex()
-            name = meeting.names([endpoint])[0]
+            name = discovery.names([endpoint])[0]
             if name.endswith(topics.BARE_NODE):
                 name = ""
             elif name.endswith(topics.UNKNOWN_NODE):
@@ -109,14 +109,14 @@ def _of_other_type(node: Node, topic: str, type_name: str) -> Iterator[str]:
     for endpoint in node.get_publishers_info_by_topic(topic):
         if endpoint.topic_type != type_name:
             yield (
-                f"{_shown(meeting.names([endpoint])[0])} publishes {endpoint.topic_type} on {topic}: "
+                f"{_shown(discovery.names([endpoint])[0])} publishes {endpoint.topic_type} on {topic}: "
                 f"{type_name} is needed (in DDS sensor_msgs::msg::dds_::JointState_)"
             )
 
 
 def _of_other_quality(node: Node, topic: str, type_name: str) -> Iterator[str]:
     offered = [
-        (meeting.names([e])[0], e.qos_profile)
+        (discovery.names([e])[0], e.qos_profile)
         for e in node.get_publishers_info_by_topic(topic)
         if e.topic_type == type_name
     ]
@@ -129,7 +129,7 @@ def _of_similar_name(node: Node, topic: str, type_name: str, own: Sequence[str])
     for name, types in node.get_topic_names_and_types():
         if name == topic or not _alike(name, topic):
             continue
-        publishing = meeting.names(node.get_publishers_info_by_topic(name))
+        publishing = discovery.names(node.get_publishers_info_by_topic(name))
         others = [sender for sender in publishing if sender not in own]
         if others:
             kind = "" if type_name in types else f" as {', '.join(types)}"

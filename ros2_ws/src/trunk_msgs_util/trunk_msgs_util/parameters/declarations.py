@@ -8,6 +8,7 @@ from the parameters of a ROS node, from a parameter file offline and from a reco
 from __future__ import annotations
 
 import math
+import re
 from array import array
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
@@ -15,8 +16,8 @@ from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from ..errors import TrunkError
-from ..values import Value as Value
-from .quantity_text import looks_like_quantity
+from ..samples import Value as Value
+from ..text import shortened
 
 Config = TypeVar("Config")
 
@@ -35,8 +36,7 @@ class ParameterError(TrunkError, ValueError):
 
 
 def _shown(value: object) -> str:
-    text = repr(list(value) if isinstance(value, tuple | array) else value)
-    return text if len(text) <= 80 else text[:77] + "..."
+    return shortened(repr(list(value) if isinstance(value, tuple | array) else value), 80)
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Declaration:
     elsewhere: tuple[tuple[str, str], ...] = ()  # no choice here: a value, and what to do instead
 
     def allowed(self) -> str:
-        """Return what is allowed, as a readable phrase."""
+        """Return the allowed values as a readable phrase."""
         each = "each " if self.kind.endswith("array") else ""
         phrase = self.kind
         if self.length is not None:
@@ -117,8 +117,8 @@ def parameter(
 
 def declarations(config: type[Any]) -> dict[str, Declaration]:
     """Return the declarations of a configuration class by parameter name, in order."""
-    found = (f.metadata["declaration"] for f in fields(config) if "declaration" in f.metadata)
-    return {declaration.name: declaration for declaration in found}
+    declared = (f.metadata["declaration"] for f in fields(config) if "declaration" in f.metadata)
+    return {declaration.name: declaration for declaration in declared}
 
 
 def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
@@ -134,9 +134,9 @@ def _scalar(declaration: Declaration, value: object, whole: object) -> Any:
         )
     if isinstance(value, str):
         if declaration.choices and value not in declaration.choices:
-            told = dict(declaration.elsewhere).get(value)
+            place = dict(declaration.elsewhere).get(value)
             raise ParameterError(
-                declaration.name, whole, declaration.allowed() + (f"; {told}" if told else "")
+                declaration.name, whole, declaration.allowed() + (f"; {place}" if place else "")
             )
         return value
     number: Any = value
@@ -221,3 +221,27 @@ def values_of(config: Any) -> dict[str, Value]:
         for f in fields(config)
         if "declaration" in f.metadata
     }
+
+
+# Sign, infinity or digits, the digits' exponent, unit.
+QUANTITY = re.compile(
+    r"\s*([-+]?)(?:\.?(inf)(?=\s)|((?:\d+\.?\d*|\.\d+)(?:[eE]([-+]?\d+))?)(?![\d.]))\s*(\S.*)",
+    re.ASCII | re.DOTALL,
+)
+
+
+class UnitError(TrunkError):
+    """A number with a unit that cannot be used: what is wrong, and what is allowed."""
+
+
+def looks_like_quantity(text: str) -> bool:
+    """Return True for a text that begins with a number and is not one by itself."""
+    return QUANTITY.match(text) is not None and not _is_plain(text)
+
+
+def _is_plain(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from ..errors import TrunkError
-from ..whole_file import whole_file
+from ..files import atomic_write
 from ..yaml_text import YamlTextError, load
 from .declarations import is_qos_override, of_every_node, unknown_name
 
@@ -181,5 +181,5 @@ def write(path: Path, nodes: Mapping[str, Mapping[str, object]]) -> None:
         }
         for node, values in nodes.items()
     }
-    with whole_file(path) as part:
+    with atomic_write(path) as part:
         part.write_text(yaml.safe_dump(tree, sort_keys=False, width=100), encoding="utf-8")

@@ -1,13 +1,21 @@
-"""A number with a unit, as text: ``45 deg``, ``100ms``, ``9.6N*m/rad``, in the unit that is asked for."""
+"""A number with a unit, as text: ``45 deg``, ``100ms``, ``9.6N*m/rad``, in the unit that is asked for.
+
+Units are written out, such as ``N m/(rad s)``. The angle counts as a quantity of its own. A torque (N m)
+is thus not a gain (N m/rad), and a frequency (Hz) not an angular speed (rad/s): between those a factor of
+2 pi is easily lost.
+"""
 
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Iterator
+from difflib import get_close_matches
 from fractions import Fraction
+from functools import lru_cache
 from typing import NamedTuple
 
-from .quantity_text import QUANTITY, UnitError
-from .unit_symbols import Unit, named, named_in, parse_unit
+from .declarations import QUANTITY, UnitError
 
 _LONGEST = 100  # characters
 _LARGEST_EXPONENT = 400
@@ -39,24 +47,24 @@ class Quantity(NamedTuple):
         scale = self.unit.scale / unit.scale
         try:
             if pi == 1 and scale == Fraction(1, 180):
-                found = float(self.digits) * (math.pi / 180.0)  # as math.radians does it
+                number = float(self.digits) * (math.pi / 180.0)  # as math.radians does it
             else:
-                found = float(Fraction(self.digits) * scale * _PI**pi)
+                number = float(Fraction(self.digits) * scale * _PI**pi)
         except OverflowError:
-            found = math.inf
-        if math.isinf(found):
+            number = math.inf
+        if math.isinf(number):
             raise UnitError("it is larger than any double")
-        return self.sign * found
+        return self.sign * number
 
 
 def parse_quantity(text: str) -> Quantity:
     """Return a number with its unit. Raises UnitError."""
     if len(text) > _LONGEST:
         raise UnitError(f"it has {len(text)} characters: at most {_LONGEST} are read")
-    found = QUANTITY.match(text)
-    if found is None:
+    match = QUANTITY.match(text)
+    if match is None:
         raise UnitError("it is not a number, with or without a unit")
-    sign, infinite, digits, exponent, unit = found.groups()
+    sign, infinite, digits, exponent, unit = match.groups()
     if exponent and abs(int(exponent)) > _LARGEST_EXPONENT:
         raise UnitError("it is beyond what a double can hold")
     unit = unit.strip()
@@ -70,13 +78,13 @@ def read_quantity(text: str, *units: str) -> float:
     """
     asked = [_declared(unit) for unit in units]
     try:
-        found = parse_quantity(text)
+        quantity = parse_quantity(text)
     except UnitError as error:
         raise UnitError(f"{error}; {needed(*units)}") from None
     for unit in asked:
-        if unit.dimension == found.unit.dimension:
-            return found.within(unit)
-    raise UnitError(f"it is {named(found.written)}; {needed(*units)}")
+        if unit.dimension == quantity.unit.dimension:
+            return quantity.within(unit)
+    raise UnitError(f"it is {named(quantity.written)}; {needed(*units)}")
 
 
 def _declared(unit: str) -> Unit:
@@ -88,19 +96,217 @@ def _declared(unit: str) -> Unit:
 
 
 def needed(*units: str) -> str:
-    """Return what is allowed, with examples: ``a time in s is needed, such as 5 s or 5 ms``."""
+    """Return the allowed kind of value, with examples: ``a time in s is needed, such as 5 s or 5 ms``."""
     if not any(units):
         return "a plain number is needed, or a percentage such as 50%"
     names = [named_in(unit) for unit in units]
-    told = " or ".join(filter(None, (", ".join(names[:-1]), names[-1])))
-    return f"{told} is needed, such as {' or '.join(_examples(units[0]))}"
+    kinds = " or ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+    return f"{kinds} is needed, such as {' or '.join(_examples(units[0]))}"
 
 
 def _examples(unit: str) -> tuple[str, ...]:
     """Return a value in the unit and, for a short unit or an angle, one in another."""
     other = unit.replace("rad", "deg") if "rad" in unit else _OTHER.get(unit)
     return tuple(
-        f"5{one.removeprefix('1')}" if one.startswith("1/") else f"5 {one}"
-        for one in (unit, other)
-        if one
+        f"5{symbol.removeprefix('1')}" if symbol.startswith("1/") else f"5 {symbol}"
+        for symbol in (unit, other)
+        if symbol
     )
+
+
+_LONGEST_UNIT = 60  # characters of a unit
+_TOKEN = re.compile(r"\s*(?:([A-Za-zµμ]+|[°%])|(\*\*|\^)\s*(-?\d+)|([²³])|([1*·×/()])|(\S))")
+_SUPERSCRIPTS = {"²": 2, "³": 3}
+_LARGEST_POWER = 9
+
+
+class Dimension(NamedTuple):
+    """The powers of mass, length, time and angle."""
+
+    mass: int = 0
+    length: int = 0
+    time: int = 0
+    angle: int = 0
+
+
+class Unit(NamedTuple):
+    """A unit: ``scale * pi**pi`` times the SI unit of its dimension."""
+
+    scale: Fraction = Fraction(1)
+    pi: int = 0
+    dimension: Dimension = Dimension()
+
+    def times(self, other: Unit, power: int = 1) -> Unit:
+        """Return the product with the other unit to a power."""
+        return Unit(
+            self.scale * other.scale**power,
+            self.pi + power * other.pi,
+            Dimension(
+                *(a + power * b for a, b in zip(self.dimension, other.dimension, strict=True))
+            ),
+        )
+
+
+_MASS, _LENGTH, _TIME, _ANGLE = (
+    Dimension(1),
+    Dimension(0, 1),
+    Dimension(0, 0, 1),
+    Dimension(angle=1),
+)
+_FREQUENCY, _FORCE, _TORQUE = Dimension(time=-1), Dimension(1, 1, -2), Dimension(1, 2, -2)
+_PREFIXES = {
+    "n": Fraction(1, 10**9),
+    "u": Fraction(1, 10**6),
+    "µ": Fraction(1, 10**6),
+    "μ": Fraction(1, 10**6),
+    "m": Fraction(1, 10**3),
+    "c": Fraction(1, 10**2),
+    "k": Fraction(10**3),
+    "M": Fraction(10**6),
+}
+_WITH_PREFIXES = (  # the symbol, its dimension, its size in SI units, the prefixes that it may have
+    ("s", _TIME, Fraction(1), "nuµμm"),
+    ("m", _LENGTH, Fraction(1), "uµμmck"),
+    ("g", _MASS, Fraction(1, 1000), "mk"),
+    ("rad", _ANGLE, Fraction(1), "m"),
+    ("Hz", _FREQUENCY, Fraction(1), "mkM"),
+    ("N", _FORCE, Fraction(1), "mk"),
+    ("Nm", _TORQUE, Fraction(1), "mk"),
+)
+SYMBOLS: dict[str, Unit] = {
+    "%": Unit(Fraction(1, 100)),
+    "min": Unit(Fraction(60), 0, _TIME),
+    "h": Unit(Fraction(3600), 0, _TIME),
+    "deg": Unit(Fraction(1, 180), 1, _ANGLE),
+    "°": Unit(Fraction(1, 180), 1, _ANGLE),
+    "rev": Unit(Fraction(2), 1, _ANGLE),
+    "rpm": Unit(Fraction(2, 60), 1, Dimension(time=-1, angle=1)),
+    **{
+        prefix + symbol: Unit(size * _PREFIXES.get(prefix, Fraction(1)), 0, dimension)
+        for symbol, dimension, size, prefixes in _WITH_PREFIXES
+        for prefix in ("", *prefixes)
+    },
+}
+# What people write in place of a symbol; only for "did you mean".
+_WORDS = {
+    "sec": "s", "second": "s", "msec": "ms", "minute": "min", "hour": "h", "hr": "h",
+    "metre": "m", "meter": "m", "gram": "g", "kilogram": "kg", "kilo": "kg",
+    "degree": "deg", "radian": "rad", "turn": "rev", "revolution": "rev",
+    "newton": "N", "hertz": "Hz", "cps": "Hz", "percent": "%",
+}  # fmt: skip
+_NAMES = {
+    Dimension(): "a ratio",
+    _MASS: "a mass",
+    _LENGTH: "a length",
+    _TIME: "a time",
+    _ANGLE: "an angle",
+    _FREQUENCY: "a frequency",
+    _FORCE: "a force",
+    _TORQUE: "a torque",
+    Dimension(length=1, time=-1): "a speed",
+    Dimension(length=1, time=-2): "an acceleration",
+    Dimension(time=-1, angle=1): "an angular speed",
+    Dimension(time=-2, angle=1): "an angular acceleration",
+}
+
+
+def named(unit: str) -> str:
+    """Return the quantity in a unit: ``a time``, or ``a quantity in N m/rad``. Raises UnitError."""
+    return _NAMES.get(parse_unit(unit).dimension) or f"a quantity in {unit}"
+
+
+def named_in(unit: str) -> str:
+    """Return the quantity that a unit measures, and the unit: ``a time in s``. Raises UnitError."""
+    return f"{_NAMES.get(parse_unit(unit).dimension, 'a quantity')} in {unit}"
+
+
+@lru_cache(maxsize=256)
+def parse_unit(text: str) -> Unit:
+    """Return the unit that a text stands for: symbols, ``*`` or a space, ``/``, ``^n``, parentheses.
+
+    Raises UnitError for an unknown symbol, and for a product after ``/``, which is ambiguous.
+    """
+    if len(text) > _LONGEST_UNIT:
+        raise UnitError(f"its unit has {len(text)} characters: at most {_LONGEST_UNIT} are read")
+    return _Parser(text).whole()
+
+
+class _Parser:
+    """Recursive descent over the tokens of one unit."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.tokens = list(self._tokens(text))
+
+    def _tokens(self, text: str) -> Iterator[str | int]:
+        """Yield symbols and signs as text, powers as integers."""
+        for symbol, _, power, superscript, sign, strange in _TOKEN.findall(text):
+            if strange:
+                raise UnitError(f"{strange!r} in the unit {text!r} cannot be read")
+            if power or superscript:
+                yield int(power[:3]) if power else _SUPERSCRIPTS[superscript]
+            else:
+                yield symbol or sign
+
+    def whole(self) -> Unit:
+        unit = self.product()
+        if self.tokens:
+            raise self.misplaced(self.tokens[0])
+        return unit
+
+    def product(self) -> Unit:
+        # "/s^2" after a number is 1/s^2.
+        unit = Unit() if self.is_at("/") else self.factor()
+        divided = False
+        while self.tokens and not self.is_at(")"):
+            sign = self.tokens.pop(0) if self.is_at("/", "*", "·", "×") else "*"
+            divided = divided or sign == "/"
+            if divided and sign != "/":
+                raise UnitError(
+                    f"the unit {self.text!r} can be read in two ways: put the denominator in "
+                    "parentheses, as in N m/(rad s), and the numerator before the /"
+                )
+            unit = unit.times(self.factor(), -1 if sign == "/" else 1)
+        return unit
+
+    def factor(self) -> Unit:
+        if not self.tokens:
+            raise UnitError(f"the unit {self.text!r} is not complete")
+        token = self.tokens.pop(0)
+        if token == "(":
+            unit = self.product()
+            if not self.is_at(")"):
+                raise UnitError(f"the unit {self.text!r} lacks a )")
+            self.tokens.pop(0)
+            return unit
+        if token == "1":
+            return Unit()
+        if isinstance(token, int) or not (token.isalpha() or token in SYMBOLS):
+            raise self.misplaced(token)
+        if token not in SYMBOLS:
+            raise UnitError(f"there is no unit {token!r}{_meant(token)}")
+        power = self.tokens.pop(0) if self.tokens and isinstance(self.tokens[0], int) else 1
+        if not isinstance(power, int) or abs(power) > _LARGEST_POWER:
+            raise UnitError(
+                f"the power {power} in the unit {self.text!r}: {_LARGEST_POWER} at most"
+            )
+        return Unit().times(SYMBOLS[token], power)
+
+    def is_at(self, *signs: str) -> bool:
+        return bool(self.tokens) and self.tokens[0] in signs
+
+    def misplaced(self, token: str | int) -> UnitError:
+        sign = f"a power of {token}" if isinstance(token, int) else repr(token)
+        return UnitError(f"{sign} is misplaced in the unit {self.text!r}")
+
+
+def _meant(symbol: str) -> str:
+    """Return ``(did you mean 's'?)``, or nothing where no known unit is like it."""
+    word = symbol.lower()
+    singular = word.removesuffix("s") or word
+    by_lower = {known.lower(): known for known in reversed(SYMBOLS)} | _WORDS
+    close = by_lower.get(word) or by_lower.get(singular)
+    if close is None:
+        matches = get_close_matches(singular, by_lower, n=1, cutoff=0.75)
+        close = by_lower[matches[0]] if matches else None
+    return f" (did you mean {close!r}?)" if close else ""

@@ -25,10 +25,10 @@ class Film:
         self._due_ns = 0
         self._last_ns = -1
 
-    def retune(self, parameters: Mapping[str, object]) -> None:
+    def reconfigure(self, parameters: Mapping[str, object]) -> None:
         """Take the simulator's parameters, or some that have changed."""
         self._plant.update(parameters)
-        self._geometry = Geometry.of(self._plant)
+        self._geometry = Geometry.from_parameters(self._plant)
 
     def is_due(self, stamp_ns: int) -> bool:
         """Return True if the state with this stamp is to be drawn; it starts over if stamps go back."""
@@ -72,7 +72,7 @@ def scene_of(
     disturbance: JointSample | None,
     reference: float | None,
 ) -> Scene | None:
-    """Return what is to be shown of a true state; None if it does not have our joints."""
+    """Return the scene of a true state; None if it does not have our joints."""
     hip, trunk = geometry.joints
     x, theta = value(truth, "position", hip), value(truth, "position", trunk)
     if x is None or theta is None:

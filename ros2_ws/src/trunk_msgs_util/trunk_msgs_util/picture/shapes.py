@@ -64,7 +64,7 @@ class Geometry:
     joints: tuple[str, str] = ("hip", "trunk")
 
     @classmethod
-    def of(cls, parameters: Mapping[str, object]) -> Geometry:
+    def from_parameters(cls, parameters: Mapping[str, object]) -> Geometry:
         """Return the geometry from the simulator's parameters, by name."""
         names = {
             "length": "plant.length",
@@ -80,11 +80,11 @@ class Geometry:
         return cls(**known)  # type: ignore[arg-type]
 
     def hip(self, x: float) -> Point:
-        """Return where the hip is: on its path, z being `path_height`."""
+        """Return the place of the hip: on its path, z being `path_height`."""
         return (x, 0.0, path_height(x, self.amplitude, self.wavenumber, self.harmonics))
 
     def mass(self, x: float, theta: float) -> Point:
-        """Return where the trunk's centre of mass is."""
+        """Return the place of the trunk's centre of mass."""
         hip = self.hip(x)
         return (x + self.length * sin(theta), 0.0, hip[2] + self.length * cos(theta))
 

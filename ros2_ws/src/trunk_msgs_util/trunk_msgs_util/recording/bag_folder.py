@@ -37,23 +37,23 @@ class BagFolder(NamedTuple):
 
 
 def conversion(source: Path) -> str:
-    """Return what to do to have a bag in MCAP: a whole command."""
+    """Return the whole command that converts a bag to MCAP."""
     target = source.with_name(f"{source.stem or 'bag'}_mcap")
     words = ["rosbags-convert", "--src", str(source), "--dst", str(target), "--dst-storage", "mcap"]
     return f"convert it: {shlex.join(words)}"
 
 
 def other_format(path: Path, head: bytes) -> str:
-    """Return what a file is that begins so, and how to make MCAP of it; empty if that is not known."""
-    for begins, what, alone in _OTHERS:
+    """Return the format of a file that begins so, and how to make MCAP of it; empty if that is not known."""
+    for begins, kind, alone in _OTHERS:
         if head.startswith(begins):
-            return f"{what}: {conversion(path if alone else path.absolute().parent)}"
-    for begins, what, unpack, suffixes in _PACKED:
+            return f"{kind}: {conversion(path if alone else path.absolute().parent)}"
+    for begins, kind, unpack, suffixes in _PACKED:
         if head.startswith(begins):
             named = path.suffix in suffixes  # these tools ask for the name's ending
             source = str(path) if named else f"{path}{suffixes[0]}"
             rename = "" if named else f"mv {shlex.join([str(path), source])} && "
-            return f"{what}: unpack it: {rename}{unpack} {shlex.quote(source)}"
+            return f"{kind}: unpack it: {rename}{unpack} {shlex.quote(source)}"
     return ""
 
 
@@ -68,8 +68,8 @@ def bag_folder(folder: Path) -> BagFolder:
             others = sorted(folder.glob("*.db3")) or sorted(folder.glob("*.bag"))
             if others:
                 with others[0].open("rb") as file:
-                    what = other_format(others[0], file.read(LONGEST_HEAD)) or "of no known format"
-                raise RecordingError(f"{folder} has no .mcap files; {others[0].name} is {what}")
+                    kind = other_format(others[0], file.read(LONGEST_HEAD)) or "of no known format"
+                raise RecordingError(f"{folder} has no .mcap files; {others[0].name} is {kind}")
             raise RecordingError(
                 f"{folder} is a directory without {METADATA} and .mcap files: "
                 "give a recording of a run"

@@ -16,13 +16,12 @@ from mcap.opcode import Opcode
 
 from .chunk import chunk_head, chunk_records
 from .limits import MAX_CHUNK, Budget, LimitError
-from .messages import HEAD
+from .messages import HEAD, MAGIC
 from .split import Content, record_offsets, split
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
-MAGIC = b"\x89MCAP0\r\n"
 BLOCKS = (Opcode.CHUNK, Opcode.MESSAGE)
 
 _CRC = struct.Struct("<I")
@@ -182,9 +181,9 @@ def _run(file: BinaryIO, first: bytes, left: int) -> bytes:
 
 def damaged(record: Record, error: Exception) -> DamageError:
     """Return the error for a record whose body makes no sense."""
-    what = str(error) or type(error).__name__
+    reason = str(error) or type(error).__name__
     return DamageError(
-        f"the {name_of(record.opcode)} record at byte {record.offset} is damaged ({what})"
+        f"the {name_of(record.opcode)} record at byte {record.offset} is damaged ({reason})"
     )
 
 
@@ -197,12 +196,36 @@ def content_of(record: Record, budget: Budget | None = None) -> Content:
             budget.unpack(chunk_head(record.body).size)
         return split(chunk_records(record.body), budget)
     except LimitError as error:
-        raise reached(record, error) from None
+        raise limit_reached(record, error) from None
     except Exception as error:  # whatever a decompressor may raise on damaged bytes
         raise damaged(record, error) from None
 
 
-def reached(record: Record, error: LimitError) -> LimitReachedError:
+def visit(
+    record: Record,
+    budget: Budget,
+    take_content: Callable[[Content, Record], None],
+    take_other: Callable[[Record], None],
+) -> None:
+    """Give a block's content to one function, and every other record, also one in a chunk, to the other.
+
+    Raises DamageError for whatever ``take_other`` raises, and LimitReachedError for a LimitError.
+    """
+    content = content_of(record, budget) if record.opcode in BLOCKS else None
+    inside = content.others if content is not None else [(record.opcode, record.body)]
+    for opcode, body in inside:
+        part = Record(record.offset, opcode, body, record.end)
+        try:
+            take_other(part)
+        except LimitError as error:
+            raise limit_reached(part, error) from None
+        except Exception as error:  # whatever mcap may raise on a damaged record
+            raise damaged(part, error) from None
+    if content is not None:
+        take_content(content, record)
+
+
+def limit_reached(record: Record, error: LimitError) -> LimitReachedError:
     """Return the error for a record that goes beyond a limit."""
     where = f"at the {name_of(record.opcode)} record at byte {record.offset}"
     return LimitReachedError(f"the file reaches a limit {where}: {error}")

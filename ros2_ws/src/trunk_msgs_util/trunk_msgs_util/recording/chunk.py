@@ -87,7 +87,7 @@ def _zstd(data: bytes, size: int) -> bytes:
 def _lz4(data: bytes, size: int) -> bytes:
     try:
         decompressor = lz4.frame.LZ4FrameDecompressor()
-        found: bytes = decompressor.decompress(data, max_length=size + 1)
+        unpacked: bytes = decompressor.decompress(data, max_length=size + 1)
     except (RuntimeError, EOFError, MemoryError) as error:
         raise ValueError(f"it cannot be decompressed: {error}") from None
-    return found
+    return unpacked

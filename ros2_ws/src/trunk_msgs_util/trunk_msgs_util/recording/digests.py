@@ -24,7 +24,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema
 
-DIGESTS = "trunk_digests"  # name of the metadata record
+# Names of our metadata records.
+PROVENANCE, END, DIGESTS = "trunk_provenance", "trunk_end", "trunk_digests"
 HEADS, CHANNELS, METADATA = "heads", "channels", "metadata"
 HEADER, ATTACHMENTS = "header", "attachments"
 # What is covered besides the topics, with its name in messages.
@@ -65,9 +66,15 @@ class RunningDigests:
     def channel(self, channel: Channel, schema: Schema | None) -> None:
         """Take a channel and its schema."""
         self._topics.setdefault(channel.topic, _new())
-        told = [schema.name, schema.encoding, schema.data.hex()] if schema else []
+        description = [schema.name, schema.encoding, schema.data.hex()] if schema else []
         self._channels.append(
-            [channel.id, channel.topic, channel.message_encoding, dict(channel.metadata), told]
+            [
+                channel.id,
+                channel.topic,
+                channel.message_encoding,
+                dict(channel.metadata),
+                description,
+            ]
         )
 
     def messages(self, topic: str, data: bytes) -> None:
@@ -107,11 +114,11 @@ def differing(recorded: Mapping[str, str], computed: Mapping[str, str]) -> list[
 
 
 def uncoverable(topics: Iterable[str], attachments: int, unknown: Iterable[str]) -> list[str]:
-    """Return what no digest covers: attachments, topics whose name is that of a part, unknown records."""
-    found = [f"a topic with the name {topic}" for topic in sorted(topics) if topic in PARTS]
-    found += ["the attachments' content"] if attachments else []
+    """Return the parts without digests: attachments, topics whose name is that of a part, unknown records."""
+    parts = [f"a topic with the name {topic}" for topic in sorted(topics) if topic in PARTS]
+    parts += ["the attachments' content"] if attachments else []
     kinds = ", ".join(sorted(set(unknown)))
-    return found + ([f"records of unknown kinds ({kinds})"] if kinds else [])
+    return parts + ([f"records of unknown kinds ({kinds})"] if kinds else [])
 
 
 def uncovered(recorded: Mapping[str, str], topics: Iterable[str]) -> list[str]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+import struct
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,24 +15,19 @@ from mcap.records import Channel, Header, Metadata, Schema, Statistics
 
 from .bag_folder import LONGEST_HEAD, other_format
 from .blocks import (
-    BLOCKS,
-    MAGIC,
     ChecksumError,
     DamageError,
     Record,
     TrailingError,
     content_of,
-    damaged,
     is_known,
-    reached,
     read_block,
     records,
+    visit,
 )
-from .described import check_described, numbered, of_others
-from .digests import DIGESTS
-from .limits import MAX_METADATA, Budget, LimitError
-from .own_records import END, PROVENANCE
-from .summary import miscounted
+from .digests import DIGESTS, END, PROVENANCE
+from .limits import MAX_CHANNELS, MAX_METADATA, MAX_NAME, Budget, LimitError
+from .messages import MAGIC
 from .topic import STAMPED, RecordingError, Topic
 
 if TYPE_CHECKING:
@@ -43,6 +41,8 @@ if TYPE_CHECKING:
     from .split import Content
 
 _OURS = PROVENANCE[:6].encode()  # what the names of our metadata begin with
+_SHORT = 1 << 16  # bytes of others' metadata that are read
+_NUMBER = struct.Struct("<H")
 
 
 @dataclass(frozen=True)
@@ -92,13 +92,18 @@ class RecordingFile:
 
         Raises RecordingError and OSError.
         """
+
+        def take_content(content: Content, record: Record) -> None:
+            self.take_content(content, record)
+            keep(record.offset, content)
+
         size = size_of(self.path)
         budget = Budget(size)
         with self.path.open("rb") as file:
             check_magic(self.path, file, size)
             try:
                 for record in records(file, size):
-                    self._take(record, budget, keep)
+                    visit(record, budget, take_content, self.take_record)
                     progress(record.end)
             except DamageError as error:
                 self.warning = str(error)
@@ -109,24 +114,6 @@ class RecordingFile:
         if self.whole and self._statistics is not None:
             miscount = miscounted(self._statistics, self.counts)
             self.sound, self.warning = self.sound and not miscount, self.warning or miscount or None
-
-    def _take(self, record: Record, budget: Budget, keep: Callable[[int, Content], None]) -> None:
-        if record.opcode in BLOCKS:
-            content = content_of(record, budget)
-            for opcode, body in content.others:
-                self._take_other(Record(record.offset, opcode, body, record.end))
-            self.take_content(content, record)
-            keep(record.offset, content)
-        else:
-            self._take_other(record)
-
-    def _take_other(self, record: Record) -> None:
-        try:
-            self.take_record(record)
-        except LimitError as error:
-            raise reached(record, error) from None
-        except Exception as error:  # whatever mcap may raise on a damaged record
-            raise damaged(record, error) from None
 
     def take_record(self, record: Record) -> None:
         """Process a record without messages. Raises whatever mcap raises."""
@@ -140,7 +127,7 @@ class RecordingFile:
             if self._is_new(record, self.channels, Channel.read):
                 self.take_described(Channel.read(record.stream))
         elif record.opcode == Opcode.METADATA and record.body[4:10] != _OURS:
-            self.metadata_records.append(of_others(record))
+            self.metadata_records.append(others_metadata(record))
         elif record.opcode == Opcode.METADATA:
             self._described_by += len(record.body)
             if self._described_by > MAX_METADATA:
@@ -179,18 +166,18 @@ class RecordingFile:
     def take_described(self, item: Schema | Channel) -> None:
         """Process a schema or a channel; the first with a given number counts. Raises LimitError."""
         if isinstance(item, Schema):
-            check_described(len(self.schemas), item)
+            check_schema_limits(len(self.schemas), item)
             self.schemas.setdefault(item.id, item)
         elif item.id not in self.channels:
-            check_described(max(len(self.channels), len(self.topics)), item)
+            check_schema_limits(max(len(self.channels), len(self.topics)), item)
             self.channels[item.id] = item
             self._numbers.setdefault(item.topic, []).append(item.id)
             described = self.schemas.get(item.schema_id)
             topic = self.topics.setdefault(
                 item.topic, Topic(described.name if described else "", item.message_encoding)
             )
-            if topic.type in STAMPED and topic.is_read() and topic.faults.limit is None:
-                topic.faults.limit = topic.is_read()
+            if topic.type in STAMPED and topic.is_read() and topic.unreadable.limit is None:
+                topic.unreadable.limit = topic.is_read()
 
     def take_content(self, content: Content, record: Record) -> None:
         """Count a block's messages. Raises DamageError for unknown channels."""
@@ -198,8 +185,8 @@ class RecordingFile:
             raise DamageError(
                 f"the record at byte {record.offset} has messages of an unknown channel"
             )
-        for number, found in content.channels.items():
-            self.counts[number] = self.counts.get(number, 0) + len(found)
+        for number, messages_of in content.channels.items():
+            self.counts[number] = self.counts.get(number, 0) + len(messages_of)
         for topic, channels in self.by_topic(content.channels).items():
             messages = content.messages(channels)
             if messages is not None:
@@ -230,10 +217,10 @@ class RecordingFile:
 
     def by_topic(self, channels: Iterable[int]) -> dict[str, list[int]]:
         """Return the channels in a block by their topics."""
-        found: dict[str, list[int]] = {}
+        numbers: dict[str, list[int]] = {}
         for number in channels:
-            found.setdefault(self.channels[number].topic, []).append(number)
-        return found
+            numbers.setdefault(self.channels[number].topic, []).append(number)
+        return numbers
 
     def content(self, file: BinaryIO, block: Block) -> Content:
         """Return a block's content, read again. Raises RecordingError if the file has changed."""
@@ -258,9 +245,46 @@ def check_magic(path: Path, file: BinaryIO, size: int) -> None:
         raise RecordingError(f"{path} is empty: nothing was recorded; record the run again")
     head = file.read(len(MAGIC))
     if head != MAGIC:
-        what = other_format(path, head + file.read(LONGEST_HEAD - len(head)))
+        kind = other_format(path, head + file.read(LONGEST_HEAD - len(head)))
         raise RecordingError(
-            f"{path} is {what}"
-            if what
+            f"{path} is {kind}"
+            if kind
             else f"{path} is not an MCAP file: give a recording of a run"
         )
+
+
+def numbered(record: Record) -> int | None:
+    """Return the number with which a schema's or a channel's record begins; None without one."""
+    return _NUMBER.unpack_from(record.body)[0] if len(record.body) >= _NUMBER.size else None
+
+
+def others_metadata(record: Record) -> tuple[str, dict[str, str]]:
+    """Return a metadata record that is not ours; only its digest if it is large or malformed."""
+    if len(record.body) <= _SHORT:
+        with suppress(Exception):  # whatever mcap may raise: nothing in it is needed
+            metadata = Metadata.read(record.stream)
+            return metadata.name, metadata.metadata
+    return "", {"blake2b": hashlib.blake2b(record.body, digest_size=32).hexdigest()}
+
+
+def check_schema_limits(count: int, item: Schema | Channel) -> None:
+    """Raise LimitError for a schema or channel after so many others, or with too long a name."""
+    kind, name = ("schema", item.name) if isinstance(item, Schema) else ("topic", item.topic)
+    if count >= MAX_CHANNELS:
+        raise LimitError(f"more than {MAX_CHANNELS} {kind}s")
+    if len(name) > MAX_NAME:
+        raise LimitError(
+            f"the name of a {kind} has {len(name)} characters: at most {MAX_NAME} are read"
+        )
+
+
+def miscounted(statistics: Statistics, counts: Mapping[int, int]) -> str:
+    """Return how statistics differ from a file's messages by channel; empty if they agree."""
+    counted = {channel: n for channel, n in statistics.channel_message_counts.items() if n}
+    total = sum(counts.values())
+    if statistics.message_count == total and counted in ({}, counts):
+        return ""
+    return (
+        f"statistics count {statistics.message_count} messages, there are {total}, "
+        "or they are on other channels"
+    )

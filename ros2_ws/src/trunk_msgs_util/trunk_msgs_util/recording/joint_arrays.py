@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..samples import JointSample, has_doubled
 from ..topics import JOINT_STATE_TYPE
-from ..units import NANOSECONDS
-from .joint_state_cdr import JointStateLayout, shared
+from ..units import LAST_STAMP_NS, NANOSECONDS
+from .joint_state_cdr import JointStateLayout, layout_of, shared
 from .limits import MAX_JOINTS, MAX_LAYOUTS, MAX_NAME, LimitError
 from .schemas import deserialize, stamp_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from .messages import Messages
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Frames = NDArray[np.int32]
+Rows: TypeAlias = slice | Integers  # of some messages
 QUANTITIES = ("position", "velocity", "effort")
 _MAX_UNUSUAL_BYTES = 1 << 20  # of a message that is read one by one
+_LAST_SEC = LAST_STAMP_NS // NANOSECONDS
 _ALL_OF_THE_FIRST: Frames = np.zeros(0, np.int32)
 
 
@@ -113,7 +115,7 @@ def groups(messages: Messages) -> tuple[list[tuple[JointStateLayout, Integers]],
     data, _, start, end = messages
     sizes = end - start
     order = np.argsort(sizes, kind="stable")
-    found: list[tuple[JointStateLayout, Integers]] = []
+    layouts: list[tuple[JointStateLayout, Integers]] = []
     strange: list[int] = []
     for rows in np.split(order, np.flatnonzero(np.diff(sizes[order])) + 1):
         left = rows
@@ -126,11 +128,11 @@ def groups(messages: Messages) -> tuple[list[tuple[JointStateLayout, Integers]],
                 strange.append(first)
                 left = left[1:]
                 continue
-            found.append((layout, left[fits]))
+            layouts.append((layout, left[fits]))
             left = left[~fits]
-            if len(found) > MAX_LAYOUTS:
+            if len(layouts) > MAX_LAYOUTS:
                 raise LimitError(f"its messages have more than {MAX_LAYOUTS} layouts")
-    return sorted(found, key=lambda one: int(one[1][0])), sorted(strange)
+    return sorted(layouts, key=lambda group: int(group[1][0])), sorted(strange)
 
 
 def misfit(layout: JointStateLayout) -> str:
@@ -153,27 +155,53 @@ def check_counts(layout: JointStateLayout) -> None:
             raise ValueError(f"{count} values of {quantity} for {names} names")
 
 
+def pieces(
+    messages: Messages, skip_unreadable: bool = False
+) -> Iterator[tuple[Rows, JointStateLayout, NDArray[Any]]]:
+    """Yield the messages of each layout in turn: their rows, the layout, their fields as in `structured`.
+
+    A message that no layout describes comes alone, with that of its content. Raises ValueError for bytes
+    that are not JointState, unless they are to be skipped, and LimitError beyond `MAX_LAYOUTS`.
+    """
+    whole = structured(messages)
+    if whole is not None:
+        yield slice(0, len(messages)), *whole
+        return
+    regular, strange = groups(messages)
+    for layout, rows in regular:
+        yield rows, layout, layout.decode_at(messages.data, messages.start[rows])
+    for row in strange:
+        try:
+            frame_id, message = _unusual(messages, row)
+        except ValueError:
+            if skip_unreadable:
+                continue
+            raise
+        layout = layout_of(message, frame_id)
+        array = np.zeros(1, layout.dtype)
+        sec = min(message.stamp_ns // NANOSECONDS, _LAST_SEC)  # its ns may make a second or more
+        array["sec"], array["nanosec"] = sec, message.stamp_ns - sec * NANOSECONDS
+        for quantity in QUANTITIES:
+            array[quantity] = getattr(message, quantity)
+        yield np.array([row]), layout, array
+
+
 def decode(messages: Messages) -> JointArrays:
     """Return one or more serialized messages as arrays, in bulk for each layout.
 
     Raises ValueError for bytes that are not JointState, and if values do not match names.
     """
     log = messages.log_time_ns
-    found = structured(messages)
-    if found is not None:
-        layout, array = found
-        return _arrays(layout, array, log)
-    parts: list[tuple[Integers, JointArrays]] = []
-    regular, strange = groups(messages)
-    for layout, rows in regular:
-        array = layout.decode_at(messages.data, messages.start[rows])
-        parts.append((rows, _arrays(layout, array, log[rows])))
-    for row in strange:
-        parts.append((np.array([row]), _one(messages, row)))
-    parts.sort(key=lambda part: int(part[0][0]))
-    joined = concatenate([part for _, part in parts])
-    order = np.argsort(np.concatenate([rows for rows, _ in parts]), kind="stable")
-    return joined.rows(order)
+    parts = [(rows, _arrays(layout, array, log[rows])) for rows, layout, array in pieces(messages)]
+    return parts[0][1] if isinstance(parts[0][0], slice) else _in_order(parts)
+
+
+def _in_order(parts: Sequence[tuple[Rows, JointArrays]]) -> JointArrays:
+    """Return messages in the order of their rows; names are in that of their first appearance."""
+    numbered = [(np.atleast_1d(np.r_[rows]), part) for rows, part in parts]
+    numbered.sort(key=lambda part: int(part[0][0]))
+    joined = concatenate([part for _, part in numbered])
+    return joined.rows(np.argsort(np.concatenate([rows for rows, _ in numbered]), kind="stable"))
 
 
 def _arrays(layout: JointStateLayout, array: NDArray[Any], log: Integers) -> JointArrays:
@@ -213,13 +241,6 @@ def _unusual(messages: Messages, row: int) -> tuple[str, JointSample]:
     if why:
         raise ValueError(why)
     return frame, JointSample(stamp_of(message.header.stamp), names, *values)
-
-
-def _one(messages: Messages, row: int) -> JointArrays:
-    frame, (stamp_ns, names, *quantities) = _unusual(messages, row)
-    stamp, log = np.array([stamp_ns], np.int64), messages.log_time_ns[row : row + 1]
-    position, velocity, effort = (np.array([v], np.float64).reshape(1, -1) for v in quantities)
-    return JointArrays(names, stamp, log, position, velocity, effort, (frame,))
 
 
 def concatenate(parts: Sequence[JointArrays]) -> JointArrays:
@@ -267,38 +288,19 @@ def efforts_on(messages: Messages, joint: str) -> JointArrays:
     These are the commands that a plant takes: the name is there once, with a finite effort.
     Raises LimitError.
     """
-    parts: list[tuple[Integers, JointArrays]] = []
-    regular, strange = groups(messages)
-    for layout, rows in regular:
-        place = _place_of_effort(layout.name, layout.effort, joint)
-        if place is not None:
-            array = layout.decode_at(messages.data, messages.start[rows])
+    parts: list[tuple[Rows, JointArrays]] = []
+    for rows, layout, array in pieces(messages, skip_unreadable=True):
+        names = layout.name
+        place = names.index(joint) if names.count(joint) == 1 else layout.effort
+        if place < layout.effort:
             effort = np.array(array["effort"][:, place : place + 1], np.float64)
-            parts.append((rows, _of_joint(joint, stamps(array), effort, layout.frame_id)))
-    for row in strange:
-        try:
-            frame_id, sample = _unusual(messages, row)
-        except ValueError:
-            continue
-        place = _place_of_effort(sample.name, len(sample.effort), joint)
-        if place is not None:
-            stamp_ns = np.array([sample.stamp_ns])
-            effort = np.array([[sample.effort[place]]])
-            parts.append((np.array([row]), _of_joint(joint, stamp_ns, effort, frame_id)))
+            none = np.zeros((len(effort), 0))
+            log = messages.log_time_ns[rows]
+            frames = (layout.frame_id,)
+            part = JointArrays((joint,), stamps(array), log, none, none, effort, frames)
+            parts.append((rows, part))
     if not parts:
-        return _of_joint(joint, np.zeros(0, np.int64), np.zeros((0, 1)), "")
-    rows = np.concatenate([rows for rows, _ in parts])
-    joined = concatenate([part for _, part in parts])
-    joined = replace(joined, log_time_ns=messages.log_time_ns[rows])
-    order = np.argsort(rows, kind="stable")
-    return joined.rows(order[np.isfinite(joined.effort[order, 0])])
-
-
-def _place_of_effort(names: Sequence[str], count: int, joint: str) -> int | None:
-    place = names.index(joint) if names.count(joint) == 1 else count
-    return place if place < count else None
-
-
-def _of_joint(joint: str, stamp_ns: Integers, effort: Floats, frame_id: str) -> JointArrays:
-    nothing = np.zeros((len(stamp_ns), 0))
-    return JointArrays((joint,), stamp_ns, stamp_ns, nothing, nothing, effort, (frame_id,))
+        none, no_stamps = np.zeros((0, 0)), np.zeros(0, np.int64)
+        return JointArrays((joint,), no_stamps, no_stamps, none, none, np.zeros((0, 1)))
+    joined = _in_order(parts)
+    return joined.rows(np.flatnonzero(np.isfinite(joined.effort[:, 0])))

@@ -1,4 +1,4 @@
-"""`Messages`: the message records of a block, each with the header before its data."""
+"""`Messages`: the message records of a block, each with the header before its data; MCAP's headers."""
 
 from __future__ import annotations
 
@@ -13,10 +13,19 @@ if TYPE_CHECKING:
 
     from .joint_arrays import Integers
 
+MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # of every record: opcode, length of what follows
-_MESSAGE_HEAD = struct.Struct("<HIQQ")
-_FIELDS = np.dtype(
-    [("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")]
+# What precedes a message's data: `HEAD`, then these four; one by one, and in bulk.
+MESSAGE_HEAD = struct.Struct("<BQHIQQ")
+HEAD_FIELDS = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time", "<u8"),
+        ("publish_time", "<u8"),
+    ]
 )
 
 
@@ -38,8 +47,8 @@ class Messages(NamedTuple):
     end: Integers
 
     def heads(self) -> bytes:
-        """Return what precedes each message's data, with opcode and length, as it is in the file."""
-        head = np.dtype((np.void, HEAD.size + _MESSAGE_HEAD.size))
+        """Return the header of each message's data, with opcode and length, as it is in the file."""
+        head = np.dtype((np.void, MESSAGE_HEAD.size))
         return unaligned(self.data, head)[self.offsets()].tobytes()
 
     def joined(self) -> bytes:
@@ -68,24 +77,25 @@ class Messages(NamedTuple):
 
     def head(self, row: int) -> MessageHead:
         """Return the header of message ``row``."""
-        at = int(self.start[row]) - _MESSAGE_HEAD.size
-        return MessageHead._make(_MESSAGE_HEAD.unpack_from(self.data, at))
+        at = int(self.start[row]) - MESSAGE_HEAD.size
+        _, _, *head = MESSAGE_HEAD.unpack_from(self.data, at)
+        return MessageHead._make(head)
 
     def channels(self) -> NDArray[Any]:
         """Return each message's channel [N]."""
         return head_field(self.data, self.offsets(), "channel")
 
     def offsets(self) -> Integers:
-        """Return where each message's record begins [N]."""
-        return self.start - (HEAD.size + _MESSAGE_HEAD.size)
+        """Return the first byte of each message's record [N]."""
+        return self.start - MESSAGE_HEAD.size
 
     def __len__(self) -> int:
         return len(self.start)
 
 
 def data_starts(offsets: Integers) -> Integers:
-    """Return where the data begin of the message records at ``offsets``."""
-    return offsets + (HEAD.size + _MESSAGE_HEAD.size)
+    """Return the first byte of the data of the message records at ``offsets``."""
+    return offsets + MESSAGE_HEAD.size
 
 
 def head_field(data: bytes, offsets: Integers, name: str) -> NDArray[Any]:
@@ -93,7 +103,7 @@ def head_field(data: bytes, offsets: Integers, name: str) -> NDArray[Any]:
 
     ``name`` is channel, sequence, log_time or publish_time.
     """
-    return unaligned(data, _FIELDS)[name][offsets + HEAD.size]
+    return unaligned(data, HEAD_FIELDS)[name][offsets]
 
 
 def unaligned(data: bytes | NDArray[np.uint8], dtype: Any) -> NDArray[Any]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
     from pathlib import Path
 
-    from ..values import Value
+    from ..samples import Value
 
 __all__ = ["Recording", "RecordingError", "Topic"]
 
@@ -40,12 +40,12 @@ class Recording(RecordedFiles):
         return cls(path)._opened(progress)
 
     @classmethod
-    def glance(
+    def open_by_summary(
         cls, path: str | Path, progress: Callable[[int, int], None] = lambda _done, _of: None
     ) -> Recording:
         """Open a recording by its summary and indexes; ``checked`` is False if that was enough.
 
-        Files of less than `_GLANCE` bytes, and those without a sound summary, are scanned.
+        Files of less than `_BY_SUMMARY` bytes, and those without a sound summary, are scanned.
         Raises as `open` does.
         """
         recording = cls(path)
@@ -72,9 +72,9 @@ class Recording(RecordedFiles):
                 with suppress(RecordingError):  # raised again when it is asked for
                     read()
         self.warnings += [
-            topic.faults.describe(name, topic.count)
+            topic.unreadable.describe(name, topic.count)
             for name, topic in sorted(self.topics.items())
-            if topic.faults.count or topic.faults.limit is not None
+            if topic.unreadable.count or topic.unreadable.limit is not None
         ]
 
     @cached_property
@@ -186,11 +186,11 @@ class Recording(RecordedFiles):
         """
         name = self.topic(relative)
         topic = self.topics.get(name)
-        found: list[tuple[int, Parsed]] = []
+        parsed: list[tuple[int, Parsed]] = []
         if topic is None:
             return []
-        if topic.faults.limit is not None:
-            raise RecordingError(f"{self.path}: {topic.faults.describe(name, topic.count)}")
+        if topic.unreadable.limit is not None:
+            raise RecordingError(f"{self.path}: {topic.unreadable.describe(name, topic.count)}")
         index = size = 0
         for file, block, channels, content in self._contents([name]):
             messages = content.messages(sorted(channels & content.channels.keys()))
@@ -198,8 +198,8 @@ class Recording(RecordedFiles):
                 continue
             size += int((messages.end - messages.start).sum())
             if size > MAX_TEXT:
-                topic.faults.limit = f"its messages have more than the {MAX_TEXT} bytes allowed"
-                raise RecordingError(f"{self.path}: {topic.faults.describe(name, topic.count)}")
+                topic.unreadable.limit = f"its messages have more than the {MAX_TEXT} bytes allowed"
+                raise RecordingError(f"{self.path}: {topic.unreadable.describe(name, topic.count)}")
             bad: list[int] = []
             for row, data in enumerate(messages.bytes()):
                 if messages.log_time_ns[row] < 0:  # counted when the file was scanned
@@ -207,15 +207,15 @@ class Recording(RecordedFiles):
                 try:
                     if topic.type != type_name:
                         raise ValueError(f"its type is {topic.type or 'not given'}")
-                    found.append((int(messages.log_time_ns[row]), parse(data)))
+                    parsed.append((int(messages.log_time_ns[row]), parse(data)))
                 except ValueError as error:
-                    topic.faults.add(index + row, int(messages.log_time_ns[row]), str(error))
+                    topic.unreadable.add(index + row, int(messages.log_time_ns[row]), str(error))
                     bad.append(row)
             file.leave_out(block.offset, messages, bad)
             index += len(messages)
         if not topic.ordered:
-            found.sort(key=lambda pair: pair[0])
-        return [message for _, message in found]
+            parsed.sort(key=lambda pair: pair[0])
+        return [message for _, message in parsed]
 
     @cached_property
     def _parameter_events(self) -> list[ParameterChange]:
@@ -227,11 +227,11 @@ class Recording(RecordedFiles):
 
     def parameters(self) -> dict[str, dict[str, Value]]:
         """Return every node's first full set of parameters, by its fully qualified name."""
-        found: dict[str, dict[str, Value]] = {}
+        first_sets: dict[str, dict[str, Value]] = {}
         for event in self._parameter_events:
             if event.new:
-                found.setdefault(event.node, event.new)
-        return found
+                first_sets.setdefault(event.node, event.new)
+        return first_sets
 
     def parameter_messages(self) -> list[ParameterChange]:
         """Return all messages on ``run/parameters`` by log time."""

@@ -13,26 +13,21 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
 from mcap.writer import Writer
 
-from ..whole_file import whole_file
+from ..files import atomic_write
 from .blocks import (
-    BLOCKS,
     ChecksumError,
     DamageError,
     LimitReachedError,
     Record,
     TrailingError,
-    content_of,
-    damaged,
     is_known,
     name_of,
-    reached,
     records,
+    visit,
 )
-from .described import check_described, numbered
-from .digests import DIGESTS
-from .file import check_magic, size_of
+from .digests import DIGESTS, END
+from .file import check_magic, check_schema_limits, numbered, size_of
 from .limits import Budget, LimitError
-from .own_records import END
 from .reader import RecordingError
 from .split import Content
 from .summary import Summary, read_summary
@@ -67,7 +62,7 @@ def recover(path: Path, output: Path, overwrite: bool = False) -> Recovery:
         check_magic(path, file, size)
         if output.exists() and output.samefile(path):
             raise FileExistsError(f"{output} is the broken file itself: choose another name")
-        with whole_file(output, overwrite=overwrite) as part:
+        with atomic_write(output, overwrite=overwrite) as part:
             with part.open("wb") as target:
                 _Copy(file, size, target, recovery).run()
             if not recovery.count:
@@ -94,11 +89,11 @@ class _Copy:
         while start < self._size:
             start = self._stretch(start)
         self._writer.flush()
-        told = self._end or {}
+        end = self._end or {}
         lost = "; ".join(self._recovery.lost[:_LOSSES]) or "nothing"
         if len(self._recovery.lost) > _LOSSES:
             lost += f"; and {len(self._recovery.lost) - _LOSSES} more losses"
-        before = "complete" if told.get("complete") == "true" else told.get("reason", "no end")
+        before = "complete" if end.get("complete") == "true" else end.get("reason", "no end")
         reason = f"recovered; it was: {before}; lost: {lost}"
         self._writer.add_metadata(END, {"complete": "false", "recovered": "true", "reason": reason})
         self._writer.finish()
@@ -131,11 +126,11 @@ class _Copy:
     def _describe(self, item: Schema | Channel) -> None:
         if isinstance(item, Schema):
             if item.id not in self._schemas:
-                check_described(len(self._schemas) - 1, item)
+                check_schema_limits(len(self._schemas) - 1, item)
                 number = self._writer.register_schema(item.name, item.encoding, item.data)
                 self._schemas[item.id] = number
         elif item.id not in self._channels:
-            check_described(len(self._channels), item)
+            check_schema_limits(len(self._channels), item)
             schema = self._schemas.get(item.schema_id, 0)
             number = self._writer.register_channel(
                 item.topic, item.message_encoding, schema, item.metadata
@@ -149,7 +144,7 @@ class _Copy:
             for record in records(self._file, self._size, start):
                 at = self._file.tell()
                 try:
-                    self._take(record)
+                    visit(record, self._budget, self._messages, self._take_other)
                 except LimitReachedError:
                     raise
                 except DamageError as error:
@@ -168,69 +163,55 @@ class _Copy:
         return self._size
 
     def _next_chunk(self) -> int:
-        """Return where the index gives a chunk after the damage."""
+        """Return the start of the next chunk after the damage, by the index."""
         after = bisect_right(self._chunks, self._seen)
         following = self._chunks[after] if after < len(self._chunks) else self._size
         self._seen = following
         return following
 
-    def _take(self, record: Record) -> None:
-        if record.opcode in BLOCKS:
-            content = content_of(record, self._budget)
-            for opcode, body in content.others:
-                self._take_other(Record(record.offset, opcode, body, record.end))
-            self._messages(content, record)
-        else:
-            self._take_other(record)
-
     def _take_other(self, record: Record) -> None:
-        try:
-            if record.opcode == Opcode.SCHEMA:
-                if numbered(record) not in self._schemas:
-                    self._describe(Schema.read(record.stream))
-            elif record.opcode == Opcode.CHANNEL:
-                if numbered(record) not in self._channels:
-                    self._describe(Channel.read(record.stream))
-            elif record.opcode == Opcode.METADATA:
-                metadata = Metadata.read(record.stream)
-                if metadata.name == END:
-                    self._end = metadata.metadata
-                elif metadata.name != DIGESTS:
-                    self._writer.flush()
-                    self._writer.add_metadata(metadata.name, metadata.metadata)
-                elif not self._recovery.lost:
-                    # Digests cover the whole run: after a loss they would flag what is left as altered.
-                    # The rest is not what it was: numbers of channels, the end record.
-                    topics = {k: v for k, v in metadata.metadata.items() if k.startswith("/")}
-                    self._writer.flush()
-                    self._writer.add_metadata(DIGESTS, topics)
-            elif record.opcode == Opcode.ATTACHMENT or not is_known(record.opcode):
-                what = f"the {name_of(record.opcode)} record at byte {record.offset}"
-                self._recovery.lost.append(f"{what}: only messages and metadata are copied")
-        except LimitError as error:
-            raise reached(record, error) from None
-        except Exception as error:  # whatever mcap may raise on a damaged record
-            raise damaged(record, error) from None
+        if record.opcode == Opcode.SCHEMA:
+            if numbered(record) not in self._schemas:
+                self._describe(Schema.read(record.stream))
+        elif record.opcode == Opcode.CHANNEL:
+            if numbered(record) not in self._channels:
+                self._describe(Channel.read(record.stream))
+        elif record.opcode == Opcode.METADATA:
+            metadata = Metadata.read(record.stream)
+            if metadata.name == END:
+                self._end = metadata.metadata
+            elif metadata.name != DIGESTS:
+                self._writer.flush()
+                self._writer.add_metadata(metadata.name, metadata.metadata)
+            elif not self._recovery.lost:
+                # Digests cover the whole run: after a loss they would flag what is left as altered.
+                # The rest is not what it was: numbers of channels, the end record.
+                topics = {k: v for k, v in metadata.metadata.items() if k.startswith("/")}
+                self._writer.flush()
+                self._writer.add_metadata(DIGESTS, topics)
+        elif record.opcode == Opcode.ATTACHMENT or not is_known(record.opcode):
+            place = f"the {name_of(record.opcode)} record at byte {record.offset}"
+            self._recovery.lost.append(f"{place}: only messages and metadata are copied")
 
     def _messages(self, content: Content, record: Record) -> None:
-        found = content.messages(content.channels)
-        if found is None:
+        messages = content.messages(content.channels)
+        if messages is None:
             return
         unknown = content.channels.keys() - self._channels.keys()
         if unknown:
             raise DamageError(
                 f"the record at byte {record.offset} has messages of an unknown channel"
             )
-        late = found.log_time_ns < 0
+        late = messages.log_time_ns < 0
         if late.any():
             self._recovery.lost.append(
                 f"the record at byte {record.offset} has messages with a log time "
                 f"beyond the year 2262: {np.count_nonzero(late)}"
             )
-        for row, data in enumerate(found.bytes()):
+        for row, data in enumerate(messages.bytes()):
             if late[row]:
                 continue
-            head = found.head(row)
+            head = messages.head(row)
             number, topic = self._channels[head.channel]
             self._writer.add_message(
                 number, head.log_time_ns, data, head.publish_time_ns, head.sequence

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
-import yaml
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -24,7 +23,7 @@ from rosbags.interfaces import (
 from rosbags.rosbag2.metadata import dump_qos_v9
 
 from .. import topics
-from ..yaml_text import load
+from ..yaml_text import dump, load
 from .schemas import type_hash
 
 RECORD = "rosbag2"  # name of the metadata record
@@ -128,12 +127,5 @@ def _qos(latched: bool) -> list[Any]:
     return list(dump_qos_v9([_profile(latched)]))
 
 
-class _Dumper(yaml.SafeDumper):
-    """Writes equal values out each time: our readers refuse aliases."""
-
-    def ignore_aliases(self, data: object) -> bool:
-        return True
-
-
 def _text(value: object) -> str:
-    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=False).rstrip("\n")
+    return dump(value, default_flow_style=False).rstrip("\n")

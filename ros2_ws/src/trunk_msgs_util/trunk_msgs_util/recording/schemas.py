@@ -1,10 +1,11 @@
-"""ROS messages without ROS: definitions, and the few messages that an offline run builds.
+"""ROS messages without ROS: definitions, and a run's own record, its events and parameters.
 
-Uses rosbags' store of Jazzy's types, loaded on first use, and `run_cdr`, which is enough for most reading.
+Uses rosbags' store of Jazzy's types, loaded on first use, and `cdr`, which is enough for that record.
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,33 +13,25 @@ import numpy as np
 
 from ..topics import DIAGNOSTIC_ARRAY_TYPE, PARAMETER_EVENT_TYPE
 from ..units import NANOSECONDS
-from . import run_cdr
+from . import cdr
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from rosbags.typesys.store import Typestore
 
-    from ..values import Value
+    from ..samples import Value
 
 LEVEL_OK, LEVEL_WARN, LEVEL_ERROR = 0, 1, 2
 
-# kind: (rcl_interfaces/ParameterType, field of ParameterValue)
-_KINDS = {
-    "bool": (1, "bool_value"),
-    "integer": (2, "integer_value"),
-    "double": (3, "double_value"),
-    "string": (4, "string_value"),
-    "byte array": (5, "byte_array_value"),
-    "bool array": (6, "bool_array_value"),
-    "integer array": (7, "integer_array_value"),
-    "double array": (8, "double_array_value"),
-    "string array": (9, "string_array_value"),
-}
-_FIELDS = dict(_KINDS.values())
-_NOT_SET = 0
-_ARRAYS = {"byte": np.uint8, "bool": np.bool_, "integer": np.int64, "double": np.float64}
+# The kinds of parameters; the place is that of rcl_interfaces/ParameterType, 0 being "not set".
+_KINDS = (
+    "",
+    *("bool", "integer", "double", "string"),
+    *("byte array", "bool array", "integer array", "double array", "string array"),
+)
 _KIND_OF = {bool: "bool", int: "integer", float: "double", str: "string"}
+_NO_VALUES = (False, 0, 0.0, "", (), (), (), (), ())
 
 
 class ParameterChange(NamedTuple):
@@ -101,13 +94,8 @@ def deserialize(type_name: str, data: bytes) -> Any:
     try:
         return _store().deserialize_cdr(data, type_name)
     except Exception as error:  # whatever rosbags may raise on damaged bytes
-        what = str(error) or type(error).__name__
-        raise ValueError(f"not a {type_name}: {what}") from None
-
-
-def _time(stamp_ns: int) -> Any:
-    sec, nanosec = divmod(stamp_ns, NANOSECONDS)
-    return build("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+        reason = str(error) or type(error).__name__
+        raise ValueError(f"not a {type_name}: {reason}") from None
 
 
 def stamp_of(time: Any) -> int:
@@ -123,35 +111,12 @@ def _kind(name: str, value: Value) -> str:
     return _KIND_OF[type(value[0])] + " array"
 
 
-def _no_values() -> dict[str, Any]:
-    """Return the fields of a ParameterValue that is not set."""
-    return {
-        "bool_value": False,
-        "integer_value": 0,
-        "double_value": 0.0,
-        "string_value": "",
-        "string_array_value": [],
-        **{f"{element}_array_value": np.array([], kind) for element, kind in _ARRAYS.items()},
-    }
-
-
 def _parameter(name: str, value: Value, kind: str) -> Any:
-    fields = _no_values()
-    number, field = _KINDS[kind]
-    element = kind.removesuffix(" array")
-    if isinstance(value, tuple):
-        fields[field] = np.array(value, _ARRAYS[element]) if element in _ARRAYS else list(value)
-    else:
-        fields[field] = value
-    return _with_value(name, number, fields)
-
-
-def _with_value(name: str, number: int, fields: dict[str, Any]) -> Any:
-    return build(
-        "rcl_interfaces/msg/Parameter",
-        name=name,
-        value=build("rcl_interfaces/msg/ParameterValue", type=number, **fields),
-    )
+    """Return a Parameter as `cdr.PARAMETER_EVENT` has it."""
+    number = _KINDS.index(kind)
+    values = list(_NO_VALUES)
+    values[number - 1] = value
+    return name, (number, *values)
 
 
 def parameter_event(
@@ -168,62 +133,54 @@ def parameter_event(
     ``kinds`` gives kinds by name, as `declarations.Declaration.kind` has them; others are taken
     from the value. Raises ValueError for an empty array whose kind is not given.
     """
-    told = kinds or {}
-
-    def listed(values: Mapping[str, Value]) -> list[Any]:
-        return [
-            _parameter(name, value, told.get(name) or _kind(name, value))
-            for name, value in values.items()
-        ]
-
-    message = build(
-        PARAMETER_EVENT_TYPE,
-        stamp=_time(stamp_ns),
-        node=node,
-        new_parameters=listed(new),
-        changed_parameters=listed(changed),
-        deleted_parameters=[_with_value(source, _NOT_SET, _no_values())] if source else [],
+    given = kinds or {}
+    new_parameters, changed_parameters = (
+        [_parameter(name, value, given.get(name) or _kind(name, value)) for name, value in values]
+        for values in (new.items(), changed.items())
     )
-    return serialize(PARAMETER_EVENT_TYPE, message)
-
-
-def _values(parameters: list[Any]) -> dict[str, Value]:
-    found: dict[str, Value] = {}
-    for parameter in parameters:
-        field = _FIELDS.get(parameter.value.type)
-        if field is None:  # not set
-            continue
-        value = getattr(parameter.value, field)
-        if field.endswith("array_value"):
-            value = tuple(value if isinstance(value, list) else value.tolist())
-        found[parameter.name] = value
-    return found
+    deleted = [(source, (0, *_NO_VALUES))] if source else []
+    stamp = divmod(stamp_ns, NANOSECONDS)
+    event = (stamp, node, new_parameters, changed_parameters, deleted)
+    return cdr.PARAMETER_EVENT.write(event)
 
 
 def parse_parameter_event(data: bytes) -> ParameterChange:
     """Return the content of a serialized ParameterEvent. Raises ValueError if malformed."""
-    found = run_cdr.parameter_event(data)
-    if found is not None:
-        return ParameterChange(
-            found.sec * NANOSECONDS + found.nanosec,
-            found.node,
-            {name: values[kind - 1] for name, kind, values in found.new if kind in _FIELDS},
-            {name: values[kind - 1] for name, kind, values in found.changed if kind in _FIELDS},
-            _source([name for name, _, _ in found.deleted]),
-        )
-    message = deserialize(PARAMETER_EVENT_TYPE, data)
-    return ParameterChange(
-        stamp_of(message.stamp),
-        message.node,
-        _values(message.new_parameters),
-        _values(message.changed_parameters),
-        _source([parameter.name for parameter in message.deleted_parameters]),
-    )
+    stamp, node, new, changed, deleted = _content(cdr.PARAMETER_EVENT, PARAMETER_EVENT_TYPE, data)
+    source = deleted[0][0] if len(deleted) == 1 else ""
+    return ParameterChange(_stamp_ns(stamp), node, _values(new), _values(changed), source)
 
 
-def _source(deleted: list[str]) -> str:
-    """Return the source that a ParameterEvent names; empty if it names none."""
-    return deleted[0] if len(deleted) == 1 else ""
+def _values(parameters: Iterable[Any]) -> dict[str, Value]:
+    return {
+        name: values[kind - 1]
+        for name, (kind, *values) in parameters
+        if 0 < kind < len(_KINDS)  # else it is not set
+    }
+
+
+def _content(codec: cdr.Codec, type_name: str, data: bytes) -> Any:
+    """Return a message's content as tuples; by rosbags, if it is not in the plain form of ROS 2.
+
+    Raises ValueError.
+    """
+    with suppress(ValueError):
+        return codec.read(data)
+    return _as_tuples(deserialize(type_name, data))
+
+
+def _as_tuples(value: Any) -> Any:
+    if hasattr(value, "__msgtype__"):
+        _, fields = _store().fielddefs[value.__msgtype__]
+        return tuple(_as_tuples(getattr(value, name)) for name, _ in fields)
+    if isinstance(value, np.ndarray):
+        return tuple(value.tolist())
+    return tuple(map(_as_tuples, value)) if isinstance(value, list) else value
+
+
+def _stamp_ns(stamp: tuple[int, int]) -> int:
+    sec, nanosec = stamp
+    return sec * NANOSECONDS + nanosec
 
 
 def event(
@@ -235,40 +192,16 @@ def event(
     source: str = "",
 ) -> bytes:
     """Return a serialized DiagnosticArray with one status; values are written as text."""
-    pairs = [
-        build("diagnostic_msgs/msg/KeyValue", key=key, value=str(value))
-        for key, value in (values or {}).items()
-    ]
-    status = build(
-        "diagnostic_msgs/msg/DiagnosticStatus",
-        level=level,
-        name=node,
-        message=message,
-        hardware_id="trunk",
-        values=pairs,
-    )
-    header = build("std_msgs/msg/Header", stamp=_time(stamp_ns), frame_id=source)
-    return serialize(
-        DIAGNOSTIC_ARRAY_TYPE, build(DIAGNOSTIC_ARRAY_TYPE, header=header, status=[status])
-    )
+    pairs = [(key, str(value)) for key, value in (values or {}).items()]
+    header = (divmod(stamp_ns, NANOSECONDS), source)
+    status = (level, node, message, "trunk", pairs)
+    return cdr.DIAGNOSTIC_ARRAY.write((header, [status]))
 
 
 def parse_event(data: bytes) -> RunEvent:
     """Return the content of a serialized DiagnosticArray. Raises ValueError if malformed or empty."""
-    found = run_cdr.diagnostic_array(data)
-    if found is not None:
-        stamp_ns = found.sec * NANOSECONDS + found.nanosec
-        pairs = dict(found.pairs)
-        return RunEvent(stamp_ns, found.name, found.message, pairs, found.level, found.frame)
-    message = deserialize(DIAGNOSTIC_ARRAY_TYPE, data)
-    if not message.status:
+    (stamp, source), statuses = _content(cdr.DIAGNOSTIC_ARRAY, DIAGNOSTIC_ARRAY_TYPE, data)
+    if not statuses:
         raise ValueError("a DiagnosticArray without a status")
-    status = message.status[0]
-    return RunEvent(
-        stamp_of(message.header.stamp),
-        status.name,
-        status.message,
-        {pair.key: pair.value for pair in status.values},
-        status.level,
-        message.header.frame_id,
-    )
+    level, node, message, _, pairs = statuses[0]
+    return RunEvent(_stamp_ns(stamp), node, message, dict(pairs), level, source)

@@ -40,11 +40,11 @@ class Content:
 
     def messages(self, channels: Iterable[int]) -> Messages | None:
         """Return the messages of some channels in file order, or None."""
-        found = [self.channels[c] for c in channels if c in self.channels]
-        if len(found) < 2:
-            return found[0] if found else None
+        selected = [self.channels[c] for c in channels if c in self.channels]
+        if len(selected) < 2:
+            return selected[0] if selected else None
         log, start, end = (
-            np.concatenate(columns) for columns in list(zip(*found, strict=True))[1:]
+            np.concatenate(columns) for columns in list(zip(*selected, strict=True))[1:]
         )
         order = np.argsort(start)
         return Messages(self.data, log[order], start[order], end[order])
@@ -90,7 +90,7 @@ def split(data: bytes, budget: Budget | None = None) -> Content:
 
 
 def record_offsets(data: bytes) -> tuple[Integers, int]:
-    """Return where each whole record begins [N], and where the last one ends."""
+    """Return the first byte of each whole record [N], and the end of the last one."""
     parts: list[Integers] = []
     at, size, steps = 0, len(data), _WINDOW
     last_head = size - HEAD.size

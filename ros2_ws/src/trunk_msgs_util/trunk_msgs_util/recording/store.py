@@ -12,11 +12,10 @@ import numpy as np
 
 from .bag_folder import METADATA, bag_folder
 from .blocks import name_of
-from .digests import DIGESTS, RunningDigests, differing, uncoverable, uncovered
+from .digests import DIGESTS, END, PROVENANCE, RunningDigests, differing, uncoverable, uncovered
 from .file import RecordingFile, size_of
-from .glance import glance
-from .own_records import END, PROVENANCE
 from .structure import ERROR, structure
+from .summary import open_by_summary
 from .topic import RecordingError, Topic
 
 if TYPE_CHECKING:
@@ -26,8 +25,8 @@ if TYPE_CHECKING:
 
 # Decompressed chunks kept for the next pass: a one-minute run is decompressed once.
 _KEPT = 64 << 20
-# A larger file need not be read whole at a glance; smaller ones are scanned in no time.
-_GLANCE = 32 << 20
+# A larger file need not be read whole to be opened; smaller ones are scanned in no time.
+_BY_SUMMARY = 32 << 20
 _OURS = "trunk_msgs_util"  # prefix of the library's name in files that must have an end record
 
 
@@ -58,16 +57,16 @@ class RecordedFiles:
         if is_bag:
             files, counted = bag_folder(self.path)
         sizes = [size_of(path) for path in files]
-        glances = not self.checked and sum(sizes) >= _GLANCE
+        by_summary = not self.checked and sum(sizes) >= _BY_SUMMARY
         self.checked = True
         for i, path in enumerate(files):
-            glanced = glance(path, self.topics) if glances else None
-            if glanced is not None:
+            file = open_by_summary(path, self.topics) if by_summary else None
+            if file is not None:
                 self.checked = False
-            file = glanced or RecordingFile(path, self.topics)
-            if glanced is None:
-                told = partial(_tell, progress, sum(sizes[:i]), sum(sizes))
-                file.scan(told, partial(self._keep_scanned, i))
+            else:
+                file = RecordingFile(path, self.topics)
+                report = partial(_report, progress, sum(sizes[:i]), sum(sizes))
+                file.scan(report, partial(self._keep_scanned, i))
             self._files.append(file)
             self._sound &= file.sound
             self.provenance.update(file.metadata[PROVENANCE])
@@ -85,10 +84,10 @@ class RecordedFiles:
 
     def _judge(self, is_bag: bool, counted: int | None) -> None:
         """Warn if nothing says that the run is whole."""
-        found = sum(topic.count for topic in self.topics.values())
-        if counted is not None and counted != found:
+        count = sum(topic.count for topic in self.topics.values())
+        if counted is not None and counted != count:
             self._sound = False
-            self.warnings.append(f"{METADATA} counts {counted} messages, its files hold {found}")
+            self.warnings.append(f"{METADATA} counts {counted} messages, its files hold {count}")
         library = self._files[0].library
         if self.end is not None:
             if self.end.get("complete") != "true":
@@ -142,7 +141,7 @@ class RecordedFiles:
         return uncovered(self.digests, self.topics) + self.undigestible()
 
     def undigestible(self) -> list[str]:
-        """Return what no digest could cover."""
+        """Return the parts that no digest could cover."""
         return uncoverable(
             self.topics,
             sum(file.attachments for file in self._files),
@@ -162,8 +161,8 @@ class RecordedFiles:
     @property
     def damage(self) -> list[str]:
         """What keeps the files from being read to their end, or as many messages as counted."""
-        found = [f"{file.path.name}: {file.warning}" for file in self._files if file.warning]
-        return found or (
+        damage = [f"{file.path.name}: {file.warning}" for file in self._files if file.warning]
+        return damage or (
             [] if self._sound else [f"the number of messages is not the one in {METADATA}"]
         )
 
@@ -221,19 +220,21 @@ class RecordedFiles:
         """
         asked = list(topics)
         for topic in asked:
-            if topic in self.topics and self.topics[topic].faults.limit is not None:
-                raise RecordingError(f"{self.path}: {self.topics[topic].faults.describe(topic, 0)}")
+            if topic in self.topics and self.topics[topic].unreadable.limit is not None:
+                raise RecordingError(
+                    f"{self.path}: {self.topics[topic].unreadable.describe(topic, 0)}"
+                )
         return self._blocks(asked, only_readable=True)
 
     def _blocks(
         self, topics: Iterable[str], only_readable: bool = False
     ) -> Iterator[dict[str, Messages]]:
         for file, block, channels, content in self._contents(topics):
-            found = _by_topic(file, channels, content)
+            messages = _by_topic(file, channels, content)
             if only_readable:
-                found = _readable(file, block, found)
-            if found:
-                yield found
+                messages = _readable(file, block, messages)
+            if messages:
+                yield messages
 
     def copies(self, topics: Iterable[str]) -> Iterator[tuple[RecordingFile, Messages]]:
         """Yield the messages of some topics together, in file order, with their file."""
@@ -281,13 +282,13 @@ class RecordedFiles:
         about = self.topics.get(topic)
         if about is None or not about.count or about.readable:
             return ""
-        why = about.faults.limit or about.faults.first[0].why
+        why = about.unreadable.limit or about.unreadable.first[0].why
         return f"none of its {about.count} messages can be read: {why}"
 
     def longest_gap_ns(self, topic: str) -> int:
         """Return the longest time between the log times of a topic's messages, in the order of these."""
         about = self.topics[topic]
-        if about.ordered or about.faults.limit is not None:
+        if about.ordered or about.unreadable.limit is not None:
             return about.longest_gap_ns
         log = np.concatenate([block[topic].log_time_ns for block in self.blocks([topic])])
         return int(np.diff(np.sort(log)).max(initial=0))
@@ -311,19 +312,19 @@ def _digest(digests: RunningDigests, file: RecordingFile, content: Content) -> N
 
 def _by_topic(file: RecordingFile, channels: Set[int], content: Content) -> dict[str, Messages]:
     """Return a block's messages of these channels by topic; none for a topic without messages."""
-    found: dict[str, Messages] = {}
+    messages_of: dict[str, Messages] = {}
     for topic, numbers in file.by_topic(sorted(channels & content.channels.keys())).items():
         messages = content.messages(numbers)
         if messages is not None and len(messages):
-            found[topic] = messages
-    return found
+            messages_of[topic] = messages
+    return messages_of
 
 
 def _readable(
-    file: RecordingFile, block: Block, found: Mapping[str, Messages]
+    file: RecordingFile, block: Block, whole: Mapping[str, Messages]
 ) -> dict[str, Messages]:
     """Return those of a block's messages that can be read; none for a topic without any."""
-    readable = {topic: file.readable(block.offset, messages) for topic, messages in found.items()}
+    readable = {topic: file.readable(block.offset, messages) for topic, messages in whole.items()}
     return {topic: messages for topic, messages in readable.items() if len(messages)}
 
 
@@ -332,5 +333,5 @@ def _cost(content: Content) -> int:
     return 2 * len(content.data) + 1000
 
 
-def _tell(progress: Callable[[int, int], None], before: int, of: int, done: int) -> None:
+def _report(progress: Callable[[int, int], None], before: int, of: int, done: int) -> None:
     progress(before + done, of)

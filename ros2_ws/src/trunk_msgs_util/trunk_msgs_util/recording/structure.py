@@ -16,7 +16,6 @@ from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex
 from ..units import seconds
 from .blocks import (
     BLOCKS,
-    MAGIC,
     ChecksumError,
     DamageError,
     LimitReachedError,
@@ -28,11 +27,12 @@ from .blocks import (
     records,
 )
 from .chunk import chunk_head
-from .file import check_magic, size_of
+from .file import check_magic, miscounted, size_of
 from .joint_arrays import Integers
 from .limits import Budget
+from .messages import MAGIC
 from .split import Content
-from .summary import Summary, message_indexes, miscounted, read_summary
+from .summary import Summary, message_indexes, read_summary
 
 ERROR, WARNING, INFO = "error", "warning", "info"
 # Records other than chunks that an index lists, with their names in messages.
@@ -60,23 +60,23 @@ class Finding:
 
 
 def structure(path: Path) -> list[Finding]:
-    """Return what is wrong with a file's structure. Raises RecordingError if it is not MCAP."""
+    """Return the faults in a file's structure. Raises RecordingError if it is not MCAP."""
     size = size_of(path)
-    found: list[Finding] = []
+    findings: list[Finding] = []
     with path.open("rb") as file:
         check_magic(path, file, size)
         walk = _Walk(size)
         try:
             for record in records(file, size):
-                found += walk.take(record)
+                findings += walk.take(record)
         except DamageError as error:
             if isinstance(error, TrailingError):
                 walk.end = size = walk.end + len(MAGIC)
-            found.append(Finding(ERROR, str(error), byte=walk.end))
+            findings.append(Finding(ERROR, str(error), byte=walk.end))
             if not isinstance(error, ChecksumError | TrailingError):
-                return found
-        found += _summary(file, size, walk)
-    return found
+                return findings
+        findings += _summary(file, size, walk)
+    return findings
 
 
 class _SeenChunk(NamedTuple):
@@ -205,7 +205,7 @@ def _others(summary: Summary) -> dict[Opcode, Sequence[MetadataIndex | Attachmen
 
 
 def _hidden(summary: Summary, walk: _Walk) -> Iterator[Finding]:
-    """Yield what readers that go by the summary do not see; without any index they scan the file."""
+    """Yield the records hidden from readers that go by the summary; without any index they scan the file."""
     place = summary.start
     if walk.chunks and not summary.chunks:
         yield Finding(INFO, "no index of chunks: readers have to scan the file", byte=place)
@@ -238,7 +238,7 @@ def _hidden(summary: Summary, walk: _Walk) -> Iterator[Finding]:
 def _chunk_index(
     file: BinaryIO, chunk: ChunkIndex, walk: _Walk, following: int
 ) -> Iterator[Finding]:
-    """Yield what is wrong with a chunk's index; ``following`` is where the next chunk begins."""
+    """Yield the faults of a chunk's index; ``following`` is where the next chunk begins."""
     at = chunk.chunk_start_offset
     seen = walk.chunks.get(at)
     if seen is None:
@@ -255,12 +255,12 @@ def _chunk_index(
         yield Finding(ERROR, "the message indexes of the chunk extend into the next one", byte=at)
         return
     try:
-        told = message_indexes(file, chunk)
+        indexes = message_indexes(file, chunk)
     except ValueError as error:
         yield Finding(ERROR, str(error), byte=at)
         return
     if {
-        channel: _mark(*entries) for channel, entries in told.items() if len(entries[0])
+        channel: _mark(*entries) for channel, entries in indexes.items() if len(entries[0])
     } != seen.marks:
         yield Finding(
             ERROR, "the message indexes after the chunk are not those of its messages", byte=at

@@ -12,8 +12,7 @@ from mcap.records import Channel, Schema
 from mcap.writer import LIBRARY_IDENTIFIER
 
 from . import rosbag2
-from .digests import DIGESTS, RunningDigests
-from .own_records import END, PROFILE, PROVENANCE
+from .digests import DIGESTS, END, PROVENANCE, RunningDigests
 from .schemas import definition
 from .writing.chunked import ChunkedWriter
 from .writing.own_file import check_own, open_own
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["END", "PROVENANCE", "RecordingWriter"]
 
-_LIBRARY = f"trunk_msgs_util {LIBRARY_IDENTIFIER}"
+_PROFILE, _LIBRARY = "ros2", f"trunk_msgs_util {LIBRARY_IDENTIFIER}"
 _COMPRESSIONS = {"zstd": "zstd", "lz4": "lz4", "none": ""}
 
 
@@ -54,8 +53,8 @@ class RecordingWriter:
         self._types: dict[int, str] = {}
         self._digests = RunningDigests()
         self._failure: OSError | None = None
-        self._writer.start(PROFILE, _LIBRARY)
-        self._digests.header(PROFILE, _LIBRARY)
+        self._writer.start(_PROFILE, _LIBRARY)
+        self._digests.header(_PROFILE, _LIBRARY)
 
     def channel(self, topic: str, type_name: str) -> int:
         """Add a topic, unless it is there, and return its channel. Raises ValueError for an unknown type."""
@@ -172,12 +171,12 @@ class RecordingWriter:
             raise self._failed(error) from None
 
     def summary(self) -> rosbag2.BagSummary:
-        """Return what has been written by the last flush, in rosbag2's words."""
-        told = tuple(
+        """Return the topics and messages of the last flush, in rosbag2's words."""
+        counts = tuple(
             rosbag2.TopicCount(topic, self._types[channel], self._writer.counts.get(channel, 0))
             for channel, topic in self._topics.items()
         )
-        return rosbag2.BagSummary(told, self._writer.first_ns or 0, self._writer.last_ns)
+        return rosbag2.BagSummary(counts, self._writer.first_ns or 0, self._writer.last_ns)
 
     def _failed(self, error: OSError) -> OSError:
         """Return the first failure, naming the file; nothing is written after it."""

@@ -39,7 +39,7 @@ def report(
 
     It needs no network and runs no script. Each of the worst runs comes with the command that repeats it.
     """
-    from trunk_msgs_util.whole_file import whole_file
+    from trunk_msgs_util.files import atomic_write
 
     from ...console.progress import progress_bar
     from ...study.report import make_report, render
@@ -51,7 +51,7 @@ def report(
     with progress_bar("Floquet multipliers") as tell:
         found = make_report(read, metric, None if no_floquet else tell)
     page = render(found).encode("utf-8")
-    with whole_file(target) as part:
+    with atomic_write(target) as part:
         part.write_bytes(page)
     if as_json:
         values = {

@@ -78,10 +78,10 @@ def private_key(data: bytes, name: str, passphrase: Callable[[], bytes]) -> Ed25
     load = serialization.load_ssh_private_key if is_openssh else serialization.load_pem_private_key
     try:
         try:
-            found: object = load(data, None)
+            key: object = load(data, None)
         except TypeError:  # cryptography's word for "encrypted"
             try:
-                found = load(data, passphrase())
+                key = load(data, passphrase())
             except (TypeError, ValueError):  # TypeError: the passphrase is empty
                 raise KeyFileError(
                     f"{name} cannot be decrypted: the passphrase is wrong, or the file is damaged"
@@ -90,9 +90,9 @@ def private_key(data: bytes, name: str, passphrase: Callable[[], bytes]) -> Ed25
         raise KeyFileError(f"{name} is damaged: {_WANTED}") from None
     except UnsupportedAlgorithm as error:
         raise KeyFileError(f"{name} cannot be read: {error}: {_WANTED}") from None
-    if not isinstance(found, Ed25519PrivateKey):
-        raise _other_kind(name, found)
-    return found
+    if not isinstance(key, Ed25519PrivateKey):
+        raise _other_kind(name, key)
+    return key
 
 
 def public_key(data: bytes, name: str) -> Ed25519PublicKey:
@@ -110,14 +110,14 @@ def public_key(data: bytes, name: str) -> Ed25519PublicKey:
 def _public(load: Callable[[bytes], object], data: bytes, name: str, kind: str) -> Ed25519PublicKey:
     """Return the key that ``load`` reads from the data; ``kind`` names it in the error if not supported."""
     try:
-        found = load(data)
+        key = load(data)
     except ValueError:
         raise KeyFileError(f"{name} is not a public key: {_WANTED}") from None
     except UnsupportedAlgorithm:
         raise KeyFileError(f"{name} is a key of the kind {kind}: {_WANTED}") from None
-    if not isinstance(found, Ed25519PublicKey):
-        raise _other_kind(name, found)
-    return found
+    if not isinstance(key, Ed25519PublicKey):
+        raise _other_kind(name, key)
+    return key
 
 
 def _openssh_public(data: bytes, name: str) -> Ed25519PublicKey:
@@ -155,10 +155,10 @@ def openssh_line(key: Ed25519PublicKey) -> str:
 def parse_openssh_line(line: str) -> Ed25519PublicKey | None:
     """Return the key that `openssh_line` has written so; None for any other text."""
     try:
-        found = _openssh_public(line.encode(), "")
+        key = _openssh_public(line.encode(), "")
     except (KeyFileError, UnicodeEncodeError):
         return None
-    return found if openssh_line(found) == line else None
+    return key if openssh_line(key) == line else None
 
 
 def new_key() -> NewKey:

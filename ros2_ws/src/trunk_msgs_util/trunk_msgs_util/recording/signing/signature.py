@@ -16,7 +16,7 @@ from pathlib import Path
 from cryptography.exceptions import InvalidSignature
 
 from ...errors import TrunkError
-from ...real_path import real_path
+from ...files import resolve_path
 from .keys import (
     Ed25519PrivateKey,
     Ed25519PublicKey,
@@ -51,15 +51,15 @@ class Signature:
 
 
 def signature_path(recording: Path) -> Path:
-    """Return where a recording's signature is: beside it, RUN.mcap.sig."""
-    named = recording if recording.name not in ("", "..") else real_path(recording)
+    """Return the path of a recording's signature: beside it, RUN.mcap.sig."""
+    named = recording if recording.name not in ("", "..") else resolve_path(recording)
     return named.with_name(f"{named.name}.sig") if named.name else named / ".sig"
 
 
 def statement(digests: Mapping[str, str]) -> bytes:
     """Return the bytes that are signed for a content with these digests."""
-    told = {_FORMAT: FORMAT, "digests": dict(digests)}
-    return json.dumps(told, ensure_ascii=True, sort_keys=True, separators=(",", ":")).encode()
+    content = {_FORMAT: FORMAT, "digests": dict(digests)}
+    return json.dumps(content, ensure_ascii=True, sort_keys=True, separators=(",", ":")).encode()
 
 
 def sign(digests: Mapping[str, str], key: Ed25519PrivateKey) -> Signature:

@@ -31,18 +31,15 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from ..messages import HEAD, MAGIC, MESSAGE_HEAD
 from .interleaved import Interleaved, Rows, interleaved
 
-MAGIC = b"\x89MCAP0\r\n"
 CHUNK_SIZE = 1 << 20
 COMPRESSIONS: dict[str, Callable[[bytes], bytes]] = {
     "zstd": zstandard.compress,
     "lz4": lz4.frame.compress,
     "": bytes,
 }
-# Of a message record: opcode and length, then channel, sequence, log time, publish time.
-HEAD = struct.Struct("<BQHIQQ")
-_HEAD_AFTER_LENGTH = HEAD.size - 9
 _ENTRY = struct.Struct("<QQ")  # of a message index: log time, offset in the chunk
 
 # Takes a chunk's message heads, and its messages by channel.
@@ -117,8 +114,10 @@ class ChunkedWriter:
     ) -> None:
         """Add a message; sequence numbers count each channel's from 0."""
         sequence = self.counts.get(channel, 0)
-        length = _HEAD_AFTER_LENGTH + len(data)
-        head = HEAD.pack(Opcode.MESSAGE, length, channel, sequence, log_time_ns, publish_time_ns)
+        length = MESSAGE_HEAD.size - HEAD.size + len(data)
+        head = MESSAGE_HEAD.pack(
+            Opcode.MESSAGE, length, channel, sequence, log_time_ns, publish_time_ns
+        )
         self.counts[channel] = sequence + 1
         if channel not in self._index:
             self._index[channel], self._messages[channel] = bytearray(), []
@@ -126,7 +125,7 @@ class ChunkedWriter:
         self._messages[channel].append(data)
         self._heads.append(head)
         self._records += (head, data)
-        self._size += HEAD.size + len(data)
+        self._size += MESSAGE_HEAD.size + len(data)
         if self._start_ns is None or log_time_ns < self._start_ns:
             self._start_ns = log_time_ns
         if log_time_ns > self._end_ns:
@@ -136,7 +135,7 @@ class ChunkedWriter:
 
     def add_rows(self, rows: Sequence[Rows]) -> None:
         """Add messages of several channels by their place, as so many calls of `add_message` would."""
-        rows = [one for one in rows if len(one.place)]
+        rows = [part for part in rows if len(part.place)]
         if not rows:
             return
         many = interleaved(rows, self.counts)
@@ -157,11 +156,11 @@ class ChunkedWriter:
         entries = np.stack([times, offsets], axis=1).astype("<u8")
         numbers, earliest = np.unique(channels, return_index=True)
         for number in numbers[np.argsort(earliest)].tolist():
-            found = np.flatnonzero(channels == number)
+            places = np.flatnonzero(channels == number)
             if number not in self._index:
                 self._index[number], self._messages[number] = bytearray(), []
-            self._index[number] += entries[found].tobytes()
-            self._messages[number].append(many.messages(first + found))
+            self._index[number] += entries[places].tobytes()
+            self._messages[number].append(many.messages(first + places))
         self._heads.append(many.heads(first, last))
         self._records.append(many.records(first, last))
         self._size += len(self._records[-1])
@@ -173,7 +172,7 @@ class ChunkedWriter:
         if self._start_ns is None:  # no message: other records wait for the next chunk
             return
         heads, start_ns, end_ns = b"".join(self._heads), self._start_ns, self._end_ns
-        messages = {channel: b"".join(some) for channel, some in self._messages.items()}
+        messages = {channel: b"".join(pieces) for channel, pieces in self._messages.items()}
         records, index = b"".join(self._records), self._index
         self._begin_chunk()
         self.first_ns = start_ns if self.first_ns is None else min(start_ns, self.first_ns)

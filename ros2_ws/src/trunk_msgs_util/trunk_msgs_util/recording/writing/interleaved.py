@@ -9,23 +9,10 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from ..messages import unaligned
+from ..messages import HEAD, HEAD_FIELDS, unaligned
 
 if TYPE_CHECKING:
     from ..joint_arrays import Integers
-
-# What precedes a message's data: as `chunked.HEAD`.
-HEAD = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log_time", "<u8"),
-        ("publish_time", "<u8"),
-    ]
-)
-_AFTER_LENGTH = HEAD.itemsize - 9
 
 
 class Rows(NamedTuple):
@@ -51,12 +38,12 @@ class Interleaved(NamedTuple):
         return self.data[self.start[first] : self.end[last - 1]].tobytes()
 
     def heads(self, first: int, last: int) -> bytes:
-        """Return what precedes each message's data in the records in [first, last)."""
-        return self._pieces(self.start[first:last], HEAD.itemsize)
+        """Return the header of each message's data in the records in [first, last)."""
+        return self._pieces(self.start[first:last], HEAD_FIELDS.itemsize)
 
     def messages(self, rows: Integers) -> bytes:
         """Return the messages of some records without their heads."""
-        start, end = self.start[rows] + HEAD.itemsize, self.end[rows]
+        start, end = self.start[rows] + HEAD_FIELDS.itemsize, self.end[rows]
         size = int(end[0] - start[0])
         if (end - start == size).all():
             return self._pieces(start, size)
@@ -73,32 +60,32 @@ def interleaved(rows: Sequence[Rows], counts: dict[int, int]) -> Interleaved:
     ``counts`` are the channels' next sequence numbers, and go on. Rows of the same channel follow
     one another.
     """
-    rows = sorted(rows, key=lambda one: int(one.place[0]))  # as new channels enter ``counts``
-    lengths = [len(one.place) for one in rows]
-    sizes = np.repeat([HEAD.itemsize + one.data.itemsize for one in rows], lengths)
-    order = np.argsort(np.concatenate([one.place for one in rows]), kind="stable")
+    rows = sorted(rows, key=lambda part: int(part.place[0]))  # as new channels enter ``counts``
+    lengths = [len(part.place) for part in rows]
+    sizes = np.repeat([HEAD_FIELDS.itemsize + part.data.itemsize for part in rows], lengths)
+    order = np.argsort(np.concatenate([part.place for part in rows]), kind="stable")
     end = np.cumsum(sizes[order])
     start = end - sizes[order]
     data = np.empty(int(end[-1]), np.uint8)
     at = np.empty_like(start)
     at[order] = start
     first = 0
-    for one, length in zip(rows, lengths, strict=True):
-        records = _records(one, counts.get(one.channel, 0))
-        counts[one.channel] = counts.get(one.channel, 0) + length
+    for part, length in zip(rows, lengths, strict=True):
+        records = _records(part, counts.get(part.channel, 0))
+        counts[part.channel] = counts.get(part.channel, 0) + length
         unaligned(data, records.dtype)[at[first : first + length]] = records
         first += length
-    channel = np.repeat([one.channel for one in rows], lengths)
-    time_ns = np.concatenate([one.time_ns for one in rows])
+    channel = np.repeat([part.channel for part in rows], lengths)
+    time_ns = np.concatenate([part.time_ns for part in rows])
     return Interleaved(data, start, end, channel[order], time_ns[order])
 
 
 def _records(rows: Rows, sequence: int) -> NDArray[np.void]:
     size = rows.data.itemsize
-    records = np.empty(len(rows.place), [("head", HEAD), ("data", f"V{size}")])
+    records = np.empty(len(rows.place), [("head", HEAD_FIELDS), ("data", f"V{size}")])
     head = records["head"]
     head["opcode"] = Opcode.MESSAGE
-    head["length"] = _AFTER_LENGTH + size
+    head["length"] = HEAD_FIELDS.itemsize - HEAD.size + size
     head["channel"] = rows.channel
     head["sequence"] = np.arange(sequence, sequence + len(records))
     head["log_time"] = head["publish_time"] = rows.time_ns

@@ -1,0 +1,68 @@
+from __future__ import annotations
+
+import pytest
+
+from trunk_msgs_util.node.discovery import Waiting, states
+
+
+def test_a_line_is_said_at_once_then_every_five_seconds_and_at_once_when_it_changes():
+    waiting = Waiting()
+    told = [(now, waiting.line("a controller", float(now))) for now in range(12)]
+    assert [now for now, line in told if line] == [0, 5, 10]
+    assert told[0][1] == "waiting for a controller"
+    assert waiting.line("the recorder", 12.0) == "waiting for the recorder"
+    assert waiting.line("the recorder", 13.0) == ""
+
+
+def test_nothing_is_said_if_nobody_is_missing_and_a_node_missing_again_is_named_at_once():
+    waiting = Waiting()
+    assert waiting.line("", 0.0) == ""
+    assert waiting.line("a controller", 1.0)
+    assert waiting.line("", 2.0) == ""
+    assert waiting.line("a controller", 3.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "advice"),
+    [
+        ({"ROS_DISCOVERY_SERVER": "10.0.0.1:11811"}, "must be 10.0.0.1:11811 there too"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET"),
+        ({"ROS_DOMAIN_ID": "42"}, "ROS_DOMAIN_ID must be 42 there too, and multicast must pass"),
+    ],
+)
+def test_whoever_is_not_met_for_ten_seconds_is_named_with_what_to_do(settings, advice):
+    waiting = Waiting()
+    missing = "the recorder (ros2 run trunk_msgs_util recorder)"
+    lines = [waiting.line(missing, float(now), settings) for now in range(11)]
+    assert not any("not met" in line for line in lines[:10])
+    assert lines[10].startswith(f"waiting for {missing}; if it runs, it was not met: ")
+    assert advice in lines[10]
+
+
+@pytest.mark.parametrize(
+    ("publishers", "last_ns", "refused", "expected"),
+    [
+        (
+            [],
+            None,
+            {},
+            "states on /s: nobody publishes them (start it: ros2 run trunk_sim simulator)",
+        ),
+        (
+            ["/a (best effort)"],
+            None,
+            {},
+            "the first state on /s: none has come from /a (best effort) yet",
+        ),
+        (
+            ["/a"],
+            None,
+            {"states not finite": 3},
+            "the first usable state on /s: states not finite 3",
+        ),
+        ([], 10**9, {}, "states on /s: the last one was at t = 1 s, and nobody publishes them now"),
+        (["/a"], 10**9, {"states not finite": 3}, ""),
+    ],
+)
+def test_what_is_known_of_states_that_do_not_come(publishers, last_ns, refused, expected):
+    assert states("/s", publishers, last_ns, refused) == expected

@@ -1,0 +1,44 @@
+"""What is printed may contain anything, but controls no terminal."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trunk_msgs_util.text import PrintableStream, printable
+
+
+@pytest.mark.parametrize(
+    "text", ["", "plain", "two\nlines\tand a tab", "θ ≤ 0.5 °, Rümpfe, 人, 🤖"]
+)
+def test_text_stays_as_it_is(text):
+    assert printable(text) == text
+
+
+@pytest.mark.parametrize("number", [0, 7, 8, 13, 0x1B, 0x7F, 0x9B, 0x202E, 0x2066, 0xDC80])
+def test_a_character_that_controls_a_terminal_is_written_out(number):
+    assert printable(f"a{chr(number)}b") == f"a\\u{number:04x}b"
+
+
+@given(st.text())
+def test_json_stays_the_same_json(text):
+    shown = json.dumps({"name": text}, ensure_ascii=False, indent=2)
+    assert json.loads(printable(shown)) == {"name": text}
+    assert printable(printable(shown)) == printable(shown)
+
+
+@given(st.text(st.characters(categories=["Cc", "Cf", "Cs"], exclude_characters="\n\t\u00ad")))
+def test_no_control_character_passes(text):
+    assert not any(0x7F <= ord(c) < 0xA0 or ord(c) < 0x20 for c in printable(text))
+
+
+def test_an_ascii_terminal_gets_question_marks():
+    raw = io.BytesIO()
+    stream = PrintableStream(io.TextIOWrapper(raw, encoding="ascii"))
+    stream.write("θ = 3°\x1b[31m\n")
+    stream.flush()
+    assert raw.getvalue() == b"? = 3?\\u001b[31m\n"

@@ -1,0 +1,49 @@
+"""Text from files, messages and nodes' names, made safe to print: it cannot drive the terminal."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any, TextIO
+
+# Control characters except tab and newline; separators and bidirectional marks; lone surrogates, as in names
+# that are not text.
+_UNPRINTABLE = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+
+
+def printable(text: str) -> str:
+    r"""Return the text with each character that acts on a terminal written as JSON would: ``\u001b``."""
+    return _UNPRINTABLE.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
+
+
+def shortened(text: str, longest: int = 40) -> str:
+    """Return a text as an error quotes it: of at most so many characters."""
+    return text if len(text) <= longest else text[: longest - 3] + "..."
+
+
+def quoted_names(names: Sequence[str]) -> str:
+    """Return names from a message as a line quotes them: the first few, each of bounded length."""
+    shown = [repr(shortened(name)) for name in names[:4]]
+    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+    return f"[{', '.join(shown)}]{more}"
+
+
+class PrintableStream:
+    """A stream that prints only `printable` text; what an ASCII terminal lacks becomes a question mark."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream = stream
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+
+    # What is printed is text for `stream`; a library must not encode it for an ASCII terminal by itself.
+    encoding = "utf-8"
+
+    def write(self, text: str) -> int:
+        """Print the text."""
+        return self.stream.write(printable(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
