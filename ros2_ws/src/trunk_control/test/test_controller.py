@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trunk_control.computed_torque_law import ComputedTorqueConfig
+from trunk_control.computed_torque import ComputedTorqueConfig
 from trunk_control.controller import Controller
-from trunk_control.fuzzy_pid import fuzzy_pid_update
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_control.lqr_law import LqrConfig
-from trunk_control.pid import PidState, pid_update
-from trunk_control.pid_law import LAW as PID
-from trunk_control.pid_law import PidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig, fuzzy_pid_update
+from trunk_control.law import Sample
+from trunk_control.lqr import LqrConfig
+from trunk_control.pid import LAW as PID
+from trunk_control.pid import PidConfig, pid_update
+from trunk_control.pid_family import PidState
 from trunk_msgs_util.units import period_ns
 
 MS = 1_000_000
@@ -79,7 +79,7 @@ def test_dt_is_taken_from_the_stamps():
     for i, stamp in enumerate(stamps):
         dt = (stamp - stamps[i - 1]) * MS / 1e9 if i else 0.005  # at first the period
         angle = 0.1 * (i + 1) ** 2
-        expected, terms = pid_update(expected, 0.0, angle, 0.0, dt, config.gains, config.law)
+        expected, terms = pid_update(expected, 0.0, angle, 0.0, dt, config.gains, config.limits)
         assert controller.update(stamp * MS, angle, 0.0).terms == terms
 
 
@@ -87,11 +87,9 @@ def test_fuzzy_controller_runs_its_law():
     config = FuzzyPidConfig(**FREE)
     controller, expected = Controller(config), PidState()
     for k in range(5):
-        sample = (0.0, 0.1 * k, -0.5 * k)
-        expected, terms = fuzzy_pid_update(
-            expected, *sample, 0.005, config.rules, config.box, config.law
-        )
-        assert controller.update(k * 5 * MS, *sample[1:]).terms == terms
+        sample = Sample(0.0, 0.1 * k, -0.5 * k, 0.005)
+        expected, terms = fuzzy_pid_update(expected, sample, config.constants, config.limits)
+        assert controller.update(k * 5 * MS, *sample[1:3]).terms == terms
 
 
 @every

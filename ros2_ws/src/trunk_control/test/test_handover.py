@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_control.computed_torque import Hip
-from trunk_control.computed_torque_law import ComputedTorqueConfig
+from trunk_control.computed_torque import ComputedTorqueConfig
 from trunk_control.controller import Controller
 from trunk_control.decide import handover_law
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_control.lqr_law import LqrConfig
-from trunk_control.pid import PidLaw
-from trunk_control.pid_law import PidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_control.law import Hip
+from trunk_control.limits import Limits
+from trunk_control.lqr import LqrConfig
+from trunk_control.pid import PidConfig
 from trunk_control.schedule import active_at, turn
 from trunk_msgs_util.parameters.declarations import ParameterError
 
@@ -96,9 +96,9 @@ def test_the_command_limits_override_the_handover():
     high=st.floats(0, 50),
 )
 def test_narrowed_limits_never_exceed_the_laws(effort, step, low, high):
-    law = handover_law(PidLaw(u_min=low, u_max=high), effort, step)
+    law = handover_law(Limits(u_min=low, u_max=high), effort, step)
     assert low <= law.u_min <= law.u_max <= high
-    assert handover_law(PidLaw(), effort, inf) == PidLaw()
+    assert handover_law(Limits(), effort, inf) == Limits()
 
 
 @pytest.mark.parametrize(("seen_ms", "error_rate"), [(2, -10.0), (5, -6.0)])

@@ -6,7 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_control.pid import Gains, PidLaw, PidState, pid_update, retune
+from trunk_control.limits import Limits
+from trunk_control.pid import pid_update
+from trunk_control.pid_family import Gains, PidState, retune
 
 gains = st.builds(Gains, p=st.floats(0.0, 1e6), i=st.floats(1e-6, 1e6), d=st.floats(0.0, 1e6))
 number = st.floats(-100.0, 100.0)
@@ -39,9 +41,9 @@ def test_command_is_continuous(state, old, new):
 def test_next_command_moves_only_by_its_own_increment(errors, old, new, dt):
     state = PidState()
     for error in [*errors, errors[-1], errors[-1]]:  # at rest at last: D = 0
-        state, before = pid_update(state, error, 0.0, 0.0, dt, old, PidLaw())
+        state, before = pid_update(state, error, 0.0, 0.0, dt, old, Limits())
     state = retune(state, old, new)
-    _, after = pid_update(state, errors[-1], 0.0, 0.0, dt, new, PidLaw())
+    _, after = pid_update(state, errors[-1], 0.0, 0.0, dt, new, Limits())
     scale = sum(map(abs, (before.p_term, before.i_term, after.p_term, after.i_term)))
     increment = new.i * dt * errors[-1]
     assert after.effort - before.effort == pytest.approx(increment, abs=1e-12 * scale + 1e-12)

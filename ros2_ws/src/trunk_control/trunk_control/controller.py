@@ -8,7 +8,6 @@ from typing import NamedTuple
 from trunk_msgs_util.samples import has_doubled
 from trunk_msgs_util.units import LAST_STAMP_NS
 
-from .computed_torque import Hip
 from .controller_config import ControllerConfig
 from .decide import (
     Answer,
@@ -23,9 +22,9 @@ from .decide import (
     fresh_memory,
     retuned,
 )
-from .law import Law, LawMemory
+from .law import Hip, Law, LawMemory
 from .laws import law_of
-from .pid import limited
+from .limits import limited
 
 _STILL = Hip()
 
@@ -85,7 +84,7 @@ def hip_seen(index: int | None, position: Sequence[float], velocity: Sequence[fl
 
 def setting_of(config: ControllerConfig, law: Law | None = None) -> Setting:
     """Return the `Setting` of a law, by default the registered one, for this configuration."""
-    law, limits = law or law_of(config), config.law
+    law, limits = law or law_of(config), config.limits
     return Setting(
         limits,
         law.memory._replace(effort=limited(law.memory.effort, limits)),

@@ -17,9 +17,8 @@ from typing import NamedTuple
 
 from trunk_msgs_util.units import seconds
 
-from .computed_torque import Hip
-from .law import Constants, Law, LawMemory, LawTerms, Sample, TakeOver, Update
-from .pid import PidLaw, limited
+from .law import Constants, Hip, Law, LawMemory, LawTerms, Sample, TakeOver, Update
+from .limits import Limits, limited
 from .reference import TOPIC, ReferenceProfile, reference_at
 from .schedule import turn
 
@@ -46,7 +45,7 @@ class Seen(NamedTuple):
 class Setting(NamedTuple):
     """The settings around a law in one controller."""
 
-    law: PidLaw
+    law: Limits
     initial: LawMemory  # the law's memory after a reset: a command of 0 within the limits
     no_terms: LawTerms  # where there are none
     profile: ReferenceProfile
@@ -141,7 +140,7 @@ def followed(memory: Memory, stamp_ns: int, position: float) -> Memory:
     )
 
 
-def retuned(memory: Memory, law: Law, old: Constants, new: Constants, limits: PidLaw) -> Memory:
+def retuned(memory: Memory, law: Law, old: Constants, new: Constants, limits: Limits) -> Memory:
     """Return the memory under new constants, adapted by the law so that the command does not jump.
 
     A held command obeys the new limits at once.
@@ -155,9 +154,9 @@ def after_gap(seen: Seen, stamp_ns: int, setting: Setting) -> bool:
     return seen.stamp_ns >= 0 and stamp_ns - seen.stamp_ns > setting.gap_ns
 
 
-def handover_law(law: PidLaw, effort: float, step: float) -> PidLaw:
+def handover_law(law: Limits, effort: float, step: float) -> Limits:
     """Return the law with its limits narrowed to ``effort`` +- ``step`` [N m], never widened."""
-    return PidLaw(
+    return Limits(
         law.derivative,
         law.filter_time,
         limited(effort - step, law),

@@ -20,7 +20,7 @@ from trunk_msgs_util.printable import printable
 
 from .controller import Controller
 from .decide import Reading
-from .fuzzy_pid_law import FuzzyPidConfig
+from .fuzzy_pid import FuzzyPidConfig
 from .inputs_node import Inputs
 
 NAME = "fuzzy_gains"

@@ -6,9 +6,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, get_type_hints
 
-from .computed_torque import Hip
 from .controller_config import ControllerConfig
-from .pid import PidLaw
+from .limits import Limits
+
+
+class Hip(NamedTuple):
+    """The hip as measured: m, m/s."""
+
+    position: float = 0.0
+    velocity: float = 0.0
 
 
 class Sample(NamedTuple):
@@ -25,9 +31,9 @@ class Sample(NamedTuple):
 LawMemory = Any
 LawTerms = Any
 Constants = tuple[Any, ...]
-Update = Callable[[LawMemory, Sample, Constants, PidLaw], tuple[LawMemory, LawTerms]]
+Update = Callable[[LawMemory, Sample, Constants, Limits], tuple[LawMemory, LawTerms]]
 # (memory after a reset, angle of the last state seen [rad], sample, acting torque [N m], constants, limits)
-TakeOver = Callable[[LawMemory, float, Sample, float, Constants, PidLaw], LawMemory]
+TakeOver = Callable[[LawMemory, float, Sample, float, Constants, Limits], LawMemory]
 # (memory, its last sample, constants before, constants after)
 Retune = Callable[[LawMemory, Sample, Constants, Constants], LawMemory]
 
@@ -43,7 +49,7 @@ class Lookup:
     same bits with ``near(cell, constants)`` as with all constants.
     """
 
-    inputs: Callable[[LawMemory, Sample, PidLaw], tuple[float, float]]
+    inputs: Callable[[LawMemory, Sample, Limits], tuple[float, float]]
     cell: Callable[[float, float, Constants], Any]  # from the inputs
     near: Callable[[Any, Constants], Constants]
     # A cell is a named tuple of floats. The first four are the lower and the upper bound of either input,
@@ -57,7 +63,7 @@ def from_scratch(
     sample: Sample,
     effort: float,
     constants: Constants,
-    limits: PidLaw,
+    limits: Limits,
 ) -> LawMemory:
     """Return the memory of a law that takes over as after a reset; the handover bounds its steps."""
     return initial

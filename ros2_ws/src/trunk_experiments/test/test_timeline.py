@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from trunk_control.controller import Controller
-from trunk_control.pid_law import PidConfig
+from trunk_control.pid import PidConfig
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change, Timeline
 from trunk_experiments.replay.verify import VERIFIED, verify

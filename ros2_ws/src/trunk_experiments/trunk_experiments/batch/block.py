@@ -10,7 +10,8 @@ import numpy as np
 
 from trunk_control.controller import hip_index, setting_of
 from trunk_control.laws import law_named, law_of
-from trunk_control.pid import PidState, limited
+from trunk_control.limits import limited
+from trunk_control.pid_family import PidState
 from trunk_control.reference import ReferenceProfile
 from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.recording.joint_arrays import Floats

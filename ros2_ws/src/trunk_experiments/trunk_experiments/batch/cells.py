@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from trunk_control.computed_torque import Hip
 from trunk_control.decide import Reading
-from trunk_control.law import Sample
-from trunk_control.pid import PidState
+from trunk_control.law import Hip, Sample
+from trunk_control.pid_family import PidState
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState

@@ -15,7 +15,7 @@ from math import nan
 from typing import Any, NamedTuple
 
 from trunk_control.law import Constants, Law, Lookup
-from trunk_control.pid import PidLaw
+from trunk_control.limits import Limits
 from trunk_control.reference import ReferenceProfile, reference_at
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds
@@ -66,7 +66,7 @@ class Common(NamedTuple):
 
     plant: Plant
     sensor: SensorParameters
-    law: PidLaw
+    law: Limits
     constants: Constants
     hip: int  # 0: the hip's motion, 1: the trunk's, -1: none
     states: int

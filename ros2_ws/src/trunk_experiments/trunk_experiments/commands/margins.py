@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from trunk_control.pid import Gains
+from trunk_control.pid_family import Gains
 from trunk_msgs_util.units import seconds
 
 from ..console.tables import print_table

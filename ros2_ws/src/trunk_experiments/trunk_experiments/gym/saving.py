@@ -9,7 +9,9 @@ from typing import NamedTuple
 
 from trunk_control.decide import Answer
 from trunk_control.law import LawTerms
-from trunk_control.pid import Gains, PidState, limited, pid_update
+from trunk_control.limits import limited
+from trunk_control.pid import pid_update
+from trunk_control.pid_family import Gains, PidState
 from trunk_control.reference import reference_at
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.samples import JointSample

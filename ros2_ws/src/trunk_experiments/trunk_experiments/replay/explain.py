@@ -10,10 +10,11 @@ from typing import NamedTuple
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import handover_law
 from trunk_control.fuzzy import fired_rules
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.law import LawMemory, LawTerms
 from trunk_control.laws import law_named
-from trunk_control.pid import PidLaw, Terms, limited
+from trunk_control.limits import Limits, limited
+from trunk_control.pid_family import Terms
 from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
@@ -129,7 +130,7 @@ class _Update(NamedTuple):
     config: ControllerConfig
     took_over: bool  # from another controller, to whose torque the integral was set
     handing_over: bool
-    law: PidLaw  # with the limits in force
+    law: Limits  # with the limits in force
 
 
 def explain(run: RecordedRun, at: float) -> Explanation:
@@ -231,7 +232,7 @@ def _update(rerun: Rerun | RobotRerun, label: str, stamp_ns: int) -> _Update:
     takes_over = controller.takes_over
     moving, moved_to = memory.moving, memory.moved_to
     if takes_over:
-        moving, moved_to = True, limited(reading.effort, config.law)
+        moving, moved_to = True, limited(reading.effort, config.limits)
     answer = controller.decide(reading)
     return _Update(
         stamp_ns,
@@ -245,7 +246,7 @@ def _update(rerun: Rerun | RobotRerun, label: str, stamp_ns: int) -> _Update:
         config,
         takes_over,
         moving,
-        handover_law(config.law, moved_to, config.handover_step) if moving else config.law,
+        handover_law(config.limits, moved_to, config.handover_step) if moving else config.limits,
     )
 
 
@@ -269,8 +270,8 @@ def _windup(update: _Update) -> Windup:
     if update.took_over and terms.ki:
         before = terms.i_term / terms.ki - increment
     used = before + increment
-    law = update.config.law
-    if terms.ki and terms.i_term in (law.i_min, law.i_max):
+    limits = update.config.limits
+    if terms.ki and terms.i_term in (limits.i_min, limits.i_max):
         used = terms.i_term / terms.ki
     strategy = update.config.antiwindup_strategy
     return Windup(strategy, before, increment, used, update.after.integral)

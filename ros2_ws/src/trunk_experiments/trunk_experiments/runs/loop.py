@@ -11,11 +11,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import nan
 from typing import Any, NamedTuple
 
-from trunk_control.computed_torque import Hip
 from trunk_control.controller import hip_index
 from trunk_control.controller_config import ControllerConfig
 from trunk_control.decide import Answer, Reading, Setting, decide
-from trunk_control.law import Law
+from trunk_control.law import Hip, Law
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.units import nanoseconds, step_count
 from trunk_msgs_util.with_arrays import with_arrays

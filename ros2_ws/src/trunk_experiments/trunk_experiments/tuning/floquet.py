@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trunk_control.computed_torque import Hip
-from trunk_control.law import Sample, Update
+from trunk_control.law import Hip, Sample, Update
 from trunk_control.laws import law_named
-from trunk_control.pid import PidLaw, PidState
+from trunk_control.limits import Limits
+from trunk_control.pid_family import PidState
 from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds
@@ -46,7 +46,7 @@ class SampledLoop(NamedTuple):
     """Plant and sampled law, without limits, falls, and what an actuator does to small torques alone."""
 
     plant: Plant
-    law: PidLaw
+    law: Limits
     period_ns: int
     control_period_ns: int
 
@@ -183,7 +183,7 @@ def floquet(plan: RunPlan) -> Floquet:
     body = with_arrays(plant.body._replace(prescribed=True))
     loop = SampledLoop(
         plant._replace(body=body, max_effort=inf, fall_angle=inf, actuator=_linear(plant.actuator)),
-        config.law,
+        config.limits,
         simulator.period_ns,
         config.period_ns,
     )

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trunk_control.computed_torque_law import ComputedTorqueConfig
+from trunk_control.computed_torque import ComputedTorqueConfig
 from trunk_msgs_util.mechanics import path_height
 from trunk_msgs_util.parameters.declarations import ParameterError, Value, build
 from trunk_msgs_util.parameters.in_si import read_quantity

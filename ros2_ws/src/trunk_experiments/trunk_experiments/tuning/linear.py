@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from trunk_control.pid import Gains
+from trunk_control.pid_family import Gains
 from trunk_msgs_util.mechanics import Body
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_sim.plant import PlantState, accelerations
