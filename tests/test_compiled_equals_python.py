@@ -13,7 +13,7 @@ from trunk_control.controller_config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MO
 from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.law import Hip, Sample
 from trunk_control.limits import Limits
-from trunk_control.pid_family import Gains, PidState, retune
+from trunk_control.pid_family import Gains, PidState, rescaled
 from trunk_msgs_util import mechanics, time_table
 from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.mechanics import Body
@@ -172,7 +172,7 @@ def test_pid_update_with_a_negative_dt(twin):
 def test_retune(twin):
     for state, *_, gains, _ in pid_inputs(1000, 6, Limits()):
         new = Gains(gains.d, gains.p, gains.i)
-        assert bits(twin["retune"](state, gains, new)) == bits(retune(state, gains, new))
+        assert bits(twin["rescaled"](state, gains, new)) == bits(rescaled(state, gains, new))
 
 
 @pytest.fixture(params=["linear", "log"])
@@ -226,7 +226,7 @@ def test_updates_at_extreme_numbers(twin, rules):
         actual = twin["fuzzy_pid_update"](state, Sample(*sample), (compiled_rules, box), law)
         assert bits(actual) == bits(expected)
         other = Gains(gains.d, gains.p, gains.i)
-        assert bits(twin["retune"](state, gains, other)) == bits(retune(state, gains, other))
+        assert bits(twin["rescaled"](state, gains, other)) == bits(rescaled(state, gains, other))
     assert held > 100
 
 

@@ -55,21 +55,21 @@ def test_updates_are_due_at_every_nth_state(make, config, plant_rate, rate, divi
     period = period_ns(plant_rate)
     for k in range(20 * divisor):
         answer = controller.update(k * period, 0.1, 0.0)
-        assert answer.fresh == (k % divisor == 0), k
+        assert answer.updated == (k % divisor == 0), k
 
 
 @every
 def test_command_is_held_between_due_instants(make, config):
     controller = make(replace(config, update_rate=100.0))
     due = controller.update(0, 0.3, 0.5)
-    assert (due.active, due.fresh, due.held) == (True, True, False)
-    state = controller.state
+    assert (due.active, due.updated, due.held) == (True, True, False)
+    state = controller.memory
     for k in range(1, 10):
         held = controller.update(k * MS, 0.3 + k, -k)
-        assert (held.effort, held.fresh, held.terms) == (due.effort, False, PID.no_terms)
+        assert (held.effort, held.updated, held.terms) == (due.effort, False, PID.no_terms)
         assert (held.active, held.held) == (True, False)
-        assert controller.state == state
-    assert controller.update(10 * MS, 0.4, 0.1).fresh
+        assert controller.memory == state
+    assert controller.update(10 * MS, 0.4, 0.1).updated
 
 
 def test_dt_is_taken_from_the_stamps():
@@ -102,11 +102,11 @@ def test_reference_comes_from_the_profile_or_the_topic(make, config):
     assert given == [0.0, 0.0, 0.5]
     # A message counts only while the profile is "topic".
     assert controller.update(15 * MS, 0.2, 0.0, reference=-0.25).reference == 0.5
-    controller.retune(replace(config, reference_profile="topic", reference_value=0.125))
+    controller.reconfigure(replace(config, reference_profile="topic", reference_value=0.125))
     assert controller.update(20 * MS, 0.2, 0.0).reference == 0.125
     answer = controller.update(25 * MS, 0.2, 0.0, reference=-0.25)
     assert (answer.reference, answer.terms.error) == (-0.25, -0.45)
-    controller.retune(config)
+    controller.reconfigure(config)
     assert controller.update(30 * MS, 0.2, 0.0, reference=-0.25).reference == 0.5
 
 
@@ -116,7 +116,7 @@ def test_a_stamp_that_goes_backwards_resets(make, config):
     for k in range(10):
         used.update((100 + 5 * k) * MS, 0.3, 1.0)
     assert used.update(144 * MS, 0.2, 0.5) == fresh.update(144 * MS, 0.2, 0.5)
-    assert used.state == fresh.state
+    assert used.memory == fresh.memory
 
 
 @every
@@ -124,7 +124,7 @@ def test_the_same_stamp_twice_is_one_sample(make, config):
     controller = make(config)
     first = controller.update(0, 0.3, 1.0)
     second = controller.update(0, 9.0, 9.0)
-    assert (second.effort, second.fresh) == (first.effort, False)
+    assert (second.effort, second.updated) == (first.effort, False)
 
 
 @every
@@ -146,7 +146,7 @@ def test_a_non_finite_sample_is_skipped(make, config, mode):
         last = spared.update(5 * k * MS, angle, 1.0)
         assert disturbed.update(5 * k * MS, angle, 1.0) == last
     answer = disturbed.update(10 * MS, nan, 1.0)
-    assert (answer.effort, answer.fresh, answer.held) == (last.effort, False, True)
+    assert (answer.effort, answer.updated, answer.held) == (last.effort, False, True)
     assert answer.active
     for k, angle in ((3, 0.4), (4, 0.5)):
         assert disturbed.update(5 * k * MS, angle, 1.0) == spared.update(5 * k * MS, angle, 1.0)
@@ -157,7 +157,7 @@ def test_a_non_finite_sample_is_skipped(make, config, mode):
 def test_no_command_before_the_first_finite_sample(make, config, bad):
     controller = make(config)
     assert controller.update(0, *bad).effort == 0.0
-    assert controller.state == PidState()
+    assert controller.memory == PidState()
 
 
 GAIN = st.floats(1e-3, 1e3)
@@ -190,7 +190,7 @@ def check_bumpless(controller, new, angle, rate):
     """With the angle and the rate at rest, the next command moves by ki h e alone."""
     for k in range(20):
         before = controller.update(5 * k * MS, angle, rate)
-    controller.retune(new)
+    controller.reconfigure(new)
     after = controller.update(100 * MS, angle, rate)
     terms = after.terms
     increment = terms.ki * 0.005 * terms.error
@@ -201,6 +201,6 @@ def check_bumpless(controller, new, angle, rate):
 @every
 def test_retuning_before_the_first_sample(make, config):
     controller = make(config)
-    controller.retune(replace(config, reference_value=0.5))
+    controller.reconfigure(replace(config, reference_value=0.5))
     assert controller.update(0, 0.0, 0.0).reference == 0.5
-    assert controller.state.started
+    assert controller.memory.started

@@ -16,7 +16,7 @@ from trunk_control.law import Hip, Sample
 from trunk_control.limits import ANTIWINDUP_BACK_CALCULATION, Limits
 from trunk_control.lqr import LqrConfig, lqr_update
 from trunk_control.pid import PidConfig, pid_update
-from trunk_control.pid_family import Gains, PidState, retune
+from trunk_control.pid_family import Gains, PidState, rescaled
 from trunk_msgs_util.mechanics import Body
 
 TINY, HUGE = 5e-324, float_info.max
@@ -106,7 +106,7 @@ def test_every_command_is_finite_and_within_its_limits(make_step, data):
 
 @given(states, gains, gains)
 def test_retuning_leaves_a_finite_integral(state, old, new):
-    after = retune(state, old, new)
+    after = rescaled(state, old, new)
     assert all(map(isfinite, after))
     assert after._replace(integral=state.integral) == state
 
@@ -143,10 +143,10 @@ def test_back_calculation_with_an_integral_gain_that_underflows_in_a_product():
 def test_a_held_command_obeys_new_limits_at_once(controller, config):
     driven = controller(config())
     assert driven.update(0, -3.0, 0.0).effort == 100.0
-    driven.retune(config(u_clamp_max=5.0))
+    driven.reconfigure(config(u_clamp_max=5.0))
     assert driven.update(1, -3.0, 0.0).effort == 5.0  # no update is due
     never = controller(config(u_clamp_min=2.0))
     answer = never.update(0, inf, 0.0)
-    assert (answer.effort, answer.held, answer.fresh) == (2.0, True, False)
+    assert (answer.effort, answer.held, answer.updated) == (2.0, True, False)
     never.reset()
-    assert never.state.effort == 2.0
+    assert never.memory.effort == 2.0

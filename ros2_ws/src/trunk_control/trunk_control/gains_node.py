@@ -42,7 +42,7 @@ class GainsNode(Node):
     def __init__(self) -> None:
         """Declare and check the parameters. Raises ParameterError."""
         super().__init__(NAME, start_parameter_services=False)  # created with the parameters
-        self._parameters_set = NodeParameters(self, FuzzyPidConfig, self._retune)
+        self._parameters_set = NodeParameters(self, FuzzyPidConfig, self._reconfigure)
         config = self._parameters_set.config
         self._controller = Controller(config)
         self._counters: Counter[str] = Counter()
@@ -53,18 +53,18 @@ class GainsNode(Node):
         self._inputs = Inputs(config, self._refuse)
         self._inputs.follow(self, self._on_reading)
 
-    def _retune(self, old: FuzzyPidConfig, new: FuzzyPidConfig) -> None:
-        self._controller.retune(new)
-        self._inputs.retune(new)
+    def _reconfigure(self, old: FuzzyPidConfig, new: FuzzyPidConfig) -> None:
+        self._controller.reconfigure(new)
+        self._inputs.reconfigure(new)
 
     def _refuse(self, what: str, why: str) -> None:
         self._counters[what] += 1
         self._reasons[what] = why
 
     def _on_reading(self, reading: Reading) -> None:
-        answer = self._controller.decide(reading)
-        if answer.fresh:
-            terms = answer.terms
+        output = self._controller.decide(reading)
+        if output.updated:
+            terms = output.terms
             self._gains.publish(
                 Float64MultiArray(layout=_LAYOUT, data=[terms.kp, terms.ki, terms.kd])
             )
@@ -81,5 +81,5 @@ class GainsNode(Node):
 
 
 def main() -> None:
-    """Publish gains until told to stop."""
+    """Publish gains until a signal ends it."""
     sys.exit(run_beside(GainsNode, GainsNode.turn, NAME))

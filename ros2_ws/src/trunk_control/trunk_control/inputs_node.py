@@ -28,7 +28,7 @@ class Inputs:
     """
 
     def __init__(self, config: ControllerConfig, refuse: Callable[[str, str], None]) -> None:
-        """``refuse`` is told of each message that is not used, and why."""
+        """``refuse(what, why)`` is called for each message that is not used."""
         self._config = config
         self._refuse = refuse
         self._places = JointPlaces(config.joint, config.hip)
@@ -49,7 +49,7 @@ class Inputs:
         for topic in (topics.REFERENCE, OWN_REFERENCE):
             AdaptiveSubscription(node, topic, self._on_reference, qos.control(1))
 
-    def retune(self, config: ControllerConfig) -> None:
+    def reconfigure(self, config: ControllerConfig) -> None:
         """Take a changed configuration. A profile other than ``topic`` forgets the reference received."""
         self._config = config
         if config.reference_profile != "topic":

@@ -11,7 +11,7 @@ from math import sqrt
 from typing import Any, NamedTuple
 
 from .controller_config import ControllerConfig
-from .law import Constants, Law, Lookup, Retune, Sample, TakeOver, Update
+from .law import BumplessTransfer, Constants, Law, Lookup, Reconfigure, Sample, Update
 from .limits import (
     ANTIWINDUP_BACK_CALCULATION,
     ANTIWINDUP_CONDITIONAL_INTEGRATION,
@@ -187,7 +187,7 @@ def usable(error: float, rate: float, dt: float) -> bool:
     return dt > 0.0 and total - total == 0.0
 
 
-def retune(state: PidState, old: Gains, new: Gains) -> PidState:
+def rescaled(state: PidState, old: Gains, new: Gains) -> PidState:
     """Return the state with its integral rescaled so that a change of gains does not move the command.
 
     ``I' = (u_old - kp' e - kd' D) / ki'`` with the last e and D; where ``ki' = 0``, or so small that I'
@@ -228,8 +228,8 @@ def law_of_pid_family(
         PidState(),
         Terms,
         UNITS,
-        take_over_by_integral(update),
-        retune_by_integral(gains),
+        transfer_by_integral(update),
+        reconfigure_by_integral(gains),
         describe,
         lookup,
     )
@@ -241,7 +241,7 @@ def constant_gains(memory: PidState, sample: Sample, constants: Constants) -> Ga
     return gains
 
 
-def take_over_by_integral(update: Update) -> TakeOver:
+def transfer_by_integral(update: Update) -> BumplessTransfer:
     """Return the function that makes a law's command continue from the torque that acts.
 
     ``I = (u - u|I=0) / ki``. The derivative starts from the last state seen, so that it contains no
@@ -249,7 +249,7 @@ def take_over_by_integral(update: Update) -> TakeOver:
     in bounded steps.
     """
 
-    def take_over(
+    def transfer(
         initial: PidState,
         seen: float,
         sample: Sample,
@@ -265,13 +265,15 @@ def take_over_by_integral(update: Update) -> TakeOver:
                 memory = PidState(integral, memory.error, seen, 0.0, effort, True)
         return memory
 
-    return take_over
+    return transfer
 
 
-def retune_by_integral(gains: GainsOf) -> Retune:
-    """Return the function that rescales the integral as `pid.retune` does."""
+def reconfigure_by_integral(gains: GainsOf) -> Reconfigure:
+    """Return the function that rescales the integral as `rescaled` does."""
 
-    def retuned(memory: PidState, sample: Sample, before: Constants, after: Constants) -> PidState:
-        return retune(memory, gains(memory, sample, before), gains(memory, sample, after))
+    def reconfigure(
+        memory: PidState, sample: Sample, before: Constants, after: Constants
+    ) -> PidState:
+        return rescaled(memory, gains(memory, sample, before), gains(memory, sample, after))
 
-    return retuned
+    return reconfigure

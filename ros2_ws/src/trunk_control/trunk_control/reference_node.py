@@ -17,7 +17,7 @@ class ReferenceNode(AheadNode[ReferenceConfig]):
     def __init__(self) -> None:
         super().__init__("reference", ReferenceConfig, topics.REFERENCE)
 
-    def retune(self, config: ReferenceConfig) -> None:
+    def reconfigure(self, config: ReferenceConfig) -> None:
         """Take a changed profile; it holds from the next stamp on."""
         self._profile = config.reference
 

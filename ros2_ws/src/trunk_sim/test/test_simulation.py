@@ -138,7 +138,7 @@ def test_retune_changes_the_plant_and_keeps_the_state():
         simulation.step(0.0, QUIET)
         expected.step(0.0, QUIET)
     heavy = replace(config, trunk_mass=5.0, position_bias=0.5, max_effort=1.0)
-    simulation.retune(heavy)
+    simulation.reconfigure(heavy)
     assert simulation.truth() == expected.truth()
     assert simulation.measure(QUIET).position[1] == simulation.state.theta + 0.5
     state = simulation.state
@@ -181,7 +181,7 @@ def test_a_changed_path_compiles_nothing_again():
     before = len(compiled.signatures)
     for config in (long, replace(long, sines=(0.1,)), replace(long, cosines=(0.1, 0.2)), long):
         for one in (simulation, expected):
-            one.retune(config)
+            one.reconfigure(config)
             one.step(0.3, QUIET)
         assert simulation.state == expected.state
     assert len(compiled.signatures) == before

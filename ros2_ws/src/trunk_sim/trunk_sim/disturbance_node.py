@@ -17,7 +17,7 @@ class DisturbanceNode(AheadNode[DisturbanceConfig]):
     def __init__(self) -> None:
         super().__init__("disturbance", DisturbanceConfig, topics.DISTURBANCE)
 
-    def retune(self, config: DisturbanceConfig) -> None:
+    def reconfigure(self, config: DisturbanceConfig) -> None:
         """Take changed signals; they act from the next stamp on."""
         self._signals = config.signals
 

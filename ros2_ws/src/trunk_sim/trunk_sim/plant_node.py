@@ -107,9 +107,9 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._step_timer = self.every(tick_period(config), self._tick)
         self._step_timer.cancel()
 
-    def retune(self, config: SimulatorConfig) -> None:
+    def reconfigure(self, config: SimulatorConfig) -> None:
         """Take changed constants; they act from the next step on."""
-        self._simulation.retune(config)
+        self._simulation.reconfigure(config)
         self._pacing.set_timeout(config.command_timeout)
         self._pacing.set_speed(config.lockstep_speed, time.monotonic_ns())
         if self.configured:

@@ -56,10 +56,10 @@ class Simulation:
         self._noise = Noise(config.seed)
         self._delay = DelayLine(config.delay_steps)
         self._wire = None if config.network is None else _Wire(config.network)
-        self.retune(config)
+        self.reconfigure(config)
         self._begin()
 
-    def retune(self, config: SimulatorConfig) -> None:
+    def reconfigure(self, config: SimulatorConfig) -> None:
         """Change plant, sensor or limit parameters; the state stays."""
         self.config = config
         self._plant = plant_for(self._act, config.plant)

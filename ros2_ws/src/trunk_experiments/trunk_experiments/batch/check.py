@@ -94,7 +94,7 @@ def _table_difference(plan: RunPlan, outcome: Outcome, taken: list[Step]) -> str
         if answer is None:
             return f"{plan.scenario}: nobody answers at t = {step.stamp_ns / NANOSECONDS:g} s"
         terms = answer.terms
-        if answer.fresh:
+        if answer.updated:
             held = [answer.reference, *gains_of(law_named(step.controller))(terms)]
         sent.append(answer.effort)
         used = len(sent) - 1 if traffic is None else traffic.told(len(sent) - 1)

@@ -25,7 +25,7 @@ class Change:
 class Tunable(Protocol):
     """A controller or a simulation."""
 
-    def retune(self, config: Any) -> None:
+    def reconfigure(self, config: Any) -> None:
         """Change the configuration."""
 
     def reset(self) -> None:
@@ -69,7 +69,7 @@ class Timeline:
             if change.values is not None:
                 self.config = build(type(self.config), {**values_of(self.config), **change.values})
                 if target is not None:
-                    target.retune(self.config)
+                    target.reconfigure(self.config)
             elif change.event == Event.RESET:
                 if target is not None:
                     target.reset()

@@ -8,7 +8,7 @@ from math import isclose
 from typing import NamedTuple
 
 from trunk_control.controller_config import ControllerConfig
-from trunk_control.decide import handover_law
+from trunk_control.decide import transfer_limits
 from trunk_control.fuzzy import fired_rules
 from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.law import LawMemory, LawTerms
@@ -228,25 +228,26 @@ def _update(rerun: Rerun | RobotRerun, label: str, stamp_ns: int) -> _Update:
             "(trunk verify says why): give --at a time before that"
         )
     controller = rerun.engine.controllers[label]
-    config, before, memory = controller.config, controller.state, controller.memory
-    takes_over = controller.takes_over
-    moving, moved_to = memory.moving, memory.moved_to
-    if takes_over:
-        moving, moved_to = True, limited(reading.effort, config.limits)
+    config, before = controller.config, controller.memory
+    pending, _, transferring, effort = controller.state.transfer
+    if pending:
+        transferring, effort = True, limited(reading.effort, config.limits)
     answer = controller.decide(reading)
     return _Update(
         stamp_ns,
         before,
-        controller.state,
+        controller.memory,
         answer.reference,
         answer.terms,
         reading.position,
         reading.velocity,
-        controller.memory.sample.dt,
+        controller.state.law.sample.dt,
         config,
-        takes_over,
-        moving,
-        handover_law(config.limits, moved_to, config.handover_step) if moving else config.limits,
+        pending,
+        transferring,
+        transfer_limits(config.limits, effort, config.handover_step)
+        if transferring
+        else config.limits,
     )
 
 

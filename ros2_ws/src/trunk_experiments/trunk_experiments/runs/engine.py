@@ -277,7 +277,7 @@ class Engine:
             surroundings = surroundings._replace(fall_stop=False)
         controllers = list(self._controllers.values())
         before = [controller.active for controller in controllers]
-        state = self._state._replace(memories=chain_of([c.memory for c in controllers]))
+        state = self._state._replace(memories=chain_of([c.state for c in controllers]))
         records = {name: c.law.record_names for name, c in self._controllers.items()}
         out = np.empty((stop - first, TERMS + max(map(len, records.values()), default=0)))
         inputs = SegmentInputs(
@@ -292,8 +292,8 @@ class Engine:
         if self._code is None:
             self._code = code_for(self.plan, first, inputs, self._compiled)
         self.index, why, self._state = self._code(first, stop, inputs)
-        for controller, memory in zip(controllers, values_in(self._state.memories), strict=True):
-            controller.memory = memory
+        for controller, after in zip(controllers, values_in(self._state.memories), strict=True):
+            controller.state = after
         table = out[: self.index - first]
         acts, turned = self._turns(first, names, before, table[:, ACTIVE].astype(np.int64))
         fallen = table[:, FALLEN] != 0.0
@@ -343,7 +343,7 @@ class _PlantSide:
         self.index = start.first
         self.anew = False
 
-    def retune(self, config: SimulatorConfig) -> None:
+    def reconfigure(self, config: SimulatorConfig) -> None:
         """Take other parameters; the state stays."""
         self.config = config
 

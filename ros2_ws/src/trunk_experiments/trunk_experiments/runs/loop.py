@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from trunk_control.controller import hip_index
 from trunk_control.controller_config import ControllerConfig
-from trunk_control.decide import Answer, Reading, Setting, decide
+from trunk_control.decide import Output, Reading, Settings, decide
 from trunk_control.law import Hip, Law
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.units import nanoseconds, step_count
@@ -79,7 +79,7 @@ class LoopState(NamedTuple):
 class Participant(NamedTuple):
     """A controller in the loop: what `decide` takes, and which motion it reads besides the trunk's."""
 
-    setting: Setting
+    settings: Settings
     constants: Any
     hip: int  # 0: the hip's, 1: the trunk's, -1: none
 
@@ -88,7 +88,7 @@ class Decision(NamedTuple):
     """What the loop uses of the first active controller's answer: of the same type for all laws."""
 
     active: int  # bit i: the controller at place i is active
-    fresh: bool
+    updated: bool  # its law
     effort: float  # N m
     reference: float  # rad
 
@@ -96,7 +96,7 @@ class Decision(NamedTuple):
 Decided = tuple[Chain, Decision]
 
 # Of a law: the function that writes down an update, ``tell(out, row, answer, measured)``.
-Tell = Callable[[Law], Callable[[Floats, int, Answer, Measurement], None]]
+Tell = Callable[[Law], Callable[[Floats, int, Output, Measurement], None]]
 
 
 def reading_of(
@@ -137,7 +137,7 @@ def decide_by(
     and participants as `Chain`. It returns the next memories and the first active controller's answer, and
     writes that controller's update into the row.
     """
-    update, take_over = law.update, law.take_over
+    update, transfer = law.update, law.transfer
     write_down = tell(law)
     bit = 1 << place
 
@@ -153,11 +153,11 @@ def decide_by(
     ) -> tuple[Any, Decision]:
         reading = reading_of(stamp_ns, measured, effort, participant.hip, reference)
         after, a = decide(
-            memory, reading, participant.setting, participant.constants, update, take_over
+            memory, reading, participant.settings, participant.constants, update, transfer
         )
-        if a.active and a.fresh:
+        if a.active and a.updated:
             write_down(out, row, a, measured)
-        return after, Decision(bit if a.active else 0, a.fresh, a.effort, a.reference)
+        return after, Decision(bit if a.active else 0, a.updated, a.effort, a.reference)
 
     def last(
         memories: Chain,
@@ -202,7 +202,7 @@ def decide_by(
         if acted.active == 0:
             return (after, rest), other
         both = acted.active | other.active
-        return (after, rest), Decision(both, acted.fresh, acted.effort, acted.reference)
+        return (after, rest), Decision(both, acted.updated, acted.effort, acted.reference)
 
     return first
 
@@ -373,13 +373,13 @@ def for_compiler(surroundings: Surroundings) -> Surroundings:
 
 
 def participants_of(
-    settings: Iterable[tuple[ControllerConfig, Setting, Any]], joints: Sequence[str]
+    controllers: Iterable[tuple[ControllerConfig, Settings, Any]], joints: Sequence[str]
 ) -> Chain:
     """Return the participants with these configurations, settings and constants, in their order."""
     chain: Chain = ()
-    for config, setting, constants in reversed(list(settings)):
+    for config, settings, constants in reversed(list(controllers)):
         hip = hip_index(config, joints)
-        chain = (Participant(setting, constants, -1 if hip is None else hip), chain)
+        chain = (Participant(settings, constants, -1 if hip is None else hip), chain)
     return chain
 
 

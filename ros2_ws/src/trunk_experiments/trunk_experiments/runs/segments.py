@@ -55,7 +55,7 @@ def _plain_code(plan: RunPlan, controllers: Sequence[Controller]) -> Code:
     def code(first: int, stop: int, inputs: SegmentInputs) -> tuple[int, int, LoopState]:
         surroundings, state, controllers, *arrays = inputs
         chain = participants_of(
-            ((c.config, c.setting, c.constants) for c in controllers),
+            ((c.config, c.settings, c.constants) for c in controllers),
             plan.simulator.joints,
         )
         plant = plant_for(step, surroundings.plant)
@@ -77,7 +77,7 @@ def _compiled_code(plan: RunPlan, inputs: SegmentInputs) -> Code:
         surroundings, state, controllers, *arrays = inputs
         chain = participants_of(
             (
-                (c.config, with_arrays(c.setting), tuple(map(with_arrays, c.constants)))
+                (c.config, with_arrays(c.settings), tuple(map(with_arrays, c.constants)))
                 for c in controllers
             ),
             plan.simulator.joints,

@@ -31,7 +31,7 @@ class AheadNode(TrunkNode[Config]):
         self._topic = topic
         self._read = WireReader()
         self._publisher: Evidence
-        self.retune(self.config)
+        self.reconfigure(self.config)
 
     def set_up(self) -> None:
         """Listen for states."""

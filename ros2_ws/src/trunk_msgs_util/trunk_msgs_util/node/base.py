@@ -97,7 +97,7 @@ class TrunkNode(UniqueNode, Generic[Config]):
     def _on_parameters(self, old: Config, new: Config) -> None:
         before, after = values_of(old), values_of(new)
         changed = {name: value for name, value in after.items() if value != before[name]}
-        self.retune(new)
+        self.reconfigure(new)
         if changed:
             # There is no order between two topics: this marks the change's place among the node's events.
             self.event(Event.RETUNED)
@@ -111,7 +111,7 @@ class TrunkNode(UniqueNode, Generic[Config]):
         """Name the source from now on in what is recorded, or no longer."""
         self.source = self._own_source if real_time else ""
 
-    def retune(self, config: Config) -> None:
+    def reconfigure(self, config: Config) -> None:
         """Take a changed configuration; called between two callbacks."""
 
     def diagnostics(self) -> Mapping[str, object]:
