@@ -17,13 +17,11 @@ from trunk_control.pid_family import Gains, PidState, rescaled
 from trunk_msgs_util import mechanics, time_table
 from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.mechanics import Body
-from trunk_sim import disturbances, integrator, plant, plant_as_printed
+from trunk_sim import disturbances, plant
 
 MODULES = (
     mechanics,
     plant,
-    plant_as_printed,
-    integrator,
     disturbances,
     pid,
     pid_family,
@@ -95,7 +93,7 @@ def test_energy_on_harmonics(twin):
 def test_rk4_step_on_harmonics(twin):
     for (*first, expected), (*_, given) in on_harmonics(1000, seed=23):
         found = twin["rk4_step"](*first, 0.005, given)
-        assert bits(found) == bits(integrator.rk4_step(*first, 0.005, expected))
+        assert bits(found) == bits(plant.rk4_step(*first, 0.005, expected))
 
 
 def test_inverse_dynamics_on_harmonics(twin):
@@ -118,14 +116,14 @@ def test_energy(twin):
 def test_rk4_step(twin):
     for state, force, torque, p in plants(3000, seed=3):
         arguments = (state, force, torque, 0.005, p)
-        assert bits(twin["rk4_step"](*arguments)) == bits(integrator.rk4_step(*arguments))
+        assert bits(twin["rk4_step"](*arguments)) == bits(plant.rk4_step(*arguments))
 
 
 @pytest.mark.slow
 def test_advance(twin):
     for k, (state, force, torque, p) in enumerate(plants(2000, seed=4)):
         arguments = (state, force, torque, 0.001, 1 + k % 10, p)
-        assert bits(twin["advance"](*arguments)) == bits(integrator.advance(*arguments))
+        assert bits(twin["advance"](*arguments)) == bits(plant.advance(*arguments))
 
 
 def pid_inputs(count: int, seed: int, law: Limits):

@@ -38,18 +38,13 @@ MODULES = {
         (
             "tests/test_inverse_dynamics.py",
             *_in(UTIL, "mechanics"),
-            *_in(SIM, "integrator", "plant"),
+            *_in(SIM, "plant"),
         ),
     ),
-    "plant": Module(
-        SIM + "trunk_sim/plant.py", _in(SIM, "integrator", "plant_as_printed", "plant")
-    ),
-    "integrator": Module(SIM + "trunk_sim/integrator.py", _in(SIM, "integrator")),
-    "step": Module(SIM + "trunk_sim/step.py", _in(SIM, "step", "sensors", "simulation")),
-    "pacing": Module(
-        SIM + "trunk_sim/pacing.py",
-        _in(SIM, "pacing_real_time", "pacing_lockstep", "pacing_config"),
-    ),
+    "plant": Module(SIM + "trunk_sim/plant.py", _in(SIM, "plant_as_printed", "plant")),
+    "step": Module(SIM + "trunk_sim/step.py", _in(SIM, "step", "simulation")),
+    "pacing": Module(SIM + "trunk_sim/pacing.py", _in(SIM, "pacing_real_time")),
+    "lockstep": Module(SIM + "trunk_sim/lockstep.py", _in(SIM, "pacing_lockstep", "pacing_config")),
     **{
         name: Module(CONTROL + f"trunk_control/{name}.py", _PID)
         for name in ("limits", "pid", "pid_family")

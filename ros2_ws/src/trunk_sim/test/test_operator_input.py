@@ -7,8 +7,8 @@ from math import inf, nan
 import pytest
 
 from trunk_msgs_util.samples import JointSample
-from trunk_sim.answers import RefusedError
 from trunk_sim.disturbances import Disturbance
+from trunk_sim.inputs import RefusedError
 from trunk_sim.operator_input import (
     NOTHING,
     Applied,

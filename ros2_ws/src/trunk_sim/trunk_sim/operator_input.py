@@ -13,8 +13,8 @@ from trunk_msgs_util.printable import quoted_names
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import seconds
 
-from .answers import RefusedError
 from .disturbances import Disturbance
+from .inputs import RefusedError
 
 _LONGEST_NAME = 64
 

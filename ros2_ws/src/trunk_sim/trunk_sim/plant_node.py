@@ -7,7 +7,6 @@ import time
 from collections.abc import Sequence
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from trunk_msgs_util import topics
@@ -19,22 +18,18 @@ from trunk_msgs_util.node.conversions import (
     WireReader,
     sample_from_ros,
     sample_to_wire,
-    stamp_to_ros,
 )
-from trunk_msgs_util.node.strangers import Sender
 from trunk_msgs_util.patience import HeldUp
-from trunk_msgs_util.printable import printable
 from trunk_msgs_util.process_id import local_pid
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.source import source_in
 from trunk_msgs_util.units import nanoseconds, seconds, step_count
 
-from .answers import RefusedError, disturbance_of, effort_of
 from .config import SimulatorConfig
-from .disturbance_feed import DisturbanceFeed
-from .inputs_node import PlantInputs
+from .inputs import DisturbanceFeed, RefusedError, disturbance_of, effort_of
+from .lockstep import make_pacing, tick_period
 from .operator_input import NOTHING, Applied, Operator, asked_of, with_operator
-from .pacing import make_pacing, tick_period
+from .outputs_node import PlantOutputs
 from .participants_node import GraphParticipants
 from .simulation import DivergedError, Simulation
 
@@ -59,25 +54,16 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._running = False
         self._started = time.monotonic()
         self._disturbances = DisturbanceFeed(config.period_ns)
-        self._inputs: PlantInputs | None = None  # in real time
         self._referred = False  # has a reference arrived?
         limits = config.operator_limits
         self._operator = None if limits is None else Operator(limits)
         self._held_up = HeldUp()
         self._diagnosed = (time.monotonic(), 0)
-        self._strangers: dict[str, Sender] = {}  # by GUID
-        self._senders_seen = -1
         self._pacing = make_pacing(self, config)
         self.unfinished = ""
 
     def _create_topics(self, config: SimulatorConfig) -> None:
-        self._truth = self.create_evidence(topics.GROUND_TRUTH)
-        self._measured = self.create_evidence(topics.JOINT_STATES)
-        if not config.lockstep:
-            self._inputs = PlantInputs(self.create_evidence(topics.PLANT_INPUTS, live=False))
-        self._clock_topic = (
-            self.create_publisher(Clock, "/clock", qos.clock()) if config.publish_clock else None
-        )
+        self._outputs = PlantOutputs(self, config)
         self._commands = AdaptiveSubscription(
             self,
             topics.EFFORT_COMMAND,
@@ -119,7 +105,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         """Publish the measured state 0 and step from here on; the true state 0 is already published."""
         self._running = True
         self._started = time.monotonic()
-        self._look_at_strangers()
+        self._participants.look_for_strangers()
         self.event(Event.STARTED, rate=self.config.update_rate)
         self._publish_measured()
         self._say_fall()
@@ -129,27 +115,9 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._pacing.begin(time.monotonic_ns())
 
     def _every_second(self) -> None:
-        if self._running and self._commands.get_publisher_count() != self._senders_seen:
-            self._look_at_strangers()
+        if self._running:
+            self._participants.look_for_strangers()
         super()._every_second()
-
-    def _look_at_strangers(self) -> None:
-        """Record which nodes of somebody else's publish commands, and which no longer do."""
-        self._senders_seen = self._commands.get_publisher_count()
-        now = {sender.guid: sender for sender in self._participants.strange_senders()}
-        before, self._strangers = self._strangers, now
-        for guid in now.keys() - before.keys():
-            sender = self._named(now[guid])
-            self.event(Event.CONNECTED, node=sender.name, middleware=sender.middleware)
-        for guid in before.keys() - now.keys():
-            sender = self._named(before[guid])
-            self.event(Event.DISCONNECTED, node=sender.name, middleware=sender.middleware)
-
-    def _named(self, sender: Sender) -> Sender:
-        """Say in the log whether a sender has come or gone, and return it."""
-        state = "publishes" if sender.guid in self._strangers else "is gone from"
-        self.get_logger().info(printable(f"{sender.label} {state} {self._commands.topic_name}"))
-        return sender
 
     def _only_one_controller(self) -> bool:
         rivals = self._participants.rivals()
@@ -196,9 +164,9 @@ class PlantNode(TrunkNode[SimulatorConfig]):
             self.fail(str(error))
             return
         self._publish_measured()
-        self._publish_truth()
-        if self._inputs is not None:  # the controller waits for the state, nobody for this
-            self._inputs.publish(self.source, stamp_ns, command, disturbed)
+        self._outputs.truth(self._simulation.truth())
+        # The controller waits for the state, nobody for this.
+        self._outputs.inputs(stamp_ns, command, disturbed)
         self._say_fall()
 
     def _pushed(self) -> Applied:
@@ -208,7 +176,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         taken = self._operator.told()
         if taken is not None:
             sample = JointSample(self.stamp_ns, self.config.joints, effort=taken)
-            self._pushes.publish(self._wire(sample))
+            self._pushes.publish(sample_to_wire(sample, self.source))
         return self._operator.applied(self.stamp_ns)
 
     def finish(self) -> None:
@@ -262,25 +230,12 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         timeout_ns = None if config.lockstep else nanoseconds(config.command_timeout)
         if self._disturbances.advance(now, timeout_ns):
             self.count("steps without a fresh disturbance")
-        self._publish_clock()
-        self._measured.publish(self._wire(simulation.measure(self._disturbances.acting)))
-
-    def _wire(self, sample: JointSample) -> bytes:
-        return sample_to_wire(sample, self.source)
-
-    def _publish_clock(self) -> None:
-        """Publish the time before any message stamped with it: no node sees a state from the future."""
-        if self._clock_topic is not None:
-            self._clock_topic.publish(Clock(clock=stamp_to_ros(self._simulation.stamp_ns)))
-
-    def _publish_truth(self) -> None:
-        self._truth.publish(self._wire(self._simulation.truth()))
+        self._outputs.clock(now)
+        self._outputs.measured(simulation.measure(self._disturbances.acting))
 
     def _publish_last_inputs(self) -> None:
         """Publish what acts in the last state, too: no step follows that would do so."""
-        if self._inputs is not None:
-            command, disturbed = self._pacing.in_force, self._disturbances.in_force
-            self._inputs.publish(self.source, self.stamp_ns, command, disturbed)
+        self._outputs.inputs(self.stamp_ns, self._pacing.in_force, self._disturbances.in_force)
 
     def _say_fall(self) -> None:
         if self._simulation.falls_now:

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable
 from typing import ClassVar
 
 from trunk_msgs_util.elementary import LARGEST_ANGLE
 from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import seconds
+from trunk_msgs_util.with_arrays import with_arrays
 
+from .actuator import Actuator
 from .config import SimulatorConfig
 from .disturbances import Disturbance
 from .noise import Noise
 from .plant import PlantState
-from .quick import Act, act_for, plant_for
-from .sensors import DelayLine
-from .step import Measurement, Plant, Trunk, at_rest, noisy, sense, torque_of
+from .step import Measurement, Plant, Trunk, act, at_rest, noisy, sense, torque_of
 from .traffic import InFlight, Network, Traffic
 
+Act = Callable[[Trunk, float, Disturbance, Plant], Trunk]
+
+# Runge-Kutta steps. Loading compiled code takes 0.7 s, and compiling it, once for each version, some seconds.
+WORTH_COMPILING = 40_000  # a loop, which saves some ten microseconds in each
+WORTH_A_STEP = 150_000  # a single step, which saves four
+ENDLESS_S = 600.0  # how long an endless run counts as
 Seen = tuple[Measurement, float]  # a reading, and the torque over the step before it, N m
 
 
@@ -40,6 +48,63 @@ def diverged(stamp_ns: int, trunk: Trunk, effort: float, plant: Plant) -> Diverg
         f"(angle {state.theta:.3g} rad, effort {torque:.3g} N m): the loop is unstable "
         "with these gains at this rate"
     )
+
+
+def worth_compiling(config: SimulatorConfig, first: int = 0) -> bool:
+    """Return True for a run that is long enough to make up for loading a loop's compiled code.
+
+    ``first``: the index of the state that it goes on from.
+    """
+    return _steps(config) - first * config.substeps >= WORTH_COMPILING
+
+
+def act_for(config: SimulatorConfig, loaded: bool = False) -> Act:
+    """Return `act` for a run with this configuration, ready to use: compiled if that is quicker and possible.
+
+    Both return the same bits. ``loaded``: the compiler is already loaded for something else.
+    """
+    if _steps(config) < (WORTH_COMPILING if loaded else WORTH_A_STEP):
+        return act
+    try:
+        from trunk_msgs_util.compiled import ready
+    except ImportError:  # numba is optional
+        return act
+    start = at_rest(config.initial_state, config.plant)
+    return ready(act, start, 0.0, Disturbance(), _with_array(config.plant))
+
+
+def _steps(config: SimulatorConfig) -> float:
+    return (config.duration or ENDLESS_S) * config.update_rate * config.substeps
+
+
+def plant_for(function: Act, plant: Plant) -> Plant:
+    """Return the plant as this function takes it: unchanged for `act`, with arrays if compiled."""
+    return plant if function is act else _with_array(plant)
+
+
+def _with_array(plant: Plant) -> Plant:
+    """Return a plant whose harmonics are an array, empty if there are none, and that has an actuator.
+
+    Its type never changes, so nothing is recompiled when a running simulator's path or actuator changes.
+    """
+    body = plant.body._replace(harmonics=plant.body.harmonics or ())
+    return with_arrays(plant._replace(body=body, actuator=plant.actuator or Actuator()))
+
+
+class DelayLine:
+    """The true state a whole number of steps ago; until there are that many, the oldest known one."""
+
+    def __init__(self, steps: int) -> None:
+        self._line: deque[PlantState] = deque(maxlen=steps + 1)
+
+    def push(self, state: PlantState) -> PlantState:
+        """Append the latest state and return the delayed one."""
+        self._line.append(state)
+        return self._line[0]
+
+    def clear(self) -> None:
+        """Forget the past."""
+        self._line.clear()
 
 
 class Simulation:

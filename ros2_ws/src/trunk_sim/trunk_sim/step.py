@@ -16,8 +16,7 @@ from trunk_msgs_util.with_arrays import with_arrays
 
 from .actuator import Actuator, driven, quantised, saturate, with_friction
 from .disturbances import Disturbance
-from .integrator import advance
-from .plant import PlantState
+from .plant import PlantState, advance
 
 
 class Scale(NamedTuple):

@@ -20,7 +20,7 @@ from trunk_control.reference import ReferenceProfile, reference_at
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds
 from trunk_sim.disturbances import Signals, disturbance_at
-from trunk_sim.integrator import rk4_step
+from trunk_sim.plant import rk4_step
 from trunk_sim.step import (
     Plant,
     SensorParameters,

@@ -14,7 +14,7 @@ from trunk_control.limits import Limits, limited
 from trunk_control.pid import pid_update
 from trunk_control.pid_family import Gains, PidState
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
-from trunk_sim.integrator import rk4_step
+from trunk_sim.plant import rk4_step
 from trunk_sim.step import Plant, SensorParameters, beyond_fall, finite, sense, torque_of, torque_on
 
 from ..batch.cells import ACTING, NOISE, PARAMETERS, SEEN, STATE, acting_at, keep_state, state_at

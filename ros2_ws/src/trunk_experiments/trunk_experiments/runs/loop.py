@@ -22,7 +22,7 @@ from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
 from trunk_sim.plant import PlantState
-from trunk_sim.quick import Act
+from trunk_sim.simulation import Act
 from trunk_sim.step import Measurement, Plant, SensorParameters, Trunk, act, in_force, pruned, sense
 
 from ..errors import PlanError

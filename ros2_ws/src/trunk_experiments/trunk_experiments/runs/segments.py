@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from trunk_control.controller import Controller
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.with_arrays import with_arrays
-from trunk_sim.quick import act_for, plant_for, worth_compiling
+from trunk_sim.simulation import act_for, plant_for, worth_compiling
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan
