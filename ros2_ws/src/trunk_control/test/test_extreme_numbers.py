@@ -57,7 +57,7 @@ boxes = st.builds(
     st.tuples(positive, positive),
 )
 harmonics = st.none() | st.lists(st.tuples(number, number), min_size=1, max_size=3).map(
-    lambda pairs: tuple(one for pair in pairs for one in pair)
+    lambda pairs: tuple(number for pair in pairs for number in pair)
 )
 models = st.builds(
     Body,

@@ -170,7 +170,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             return ""
         topic = self.resolve_topic_name(topics.JOINT_STATES)
         last_ns = self.run_stamp_ns if self.run_stamp_ns >= 0 else None
-        refused = {what: n for what, n in self.counters.items() if what.startswith("states ")}
+        refused = {kind: n for kind, n in self.counters.items() if kind.startswith("states ")}
         publishers = meeting.described_publishers(self, topic)
         return waiting.states(topic, publishers, last_ns, refused)
 
@@ -186,7 +186,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
 
     def _say_commands(self) -> None:
         until = f", the last at t = {seconds(self.run_stamp_ns):g} s" if self._updates else ""
-        counted = "".join(f", {what} {count}" for what, count in self.counters.items() if count)
+        counted = "".join(f", {kind} {count}" for kind, count in self.counters.items() if count)
         self.get_logger().info(f"ended: {self._updates} commands given{until}{counted}")
 
     def diagnostics(self) -> dict[str, object]:

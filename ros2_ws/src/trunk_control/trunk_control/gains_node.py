@@ -57,9 +57,9 @@ class GainsNode(Node):
         self._controller.reconfigure(new)
         self._inputs.reconfigure(new)
 
-    def _refuse(self, what: str, why: str) -> None:
-        self._counters[what] += 1
-        self._reasons[what] = why
+    def _refuse(self, kind: str, why: str) -> None:
+        self._counters[kind] += 1
+        self._reasons[kind] = why
 
     def _on_reading(self, reading: Reading) -> None:
         output = self._controller.decide(reading)
@@ -76,7 +76,7 @@ class GainsNode(Node):
         if self._counters.total() > self._warned and now > self._warn_after_s:
             self._warned, self._warn_after_s = self._counters.total(), now + _WARN_EVERY_S
             counts = self._counters.items()
-            lines = (f"{what} ({count}): {self._reasons[what]}" for what, count in counts)
+            lines = (f"{kind} ({count}): {self._reasons[kind]}" for kind, count in counts)
             self.get_logger().warning(printable("; ".join(lines)))
 
 

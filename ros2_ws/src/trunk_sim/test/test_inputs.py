@@ -35,7 +35,7 @@ def test_a_command_is_found_by_its_joint():
 
 
 @pytest.mark.parametrize(
-    ("names", "what", "why"),
+    ("names", "part", "why"),
     [
         ((), "the joint", r"their names are \[\]: 'trunk' must be there, once"),
         (("hip",), "the joint", r"their names are \['hip'\]"),
@@ -49,8 +49,8 @@ def test_a_command_is_found_by_its_joint():
         ),
     ],
 )
-def test_a_command_without_the_joint_or_its_effort_is_refused(names, what, why):
-    with pytest.raises(RefusedError, match=f"^commands without {what}$") as refused:
+def test_a_command_without_the_joint_or_its_effort_is_refused(names, part, why):
+    with pytest.raises(RefusedError, match=f"^commands without {part}$") as refused:
         effort_of(JointSample(0, names, effort=(1.0,)), "trunk")
     assert re.search(why, refused.value.why)
 
@@ -86,13 +86,13 @@ QUIET, PUSH, PULL = Disturbance(), Disturbance(trunk_torque=1.0), Disturbance(tr
 
 def test_each_acts_from_its_stamp_on():
     feed = DisturbanceFeed(5 * MS)
-    assert feed.acting == QUIET
+    assert feed.disturbance == QUIET
     feed.take(5 * MS, PUSH, 0)
     feed.take(15 * MS, PULL, 0)
     acting = []
     for k in range(5):
         assert not feed.advance(5 * k * MS, None)
-        acting.append(feed.acting)
+        acting.append(feed.disturbance)
     assert acting == [QUIET, PUSH, PUSH, PULL, PULL]
     assert not feed
 
@@ -115,12 +115,12 @@ def test_a_disturbance_that_is_too_old_no_longer_acts():
     assert not feed.advance(1000 * MS, 200 * MS), "nothing was ever received"
     feed.take(1005 * MS, PUSH, 1000 * MS)
     assert not feed.advance(1205 * MS, 200 * MS)
-    assert feed.acting == PUSH
+    assert feed.disturbance == PUSH
     assert feed.advance(1210 * MS, 200 * MS)
-    assert feed.acting == QUIET
+    assert feed.disturbance == QUIET
     feed.take(1215 * MS, PULL, 1210 * MS)
     assert not feed.advance(1215 * MS, 200 * MS)
-    assert feed.acting == PULL
+    assert feed.disturbance == PULL
     assert not feed.advance(10**6 * MS, None), "in lock-step nothing is too old"
 
 
@@ -163,7 +163,7 @@ def test_the_command_in_force_is_the_one_that_the_plant_steps_with():
     seen = []
 
     def step(now_ns):
-        in_force, steps = pacing.in_force, len(loop.efforts)
+        in_force, steps = pacing.command_in_use, len(loop.efforts)
         pacing.tick(now_ns)
         assert loop.efforts[steps:] == [in_force.effort] * (len(loop.efforts) - steps)
         seen.append((in_force.stamp_ns, in_force.source))
@@ -181,15 +181,15 @@ def test_the_command_in_force_is_the_one_that_the_plant_steps_with():
 
 def test_the_disturbance_in_force_is_the_one_that_acts():
     feed = DisturbanceFeed(H)
-    assert feed.in_force == UNDISTURBED
+    assert feed.in_use == UNDISTURBED
     feed.take(0, Disturbance(), 0, PUSH)
     feed.take(H, ALL, 0, PUSH)
     seen = []
     for k in range(5):
         feed.advance(k * H, 2 * H)
-        assert feed.acting == feed.in_force.disturbance
-        seen.append((feed.in_force.stamp_ns, feed.in_force.source, feed.acting == ALL))
+        assert feed.disturbance == feed.in_use.disturbance
+        seen.append((feed.in_use.stamp_ns, feed.in_use.source, feed.disturbance == ALL))
     assert seen == [(0, PUSH, False), *[(H, PUSH, True)] * 3, (-1, "", False)]
     feed.take(5 * H, ALL, 4 * H)
     feed.advance(5 * H, 2 * H)
-    assert feed.in_force == Disturbed(5 * H, ALL, "")
+    assert feed.in_use == Disturbed(5 * H, ALL, "")

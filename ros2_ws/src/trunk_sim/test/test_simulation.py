@@ -148,7 +148,7 @@ def test_retune_changes_the_plant_and_keeps_the_state():
 def trail(simulation):
     for k in range(300):
         simulation.step(0.5 * (k % 7) - 1.5, Disturbance(0.2, -0.1, 0.0, 0.0))
-        yield simulation.trunk
+        yield simulation.status
 
 
 @pytest.mark.parametrize(
@@ -179,9 +179,9 @@ def test_a_changed_path_compiles_nothing_again():
     compiled = simulation._act
     before = len(compiled.signatures)
     for config in (long, replace(long, sines=(0.1,)), replace(long, cosines=(0.1, 0.2)), long):
-        for one in (simulation, expected):
-            one.reconfigure(config)
-            one.step(0.3, QUIET)
+        for plant in (simulation, expected):
+            plant.reconfigure(config)
+            plant.step(0.3, QUIET)
         assert simulation.state == expected.state
     assert len(compiled.signatures) == before
 

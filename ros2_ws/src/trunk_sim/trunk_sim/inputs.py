@@ -24,8 +24,8 @@ _DEPTH = 5000
 class RefusedError(TrunkError):
     """The message is ignored; the text is what it is counted as, ``why`` its fault and the remedy."""
 
-    def __init__(self, what: str, why: str = "") -> None:
-        super().__init__(what)
+    def __init__(self, kind: str, why: str = "") -> None:
+        super().__init__(kind)
         self.why = why
 
 
@@ -89,8 +89,8 @@ def inputs_row(stamp_ns: int, command: Command, disturbed: Disturbed) -> JointSa
     The age is -1 where nothing is in force. It is a double, exact below 104 days.
     """
     age, since = (
-        -1.0 if acting.stamp_ns < 0 else float(stamp_ns - acting.stamp_ns)
-        for acting in (command, disturbed)
+        -1.0 if source.stamp_ns < 0 else float(stamp_ns - source.stamp_ns)
+        for source in (command, disturbed)
     )
     return JointSample(
         stamp_ns,
@@ -110,26 +110,26 @@ class DisturbanceFeed:
 
     def __init__(self, period_ns: int) -> None:
         self._ahead_ns = max(period_ns, _AHEAD_NS)
-        self._told: deque[Disturbed] = deque(maxlen=_DEPTH)
-        self._told_until_ns = -1
+        self._queue: deque[Disturbed] = deque(maxlen=_DEPTH)
+        self._queued_until_ns = -1
         self._latest = UNDISTURBED
-        self.in_force = UNDISTURBED
+        self.in_use = UNDISTURBED
 
     def __bool__(self) -> bool:
         """Return True while a disturbance is waiting for its time."""
-        return bool(self._told)
+        return bool(self._queue)
 
     @property
-    def acting(self) -> Disturbance:
+    def disturbance(self) -> Disturbance:
         """What acts."""
-        return self.in_force.disturbance
+        return self.in_use.disturbance
 
     def take(self, stamp_ns: int, disturbance: Disturbance, now_ns: int, source: str = "") -> None:
         """Queue what acts from a stamp on. Raises RefusedError for one out of order or too far ahead."""
-        if stamp_ns <= self._told_until_ns:
+        if stamp_ns <= self._queued_until_ns:
             raise RefusedError(
                 "disturbances out of order",
-                f"t = {seconds(stamp_ns):g} s comes after t = {seconds(self._told_until_ns):g} s: "
+                f"t = {seconds(stamp_ns):g} s comes after t = {seconds(self._queued_until_ns):g} s: "
                 "stamps must ascend",
             )
         if stamp_ns - now_ns > self._ahead_ns:
@@ -138,16 +138,16 @@ class DisturbanceFeed:
                 f"t = {seconds(stamp_ns):.9g} s, while the state is at t = {seconds(now_ns):g} s: "
                 "stamp them in simulated time",
             )
-        self._told_until_ns = stamp_ns
-        self._told.append(Disturbed(stamp_ns, disturbance, source))
+        self._queued_until_ns = stamp_ns
+        self._queue.append(Disturbed(stamp_ns, disturbance, source))
 
     def advance(self, now_ns: int, timeout_ns: int | None) -> bool:
-        """Set ``in_force`` to what acts at a stamp; return True if the latest disturbance is too old.
+        """Set ``in_use`` to what acts at a stamp; return True if the latest disturbance is too old.
 
         Its sender is then taken as gone; a pulse must not last forever. Without a timeout nothing is too old.
         """
-        while self._told and self._told[0].stamp_ns <= now_ns:
-            self._latest = self._told.popleft()
+        while self._queue and self._queue[0].stamp_ns <= now_ns:
+            self._latest = self._queue.popleft()
         stale = timeout_ns is not None and 0 <= self._latest.stamp_ns < now_ns - timeout_ns
-        self.in_force = UNDISTURBED if stale else self._latest
+        self.in_use = UNDISTURBED if stale else self._latest
         return stale

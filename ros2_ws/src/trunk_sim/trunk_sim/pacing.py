@@ -47,10 +47,10 @@ class Loop(Protocol):
     def fail(self, reason: str) -> None:
         """End the run with an error."""
 
-    def count(self, what: str, number: int = 1) -> None:
+    def count(self, kind: str, number: int = 1) -> None:
         """Count something for diagnostics."""
 
-    def refuse(self, what: str, why: str) -> None:
+    def refuse(self, kind: str, why: str) -> None:
         """Count a message that is not used as it was meant, and say why."""
 
     def participant(self, topic: str) -> str:
@@ -90,7 +90,7 @@ class Pacing(ABC):
         """Note that a participant has answered up to this stamp; ignored in real time."""
 
     @property
-    def in_force(self) -> Command:
+    def command_in_use(self) -> Command:
         """The command that acts over the step from the published state; known in real time alone."""
         return NO_COMMAND
 
@@ -138,9 +138,9 @@ class RealTimePacing(Pacing):
     def _strangers_command(self, stamp_ns: int, effort: float) -> None:
         now = self._loop.stamp_ns
         if not self._is_of_a_state(stamp_ns):
-            what, fault = no_states_stamp(stamp_ns, now)
+            kind, fault = no_states_stamp(stamp_ns, now)
             self._loop.refuse(
-                what, f"they act when they arrive, and lateness cannot be judged, as {fault}"
+                kind, f"they act when they arrive, and lateness cannot be judged, as {fault}"
             )
             self._latest = Command(now, effort, ARRIVAL)
             return
@@ -215,28 +215,28 @@ class RealTimePacing(Pacing):
         self.worst_late_ns = max(self.worst_late_ns, late)
         for _ in range(1 + max(late, 0) // period):
             if not loop.at_end:
-                loop.advance(self._fresh())
+                loop.advance(self._effort_in_use())
 
     @property
-    def in_force(self) -> Command:
+    def command_in_use(self) -> Command:
         """The command that acts over the step from the published state: the latest, unless it is too old."""
         age_ns = self._loop.stamp_ns - self._latest.stamp_ns
         return NO_COMMAND if too_old(age_ns, self._timeout_ns) else self._latest
 
-    def _fresh(self) -> float:
-        acting = self.in_force
-        if acting is not self._latest:
+    def _effort_in_use(self) -> float:
+        command = self.command_in_use
+        if command is not self._latest:
             self._loop.count("steps without a fresh command")
-        return acting.effort
+        return command.effort
 
 
 def no_states_stamp(stamp_ns: int, now_ns: int) -> tuple[str, str]:
     """Return under which name a command is counted that answers no state by its stamp, and the reason."""
     if stamp_ns == 0:
-        what, stamp = NO_STAMP, "they carry no stamp"
+        kind, stamp = NO_STAMP, "they carry no stamp"
     elif stamp_ns >= WALL_CLOCK_NS:
-        what, stamp = CLOCK_STAMP, "they carry the wall clock's stamps"
+        kind, stamp = CLOCK_STAMP, "they carry the wall clock's stamps"
     else:
         at = f"t = {seconds(stamp_ns):.9g} s, while the state is at t = {seconds(now_ns):.9g} s"
-        what, stamp = ODD_STAMP, f"they carry stamps of no state ({at})"
-    return what, f"{stamp}: copy header.stamp of the state that a command answers"
+        kind, stamp = ODD_STAMP, f"they carry stamps of no state ({at})"
+    return kind, f"{stamp}: copy header.stamp of the state that a command answers"

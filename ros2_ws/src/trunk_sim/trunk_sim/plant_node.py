@@ -28,7 +28,7 @@ from trunk_msgs_util.units import nanoseconds, seconds, step_count
 from .config import SimulatorConfig
 from .inputs import DisturbanceFeed, RefusedError, disturbance_of, effort_of
 from .lockstep import make_pacing, tick_period
-from .operator_input import NOTHING, Applied, Operator, asked_of, with_operator
+from .operator_input import NOTHING, Applied, Operator, request_of, with_operator
 from .outputs_node import PlantOutputs
 from .participants_node import GraphParticipants
 from .simulation import DivergedError, Simulation
@@ -155,11 +155,11 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         """Step with this effort and publish the new state; a plant that diverges ends the run."""
         if self.exit_code is not None:
             return  # the same tick has more steps to make up, but the run is over
-        stamp_ns, command = self.stamp_ns, self._pacing.in_force
-        disturbed = self._disturbances.in_force
-        acting = with_operator(disturbed.disturbance, self._pushed())
+        stamp_ns, command = self.stamp_ns, self._pacing.command_in_use
+        disturbed = self._disturbances.in_use
+        total = with_operator(disturbed.disturbance, self._pushed())
         try:
-            self._simulation.step(effort, acting)
+            self._simulation.step(effort, total)
         except DivergedError as error:
             self.fail(str(error))
             return
@@ -173,9 +173,9 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         """Return what the operator applies over the step from the current state; publish a new request."""
         if self._operator is None:
             return NOTHING
-        taken = self._operator.told()
-        if taken is not None:
-            sample = JointSample(self.stamp_ns, self.config.joints, effort=taken)
+        request = self._operator.new_request()
+        if request is not None:
+            sample = JointSample(self.stamp_ns, self.config.joints, effort=request)
             self._pushes.publish(sample_to_wire(sample, self.source))
         return self._operator.applied(self.stamp_ns)
 
@@ -188,7 +188,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._say_finished(Event.FINISHED, "the trunk has fallen" if fell else "finished")
         wall = time.monotonic() - self._started
         steps = self._simulation.step_index
-        counts = "".join(f", {count} {what}" for what, count in self.counters.items() if count)
+        counts = "".join(f", {count} {kind}" for kind, count in self.counters.items() if count)
         self.get_logger().info(f"finished: {steps} steps in {wall:.6f} s of wall time{counts}")
         self.exit_code = 0
 
@@ -200,10 +200,10 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._say_counts()
         super().fail(reason, states=self._simulation.step_index + 1, **values)
 
-    def count(self, what: str, number: int = 1) -> None:
+    def count(self, kind: str, number: int = 1) -> None:
         """Count something for diagnostics; doubled answers may mean a second controller."""
-        self.counters[what] += number
-        if what in _DOUBLED and self._running and self.exit_code is None:
+        self.counters[kind] += number
+        if kind in _DOUBLED and self._running and self.exit_code is None:
             self._only_one_controller()
 
     def participant(self, topic: str) -> str:
@@ -215,8 +215,8 @@ class PlantNode(TrunkNode[SimulatorConfig]):
 
         A process on another machine cannot be observed: it is taken as having run.
         """
-        told = {process for topic in topics for process in self._participants.processes(topic)}
-        pids = {os.getpid(), *filter(None, map(local_pid, told))} if topics else set()
+        processes = {process for topic in topics for process in self._participants.processes(topic)}
+        pids = {os.getpid(), *filter(None, map(local_pid, processes))} if topics else set()
         return self._held_up.between(pids, wall_ns)
 
     def _tick(self) -> None:
@@ -231,11 +231,11 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         if self._disturbances.advance(now, timeout_ns):
             self.count("steps without a fresh disturbance")
         self._outputs.clock(now)
-        self._outputs.measured(simulation.measure(self._disturbances.acting))
+        self._outputs.measured(simulation.measure(self._disturbances.disturbance))
 
     def _publish_last_inputs(self) -> None:
         """Publish what acts in the last state, too: no step follows that would do so."""
-        self._outputs.inputs(self.stamp_ns, self._pacing.in_force, self._disturbances.in_force)
+        self._outputs.inputs(self.stamp_ns, self._pacing.command_in_use, self._disturbances.in_use)
 
     def _say_fall(self) -> None:
         if self._simulation.falls_now:
@@ -311,9 +311,9 @@ class PlantNode(TrunkNode[SimulatorConfig]):
             return
         name, sample = message.header.frame_id, sample_from_ros(message)
         try:
-            asked = asked_of(sample, self.config.joints)
+            request = request_of(sample, self.config.joints)
             # Without a stamp, as from `ros2 topic pub`, it is for the latest state.
-            self._operator.take(name, sample.stamp_ns or self.stamp_ns, asked, self.stamp_ns)
+            self._operator.take(name, sample.stamp_ns or self.stamp_ns, request, self.stamp_ns)
         except RefusedError as refused:
             self.refuse(str(refused), refused.why)
 

@@ -20,7 +20,7 @@ from trunk_msgs_util.units import NANOSECONDS
 from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.noise import noise_samples
-from trunk_sim.step import Measurement, Plant, Trunk, at_rest, noisy, torque_of
+from trunk_sim.step import Measurement, Plant, PlantStatus, at_rest, noisy, torque_of
 
 from ..analysis.metrics import RunMetrics, metrics
 from ..analysis.run_table import RunTable
@@ -80,10 +80,10 @@ def tell_gains(law: Law) -> Callable[[Floats, int, Output, Measurement], None]:
 def keep_rows(
     out: Floats,
     k: int,
-    trunk: Trunk,
+    trunk: PlantStatus,
     acting: Disturbance,
     measured: Measurement,
-    felt: float,
+    measured_torque: float,
     acted: Decision,
     effort: float,
     plant: Plant,

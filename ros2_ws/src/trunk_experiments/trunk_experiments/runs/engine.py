@@ -21,7 +21,7 @@ from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.noise import noise_samples
 from trunk_sim.plant import PlantState
 from trunk_sim.simulation import DivergedError, diverged
-from trunk_sim.step import Trunk, act, at_rest, noisy
+from trunk_sim.step import PlantStatus, act, at_rest, noisy
 
 from ..errors import PlanError
 from ..plans.operated import Operated
@@ -207,7 +207,7 @@ class Engine:
         """Go on from a recorded state, with this torque over the step before it [N m]."""
         self.index = index
         self.take_effect()
-        trunk = Trunk(state, effort, fallen, False)
+        trunk = PlantStatus(state, effort, fallen, False)
         self._state = self._state._replace(trunk=trunk, begun=False)
         self._side.remembered, self._fallen = index, fallen
 

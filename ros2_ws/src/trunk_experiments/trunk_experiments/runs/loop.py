@@ -23,7 +23,16 @@ from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
 from trunk_sim.plant import PlantState
 from trunk_sim.simulation import Act
-from trunk_sim.step import Measurement, Plant, SensorParameters, Trunk, act, in_force, pruned, sense
+from trunk_sim.step import (
+    Measurement,
+    Plant,
+    PlantStatus,
+    SensorParameters,
+    act,
+    pruned,
+    sense,
+    timely_effort,
+)
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan, check_turns
@@ -67,7 +76,7 @@ class Surroundings(NamedTuple):
 class LoopState(NamedTuple):
     """The loop between two states: what the rest of the run depends on."""
 
-    trunk: Trunk
+    trunk: PlantStatus
     memories: Chain
     command: float  # N m, the last one that a controller gave
     command_ns: int  # ... and the stamp that it answers
@@ -225,9 +234,11 @@ def decide_none(
 # How a segment ends.
 GOES_ON, FELL, DIVERGED = range(3)
 
-# Writes down one state: ``keep(out, row, trunk, acting, measured, felt, acted, effort, plant)``. A controller
-# reads the torque ``felt``, the plant receives ``effort``, both N m.
-Keep = Callable[[Floats, int, Trunk, Disturbance, Measurement, float, Decision, float, Plant], None]
+# Writes down one state: ``keep(out, row, trunk, acting, measured, measured_torque, acted, effort, plant)``.
+# A controller reads ``measured_torque``, the plant receives ``effort``, both N m.
+Keep = Callable[
+    [Floats, int, PlantStatus, Disturbance, Measurement, float, Decision, float, Plant], None
+]
 
 
 def segment_of(
@@ -297,8 +308,8 @@ def segment_of(
             sensed = sense(
                 delayed, in_state, float(noise[sample, 0]), float(noise[sample, 1]), s.sensor
             )
-            measured, felt = read_by_wire(k, sensed, trunk.effort, s.wire)
-            seen, seen_effort = recorded_reading(row, measured, felt, given.measured)
+            measured, measured_torque = read_by_wire(k, sensed, trunk.effort, s.wire)
+            seen, seen_effort = recorded_reading(row, measured, measured_torque, given.measured)
             memories, acted = decide_all(
                 memories,
                 participants,
@@ -312,9 +323,9 @@ def segment_of(
             )
             if acted.active != 0:
                 command, command_ns = acted.effort, stamp_ns
-            held = in_force(command, stamp_ns - command_ns, s.timeout_ns)
+            held = timely_effort(command, stamp_ns - command_ns, s.timeout_ns)
             effort = used_by_wire(k, scheduled(row, held, given.command), s.wire)
-            keep(out, row, computed, in_state, measured, felt, acted, effort, s.plant)
+            keep(out, row, computed, in_state, measured, measured_torque, acted, effort, s.plant)
             acting = pushed(row, in_state, given.push)
         return stop, GOES_ON, LoopState(trunk, memories, command, command_ns, begun, effort, acting)
 
@@ -398,7 +409,7 @@ def values_in(chain: Chain) -> Iterator[Any]:
         yield value
 
 
-def beginning(trunk: Trunk, memories: Chain) -> LoopState:
+def beginning(trunk: PlantStatus, memories: Chain) -> LoopState:
     """Return the loop before the first state."""
     return LoopState(trunk, memories, 0.0, 0, False, 0.0, _QUIET)
 

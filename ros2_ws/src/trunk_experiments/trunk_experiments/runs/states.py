@@ -9,7 +9,7 @@ from trunk_control.decide import Output, state_record
 from trunk_control.law import Law
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_sim.disturbances import Disturbance
-from trunk_sim.step import Measurement, Plant, Trunk
+from trunk_sim.step import Measurement, Plant, PlantStatus
 
 from .loop import Decision
 
@@ -61,10 +61,10 @@ def longest(substeps: int) -> int:
 def keep_states(
     out: Floats,
     row: int,
-    trunk: Trunk,
+    trunk: PlantStatus,
     acting: Disturbance,
     measured: Measurement,
-    felt: float,
+    measured_torque: float,
     acted: Decision,
     effort: float,
     plant: Plant,
@@ -85,7 +85,7 @@ def keep_states(
     out[row, 13] = acted.effort
     out[row, 14] = 1.0 if acted.updated else 0.0
     out[row, 15] = acted.reference
-    out[row, 16] = felt
+    out[row, 16] = measured_torque
     out[row, 17] = acted.active
     out[row, 18] = 1.0 if trunk.fallen else 0.0
 

@@ -124,11 +124,19 @@ def _table(rows: list[tuple[float, ...]]) -> Floats:
 
 def _row(step: Step) -> tuple[float, ...]:
     truth, measured, answer = step.truth, step.measured, step.answer
-    felt = measured.effort[1]
-    told: tuple[float, ...] = (0.0, 0.0, 0.0, felt, 0.0, 0.0)
+    measured_torque = measured.effort[1]
+    told: tuple[float, ...] = (0.0, 0.0, 0.0, measured_torque, 0.0, 0.0)
     if answer is not None:
         said = state_record(answer, measured.position[1]) if answer.updated else ()
-        told = answer.effort, float(answer.updated), answer.reference, felt, 1.0, 0.0, *said
+        told = (
+            answer.effort,
+            float(answer.updated),
+            answer.reference,
+            measured_torque,
+            1.0,
+            0.0,
+            *said,
+        )
     return (
         *truth.position,
         *truth.velocity,

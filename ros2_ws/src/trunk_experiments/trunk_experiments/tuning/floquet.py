@@ -27,7 +27,7 @@ from trunk_msgs_util.with_arrays import with_arrays
 from trunk_sim.actuator import Actuator
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
-from trunk_sim.step import Plant, SensorParameters, Trunk, act, sense
+from trunk_sim.step import Plant, PlantStatus, SensorParameters, act, sense
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan
@@ -84,7 +84,7 @@ def monodromy_of(update: Update) -> Callable[..., int]:
             hip = Hip(measured.x, measured.x_dot)
             read = Sample(0.0, measured.theta, measured.theta_dot, dt, hip)
             memory, _ = update(memory, read, constants, s.law)
-        before = Trunk(PlantState(x, z[0], v, z[1]), z[9], False, False)
+        before = PlantStatus(PlantState(x, z[0], v, z[1]), z[9], False, False)
         trunk = act(before, memory.effort, _QUIET, s.plant)
         state = trunk.state
         out[0], out[1], out[2], out[3] = state.theta, state.theta_dot, memory.integral, memory.error
