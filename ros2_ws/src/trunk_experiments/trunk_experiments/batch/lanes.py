@@ -41,15 +41,15 @@ from .cells import (
     NOISE,
     PARAMETERS,
     REFERENCE,
+    SAMPLE,
     SEEN,
     STATE,
     TORQUE,
     TURNING,
     WANTED,
     acting_at,
+    keep_four,
     keep_memory,
-    keep_sample,
-    keep_state,
     keep_sums,
     memory_at,
     sample_at,
@@ -126,7 +126,10 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
                     )
                     reading = reading_of(0, seen, 0.0, c.hip, nan)
                     wanted = cells[WANTED * LANES + lane]
-                    keep_sample(reading, wanted, cells, lane)
+                    hip = reading.hip
+                    motion = reading.position, reading.velocity, hip.position, hip.velocity
+                    cells[REFERENCE * LANES + lane] = wanted
+                    keep_four(motion, SAMPLE, cells, lane)
                 look_up(c, cells, dt, started)
                 for lane in range(LANES):
                     after, terms = update(
@@ -172,7 +175,7 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
                         h,
                         read_plant(cells, lane, c.plant).body,
                     )
-                    keep_state(state, cells, lane)
+                    keep_four(state, STATE, cells, lane)
 
     loop.__name__ = loop.__qualname__ = f"lanes_{law.update.__module__}"
     return loop

@@ -17,7 +17,7 @@ from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_sim.plant import rk4_step
 from trunk_sim.step import Plant, SensorParameters, beyond_fall, finite, sense, torque_of, torque_on
 
-from ..batch.cells import ACTING, NOISE, PARAMETERS, SEEN, STATE, acting_at, keep_state, state_at
+from ..batch.cells import ACTING, NOISE, PARAMETERS, SEEN, STATE, acting_at, keep_four, state_at
 from ..batch.columns import LANES
 
 ACTION = PARAMETERS  # torque, or kp, ki, kd: 3
@@ -110,7 +110,7 @@ def advance(
                         h,
                         c.plant.body,
                     )
-                    keep_state(state, cells, lane)
+                    keep_four(state, STATE, cells, lane)
             for lane in range(LANES):
                 settle(c, cells, steps, series.reference, history, first, lane)
 
