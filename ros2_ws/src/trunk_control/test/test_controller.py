@@ -92,6 +92,11 @@ def test_fuzzy_controller_runs_its_law():
         assert controller.update(k * 5 * MS, *sample[1:3]).terms == terms
 
 
+def test_a_reference_by_topic_keeps_the_sign_of_zero():
+    controller = Controller(PidConfig(reference_profile="topic"))
+    assert str(controller.update(0, 0.1, 0.0, -0.0).reference) == "-0.0"
+
+
 @every
 def test_reference_comes_from_the_profile_or_the_topic(make, config):
     config = replace(

@@ -44,7 +44,7 @@ def test_after_a_longer_gap_a_controller_starts_afresh(name, periods, beyond):
     if beyond:
         assert (after.state, answer) == (fresh.state, first)
     else:
-        assert after.state.law.sample.dt == pytest.approx(periods / config.update_rate)
+        assert after.state.sample.dt == pytest.approx(periods / config.update_rate)
 
 
 def test_without_a_limit_every_gap_is_a_step():

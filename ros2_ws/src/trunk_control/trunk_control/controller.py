@@ -127,7 +127,7 @@ class Controller:
     @property
     def memory(self) -> LawMemory:
         """The law's own memory."""
-        return self.state.law.memory
+        return self.state.memory
 
     def decide(self, reading: Reading) -> Output:
         """Return the answer to a state."""
@@ -155,8 +155,8 @@ class Controller:
         ``reference`` [rad]: the latest one received by topic, or None; ``effort`` [N m]: the torque
         that acts.
         """
-        has_reference, value = reference is not None, reference or 0.0
-        return self.decide(Reading(stamp_ns, position, velocity, hip, effort, has_reference, value))
+        received = () if reference is None else (True, reference)
+        return self.decide(Reading(stamp_ns, position, velocity, hip, effort, *received))
 
     def see(self, stamp_ns: int, position: float) -> None:
         """Note a state that needs no answer."""

@@ -56,13 +56,6 @@ class Settings(NamedTuple):
     gap_ns: int  # longer without a state: start afresh
 
 
-class LawState(NamedTuple):
-    """The law's memory and its last sample."""
-
-    memory: LawMemory
-    sample: Sample
-
-
 class Pace(NamedTuple):
     """What decides whether a state is answered, and whether an update is due."""
 
@@ -84,7 +77,8 @@ class Transfer(NamedTuple):
 class ControllerState(NamedTuple):
     """A controller between two states."""
 
-    law: LawState
+    memory: LawMemory  # the law's
+    sample: Sample  # the law's last
     pace: Pace
     transfer: Transfer
 
@@ -106,7 +100,7 @@ _NO_TRANSFER = Transfer(False, Seen(-1, 0.0), False, 0.0)
 
 def initial_state(active: bool, seen: Seen, initial: LawMemory) -> ControllerState:
     """Return the state after a reset: the law's memory is the ``initial`` one, there is no past."""
-    return ControllerState(LawState(initial, _SAMPLE), Pace(active, False, 0, seen), _NO_TRANSFER)
+    return ControllerState(initial, _SAMPLE, Pace(active, False, 0, seen), _NO_TRANSFER)
 
 
 def activated(state: ControllerState, initial: LawMemory) -> ControllerState:
@@ -118,21 +112,21 @@ def activated(state: ControllerState, initial: LawMemory) -> ControllerState:
     if state.pace.active:
         return state
     seen = state.pace.seen
-    fresh = initial_state(True, seen, initial)
-    return ControllerState(fresh.law, fresh.pace, Transfer(seen.stamp_ns >= 0, seen, False, 0.0))
+    pace, transfer = Pace(True, False, 0, seen), Transfer(seen.stamp_ns >= 0, seen, False, 0.0)
+    return ControllerState(initial, _SAMPLE, pace, transfer)
 
 
 def deactivated(state: ControllerState) -> ControllerState:
     """Return the state of a controller that leaves the plant to another."""
-    _, begun, updated_ns, seen = state.pace
-    return ControllerState(state.law, Pace(False, begun, updated_ns, seen), state.transfer)
+    memory, sample, (_, begun, updated_ns, seen), transfer = state
+    return ControllerState(memory, sample, Pace(False, begun, updated_ns, seen), transfer)
 
 
 def followed(state: ControllerState, stamp_ns: int, position: float) -> ControllerState:
     """Return the state after one of the plant that was seen but not answered."""
-    active, begun, updated_ns, _ = state.pace
+    memory, sample, (active, begun, updated_ns, _), transfer = state
     seen = Seen(stamp_ns, position)
-    return ControllerState(state.law, Pace(active, begun, updated_ns, seen), state.transfer)
+    return ControllerState(memory, sample, Pace(active, begun, updated_ns, seen), transfer)
 
 
 def reconfigured(
@@ -142,9 +136,8 @@ def reconfigured(
 
     A held command obeys the new limits at once.
     """
-    memory = law.reconfigure(state.law.memory, state.law.sample, old, new)
-    memory = memory._replace(effort=limited(memory.effort, limits))
-    return state._replace(law=state.law._replace(memory=memory))
+    memory = law.reconfigure(state.memory, state.sample, old, new)
+    return state._replace(memory=memory._replace(effort=limited(memory.effort, limits)))
 
 
 def after_gap(seen: Seen, stamp_ns: int, settings: Settings) -> bool:
@@ -210,20 +203,21 @@ def decide(
         c = activated(c, s.initial)
     elif change < 0:
         c = deactivated(c)
-    if not c.pace.active:
+    active, begun, updated_ns, seen = c.pace
+    if not active:
         c = followed(c, r.stamp_ns, r.position)
-        return c, Output(False, c.law.memory.effort, False, False, 0.0, s.no_terms)
-    restarted = c.pace.begun and r.stamp_ns < c.pace.updated_ns
-    if after_gap(c.pace.seen, r.stamp_ns, s) or restarted:
-        c = initial_state(True, c.pace.seen, s.initial)
+        return c, Output(False, c.memory.effort, False, False, 0.0, s.no_terms)
+    if after_gap(seen, r.stamp_ns, s) or (begun and r.stamp_ns < updated_ns):
+        c = initial_state(True, seen, s.initial)
+        _, begun, updated_ns, _ = c.pace
     if s.profile.kind == TOPIC and r.has_reference:
         reference = r.reference
     else:
         reference = reference_at(r.stamp_ns, s.profile)
-    begun, updated_ns = c.pace.begun, c.pace.updated_ns
     if begun and r.stamp_ns - updated_ns < s.due_after_ns:
         c = followed(c, r.stamp_ns, r.position)
-        return c, Output(True, c.law.memory.effort, False, False, reference, s.no_terms)
+        return c, Output(True, c.memory.effort, False, False, reference, s.no_terms)
+    memory = c.memory
     pending, seen_before, transferring, effort = c.transfer
     step_ns = s.period_ns
     if begun:
@@ -231,28 +225,27 @@ def decide(
     elif pending and r.stamp_ns > seen_before.stamp_ns:
         step_ns = r.stamp_ns - seen_before.stamp_ns
     sample = Sample(reference, r.position, r.velocity, seconds(step_ns), r.hip)
-    memory = c.law.memory
+    limits = s.limits
     if pending:
-        transferring, effort = True, limited(r.effort, s.limits)
-        memory = transfer(s.initial, seen_before.position, sample, effort, constants, s.limits)
-    limits = transfer_limits(s.limits, effort, s.handover_step) if transferring else s.limits
+        transferring, effort = True, limited(r.effort, limits)
+        memory = transfer(s.initial, seen_before.position, sample, effort, constants, limits)
+    if transferring:
+        limits = transfer_limits(limits, effort, s.handover_step)
     after, terms = update(memory, sample, constants, limits)
     seen = Seen(r.stamp_ns, r.position)
     if terms.held:  # dt keeps counting from the last finite sample
         c = ControllerState(
-            LawState(memory, c.law.sample),
+            memory,
+            c.sample,
             Pace(True, begun, updated_ns, seen),
             Transfer(pending, seen_before, transferring, effort),
         )
         return c, Output(True, terms.effort, False, True, reference, terms)
+    transferred = c.transfer
     if transferring:  # lift the narrowed limits once they no longer change the command
         transferring = terms.effort != limited(terms.unsaturated, s.limits)
-        effort = terms.effort
-    c = ControllerState(
-        LawState(after, sample),
-        Pace(True, True, r.stamp_ns, seen),
-        Transfer(False, _NO_TRANSFER.seen_before, transferring, effort),
-    )
+        transferred = Transfer(False, _NO_TRANSFER.seen_before, transferring, terms.effort)
+    c = ControllerState(after, sample, Pace(True, True, r.stamp_ns, seen), transferred)
     return c, Output(True, terms.effort, True, False, reference, terms)
 
 

@@ -277,15 +277,14 @@ def _simple_pid_batch(simple_pid: Any) -> Batch:
 
 
 def _fuzzy_pid_batch(config: FuzzyPidConfig) -> Batch:
-    measurements = _measurements()
+    samples = [Sample(0.0, measurement, 0.0, _DT) for measurement in _measurements()]
     constants = config.constants
 
     def batch() -> int:
         state = PidState()
         for _ in range(20):
-            for measurement in measurements:
-                sample = Sample(0.0, measurement, 0.0, _DT)
+            for sample in samples:
                 state, _terms = fuzzy_pid_update(state, sample, constants, _LIMITS)
-        return 20 * len(measurements)
+        return 20 * len(samples)
 
     return batch

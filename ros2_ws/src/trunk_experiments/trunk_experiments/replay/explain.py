@@ -241,7 +241,7 @@ def _update(rerun: Rerun | RobotRerun, label: str, stamp_ns: int) -> _Update:
         answer.terms,
         reading.position,
         reading.velocity,
-        controller.state.law.sample.dt,
+        controller.state.sample.dt,
         config,
         pending,
         transferring,
