@@ -8,21 +8,23 @@ from math import pi
 import numpy as np
 import pytest
 
-from trunk_control import computed_torque, fuzzy, fuzzy_pid, lqr, pid, reference
+from trunk_control import computed_torque, fuzzy, fuzzy_pid, lqr, pid, pid_family, reference
 from trunk_control.controller_config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_control.law import Hip, Sample
+from trunk_control.limits import Limits
+from trunk_control.pid_family import Gains, PidState, rescaled
 from trunk_msgs_util import mechanics, units
 from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.mechanics import Body
-from trunk_sim import disturbances, integrator, plant, plant_as_printed
+from trunk_sim import disturbances, plant
 
 MODULES = (
     mechanics,
     plant,
-    plant_as_printed,
-    integrator,
     disturbances,
     pid,
+    pid_family,
     fuzzy,
     fuzzy_pid,
     lqr,
@@ -91,7 +93,7 @@ def test_energy_on_harmonics(twin):
 def test_rk4_step_on_harmonics(twin):
     for (*first, expected), (*_, given) in on_harmonics(1000, seed=23):
         found = twin["rk4_step"](*first, 0.005, given)
-        assert bits(found) == bits(integrator.rk4_step(*first, 0.005, expected))
+        assert bits(found) == bits(plant.rk4_step(*first, 0.005, expected))
 
 
 def test_inverse_dynamics_on_harmonics(twin):
@@ -114,38 +116,38 @@ def test_energy(twin):
 def test_rk4_step(twin):
     for state, force, torque, p in plants(3000, seed=3):
         arguments = (state, force, torque, 0.005, p)
-        assert bits(twin["rk4_step"](*arguments)) == bits(integrator.rk4_step(*arguments))
+        assert bits(twin["rk4_step"](*arguments)) == bits(plant.rk4_step(*arguments))
 
 
 @pytest.mark.slow
 def test_advance(twin):
     for k, (state, force, torque, p) in enumerate(plants(2000, seed=4)):
         arguments = (state, force, torque, 0.001, 1 + k % 10, p)
-        assert bits(twin["advance"](*arguments)) == bits(integrator.advance(*arguments))
+        assert bits(twin["advance"](*arguments)) == bits(plant.advance(*arguments))
 
 
-def pid_inputs(count: int, seed: int, law: pid.PidLaw):
+def pid_inputs(count: int, seed: int, law: Limits):
     rng = np.random.default_rng(seed)
     for k in range(count):
         numbers = rng.normal(0.0, 1.0, 8).tolist()
-        state = pid.PidState(*numbers[:5], k % 5 > 0)
+        state = PidState(*numbers[:5], k % 5 > 0)
         sample = numbers[5:]
         if k % 7 == 0:
             sample[k % 3] = float("nan")
         dt = 0.0 if k % 11 == 0 else float(rng.uniform(1e-4, 0.1))
-        gains = pid.Gains(*(rng.uniform(0.0, 100.0, 3) * (rng.random(3) < 0.8)).tolist())
+        gains = Gains(*(rng.uniform(0.0, 100.0, 3) * (rng.random(3) < 0.8)).tolist())
         yield state, *sample, dt, gains, law
 
 
 LAWS = [
-    pid.PidLaw(derivative, filter_time, -20.0, 20.0, -8.0, 9.0, antiwindup, tracking)
+    Limits(derivative, filter_time, -20.0, 20.0, -8.0, 9.0, antiwindup, tracking)
     for derivative, antiwindup, (filter_time, tracking) in product(
         range(3), range(3), ((0.0, 0.0), (0.02, 0.3))
     )
-] + [pid.PidLaw()]
+] + [Limits()]
 
 
-def law_id(law: pid.PidLaw) -> str:
+def law_id(law: Limits) -> str:
     filtered = "filtered" if law.filter_time else "unfiltered"
     limits = "limited" if law.u_max < 1e9 else "free"
     names = DERIVATIVE_MODES[law.derivative], ANTIWINDUP_STRATEGIES[law.antiwindup]
@@ -160,15 +162,15 @@ def test_pid_update(twin, law):
 
 
 def test_pid_update_with_a_negative_dt(twin):
-    state = pid.PidState(0.1, 0.2, -0.2, 0.3, 4.0, True)
-    arguments = (state, 0.0, 0.0, 0.0, -1e-3, pid.Gains(1.0, 1.0, 1.0), pid.PidLaw())
+    state = PidState(0.1, 0.2, -0.2, 0.3, 4.0, True)
+    arguments = (state, 0.0, 0.0, 0.0, -1e-3, Gains(1.0, 1.0, 1.0), Limits())
     assert bits(twin["pid_update"](*arguments)) == bits(pid.pid_update(*arguments))
 
 
 def test_retune(twin):
-    for state, *_, gains, _ in pid_inputs(1000, 6, pid.PidLaw()):
-        new = pid.Gains(gains.d, gains.p, gains.i)
-        assert bits(twin["retune"](state, gains, new)) == bits(pid.retune(state, gains, new))
+    for state, *_, gains, _ in pid_inputs(1000, 6, Limits()):
+        new = Gains(gains.d, gains.p, gains.i)
+        assert bits(twin["rescaled"](state, gains, new)) == bits(rescaled(state, gains, new))
 
 
 @pytest.fixture(params=["linear", "log"])
@@ -189,15 +191,16 @@ def test_infer(twin, rules):
 @pytest.mark.slow
 def test_fuzzy_pid_update(twin, rules):
     box, compiled_rules = fuzzy_pid.GainBox(), arrays(rules)
-    for *sample, _, law in pid_inputs(2000, 8, LAWS[-2]):
-        expected = fuzzy_pid.fuzzy_pid_update(*sample, rules, box, law)
-        actual = twin["fuzzy_pid_update"](*sample, compiled_rules, box, law)
+    for state, *inputs, _, limits in pid_inputs(2000, 8, LAWS[-2]):
+        sample = Sample(*inputs)
+        expected = fuzzy_pid.fuzzy_pid_update(state, sample, (rules, box), limits)
+        actual = twin["fuzzy_pid_update"](state, sample, (compiled_rules, box), limits)
         assert bits(actual) == bits(expected)
 
 
 def test_lqr_update(twin):
-    for *sample, law in pid_inputs(2000, 10, LAWS[-2]):
-        arguments = (*sample, 4.905, law)
+    for state, *inputs, gains, limits in pid_inputs(2000, 10, LAWS[-2]):
+        arguments = (state, Sample(*inputs), (gains, 4.905), limits)
         assert bits(twin["lqr_update"](*arguments)) == bits(lqr.lqr_update(*arguments))
 
 
@@ -210,27 +213,27 @@ def test_updates_at_extreme_numbers(twin, rules):
     for k in range(4000):
         size = 10.0 ** rng.uniform(-330.0, 308.0, 12)
         numbers = (size * rng.choice([-1.0, 1.0], 12)).tolist()
-        state = pid.PidState(*numbers[:5], k % 5 > 0)
+        state = PidState(*numbers[:5], k % 5 > 0)
         sample = (*numbers[5:8], float(10.0 ** rng.uniform(-9.0, 9.0)))
         law = LAWS[k % len(LAWS)]
-        gains = pid.Gains(*np.abs(numbers[8:11]).tolist())
+        gains = Gains(*np.abs(numbers[8:11]).tolist())
         expected = pid.pid_update(state, *sample, gains, law)
         held += expected[0] is state
         assert bits(twin["pid_update"](state, *sample, gains, law)) == bits(expected)
-        expected = fuzzy_pid.fuzzy_pid_update(state, *sample, rules, box, law)
-        actual = twin["fuzzy_pid_update"](state, *sample, compiled_rules, box, law)
+        expected = fuzzy_pid.fuzzy_pid_update(state, Sample(*sample), (rules, box), law)
+        actual = twin["fuzzy_pid_update"](state, Sample(*sample), (compiled_rules, box), law)
         assert bits(actual) == bits(expected)
-        other = pid.Gains(gains.d, gains.p, gains.i)
-        assert bits(twin["retune"](state, gains, other)) == bits(pid.retune(state, gains, other))
+        other = Gains(gains.d, gains.p, gains.i)
+        assert bits(twin["rescaled"](state, gains, other)) == bits(rescaled(state, gains, other))
     assert held > 100
 
 
 def test_computed_torque_update(twin):
     rng = np.random.default_rng(11)
-    for k, (*sample, gains, law) in enumerate(pid_inputs(2000, 12, LAWS[-2])):
-        hip = computed_torque.Hip(*rng.normal(0.0, 2.0, 2).tolist())
+    for k, (state, *inputs, gains, limits) in enumerate(pid_inputs(2000, 12, LAWS[-2])):
+        sample = Sample(*inputs, Hip(*rng.normal(0.0, 2.0, 2).tolist()))
         model = Body(*rng.uniform(0.1, 5.0, 6).tolist(), bool(k % 2))
-        arguments = (*sample, hip, gains, model, law)
+        arguments = (state, sample, (gains, model), limits)
         expected = computed_torque.computed_torque_update(*arguments)
         assert bits(twin["computed_torque_update"](*arguments)) == bits(expected)
 

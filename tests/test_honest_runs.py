@@ -60,8 +60,8 @@ def test_changes_after_the_end_have_no_effect(tmp_path):
     assert verdict(plan, tmp_path / "late.mcap").exit_code == VERIFIED
 
 
-@pytest.mark.parametrize(("word", "takes_over"), [(None, True), (Event.CLEANED_UP, False)])
-def test_a_controller_that_was_cleaned_up_has_seen_nothing(word, takes_over):
+@pytest.mark.parametrize(("word", "pending"), [(None, True), (Event.CLEANED_UP, False)])
+def test_a_controller_that_was_cleaned_up_has_seen_nothing(word, pending):
     config = make_plan("fig6", "pid").controllers["pid"]
     changes = [Change(H, None, Event.DEACTIVATED)]
     changes += [Change(H, None, word)] if word else []
@@ -74,7 +74,7 @@ def test_a_controller_that_was_cleaned_up_has_seen_nothing(word, takes_over):
         controller.update(k * H, 0.5, 0.0)
     timeline.advance(3 * H, controller)
     assert controller.active
-    assert controller.takes_over == takes_over
+    assert controller.transfer_pending == pending
 
 
 @pytest.mark.parametrize("late", [0, 2])

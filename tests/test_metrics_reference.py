@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from trunk_control.controller import Controller
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_control.pid_law import PidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_control.pid import PidConfig
 from trunk_experiments.analysis.metrics import metrics
 from trunk_experiments.analysis.run_table import RunTable
 from trunk_msgs_util.samples import JointSample

@@ -25,6 +25,10 @@ def _in(folder: str, *names: str) -> tuple[str, ...]:
     return tuple(f"{folder}test/test_{name}.py" for name in names)
 
 
+_PID = (
+    *_in(CONTROL, "pid", "pid_reconfigure", "pid_antiwindup", "extreme_numbers", "pid_loop"),
+    *("-k", "not every_command"),  # a minute, over four laws
+)
 _LOOP = (*_in(EXPERIMENTS, "closed_loop"), "tests/test_turns.py")
 _VERIFY = ("tests/verify", "tests/test_turns.py", "-k", "not compiled")
 
@@ -34,34 +38,23 @@ MODULES = {
         (
             "tests/test_inverse_dynamics.py",
             *_in(UTIL, "mechanics"),
-            *_in(SIM, "integrator", "plant"),
+            *_in(SIM, "plant"),
         ),
     ),
-    "plant": Module(
-        SIM + "trunk_sim/plant.py", _in(SIM, "integrator", "plant_as_printed", "plant")
-    ),
-    "integrator": Module(SIM + "trunk_sim/integrator.py", _in(SIM, "integrator")),
-    "step": Module(SIM + "trunk_sim/step.py", _in(SIM, "step", "sensors", "simulation")),
-    "pacing": Module(
-        SIM + "trunk_sim/pacing.py",
-        _in(SIM, "pacing_real_time", "pacing_lockstep", "pacing_config"),
-    ),
-    "pid": Module(
-        CONTROL + "trunk_control/pid.py",
-        (
-            *_in(CONTROL, "pid", "pid_retune", "pid_antiwindup", "extreme_numbers", "pid_loop"),
-            *("-k", "not every_command"),  # a minute, over four laws
-        ),
-    ),
+    "plant": Module(SIM + "trunk_sim/plant.py", _in(SIM, "plant_as_printed", "plant")),
+    "step": Module(SIM + "trunk_sim/step.py", _in(SIM, "step", "simulation")),
+    "pacing": Module(SIM + "trunk_sim/pacing.py", _in(SIM, "pacing_real_time")),
+    "lockstep": Module(SIM + "trunk_sim/lockstep.py", _in(SIM, "pacing_lockstep", "pacing_config")),
+    **{
+        name: Module(CONTROL + f"trunk_control/{name}.py", _PID)
+        for name in ("limits", "pid", "pid_family")
+    },
     "fuzzy": Module(CONTROL + "trunk_control/fuzzy.py", (*_in(CONTROL, "fuzzy"), "-k", "not grid")),
     "fuzzy_pid": Module(CONTROL + "trunk_control/fuzzy_pid.py", _in(CONTROL, "fuzzy_pid")),
     "decide": Module(
         CONTROL + "trunk_control/decide.py",
-        _in(CONTROL, "controller", "handover"),
-        placeholders=("_SAMPLE", "_NEVER"),
-    ),
-    "schedule": Module(
-        CONTROL + "trunk_control/schedule.py", (*_in(CONTROL, "handover"), "-k", "turns")
+        _in(CONTROL, "controller", "bumpless_transfer"),
+        placeholders=("_SAMPLE", "_NO_TRANSFER"),
     ),
     "reference": Module(CONTROL + "trunk_control/reference.py", _in(CONTROL, "reference")),
     "metrics": Module(

@@ -76,10 +76,10 @@ def test_real_time(children: Children, peer: Peer) -> None:
     peer.until(lambda: GOOD in efforts(truth).values(), "the good command is used")
     peer.until(lambda: efforts(truth[-1:]).popitem()[1] == 0.0, "it is used no longer")
     assert simulator.stop() == 0, simulator.stderr
-    felt = efforts(truth)
-    assert set(felt.values()) == {0.0, GOOD}
+    measured_torque = efforts(truth)
+    assert set(measured_torque.values()) == {0.0, GOOD}
     # The last step that used it begins exactly the timeout after the state that it answers.
-    used = [stamp_ns for stamp_ns, effort in felt.items() if effort == GOOD]
+    used = [stamp_ns for stamp_ns, effort in measured_torque.items() if effort == GOOD]
     assert used == list(range(used[0], good_ns + TIMEOUT_NS + 2 * PERIOD_NS, PERIOD_NS))
 
 

@@ -30,7 +30,7 @@ from trunk_msgs_util.samples import JointSample
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
 from trunk_sim.simulator_node import SimulatorNode
-from trunk_sim.step import Trunk
+from trunk_sim.step import PlantStatus
 
 pytestmark = pytest.mark.graph
 
@@ -146,7 +146,7 @@ def test_a_run_that_failed_fails_once(arguments: Any, lockstep: str) -> None:
     arguments(f"lockstep.enabled:={lockstep}", "wait_for:=[effort_command,recorder]")
     events: list[str] = []
     node = started(events)
-    node._simulation.trunk = Trunk(PlantState(0.0, inf, 0.0, 0.0), 0.0, False, False)
+    node._simulation.status = PlantStatus(PlantState(0.0, inf, 0.0, 0.0), 0.0, False, False)
     node._on_command(sample_to_wire(JointSample(0, ("trunk",), effort=(1.0,))))
     # In real time twenty steps are due at once.
     node._pacing.tick(time.monotonic_ns() + 20 * node.period_ns)
@@ -254,5 +254,5 @@ def test_each_field_of_a_disturbance_has_a_value_per_joint(arguments: Any, value
     whole = JointSample(0, ("hip", "trunk"), position=(3.0, 4.0), effort=(1.0, 2.0))
     node._on_disturbance(sample_to_wire(whole))
     node._disturbances.advance(0, None)
-    assert node._disturbances.acting == Disturbance(1.0, 2.0, 3.0, 4.0)
+    assert node._disturbances.disturbance == Disturbance(1.0, 2.0, 3.0, 4.0)
     node.destroy_node()

@@ -50,7 +50,7 @@ def random_plan(index: int, seed: int) -> RunPlan:
 def used(plan: RunPlan, states: int) -> tuple[list[int], list[int]]:
     """Return which state's reading is seen, and which state's command is in use, at each state of a run."""
     traffic = Traffic(plan.simulator.network)
-    return traffic.all_seen(states).tolist(), traffic.all_told(states).tolist()
+    return traffic.measurement_steps(states).tolist(), traffic.command_steps(states).tolist()
 
 
 def differences(plan: RunPlan, folder: Path, compiled: bool, graphs: Sequence[bool]) -> list[str]:

@@ -11,13 +11,13 @@ import sys
 from dataclasses import replace
 from hashlib import sha256
 
-from trunk_control.computed_torque import Hip
-from trunk_control.computed_torque_law import ComputedTorqueConfig
+from trunk_control.computed_torque import ComputedTorqueConfig
 from trunk_control.controller import Controller
 from trunk_control.decide import Reading
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_control.lqr_law import LqrConfig
-from trunk_control.pid_law import PidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_control.law import Hip
+from trunk_control.lqr import LqrConfig
+from trunk_control.pid import PidConfig
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import disturbance_at

@@ -46,6 +46,6 @@ setup(
             f"{name} = trunk_control.executables:{name}"
             for name in (*laws, "fuzzy_gains", "reference")
         ],
-        "trunk.controllers": [f"{name} = trunk_control.{name}_law:LAW" for name in laws],
+        "trunk.controllers": [f"{name} = trunk_control.{name}:LAW" for name in laws],
     },
 )

@@ -8,16 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_control.computed_torque import Hip, computed_torque_update
-from trunk_control.computed_torque_law import ComputedTorqueConfig
+from trunk_control.computed_torque import ComputedTorqueConfig, computed_torque_update
 from trunk_control.controller import Controller, hip_index, hip_seen
-from trunk_control.pid import DERIVATIVE_FROM_RATE, Gains, PidLaw, PidState
-from trunk_control.pid_law import PidConfig
+from trunk_control.law import Hip, Sample
+from trunk_control.limits import DERIVATIVE_FROM_RATE, Limits
+from trunk_control.pid import PidConfig
+from trunk_control.pid_family import Gains, PidState
 from trunk_msgs_util.mechanics import Body, inverse_dynamics
 
 ANGLE = st.floats(-pi, pi)
 SPEED = st.floats(-5.0, 5.0)
-LAW = PidLaw(derivative=DERIVATIVE_FROM_RATE)
+LIMITS = Limits(derivative=DERIVATIVE_FROM_RATE)
 
 
 @given(ANGLE, SPEED, ANGLE, SPEED)
@@ -48,9 +49,8 @@ def test_terms_are_the_gains_times_the_inertia(x, x_dot, theta, theta_dot):
     hip, gains = Hip(x, x_dot), Gains(100.0, 10.0, 20.0)
     inertia, bias = inverse_dynamics(hip.position, theta, hip.velocity, theta_dot, Body())
     assert inertia > 0.0
-    state, terms = computed_torque_update(
-        PidState(), 0.3, theta, theta_dot, 0.01, hip, gains, Body(), LAW
-    )
+    sample = Sample(0.3, theta, theta_dot, 0.01, hip)
+    state, terms = computed_torque_update(PidState(), sample, (gains, Body()), LIMITS)
     wanted = 100.0 * (0.3 - theta) + 10.0 * state.integral - 20.0 * theta_dot
     assert terms.effort == pytest.approx(inertia * wanted + bias, abs=1e-9)
     assert (terms.kp, terms.ki, terms.kd) == tuple(inertia * gain for gain in gains)
@@ -59,15 +59,15 @@ def test_terms_are_the_gains_times_the_inertia(x, x_dot, theta, theta_dot):
 @pytest.mark.parametrize("bad", range(4), ids=["x", "x_dot", "angle", "rate"])
 @pytest.mark.parametrize("value", [nan, 1e200], ids=["nan", "overflow"])
 def test_a_bad_sample_holds_the_command(bad, value):
-    sample = [0.1, 0.2, 0.3, 0.4]
-    sample[bad] = value
-    x, x_dot, theta, theta_dot = sample
+    motion = [0.1, 0.2, 0.3, 0.4]
+    motion[bad] = value
+    x, x_dot, theta, theta_dot = motion
     if value > 0.0 and bad in (0, 2):
         return  # large angles and positions are valid
     state = PidState(effort=2.5, started=True)
-    held, terms = computed_torque_update(
-        state, 0.0, theta, theta_dot, 0.01, Hip(x, x_dot), Gains(1.0, 0.0, 1.0), Body(), LAW
-    )
+    constants = Gains(1.0, 0.0, 1.0), Body()
+    sample = Sample(0.0, theta, theta_dot, 0.01, Hip(x, x_dot))
+    held, terms = computed_torque_update(state, sample, constants, LIMITS)
     assert held is state
     assert terms.effort == 2.5
 

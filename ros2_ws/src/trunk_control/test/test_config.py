@@ -7,19 +7,18 @@ from math import inf, nan, pi
 import pytest
 
 from trunk_control.controller_config import ANTIWINDUP_STRATEGIES, DERIVATIVE_MODES
-from trunk_control.fuzzy_pid import GainBox
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_control.pid import (
+from trunk_control.fuzzy_pid import FuzzyPidConfig, GainBox
+from trunk_control.limits import (
     ANTIWINDUP_BACK_CALCULATION,
     ANTIWINDUP_CONDITIONAL_INTEGRATION,
     ANTIWINDUP_NONE,
     DERIVATIVE_FROM_RATE,
     DERIVATIVE_ON_ERROR,
     DERIVATIVE_ON_MEASUREMENT,
-    Gains,
-    PidLaw,
+    Limits,
 )
-from trunk_control.pid_law import PidConfig
+from trunk_control.pid import PidConfig
+from trunk_control.pid_family import Gains
 from trunk_control.rule_tables import ALPHA_AS_PRINTED
 from trunk_msgs_util.parameters.declarations import ParameterError, build, values_of
 
@@ -47,7 +46,7 @@ def test_default_rule_base():
 
 @pytest.mark.parametrize("config", BOTH)
 def test_default_law_is_the_practical_profile(config):
-    law = PidLaw(
+    law = Limits(
         DERIVATIVE_FROM_RATE, 0.0, -100.0, 100.0, -inf, inf, ANTIWINDUP_CONDITIONAL_INTEGRATION, 0.0
     )
     assert config().law == law
@@ -89,7 +88,7 @@ def test_every_parameter_reaches_the_law():
             "gains.d": 3.0,
         },
     )
-    assert config.law == PidLaw(1, 0.01, -1.0, inf, -3.0, 4.0, 2, 0.5)
+    assert config.limits == Limits(1, 0.01, -1.0, inf, -3.0, 4.0, 2, 0.5)
     assert config.gains == (1.0, 2.0, 3.0)
 
 

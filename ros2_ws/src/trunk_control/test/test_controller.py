@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trunk_control.computed_torque_law import ComputedTorqueConfig
+from trunk_control.computed_torque import ComputedTorqueConfig
 from trunk_control.controller import Controller
-from trunk_control.fuzzy_pid import fuzzy_pid_update
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_control.lqr_law import LqrConfig
-from trunk_control.pid import PidState, pid_update
-from trunk_control.pid_law import LAW as PID
-from trunk_control.pid_law import PidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig, fuzzy_pid_update
+from trunk_control.law import Sample
+from trunk_control.lqr import LqrConfig
+from trunk_control.pid import LAW as PID
+from trunk_control.pid import PidConfig, pid_update
+from trunk_control.pid_family import PidState
 from trunk_msgs_util.units import period_ns
 
 MS = 1_000_000
@@ -55,21 +55,21 @@ def test_updates_are_due_at_every_nth_state(make, config, plant_rate, rate, divi
     period = period_ns(plant_rate)
     for k in range(20 * divisor):
         answer = controller.update(k * period, 0.1, 0.0)
-        assert answer.fresh == (k % divisor == 0), k
+        assert answer.updated == (k % divisor == 0), k
 
 
 @every
 def test_command_is_held_between_due_instants(make, config):
     controller = make(replace(config, update_rate=100.0))
     due = controller.update(0, 0.3, 0.5)
-    assert (due.active, due.fresh, due.held) == (True, True, False)
-    state = controller.state
+    assert (due.active, due.updated, due.held) == (True, True, False)
+    state = controller.memory
     for k in range(1, 10):
         held = controller.update(k * MS, 0.3 + k, -k)
-        assert (held.effort, held.fresh, held.terms) == (due.effort, False, PID.no_terms)
+        assert (held.effort, held.updated, held.terms) == (due.effort, False, PID.no_terms)
         assert (held.active, held.held) == (True, False)
-        assert controller.state == state
-    assert controller.update(10 * MS, 0.4, 0.1).fresh
+        assert controller.memory == state
+    assert controller.update(10 * MS, 0.4, 0.1).updated
 
 
 def test_dt_is_taken_from_the_stamps():
@@ -79,7 +79,7 @@ def test_dt_is_taken_from_the_stamps():
     for i, stamp in enumerate(stamps):
         dt = (stamp - stamps[i - 1]) * MS / 1e9 if i else 0.005  # at first the period
         angle = 0.1 * (i + 1) ** 2
-        expected, terms = pid_update(expected, 0.0, angle, 0.0, dt, config.gains, config.law)
+        expected, terms = pid_update(expected, 0.0, angle, 0.0, dt, config.gains, config.limits)
         assert controller.update(stamp * MS, angle, 0.0).terms == terms
 
 
@@ -87,11 +87,14 @@ def test_fuzzy_controller_runs_its_law():
     config = FuzzyPidConfig(**FREE)
     controller, expected = Controller(config), PidState()
     for k in range(5):
-        sample = (0.0, 0.1 * k, -0.5 * k)
-        expected, terms = fuzzy_pid_update(
-            expected, *sample, 0.005, config.rules, config.box, config.law
-        )
-        assert controller.update(k * 5 * MS, *sample[1:]).terms == terms
+        sample = Sample(0.0, 0.1 * k, -0.5 * k, 0.005)
+        expected, terms = fuzzy_pid_update(expected, sample, config.constants, config.limits)
+        assert controller.update(k * 5 * MS, *sample[1:3]).terms == terms
+
+
+def test_a_reference_by_topic_keeps_the_sign_of_zero():
+    controller = Controller(PidConfig(reference_profile="topic"))
+    assert str(controller.update(0, 0.1, 0.0, -0.0).reference) == "-0.0"
 
 
 @every
@@ -118,7 +121,7 @@ def test_a_stamp_that_goes_backwards_resets(make, config):
     for k in range(10):
         used.update((100 + 5 * k) * MS, 0.3, 1.0)
     assert used.update(144 * MS, 0.2, 0.5) == fresh.update(144 * MS, 0.2, 0.5)
-    assert used.state == fresh.state
+    assert used.memory == fresh.memory
 
 
 @every
@@ -126,7 +129,7 @@ def test_the_same_stamp_twice_is_one_sample(make, config):
     controller = make(config)
     first = controller.update(0, 0.3, 1.0)
     second = controller.update(0, 9.0, 9.0)
-    assert (second.effort, second.fresh) == (first.effort, False)
+    assert (second.effort, second.updated) == (first.effort, False)
 
 
 @every
@@ -148,7 +151,7 @@ def test_a_non_finite_sample_is_skipped(make, config, mode):
         last = spared.update(5 * k * MS, angle, 1.0)
         assert disturbed.update(5 * k * MS, angle, 1.0) == last
     answer = disturbed.update(10 * MS, nan, 1.0)
-    assert (answer.effort, answer.fresh, answer.held) == (last.effort, False, True)
+    assert (answer.effort, answer.updated, answer.held) == (last.effort, False, True)
     assert answer.active
     for k, angle in ((3, 0.4), (4, 0.5)):
         assert disturbed.update(5 * k * MS, angle, 1.0) == spared.update(5 * k * MS, angle, 1.0)
@@ -159,7 +162,7 @@ def test_a_non_finite_sample_is_skipped(make, config, mode):
 def test_no_command_before_the_first_finite_sample(make, config, bad):
     controller = make(config)
     assert controller.update(0, *bad).effort == 0.0
-    assert controller.state == PidState()
+    assert controller.memory == PidState()
 
 
 GAIN = st.floats(1e-3, 1e3)
@@ -205,4 +208,4 @@ def test_retuning_before_the_first_sample(make, config):
     controller = make(config)
     controller.reconfigure(replace(config, reference_value=0.5))
     assert controller.update(0, 0.0, 0.0).reference == 0.5
-    assert controller.state.started
+    assert controller.memory.started

@@ -9,22 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_control.computed_torque import Hip, computed_torque_update
-from trunk_control.computed_torque_law import ComputedTorqueConfig
+from trunk_control.computed_torque import ComputedTorqueConfig, computed_torque_update
 from trunk_control.controller import Controller
-from trunk_control.fuzzy_pid import GainBox, fuzzy_pid_update
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_control.lqr import lqr_update
-from trunk_control.lqr_law import LqrConfig
-from trunk_control.pid import (
-    ANTIWINDUP_BACK_CALCULATION,
-    Gains,
-    PidLaw,
-    PidState,
-    pid_update,
-    retune,
-)
-from trunk_control.pid_law import PidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig, GainBox, fuzzy_pid_update
+from trunk_control.law import Hip, Sample
+from trunk_control.limits import ANTIWINDUP_BACK_CALCULATION, Limits
+from trunk_control.lqr import LqrConfig, lqr_update
+from trunk_control.pid import PidConfig, pid_update
+from trunk_control.pid_family import Gains, PidState, rescaled
 from trunk_msgs_util.mechanics import Body
 
 TINY, HUGE = 5e-324, float_info.max
@@ -37,14 +29,14 @@ gains = st.builds(Gains, not_negative, not_negative, not_negative)
 
 
 @st.composite
-def laws(draw) -> PidLaw:
+def laws(draw) -> Limits:
     low, high = sorted(draw(st.lists(anything.filter(lambda v: v == v), min_size=2, max_size=2)))
     if low == inf or high == -inf:
         low, high = -inf, inf
     i_min, i_max = -draw(not_negative | st.just(inf)), draw(not_negative | st.just(inf))
     mode, filter_time = draw(st.integers(0, 2)), draw(not_negative)
     strategy, tracking = draw(st.integers(0, 2)), draw(not_negative)
-    return PidLaw(mode, filter_time, low, high, i_min, i_max, strategy, tracking)
+    return Limits(mode, filter_time, low, high, i_min, i_max, strategy, tracking)
 
 
 states = st.builds(PidState, number, number, number, number, number, st.booleans())
@@ -65,7 +57,7 @@ boxes = st.builds(
     st.tuples(positive, positive),
 )
 harmonics = st.none() | st.lists(st.tuples(number, number), min_size=1, max_size=3).map(
-    lambda pairs: tuple(one for pair in pairs for one in pair)
+    lambda pairs: tuple(number for pair in pairs for number in pair)
 )
 models = st.builds(
     Body,
@@ -82,18 +74,20 @@ def pid_step(data):
 
 def fuzzy_pid_step(data):
     chosen = data.draw(st.sampled_from(RULES)), data.draw(boxes)
-    return lambda state, sample, law: fuzzy_pid_update(state, *sample, *chosen, law)
+    return lambda state, sample, law: fuzzy_pid_update(state, Sample(*sample), chosen, law)
 
 
 def lqr_step(data):
     chosen = data.draw(gains), data.draw(not_negative)
-    return lambda state, sample, law: lqr_update(state, *sample, *chosen, law)
+    return lambda state, sample, law: lqr_update(state, Sample(*sample), chosen, law)
 
 
 def computed_torque_step(data):
     hip = Hip(data.draw(anything), data.draw(anything))
-    chosen = hip, data.draw(gains), data.draw(models)
-    return lambda state, sample, law: computed_torque_update(state, *sample, *chosen, law)
+    chosen = data.draw(gains), data.draw(models)
+    return lambda state, sample, law: computed_torque_update(
+        state, Sample(*sample, hip), chosen, law
+    )
 
 
 @pytest.mark.slow
@@ -112,16 +106,16 @@ def test_every_command_is_finite_and_within_its_limits(make_step, data):
 
 @given(states, gains, gains)
 def test_retuning_leaves_a_finite_integral(state, old, new):
-    after = retune(state, old, new)
+    after = rescaled(state, old, new)
     assert all(map(isfinite, after))
     assert after._replace(integral=state.integral) == state
 
 
 def test_an_overflow_holds_the_last_command_within_the_current_limits():
     state = PidState(1.0, 1.0, 1.0, 0.0, effort=70.0, started=True)
-    after, terms = pid_update(state, 1e300, 0.0, -1e300, 0.01, Gains(1e9, 0.0, 1e9), PidLaw(2))
+    after, terms = pid_update(state, 1e300, 0.0, -1e300, 0.01, Gains(1e9, 0.0, 1e9), Limits(2))
     assert after.effort == terms.effort == 70.0  # inf + inf without a limit is no command
-    law = PidLaw(2, u_min=-50.0, u_max=50.0)
+    law = Limits(2, u_min=-50.0, u_max=50.0)
     after, terms = pid_update(state, 1e300, 0.0, -1e300, 0.01, Gains(1e9, 0.0, 1e9), law)
     assert terms.effort == 50.0 == after.effort  # with a limit its sign is enough
     assert not terms.held
@@ -131,7 +125,7 @@ def test_an_overflow_holds_the_last_command_within_the_current_limits():
 
 
 def test_back_calculation_with_an_integral_gain_that_underflows_in_a_product():
-    law = PidLaw(u_min=-1.0, u_max=1.0, antiwindup=ANTIWINDUP_BACK_CALCULATION)
+    law = Limits(u_min=-1.0, u_max=1.0, antiwindup=ANTIWINDUP_BACK_CALCULATION)
     law = law._replace(tracking_time_constant=1e-3)
     state, terms = pid_update(PidState(), 5.0, 0.0, 0.0, 1e-3, Gains(1.0, TINY, 0.0), law)
     assert (state.integral, terms.effort) == (0.005, 1.0)
@@ -153,6 +147,6 @@ def test_a_held_command_obeys_new_limits_at_once(controller, config):
     assert driven.update(1, -3.0, 0.0).effort == 5.0  # no update is due
     never = controller(config(u_clamp_min=2.0))
     answer = never.update(0, inf, 0.0)
-    assert (answer.effort, answer.held, answer.fresh) == (2.0, True, False)
+    assert (answer.effort, answer.held, answer.updated) == (2.0, True, False)
     never.reset()
-    assert never.state.effort == 2.0
+    assert never.memory.effort == 2.0

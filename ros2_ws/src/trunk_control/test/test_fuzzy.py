@@ -20,7 +20,7 @@ from trunk_control.fuzzy import (
     logarithmic_value,
     rules_of,
 )
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
 
 PRINTED = FuzzyPidConfig().rules
 

@@ -10,12 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trunk_control.fuzzy import infer
-from trunk_control.fuzzy_pid import GainBox, fuzzy_pid_update, inferred_gains
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_control.pid import Gains, PidLaw, PidState, pid_update
+from trunk_control.fuzzy_pid import FuzzyPidConfig, GainBox, fuzzy_pid_update, inferred_gains
+from trunk_control.law import Sample
+from trunk_control.limits import Limits
+from trunk_control.pid import pid_update
+from trunk_control.pid_family import Gains, PidState
 
 RULES = FuzzyPidConfig().rules
 BOX = GainBox()
+CONSTANTS = RULES, BOX
 
 
 def tables(labels: str):
@@ -100,11 +103,13 @@ def test_default_box_is_equation_16_corrected():
 
 @pytest.mark.parametrize("derivative", range(3), ids=["error", "measurement", "rate"])
 def test_update_is_the_pid_with_the_gains_of_the_same_sample(derivative):
-    law = PidLaw(derivative, filter_time=0.02, u_min=-40.0, u_max=40.0, antiwindup=1)
+    law = Limits(derivative, filter_time=0.02, u_min=-40.0, u_max=40.0, antiwindup=1)
     fuzzy = PidState()
     for reference, measurement, rate in [(0.0, 0.5, 0.3), (0.8, 0.4, -2.0), (0.8, 0.9, 4.0)]:
         before = fuzzy
-        fuzzy, terms = fuzzy_pid_update(before, reference, measurement, rate, 0.01, RULES, BOX, law)
+        fuzzy, terms = fuzzy_pid_update(
+            before, Sample(reference, measurement, rate, 0.01), CONSTANTS, law
+        )
         gains, alpha = inferred_gains(terms.error, terms.error_rate, RULES, BOX)
         expected = pid_update(before, reference, measurement, rate, 0.01, gains, law)
         assert fuzzy == expected[0]
@@ -115,7 +120,7 @@ def test_the_integral_does_not_depend_on_the_gains():
     # Ki stands outside the sum: the integral is that of the error, whatever the gains.
     state, total = PidState(), 0.0
     for error in (0.1, 1.5, -0.7):
-        state, terms = fuzzy_pid_update(state, error, 0.0, 0.0, 0.01, RULES, BOX, PidLaw())
+        state, terms = fuzzy_pid_update(state, Sample(error, 0.0, 0.0, 0.01), CONSTANTS, Limits())
         total += 0.01 * error
         assert state.integral == total
         assert terms.i_term == terms.ki * total
@@ -125,9 +130,9 @@ def test_the_integral_does_not_depend_on_the_gains():
     ("measurement", "dt"), [(0.2, 0.0), (nan, 0.01)], ids=["zero-dt", "not-finite"]
 )
 def test_update_holds(measurement, dt):
-    law = PidLaw()
-    before, first = fuzzy_pid_update(PidState(), 0.0, 0.5, 1.0, 0.01, RULES, BOX, law)
-    after, held = fuzzy_pid_update(before, 0.0, measurement, 1.0, dt, RULES, BOX, law)
+    law = Limits()
+    before, first = fuzzy_pid_update(PidState(), Sample(0.0, 0.5, 1.0, 0.01), CONSTANTS, law)
+    after, held = fuzzy_pid_update(before, Sample(0.0, measurement, 1.0, dt), CONSTANTS, law)
     assert after == before
     assert (held.effort, held.kp, held.ki, held.kd, held.alpha) == (
         first.effort,
@@ -140,6 +145,6 @@ def test_update_holds(measurement, dt):
 
 def test_negative_dt_holds():
     before = PidState(0.1, 0.2, -0.2, 0.3, 4.0, True)
-    after, terms = fuzzy_pid_update(before, 0.0, 0.5, 1.0, -0.01, RULES, BOX, PidLaw())
+    after, terms = fuzzy_pid_update(before, Sample(0.0, 0.5, 1.0, -0.01), CONSTANTS, Limits())
     assert after == before
     assert (terms.held, terms.effort) == (True, 4.0)

@@ -9,7 +9,7 @@ import pytest
 
 from trunk_control.controller import Controller
 from trunk_control.laws import REGISTERED, law_named
-from trunk_control.pid_law import PidConfig
+from trunk_control.pid import PidConfig
 from trunk_msgs_util.units import NANOSECONDS
 
 PERIOD_NS = NANOSECONDS // 200
@@ -42,9 +42,9 @@ def test_after_a_longer_gap_a_controller_starts_afresh(name, periods, beyond):
     after, (*_, answer) = driven(config, [*past, later], law)
     fresh, (first,) = driven(config, [later], law)
     if beyond:
-        assert (after.memory, answer) == (fresh.memory, first)
+        assert (after.state, answer) == (fresh.state, first)
     else:
-        assert after.memory.sample.dt == pytest.approx(periods / config.update_rate)
+        assert after.state.sample.dt == pytest.approx(periods / config.update_rate)
 
 
 def test_without_a_limit_every_gap_is_a_step():
@@ -60,7 +60,7 @@ def test_a_takeover_after_a_gap_starts_afresh():
     controller.deactivate()
     controller.see(0, 0.1)
     controller.activate()
-    assert controller.takes_over
+    assert controller.transfer_pending
     later = 101 * PERIOD_NS
     _, (first,) = driven(config, [later])
     assert controller.update(later, 0.1, 0.0) == first

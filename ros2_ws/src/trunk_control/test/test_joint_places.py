@@ -13,20 +13,20 @@ NAMES = st.lists(st.text(max_size=6), unique=True, max_size=8).map(tuple)
 def test_the_index_follows_the_name_whatever_came_before(messages, joint):
     places = JointPlaces(joint)
     for names in messages:
-        found = places(names)
-        assert found == (Places(names.index(joint), None) if joint in names else None)
+        indices = places(names)
+        assert indices == (Places(names.index(joint), None) if joint in names else None)
 
 
 @given(st.lists(NAMES, max_size=6), st.text(max_size=6), st.text(max_size=6))
 def test_a_law_that_needs_two_joints_finds_both_or_none(messages, joint, hip):
     places = JointPlaces(joint, hip)
     for names in messages:
-        found = places(names)
+        indices = places(names)
         if joint in names and hip in names:
-            assert found == Places(names.index(joint), names.index(hip))
-            assert found.last < len(names)
+            assert indices == Places(names.index(joint), names.index(hip))
+            assert indices.last < len(names)
         else:
-            assert found is None
+            assert indices is None
 
 
 def test_publishers_may_alternate_on_a_topic():

@@ -10,12 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_are
 
-from trunk_control.lqr import lqr_update
-from trunk_control.lqr_law import LqrConfig
-from trunk_control.pid import DERIVATIVE_FROM_RATE, Gains, PidLaw, PidState, pid_update
+from trunk_control.law import Sample
+from trunk_control.limits import DERIVATIVE_FROM_RATE, Limits
+from trunk_control.lqr import LqrConfig, lqr_update
+from trunk_control.pid import pid_update
+from trunk_control.pid_family import Gains, PidState
 
 ANGLE = st.floats(-pi, pi)
-RATE_LAW = PidLaw(derivative=DERIVATIVE_FROM_RATE)
+FROM_RATE = Limits(derivative=DERIVATIVE_FROM_RATE)
 
 
 def test_the_default_gains_solve_the_riccati_equation():
@@ -31,23 +33,24 @@ def test_the_default_gains_solve_the_riccati_equation():
 
 @given(ANGLE, ANGLE, st.floats(-5.0, 5.0))
 def test_lqr_is_a_pid_with_feed_forward(reference, angle, rate):
-    sample = (PidState(0.02, started=True), reference, angle, rate, 0.005, Gains(61.0, 50.0, 9.0))
-    state, terms = lqr_update(*sample, 4.905, RATE_LAW)
-    expected_state, expected = pid_update(*sample, RATE_LAW)
+    state, gains = PidState(0.02, started=True), Gains(61.0, 50.0, 9.0)
+    sample = Sample(reference, angle, rate, 0.005)
+    expected_state, expected = pid_update(state, *sample[:4], gains, FROM_RATE)
+    state, terms = lqr_update(state, sample, (gains, 4.905), FROM_RATE)
     assert terms[:9] == expected[:9]
     assert terms.effort == pytest.approx(expected.effort - 4.905 * sin(reference), abs=1e-12)
     assert state.integral == expected_state.integral
 
 
 def test_the_feed_forward_is_inside_the_limits():
-    law = PidLaw(u_min=-3.0, u_max=3.0)
-    _, terms = lqr_update(PidState(), pi / 2.0, pi / 2.0, 0.0, 0.01, Gains(1.0, 0.0, 1.0), 4.9, law)
+    limits, constants = Limits(u_min=-3.0, u_max=3.0), (Gains(1.0, 0.0, 1.0), 4.9)
+    _, terms = lqr_update(PidState(), Sample(pi / 2.0, pi / 2.0, 0.0, 0.01), constants, limits)
     assert (terms.unsaturated, terms.effort) == (-4.9, -3.0)
 
 
 @pytest.mark.parametrize("bad", [(nan, 0.0), (0.1, inf)])
 def test_a_bad_sample_holds_the_command(bad):
     state = PidState(effort=2.5, started=True)
-    held, terms = lqr_update(state, 0.0, *bad, 0.01, Gains(1.0, 1.0, 1.0), 4.9, RATE_LAW)
+    held, terms = lqr_update(state, Sample(0.0, *bad, 0.01), (Gains(1.0, 1.0, 1.0), 4.9), FROM_RATE)
     assert held is state
     assert terms.effort == 2.5

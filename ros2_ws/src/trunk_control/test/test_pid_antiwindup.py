@@ -8,26 +8,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_control.pid import (
+from trunk_control.limits import (
     ANTIWINDUP_BACK_CALCULATION,
     ANTIWINDUP_CONDITIONAL_INTEGRATION,
     ANTIWINDUP_NONE,
-    Gains,
-    PidLaw,
-    PidState,
-    pid_update,
+    Limits,
 )
+from trunk_control.pid import pid_update
+from trunk_control.pid_family import Gains, PidState
 
 DT = 0.01
 GAINS = Gains(1.0, 10.0, 0.0)
 IDS = ["none", "conditional_integration", "back_calculation"]
 
 
-def limited(antiwindup: int, **others) -> PidLaw:
-    return PidLaw(u_min=-2.0, u_max=2.0, antiwindup=antiwindup, **others)
+def limited(antiwindup: int, **others) -> Limits:
+    return Limits(u_min=-2.0, u_max=2.0, antiwindup=antiwindup, **others)
 
 
-def update(state: PidState, error: float, law: PidLaw, gains: Gains = GAINS):
+def update(state: PidState, error: float, law: Limits, gains: Gains = GAINS):
     return pid_update(state, error, 0.0, 0.0, DT, gains, law)
 
 
@@ -56,7 +55,7 @@ def test_no_strategy_acts_on_a_free_command(antiwindup):
     state, free = PidState(), PidState()
     for error in (0.1, 0.2, -0.1, 0.05):
         state, _ = update(state, error, limited(antiwindup))
-        free, _ = update(free, error, PidLaw())
+        free, _ = update(free, error, Limits())
     assert state == free
 
 

@@ -8,7 +8,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trunk_control.pid import Gains, PidLaw, PidState, pid_update
+from trunk_control.limits import Limits
+from trunk_control.pid import pid_update
+from trunk_control.pid_family import Gains, PidState
 
 J, H, STEPS = 0.5, 0.005, 2000
 GAINS = Gains(60.0, 100.0, 9.0)
@@ -22,7 +24,7 @@ def plant(theta: float, rate: float, u: float) -> tuple[float, float]:
     return theta + H * rate + 0.5 * H * H * u / J, rate + H * u / J
 
 
-def loop(law: PidLaw) -> tuple[np.ndarray, np.ndarray]:
+def loop(law: Limits) -> tuple[np.ndarray, np.ndarray]:
     theta, rate, state = 0.1, 0.2, PidState()
     angles, efforts = [], []
     for k in range(STEPS):
@@ -70,7 +72,7 @@ def textbook(mode: str, filter_time: float, limit: float, clamping: bool):
 def test_loop_equals_the_textbook_loop(mode, filter_time, clamping):
     limit = 8.0 if clamping else float("inf")
     derivative = ("error", "measurement", "rate").index(mode)
-    law = PidLaw(derivative, filter_time, u_min=-limit, u_max=limit, antiwindup=int(clamping))
+    law = Limits(derivative, filter_time, u_min=-limit, u_max=limit, antiwindup=int(clamping))
     angles, efforts = loop(law)
     expected_angles, expected_efforts = textbook(mode, filter_time, limit, clamping)
     assert np.abs(angles).max() < 3.0  # the loop is stable, so the comparison is meaningful
@@ -96,7 +98,7 @@ def test_loop_equals_its_closed_form():
     theta, rate, state = 0.1, 0.2, PidState()
     angles = []
     for _ in k:
-        state, terms = pid_update(state, 0.8, theta, rate, H, GAINS, PidLaw(derivative=1))
+        state, terms = pid_update(state, 0.8, theta, rate, H, GAINS, Limits(derivative=1))
         angles.append(theta)
         theta, rate = plant(theta, rate, terms.effort)
     assert angles == pytest.approx(closed_form, abs=1e-9)

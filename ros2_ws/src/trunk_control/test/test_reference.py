@@ -6,7 +6,7 @@ from math import pi, sin
 
 import pytest
 
-from trunk_control.pid_law import PidConfig
+from trunk_control.pid import PidConfig
 from trunk_control.reference import reference_at
 from trunk_msgs_util.parameters.declarations import ParameterError
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from trunk_msgs_util.elementary import cos, exp, log, sin
 from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 
-from .computed_torque import Hip
 from .controller_config import ControllerConfig
-from .law import Law, Lookup, Sample
-from .pid import Gains, PidState, limited, pid_update, usable
-from .pid import PidLaw as Limits
-from .pid import Terms as PidTerms
-from .pid_kind import constant_gains, law_of_pid_kind
+from .law import Hip, Law, Lookup, Sample
+from .limits import Limits, limited
+from .pid import pid_update
+from .pid_family import Gains, PidState, constant_gains, law_of_pid_family, usable
+from .pid_family import Terms as PidTerms
+
+law_of_pid_kind = law_of_pid_family  # its former name, for one more release
 
 __all__ = [
     "ControllerConfig",
@@ -27,6 +28,7 @@ __all__ = [
     "constant_gains",
     "cos",
     "exp",
+    "law_of_pid_family",
     "law_of_pid_kind",
     "limited",
     "log",

@@ -1,4 +1,4 @@
-"""Computed torque: a model's inverse dynamics turns a desired angular acceleration into a torque.
+"""The law ``computed_torque``: a model's inverse dynamics turns a desired angular acceleration into a torque.
 
 The model belongs to the controller: its constants may be wrong, as on a real robot.
 
@@ -7,44 +7,121 @@ Pure: scalar functions of floats and named tuples, which CPython runs and numba 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from trunk_msgs_util.mechanics import Body, inverse_dynamics
+from trunk_msgs_util.parameters.body import body_of, body_parameter
+from trunk_msgs_util.parameters.declarations import parameter
 
-from .pid import Gains, PidLaw, PidState, Terms, alpha_of, combine, error_derivative, held, usable
+from .controller_config import ControllerConfig
+from .law import Sample
+from .limits import Limits
+from .pid_family import (
+    Gains,
+    PidState,
+    Terms,
+    alpha_of,
+    combine,
+    error_derivative,
+    held,
+    law_of_pid_family,
+    usable,
+)
 
 
-class Hip(NamedTuple):
-    """The hip as measured: m, m/s."""
+@dataclass(frozen=True)
+class ComputedTorqueConfig(ControllerConfig):
+    """Parameters of the ``computed_torque`` node. Both default poles lie at -10 1/s."""
 
-    position: float = 0.0
-    velocity: float = 0.0
+    hip_joint: str = parameter(
+        "hip_joint", "hip", "The joint whose measured motion the model uses", fixed=True
+    )
+    p: float = parameter(
+        "gains.p", 100.0, "Acceleration per unit of error", unit="1/s^2", minimum=0.0, maximum=1e9
+    )
+    i: float = parameter(
+        "gains.i",
+        0.0,
+        "Acceleration per unit of its integral",
+        unit="1/s^3",
+        minimum=0.0,
+        maximum=1e9,
+    )
+    d: float = parameter(
+        "gains.d", 20.0, "Acceleration per unit of its rate", unit="1/s", minimum=0.0, maximum=1e9
+    )
+    hip_mass: float = body_parameter("model.hip_mass", "hip_mass", believed=True)
+    trunk_mass: float = body_parameter("model.trunk_mass", "trunk_mass", believed=True)
+    length: float = body_parameter("model.length", "length", believed=True)
+    gravity: float = body_parameter("model.gravity", "gravity", believed=True)
+    amplitude: float = body_parameter("model.path_amplitude", "amplitude", believed=True)
+    wavenumber: float = body_parameter("model.path_wavenumber", "wavenumber", believed=True)
+    cosines: tuple[float, ...] = body_parameter("model.path_cosines", "cosines", believed=True)
+    sines: tuple[float, ...] = body_parameter("model.path_sines", "sines", believed=True)
+    hip_mode: str = body_parameter("model.hip_mode", "hip_mode", believed=True)
+
+    @property
+    def gains(self) -> Gains:
+        """The gains, as accelerations."""
+        return Gains(self.p, self.i, self.d)
+
+    @property
+    def model(self) -> Body:
+        """The plant as the controller believes it to be."""
+        return body_of(self)
+
+    @property
+    def constants(self) -> tuple[Gains, Body]:
+        """The gains, as accelerations, and the model."""
+        return self.gains, self.model
+
+    @property
+    def damping_gain(self) -> float:
+        """The largest gain of the rate, N m s/rad: at the model's largest inertia."""
+        return self.d * self.trunk_mass * self.length * self.length
+
+    @property
+    def hip(self) -> str:
+        """The joint whose motion the law uses."""
+        return self.hip_joint
 
 
 def computed_torque_update(
-    state: PidState,
-    reference: float,
-    measurement: float,
-    rate: float,
-    dt: float,
-    hip: Hip,
-    gains: Gains,
-    model: Body,
-    law: PidLaw,
+    state: PidState, sample: Sample, constants: tuple[Gains, Body], limits: Limits
 ) -> tuple[PidState, Terms]:
     """Return the next state and the terms of ``u = H (kp e + ki I + kd D) + c``.
 
-    ``gains`` give accelerations: 1/s^2, 1/s^3, 1/s; with an exact model the error then obeys
-    ``e'' + kd e' + kp e + ki I = 0``. The terms carry the gains times H. The model uses ``rate``
-    [rad/s] in every derivative mode. Holds the last command as `pid_update` does.
+    ``constants``: the gains and the model. The gains give accelerations: 1/s^2, 1/s^3, 1/s; with an exact
+    model the error then obeys ``e'' + kd e' + kp e + ki I = 0``. The terms carry the gains times H. The
+    model uses the rate [rad/s] in every derivative mode. Holds the last command as `pid_update` does.
     """
+    gains, model = constants
+    reference, measurement, rate, dt, hip = sample
     error = reference - measurement
     if not usable(error, rate + hip.position + hip.velocity, dt):
-        return held(state, gains, alpha_of(gains), law)
+        return held(state, gains, alpha_of(gains), limits)
     inertia, bias = inverse_dynamics(hip.position, measurement, hip.velocity, rate, model)
     effective = Gains(inertia * gains.p, inertia * gains.i, inertia * gains.d)
     alpha = alpha_of(effective)
     if not usable(error, bias, dt):  # the squares of finite rates may overflow
-        return held(state, effective, alpha, law)
-    derivative = error_derivative(state, error, measurement, rate, dt, law)
-    return combine(state, error, measurement, derivative, dt, effective, alpha, law, bias)
+        return held(state, effective, alpha, limits)
+    derivative = error_derivative(state, error, measurement, rate, dt, limits)
+    return combine(state, error, measurement, derivative, dt, effective, alpha, limits, bias)
+
+
+def effective_gains(state: PidState, sample: Sample, constants: tuple[Gains, Body]) -> Gains:
+    """Return the gains times the inertia at the last sample."""
+    hip, gains = sample.hip, constants[0]
+    inertia, _ = inverse_dynamics(
+        hip.position, sample.measurement, hip.velocity, sample.rate, constants[1]
+    )
+    return Gains(inertia * gains.p, inertia * gains.i, inertia * gains.d)
+
+
+LAW = law_of_pid_family(
+    "computed_torque",
+    "Computed torque",
+    ComputedTorqueConfig,
+    computed_torque_update,
+    effective_gains,
+)

@@ -8,24 +8,23 @@ from typing import NamedTuple
 from trunk_msgs_util.samples import has_doubled
 from trunk_msgs_util.units import LAST_STAMP_NS
 
-from .computed_torque import Hip
 from .controller_config import ControllerConfig
 from .decide import (
-    Answer,
-    Memory,
+    ControllerState,
+    Output,
     Reading,
     Seen,
-    Setting,
+    Settings,
     activated,
     deactivated,
     decide,
     followed,
-    fresh_memory,
-    retuned,
+    initial_state,
+    reconfigured,
 )
-from .law import Law, LawMemory
+from .law import Hip, Law, LawMemory
 from .laws import law_of
-from .pid import limited
+from .limits import limited
 
 _STILL = Hip()
 
@@ -83,10 +82,10 @@ def hip_seen(index: int | None, position: Sequence[float], velocity: Sequence[fl
     return _STILL if index is None else Hip(position[index], velocity[index])
 
 
-def setting_of(config: ControllerConfig, law: Law | None = None) -> Setting:
-    """Return the `Setting` of a law, by default the registered one, for this configuration."""
-    law, limits = law or law_of(config), config.law
-    return Setting(
+def settings_of(config: ControllerConfig, law: Law | None = None) -> Settings:
+    """Return the `Settings` of a law, by default the registered one, for this configuration."""
+    law, limits = law or law_of(config), config.limits
+    return Settings(
         limits,
         law.memory._replace(effort=limited(law.memory.effort, limits)),
         law.no_terms,
@@ -108,39 +107,39 @@ class Controller:
         self.law = law or law_of(config)
         self._configure(config)
         active = not config.active_times
-        self.memory: Memory = fresh_memory(active, Seen(), self.setting.initial)
+        self.state: ControllerState = initial_state(active, Seen(), self.settings.initial)
 
     def _configure(self, config: ControllerConfig) -> None:
         self.config = config
-        self.setting = setting_of(config, self.law)
+        self.settings = settings_of(config, self.law)
         self.constants = config.constants
 
     @property
     def active(self) -> bool:
         """True while it is this controller's turn."""
-        return self.memory.active
+        return self.state.pace.active
 
     @property
-    def takes_over(self) -> bool:
+    def transfer_pending(self) -> bool:
         """True from an activation while the plant moves until the first update after it."""
-        return self.memory.takes_over
+        return self.state.transfer.pending
 
     @property
-    def state(self) -> LawMemory:
+    def memory(self) -> LawMemory:
         """The law's own memory."""
-        return self.memory.state
+        return self.state.memory
 
-    def decide(self, reading: Reading) -> Answer:
+    def decide(self, reading: Reading) -> Output:
         """Return the answer to a state."""
-        self.memory, answer = decide(
-            self.memory,
+        self.state, output = decide(
+            self.state,
             reading,
-            self.setting,
+            self.settings,
             self.constants,
             self.law.update,
-            self.law.take_over,
+            self.law.transfer,
         )
-        return answer
+        return output
 
     def update(
         self,
@@ -150,35 +149,34 @@ class Controller:
         reference: float | None = None,
         hip: Hip = _STILL,
         effort: float = 0.0,
-    ) -> Answer:
+    ) -> Output:
         """Return the answer to a state: angle in rad, rate in rad/s, at a stamp in ns.
 
         ``reference`` [rad]: the latest one received by topic, or None; ``effort`` [N m]: the torque
         that acts.
         """
-        told = reference is not None
-        given = reference if reference is not None else 0.0
-        return self.decide(Reading(stamp_ns, position, velocity, hip, effort, told, given))
+        received = () if reference is None else (True, reference)
+        return self.decide(Reading(stamp_ns, position, velocity, hip, effort, *received))
 
     def see(self, stamp_ns: int, position: float) -> None:
         """Note a state that needs no answer."""
-        self.memory = followed(self.memory, stamp_ns, position)
+        self.state = followed(self.state, stamp_ns, position)
 
     def activate(self) -> None:
         """Start answering: from scratch, or, if a state was seen before, from the torque that acts."""
-        self.memory = activated(self.memory, self.setting.initial)
+        self.state = activated(self.state, self.settings.initial)
 
     def deactivate(self) -> None:
         """Leave the plant to another controller."""
-        self.memory = deactivated(self.memory)
+        self.state = deactivated(self.state)
 
     def reset(self) -> None:
         """Forget the past: the integral, the last sample and the last stamp."""
-        self.memory = fresh_memory(self.memory.active, self.memory.seen, self.setting.initial)
+        self.state = initial_state(self.active, self.state.pace.seen, self.settings.initial)
 
     def forget(self) -> None:
         """Start over as if new: no state seen, active or not as the configuration says."""
-        self.memory = fresh_memory(not self.config.active_times, Seen(), self.setting.initial)
+        self.state = initial_state(not self.config.active_times, Seen(), self.settings.initial)
 
     def reconfigure(self, config: ControllerConfig) -> None:
         """Change the configuration between two samples; the command does not jump.
@@ -187,4 +185,4 @@ class Controller:
         """
         old = self.constants
         self._configure(config)
-        self.memory = retuned(self.memory, self.law, old, self.constants, self.setting.law)
+        self.state = reconfigured(self.state, self.law, old, self.constants, self.settings.limits)

@@ -12,7 +12,7 @@ from trunk_msgs_util.parameters.declarations import ParameterError, parameter
 from trunk_msgs_util.samples import Value
 from trunk_msgs_util.units import nanoseconds
 
-from .pid import PidLaw
+from .limits import Limits
 from .reference_config import ReferenceConfig
 
 DERIVATIVE_MODES = ("error", "measurement", "rate")
@@ -155,9 +155,9 @@ class ControllerConfig(ReferenceConfig):
         raise NotImplementedError
 
     @property
-    def law(self) -> PidLaw:
+    def limits(self) -> Limits:
         """What stays fixed while gains change."""
-        return PidLaw(
+        return Limits(
             DERIVATIVE_MODES.index(self.derivative_mode),
             self.derivative_filter_time,
             self.u_clamp_min,
@@ -167,3 +167,8 @@ class ControllerConfig(ReferenceConfig):
             ANTIWINDUP_STRATEGIES.index(self.antiwindup_strategy),
             self.tracking_time_constant,
         )
+
+    @property
+    def law(self) -> Limits:
+        """`limits` under its former name, for one more release."""
+        return self.limits

@@ -20,7 +20,7 @@ from trunk_msgs_util.units import seconds
 
 from .controller import Controller
 from .controller_config import ControllerConfig
-from .decide import Answer, Reading, after_gap, state_record
+from .decide import Output, Reading, after_gap, state_record
 from .inputs_node import Inputs
 from .law import Law
 from .laws import law_named
@@ -71,7 +71,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         self._controller.deactivate()
 
     def reconfigure(self, config: ControllerConfig) -> None:
-        """Apply changed parameters between two samples; a law's `retune` keeps the command from jumping."""
+        """Apply changed parameters between two samples; the law keeps the command from jumping."""
         self._controller.reconfigure(config)
         self._inputs.reconfigure(config)
 
@@ -91,23 +91,23 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             return
         if self.run_stamp_ns < 0 < stamp_ns:
             self._join(stamp_ns)
-        seen = self._controller.memory.seen
-        if self.active and after_gap(seen, stamp_ns, self._controller.setting):
+        seen = self._controller.state.pace.seen
+        if self.active and after_gap(seen, stamp_ns, self._controller.settings):
             self.refuse(
                 "gaps in the states, started afresh after them",
                 f"no states for {seconds(stamp_ns - seen.stamp_ns):g} s up to t = {seconds(stamp_ns):g} s, "
                 f"more than gap.max_periods ({self.config.max_gap_periods}) periods",
             )
-        answer = self._controller.decide(reading)
-        if answer.active != self.active:
-            self._take_turn(answer.active)
+        output = self._controller.decide(reading)
+        if output.active != self.active:
+            self._take_turn(output.active)
         self.run_stamp_ns = stamp_ns
-        if not answer.active:
+        if not output.active:
             return
-        if answer.held:
+        if output.held:
             self.counters["updates held: the law gave no finite number"] += 1
-        if answer.fresh or self.config.lockstep:
-            self._publish(stamp_ns, reading.position, answer)
+        if output.updated or self.config.lockstep:
+            self._publish(stamp_ns, reading.position, output)
 
     def _join(self, stamp_ns: int) -> None:
         """Record that the controller joins a run that is already under way.
@@ -139,14 +139,14 @@ class ControllerNode(TrunkNode[ControllerConfig]):
         )
         return False
 
-    def _publish(self, stamp_ns: int, measurement: float, answer: Answer) -> None:
-        command = JointSample(stamp_ns, (self.config.joint,), effort=(answer.effort,))
+    def _publish(self, stamp_ns: int, measurement: float, output: Output) -> None:
+        command = JointSample(stamp_ns, (self.config.joint,), effort=(output.effort,))
         self._command.publish(sample_to_wire(command, self.source))
         self._updates += 1
-        if answer.fresh:
-            if answer.terms.effort != answer.terms.unsaturated:
+        if output.updated:
+            if output.terms.effort != output.terms.unsaturated:
                 self.counters["commands limited"] += 1
-            values = state_record(answer, measurement)
+            values = state_record(output, measurement)
             terms = JointSample(stamp_ns, self._names, position=values)
             record = sample_to_wire(terms, self.source)
             self._terms.publish(record)
@@ -170,7 +170,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
             return ""
         topic = self.resolve_topic_name(topics.JOINT_STATES)
         last_ns = self.run_stamp_ns if self.run_stamp_ns >= 0 else None
-        refused = {what: n for what, n in self.counters.items() if what.startswith("states ")}
+        refused = {kind: n for kind, n in self.counters.items() if kind.startswith("states ")}
         publishers = discovery.described_publishers(self, topic)
         return discovery.states(topic, publishers, last_ns, refused)
 
@@ -186,7 +186,7 @@ class ControllerNode(TrunkNode[ControllerConfig]):
 
     def _say_commands(self) -> None:
         until = f", the last at t = {seconds(self.run_stamp_ns):g} s" if self._updates else ""
-        counted = "".join(f", {what} {count}" for what, count in self.counters.items() if count)
+        counted = "".join(f", {kind} {count}" for kind, count in self.counters.items() if count)
         self.get_logger().info(f"ended: {self._updates} commands given{until}{counted}")
 
     def diagnostics(self) -> dict[str, object]:

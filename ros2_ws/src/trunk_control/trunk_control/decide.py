@@ -1,11 +1,12 @@
 """One step of a controller as a pure function: *decide* how to answer a state.
 
 A controller has no clock: it goes by the stamps of the states, updates at most at its ``update_rate``
-and holds its command in between. If it becomes active while the plant moves, it takes over bumplessly:
+and holds its command in between. If it becomes active while the plant moves, its transfer is bumpless:
 its integral is set so that its first command equals the torque already acting.
 
-Turns, due instants, time steps, the reference, takeover and holding are all handled here. The nodes, the
-offline run, the replay and the compiled loop compose this function and add no arithmetic.
+Turns, due instants, time steps, the reference, transfer and holding are all handled here. The nodes, the
+offline run, the replay and the compiled loop compose this function and add no arithmetic. Several
+controllers whose turns fit together take turns at the same state without exchanging messages.
 
 Pure: functions of integers, floats and named tuples, which CPython runs and numba compiles unchanged.
 """
@@ -17,11 +18,9 @@ from typing import NamedTuple
 
 from trunk_msgs_util.units import seconds
 
-from .computed_torque import Hip
-from .law import Constants, Law, LawMemory, LawTerms, Sample, TakeOver, Update
-from .pid import PidLaw, limited
+from .law import BumplessTransfer, Constants, Hip, Law, LawMemory, LawTerms, Sample, Update
+from .limits import Limits, limited
 from .reference import TOPIC, ReferenceProfile, reference_at
-from .schedule import turn
 
 
 class Reading(NamedTuple):
@@ -31,8 +30,8 @@ class Reading(NamedTuple):
     position: float  # rad
     velocity: float  # rad/s
     hip: Hip = Hip()  # for laws that use the hip
-    effort: float = 0.0  # N m, the torque that acts: where a takeover starts
-    told: bool = False  # a reference has arrived by topic
+    effort: float = 0.0  # N m, the torque that acts: where a transfer starts
+    has_reference: bool = False  # a reference has arrived by topic
     reference: float = 0.0  # rad, the latest such reference
 
 
@@ -43,10 +42,10 @@ class Seen(NamedTuple):
     position: float = 0.0  # rad
 
 
-class Setting(NamedTuple):
+class Settings(NamedTuple):
     """The settings around a law in one controller."""
 
-    law: PidLaw
+    limits: Limits
     initial: LawMemory  # the law's memory after a reset: a command of 0 within the limits
     no_terms: LawTerms  # where there are none
     profile: ReferenceProfile
@@ -57,183 +56,199 @@ class Setting(NamedTuple):
     gap_ns: int  # longer without a state: start afresh
 
 
-class Memory(NamedTuple):
-    """A controller between two states."""
+class Pace(NamedTuple):
+    """What decides whether a state is answered, and whether an update is due."""
 
-    state: LawMemory  # the law's
-    sample: Sample  # the law's last
     active: bool
     begun: bool  # an update has been made since the last reset
     updated_ns: int  # when
     seen: Seen
-    takes_over: bool  # activated while the plant moved, no update yet
-    taken_from: Seen  # the state before
-    moving: bool  # since the takeover, the command has not yet reached the law's
-    moved_to: float  # N m, where the command is
 
 
-class Answer(NamedTuple):
+class Transfer(NamedTuple):
+    """A bumpless transfer of the plant to this controller."""
+
+    pending: bool  # activated while the plant moved, no update yet
+    seen_before: Seen  # the last state before the activation
+    transferring: bool  # since then the command has not yet reached the law's
+    effort: float  # N m, where the command is
+
+
+class ControllerState(NamedTuple):
+    """A controller between two states."""
+
+    memory: LawMemory  # the law's
+    sample: Sample  # the law's last
+    pace: Pace
+    transfer: Transfer
+
+
+class Output(NamedTuple):
     """A controller's answer to one state."""
 
     active: bool  # False: not this controller's turn; ignore the rest
     effort: float  # N m
-    fresh: bool  # True: the law was updated; the terms are those of this update
+    updated: bool  # True: the law was updated; the terms are those of this update
     held: bool  # True: an update was due, but its input or output was not usable
     reference: float  # rad
     terms: LawTerms
 
 
 _SAMPLE = Sample(0.0, 0.0, 0.0, 0.0, Hip(0.0, 0.0))
-_NEVER = Seen(-1, 0.0)
+_NO_TRANSFER = Transfer(False, Seen(-1, 0.0), False, 0.0)
 
 
-def fresh_memory(active: bool, seen: Seen, initial: LawMemory) -> Memory:
-    """Return the memory after a reset: the law's own is the ``initial`` one, there is no past."""
-    return Memory(initial, _SAMPLE, active, False, 0, seen, False, _NEVER, False, 0.0)
+def initial_state(active: bool, seen: Seen, initial: LawMemory) -> ControllerState:
+    """Return the state after a reset: the law's memory is the ``initial`` one, there is no past."""
+    return ControllerState(initial, _SAMPLE, Pace(active, False, 0, seen), _NO_TRANSFER)
 
 
-def activated(memory: Memory, initial: LawMemory) -> Memory:
-    """Return the memory of a controller that answers from the next state on.
+def activated(state: ControllerState, initial: LawMemory) -> ControllerState:
+    """Return the state of a controller that answers from the next state of the plant on.
 
-    It starts from scratch, or, if a state was seen before, from the torque that acts. One that is
+    It starts from scratch, or, if the plant was seen before, from the torque that acts. One that is
     already active is unchanged.
     """
-    if memory.active:
-        return memory
-    m = fresh_memory(True, memory.seen, initial)
-    takes_over = memory.seen.stamp_ns >= 0
-    return Memory(
-        m.state, m.sample, True, False, 0, m.seen, takes_over, memory.seen, m.moving, m.moved_to
-    )
+    if state.pace.active:
+        return state
+    seen = state.pace.seen
+    pace, transfer = Pace(True, False, 0, seen), Transfer(seen.stamp_ns >= 0, seen, False, 0.0)
+    return ControllerState(initial, _SAMPLE, pace, transfer)
 
 
-def deactivated(memory: Memory) -> Memory:
-    """Return the memory of a controller that hands over the plant."""
-    m = memory
-    return Memory(
-        m.state,
-        m.sample,
-        False,
-        m.begun,
-        m.updated_ns,
-        m.seen,
-        m.takes_over,
-        m.taken_from,
-        m.moving,
-        m.moved_to,
-    )
+def deactivated(state: ControllerState) -> ControllerState:
+    """Return the state of a controller that leaves the plant to another."""
+    memory, sample, (_, begun, updated_ns, seen), transfer = state
+    return ControllerState(memory, sample, Pace(False, begun, updated_ns, seen), transfer)
 
 
-def followed(memory: Memory, stamp_ns: int, position: float) -> Memory:
-    """Return the memory after a state that was seen but not answered."""
-    m = memory
-    return Memory(
-        m.state,
-        m.sample,
-        m.active,
-        m.begun,
-        m.updated_ns,
-        Seen(stamp_ns, position),
-        m.takes_over,
-        m.taken_from,
-        m.moving,
-        m.moved_to,
-    )
+def followed(state: ControllerState, stamp_ns: int, position: float) -> ControllerState:
+    """Return the state after one of the plant that was seen but not answered."""
+    memory, sample, (active, begun, updated_ns, _), transfer = state
+    seen = Seen(stamp_ns, position)
+    return ControllerState(memory, sample, Pace(active, begun, updated_ns, seen), transfer)
 
 
-def retuned(memory: Memory, law: Law, old: Constants, new: Constants, limits: PidLaw) -> Memory:
-    """Return the memory under new constants, adapted by the law so that the command does not jump.
+def reconfigured(
+    state: ControllerState, law: Law, old: Constants, new: Constants, limits: Limits
+) -> ControllerState:
+    """Return the state under new constants, adapted by the law so that the command does not jump.
 
     A held command obeys the new limits at once.
     """
-    state = law.retune(memory.state, memory.sample, old, new)
-    return memory._replace(state=state._replace(effort=limited(state.effort, limits)))
+    memory = law.reconfigure(state.memory, state.sample, old, new)
+    return state._replace(memory=memory._replace(effort=limited(memory.effort, limits)))
 
 
-def after_gap(seen: Seen, stamp_ns: int, setting: Setting) -> bool:
+def after_gap(seen: Seen, stamp_ns: int, settings: Settings) -> bool:
     """Return True if nothing is to be integrated since the last state seen, as it was too long ago."""
-    return seen.stamp_ns >= 0 and stamp_ns - seen.stamp_ns > setting.gap_ns
+    return seen.stamp_ns >= 0 and stamp_ns - seen.stamp_ns > settings.gap_ns
 
 
-def handover_law(law: PidLaw, effort: float, step: float) -> PidLaw:
-    """Return the law with its limits narrowed to ``effort`` +- ``step`` [N m], never widened."""
-    return PidLaw(
-        law.derivative,
-        law.filter_time,
-        limited(effort - step, law),
-        limited(effort + step, law),
-        law.i_min,
-        law.i_max,
-        law.antiwindup,
-        law.tracking_time_constant,
+def transfer_limits(limits: Limits, effort: float, step: float) -> Limits:
+    """Return the limits narrowed to ``effort`` +- ``step`` [N m], never widened."""
+    return Limits(
+        limits.derivative,
+        limits.filter_time,
+        limited(effort - step, limits),
+        limited(effort + step, limits),
+        limits.i_min,
+        limits.i_max,
+        limits.antiwindup,
+        limits.tracking_time_constant,
     )
 
 
+def turns_begun(times_ns: Sequence[int], stamp_ns: int) -> int:
+    """Return how many of the ascending times are at or before a stamp."""
+    count = 0
+    for time_ns in times_ns:
+        if time_ns <= stamp_ns:
+            count += 1
+    return count
+
+
+def active_at(times_ns: Sequence[int], stamp_ns: int) -> bool:
+    """Return True if a controller is active: from the 1st time to the 2nd, from the 3rd on, ...
+
+    ``times_ns`` ascend; a state at one of the times belongs to the turn that begins there. Empty:
+    always active.
+    """
+    return len(times_ns) == 0 or turns_begun(times_ns, stamp_ns) % 2 == 1
+
+
+def turn(times_ns: Sequence[int], before_ns: int, stamp_ns: int) -> int:
+    """Return what the schedule asks for between two states: 1 to activate, -1 to deactivate, 0 nothing."""
+    if len(times_ns) == 0 or turns_begun(times_ns, before_ns) == turns_begun(times_ns, stamp_ns):
+        return 0
+    return 1 if active_at(times_ns, stamp_ns) else -1
+
+
 def decide(
-    memory: Memory,
+    state: ControllerState,
     reading: Reading,
-    setting: Setting,
+    settings: Settings,
     constants: Constants,
     update: Update,
-    take_over: TakeOver,
-) -> tuple[Memory, Answer]:
-    """Return the next memory and the answer to a state; ``update`` and ``take_over`` are the law's.
+    transfer: BumplessTransfer,
+) -> tuple[ControllerState, Output]:
+    """Return the next state and the answer to a reading; ``update`` and ``transfer`` are the law's.
 
     A stamp that goes backwards resets the controller, as time has restarted; so does one after a gap, as
     nothing is known of the time between.
     """
-    m, r, s = memory, reading, setting
-    wanted = turn(s.turns_ns, m.seen.stamp_ns, r.stamp_ns)
-    if wanted > 0:
-        m = activated(m, s.initial)
-    elif wanted < 0:
-        m = deactivated(m)
-    if not m.active:
-        m = followed(m, r.stamp_ns, r.position)
-        return m, Answer(False, m.state.effort, False, False, 0.0, s.no_terms)
-    if after_gap(m.seen, r.stamp_ns, s) or (m.begun and r.stamp_ns < m.updated_ns):
-        m = fresh_memory(True, m.seen, s.initial)
-    seen = Seen(r.stamp_ns, r.position)
-    if s.profile.kind == TOPIC and r.told:
+    c, r, s = state, reading, settings
+    change = turn(s.turns_ns, c.pace.seen.stamp_ns, r.stamp_ns)
+    if change > 0:
+        c = activated(c, s.initial)
+    elif change < 0:
+        c = deactivated(c)
+    active, begun, updated_ns, seen = c.pace
+    if not active:
+        c = followed(c, r.stamp_ns, r.position)
+        return c, Output(False, c.memory.effort, False, False, 0.0, s.no_terms)
+    if after_gap(seen, r.stamp_ns, s) or (begun and r.stamp_ns < updated_ns):
+        c = initial_state(True, seen, s.initial)
+        _, begun, updated_ns, _ = c.pace
+    if s.profile.kind == TOPIC and r.has_reference:
         reference = r.reference
     else:
         reference = reference_at(r.stamp_ns, s.profile)
-    if m.begun and r.stamp_ns - m.updated_ns < s.due_after_ns:
-        m = followed(m, r.stamp_ns, r.position)
-        return m, Answer(True, m.state.effort, False, False, reference, s.no_terms)
+    if begun and r.stamp_ns - updated_ns < s.due_after_ns:
+        c = followed(c, r.stamp_ns, r.position)
+        return c, Output(True, c.memory.effort, False, False, reference, s.no_terms)
+    memory = c.memory
+    pending, seen_before, transferring, effort = c.transfer
     step_ns = s.period_ns
-    if m.begun:
-        step_ns = r.stamp_ns - m.updated_ns
-    elif m.takes_over and r.stamp_ns > m.taken_from.stamp_ns:
-        step_ns = r.stamp_ns - m.taken_from.stamp_ns
+    if begun:
+        step_ns = r.stamp_ns - updated_ns
+    elif pending and r.stamp_ns > seen_before.stamp_ns:
+        step_ns = r.stamp_ns - seen_before.stamp_ns
     sample = Sample(reference, r.position, r.velocity, seconds(step_ns), r.hip)
-    state, moving, moved_to = m.state, m.moving, m.moved_to
-    if m.takes_over:
-        moving, moved_to = True, limited(r.effort, s.law)
-        state = take_over(s.initial, m.taken_from.position, sample, moved_to, constants, s.law)
-    law = handover_law(s.law, moved_to, s.handover_step) if moving else s.law
-    after, terms = update(state, sample, constants, law)
+    limits = s.limits
+    if pending:
+        transferring, effort = True, limited(r.effort, limits)
+        memory = transfer(s.initial, seen_before.position, sample, effort, constants, limits)
+    if transferring:
+        limits = transfer_limits(limits, effort, s.handover_step)
+    after, terms = update(memory, sample, constants, limits)
+    seen = Seen(r.stamp_ns, r.position)
     if terms.held:  # dt keeps counting from the last finite sample
-        m = Memory(
-            state,
-            m.sample,
-            True,
-            m.begun,
-            m.updated_ns,
-            seen,
-            m.takes_over,
-            m.taken_from,
-            moving,
-            moved_to,
+        c = ControllerState(
+            memory,
+            c.sample,
+            Pace(True, begun, updated_ns, seen),
+            Transfer(pending, seen_before, transferring, effort),
         )
-        return m, Answer(True, terms.effort, False, True, reference, terms)
-    if moving:  # lift the narrowed limits once they no longer change the command
-        moving = terms.effort != limited(terms.unsaturated, s.law)
-        moved_to = terms.effort
-    m = Memory(after, sample, True, True, r.stamp_ns, seen, False, _NEVER, moving, moved_to)
-    return m, Answer(True, terms.effort, True, False, reference, terms)
+        return c, Output(True, terms.effort, False, True, reference, terms)
+    transferred = c.transfer
+    if transferring:  # lift the narrowed limits once they no longer change the command
+        transferring = terms.effort != limited(terms.unsaturated, s.limits)
+        transferred = Transfer(False, _NO_TRANSFER.seen_before, transferring, terms.effort)
+    c = ControllerState(after, sample, Pace(True, True, r.stamp_ns, seen), transferred)
+    return c, Output(True, terms.effort, True, False, reference, terms)
 
 
-def state_record(answer: Answer, measurement: float) -> tuple[float, ...]:
+def state_record(output: Output, measurement: float) -> tuple[float, ...]:
     """Return the values of a ``~/state`` record, in the order of `Law.record_names`."""
-    return (answer.reference, measurement, *answer.terms[:-1])
+    return (output.reference, measurement, *output.terms[:-1])

@@ -1,15 +1,34 @@
-"""Fuzzy-PID: a PID whose gains are inferred at each sample from (e, e_dot).
+"""The law ``fuzzy_pid``: a PID whose gains are inferred at each sample from (e, e_dot).
 
-Pure: scalar functions of floats and named tuples, which CPython runs and numba compiles unchanged.
+Its functions are pure: CPython runs them and numba compiles them unchanged.
 """
 
 from __future__ import annotations
 
-from math import inf
+from dataclasses import dataclass
+from itertools import pairwise
+from math import inf, pi
 from typing import NamedTuple
 
-from .fuzzy import FuzzyRules, infer
-from .pid import Gains, PidLaw, PidState, Terms, combine, error_derivative, held, usable
+from trunk_msgs_util.parameters.declarations import ParameterError, parameter
+
+from . import rule_tables
+from .controller_config import ControllerConfig
+from .fuzzy import FuzzyCell, FuzzyRules, cell_at, infer, rules_of
+from .law import Lookup, Sample
+from .limits import Limits
+from .pid_family import (
+    Gains,
+    PidState,
+    Terms,
+    combine,
+    error_derivative,
+    held,
+    law_of_pid_family,
+    usable,
+)
+
+_EVEN_PEAKS = tuple(i / 3.0 for i in range(-3, 4))
 
 
 class GainBox(NamedTuple):
@@ -19,6 +38,129 @@ class GainBox(NamedTuple):
     p_max: float = 60.0  # N m/rad
     d_min: float = 9.6  # N m s/rad
     d_max: float = 18.0  # N m s/rad
+
+
+def _range_gain(name: str, default: float, description: str, unit: str) -> float:
+    gain: float = parameter(name, default, description, unit=unit, above=0.0, maximum=1e9)
+    return gain
+
+
+def _peaks(name: str, description: str) -> tuple[float, ...]:
+    peaks: tuple[float, ...] = parameter(
+        name, _EVEN_PEAKS, description, length=len(_EVEN_PEAKS), minimum=-1.0, maximum=1.0
+    )
+    return peaks
+
+
+def _table(name: str, default: tuple[str, ...], description: str) -> tuple[str, ...]:
+    row = f"one row for each label of e: {' '.join(rule_tables.INPUT_LABELS)}"
+    rows: tuple[str, ...] = parameter(name, default, description, length=len(default), each=row)
+    return rows
+
+
+@dataclass(frozen=True)
+class FuzzyPidConfig(ControllerConfig):
+    """Parameters of the ``fuzzy_pid`` node. The default ranges are the paper's eq. 16, corrected."""
+
+    p_min: float = _range_gain("gains.p_min", 32.0, "Kp where Kp' = 0: 0.32 Ku", "N m/rad")
+    p_max: float = _range_gain("gains.p_max", 60.0, "Kp where Kp' = 1: 0.60 Ku", "N m/rad")
+    d_min: float = _range_gain("gains.d_min", 9.6, "Kd where Kd' = 0: 0.08 Ku Tu", "N m s/rad")
+    d_max: float = _range_gain("gains.d_max", 18.0, "Kd where Kd' = 1: 0.15 Ku Tu", "N m s/rad")
+    error_range: float = parameter(
+        "fuzzy.error_range", pi / 2.0, "Universe of e: +- this", unit="rad", above=0.0, maximum=1e3
+    )
+    rate_range: float = parameter(
+        "fuzzy.rate_range", 5.0, "Universe of e_dot: +- this", unit="rad/s", above=0.0, maximum=1e5
+    )
+    error_peaks: tuple[float, ...] = _peaks(
+        "fuzzy.error_peaks",
+        "Peaks of e's triangles NB ... PB, as fractions of the universe, ascending",
+    )
+    rate_peaks: tuple[float, ...] = _peaks(
+        "fuzzy.rate_peaks",
+        "Peaks of e_dot's triangles NB ... PB, as fractions of the universe, ascending",
+    )
+    alpha_centers: tuple[float, ...] = parameter(
+        "fuzzy.alpha_centers",
+        (2.0, 3.0, 4.0, 5.0),
+        "Centres of alpha's labels S, MS, M, B",
+        length=4,
+        above=0.0,
+        maximum=1e6,
+    )
+    consequents: str = parameter(
+        "fuzzy.consequents",
+        "linear",
+        "Consequents of Kp' and Kd': their centres, or Zhao's logarithmic memberships",
+        choices=("linear", "log"),
+    )
+    rules_kp: tuple[str, ...] = _table(
+        "rules.kp", rule_tables.KP_AS_PRINTED, "Table 2: a row of labels S, B per label of e"
+    )
+    rules_kd: tuple[str, ...] = _table(
+        "rules.kd", rule_tables.KD_AS_PRINTED, "Table 3: a row of labels S, B per label of e"
+    )
+    rules_alpha: tuple[str, ...] = _table(
+        "rules.alpha",
+        rule_tables.ALPHA_AS_PRINTED,
+        "Table 4: a row of labels S, MS, M, B per label of e",
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for low, high, name in (
+            (self.p_min, self.p_max, "gains.p_max"),
+            (self.d_min, self.d_max, "gains.d_max"),
+        ):
+            if high < low:
+                raise ParameterError(name, high, f"at least {name.replace('max', 'min')} ({low:g})")
+        for peaks, name in (
+            (self.error_peaks, "fuzzy.error_peaks"),
+            (self.rate_peaks, "fuzzy.rate_peaks"),
+        ):
+            if any(b <= a for a, b in pairwise(peaks)):
+                raise ParameterError(name, peaks, "strictly increasing peaks")
+        for rows, name in (
+            (self.rules_kp, "rules.kp"),
+            (self.rules_kd, "rules.kd"),
+            (self.rules_alpha, "rules.alpha"),
+        ):
+            try:
+                rule_tables.centers(rows, self._centers_of(name))
+            except ValueError as error:
+                raise ParameterError(name, rows, str(error)) from None
+
+    def _centers_of(self, name: str) -> dict[str, float]:
+        if name == "rules.alpha":
+            return dict(zip(rule_tables.ALPHA_LABELS, self.alpha_centers, strict=True))
+        return dict(rule_tables.GAIN_CENTERS)
+
+    @property
+    def damping_gain(self) -> float:
+        """The largest Kd of the box."""
+        return self.d_max
+
+    @property
+    def box(self) -> GainBox:
+        """The ranges of Kp and Kd."""
+        return GainBox(self.p_min, self.p_max, self.d_min, self.d_max)
+
+    @property
+    def rules(self) -> FuzzyRules:
+        """The rule base, with its peaks in rad and rad/s."""
+        return FuzzyRules(
+            tuple(self.error_range * peak for peak in self.error_peaks),
+            tuple(self.rate_range * peak for peak in self.rate_peaks),
+            rule_tables.centers(self.rules_kp, self._centers_of("rules.kp")),
+            rule_tables.centers(self.rules_kd, self._centers_of("rules.kd")),
+            rule_tables.centers(self.rules_alpha, self._centers_of("rules.alpha")),
+            self.consequents == "log",
+        )
+
+    @property
+    def constants(self) -> tuple[FuzzyRules, GainBox]:
+        """The rules and the ranges."""
+        return self.rules, self.box
 
 
 def inferred_gains(
@@ -49,24 +191,54 @@ def inferred_gains(
 
 
 def fuzzy_pid_update(
-    state: PidState,
-    reference: float,
-    measurement: float,
-    rate: float,
-    dt: float,
-    rules: FuzzyRules,
-    box: GainBox,
-    law: PidLaw,
+    state: PidState, sample: Sample, constants: tuple[FuzzyRules, GainBox], limits: Limits
 ) -> tuple[PidState, Terms]:
-    """Return the next state and the terms of one Fuzzy-PID update.
+    """Return the next state and the terms of one Fuzzy-PID update; ``constants``: the rules and ranges.
 
     The gains are inferred at (e_k, D_k), with the derivative that the law uses, and applied to the same
     sample: ``u = Kp e + Ki I + Kd D`` with Ki outside the sum. Holds as `pid_update` does.
     """
+    rules, box = constants
+    reference, measurement, rate, dt, _ = sample
     error = reference - measurement
     if not usable(error, rate, dt):
         gains, alpha = inferred_gains(state.error, state.derivative, rules, box)
-        return held(state, gains, alpha, law)
-    derivative = error_derivative(state, error, measurement, rate, dt, law)
+        return held(state, gains, alpha, limits)
+    derivative = error_derivative(state, error, measurement, rate, dt, limits)
     gains, alpha = inferred_gains(error, derivative, rules, box)
-    return combine(state, error, measurement, derivative, dt, gains, alpha, law, 0.0)
+    return combine(state, error, measurement, derivative, dt, gains, alpha, limits, 0.0)
+
+
+def last_gains(state: PidState, sample: Sample, constants: tuple[FuzzyRules, GainBox]) -> Gains:
+    """Return the gains inferred at the last error and its rate."""
+    return inferred_gains(state.error, state.derivative, constants[0], constants[1])[0]
+
+
+def inputs(state: PidState, sample: Sample, limits: Limits) -> tuple[float, float]:
+    """Return the error and its derivative, the inputs of the rules."""
+    s = sample
+    error = s.reference - s.measurement
+    return error, error_derivative(state, error, s.measurement, s.rate, s.dt, limits)
+
+
+def cell(error: float, error_rate: float, constants: tuple[FuzzyRules, GainBox]) -> FuzzyCell:
+    """Return the four rules that fire."""
+    return cell_at(error, error_rate, constants[0])
+
+
+def near(
+    rules_near: FuzzyCell, constants: tuple[FuzzyRules, GainBox]
+) -> tuple[FuzzyRules, GainBox]:
+    """Return the constants with only these four rules."""
+    return rules_of(rules_near, constants[0]), constants[1]
+
+
+def describe(config: FuzzyPidConfig) -> str:
+    """Return a note if the rules are not the shipped ones, else nothing."""
+    return "custom rules" if config.rules != FuzzyPidConfig().rules else ""
+
+
+LOOKUP = Lookup(inputs, cell, near, FuzzyCell)
+LAW = law_of_pid_family(
+    "fuzzy_pid", "Fuzzy-PID", FuzzyPidConfig, fuzzy_pid_update, last_gains, describe, LOOKUP
+)

@@ -20,7 +20,7 @@ from trunk_msgs_util.text import printable
 
 from .controller import Controller
 from .decide import Reading
-from .fuzzy_pid_law import FuzzyPidConfig
+from .fuzzy_pid import FuzzyPidConfig
 from .inputs_node import Inputs
 
 NAME = "fuzzy_gains"
@@ -42,7 +42,7 @@ class GainsNode(Node):
     def __init__(self) -> None:
         """Declare and check the parameters. Raises ParameterError."""
         super().__init__(NAME, start_parameter_services=False)  # created with the parameters
-        self._parameters_set = NodeParameters(self, FuzzyPidConfig, self._retune)
+        self._parameters_set = NodeParameters(self, FuzzyPidConfig, self._reconfigure)
         config = self._parameters_set.config
         self._controller = Controller(config)
         self._counters: Counter[str] = Counter()
@@ -53,18 +53,18 @@ class GainsNode(Node):
         self._inputs = Inputs(config, self._refuse)
         self._inputs.follow(self, self._on_reading)
 
-    def _retune(self, old: FuzzyPidConfig, new: FuzzyPidConfig) -> None:
+    def _reconfigure(self, old: FuzzyPidConfig, new: FuzzyPidConfig) -> None:
         self._controller.reconfigure(new)
         self._inputs.reconfigure(new)
 
-    def _refuse(self, what: str, why: str) -> None:
-        self._counters[what] += 1
-        self._reasons[what] = why
+    def _refuse(self, kind: str, why: str) -> None:
+        self._counters[kind] += 1
+        self._reasons[kind] = why
 
     def _on_reading(self, reading: Reading) -> None:
-        answer = self._controller.decide(reading)
-        if answer.fresh:
-            terms = answer.terms
+        output = self._controller.decide(reading)
+        if output.updated:
+            terms = output.terms
             self._gains.publish(
                 Float64MultiArray(layout=_LAYOUT, data=[terms.kp, terms.ki, terms.kd])
             )
@@ -76,10 +76,10 @@ class GainsNode(Node):
         if self._counters.total() > self._warned and now > self._warn_after_s:
             self._warned, self._warn_after_s = self._counters.total(), now + _WARN_EVERY_S
             counts = self._counters.items()
-            lines = (f"{what} ({count}): {self._reasons[what]}" for what, count in counts)
+            lines = (f"{kind} ({count}): {self._reasons[kind]}" for kind, count in counts)
             self.get_logger().warning(printable("; ".join(lines)))
 
 
 def main() -> None:
-    """Publish gains until told to stop."""
+    """Publish gains until a signal ends it."""
     sys.exit(run_beside(GainsNode, GainsNode.turn, NAME))

@@ -28,7 +28,7 @@ class Inputs:
     """
 
     def __init__(self, config: ControllerConfig, refuse: Callable[[str, str], None]) -> None:
-        """``refuse`` is told of each message that is not used, and why."""
+        """``refuse(what, why)`` is called for each message that is not used."""
         self._config = config
         self._refuse = refuse
         self._places = JointPlaces(config.joint, config.hip)

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from typing import Any, NamedTuple, get_type_hints
 
-from .computed_torque import Hip
 from .controller_config import ControllerConfig
-from .pid import PidLaw
+from .limits import Limits
+
+
+class Hip(NamedTuple):
+    """The hip as measured: m, m/s."""
+
+    position: float = 0.0
+    velocity: float = 0.0
 
 
 class Sample(NamedTuple):
@@ -25,11 +31,11 @@ class Sample(NamedTuple):
 LawMemory = Any
 LawTerms = Any
 Constants = tuple[Any, ...]
-Update = Callable[[LawMemory, Sample, Constants, PidLaw], tuple[LawMemory, LawTerms]]
+Update = Callable[[LawMemory, Sample, Constants, Limits], tuple[LawMemory, LawTerms]]
 # (memory after a reset, angle of the last state seen [rad], sample, acting torque [N m], constants, limits)
-TakeOver = Callable[[LawMemory, float, Sample, float, Constants, PidLaw], LawMemory]
+BumplessTransfer = Callable[[LawMemory, float, Sample, float, Constants, Limits], LawMemory]
 # (memory, its last sample, constants before, constants after)
-Retune = Callable[[LawMemory, Sample, Constants, Constants], LawMemory]
+Reconfigure = Callable[[LawMemory, Sample, Constants, Constants], LawMemory]
 
 # The last fields of every law's terms, in this order.
 OUTCOME = ("unsaturated", "effort", "held")
@@ -43,7 +49,7 @@ class Lookup:
     same bits with ``near(cell, constants)`` as with all constants.
     """
 
-    inputs: Callable[[LawMemory, Sample, PidLaw], tuple[float, float]]
+    inputs: Callable[[LawMemory, Sample, Limits], tuple[float, float]]
     cell: Callable[[float, float, Constants], Any]  # from the inputs
     near: Callable[[Any, Constants], Constants]
     # A cell is a named tuple of floats. The first four are the lower and the upper bound of either input,
@@ -57,9 +63,9 @@ def from_scratch(
     sample: Sample,
     effort: float,
     constants: Constants,
-    limits: PidLaw,
+    limits: Limits,
 ) -> LawMemory:
-    """Return the memory of a law that takes over as after a reset; the handover bounds its steps."""
+    """Return the memory of a law that begins as after a reset; `transfer_limits` bounds its steps."""
     return initial
 
 
@@ -74,7 +80,7 @@ class Law:
 
     ``update(memory, sample, constants, limits)`` returns the next memory and the terms of one update.
     ``constants`` is the configuration's property of that name; ``limits`` has the limits of the command,
-    narrowed during a handover, and the configuration's derivative mode and anti-windup.
+    narrowed during a bumpless transfer, and the configuration's derivative mode and anti-windup.
 
     The memory is a named tuple with a field ``effort``, the last command in N m. The terms are a named
     tuple of floats that ends with ``unsaturated`` and ``effort`` [N m], and ``held``: True if the sample was
@@ -88,12 +94,18 @@ class Law:
     memory: LawMemory  # after a reset
     terms: type[Any]
     units: Mapping[str, str] = field(default_factory=dict)  # of the terms; empty for a ratio
-    take_over: TakeOver = from_scratch  # a moving plant, without a jump of the command
-    retune: Retune = unchanged  # to other constants, without a jump
+    transfer: BumplessTransfer = from_scratch  # of a moving plant, without a jump of the command
+    reconfigure: Reconfigure = unchanged  # to other constants, without a jump
     describe: Callable[[Any], str] | None = None  # what to add to the label about a configuration
     lookup: Lookup | None = None
+    # The former names of `transfer` and `reconfigure`, accepted for one more release.
+    take_over: InitVar[BumplessTransfer | None] = None
+    retune: InitVar[Reconfigure | None] = None
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, take_over: BumplessTransfer | None, retune: Reconfigure | None) -> None:
+        for name, function in (("transfer", take_over), ("reconfigure", retune)):
+            if function is not None:
+                object.__setattr__(self, name, function)
         if "effort" not in getattr(self.memory, "_fields", ()):
             raise TypeError(
                 f"memory = {self.memory!r}: a named tuple with a field 'effort' is needed, "

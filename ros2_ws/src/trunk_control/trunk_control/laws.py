@@ -29,11 +29,13 @@ class LawError(TrunkError):
 
 @cache
 def _registered() -> dict[str, list[EntryPoint]]:
-    found: dict[str, list[EntryPoint]] = {}
+    entries: dict[str, list[EntryPoint]] = {}
     for entry in entry_points(group=GROUP):
-        found.setdefault(entry.name, []).append(entry)
+        entries.setdefault(entry.name, []).append(entry)
     rank = {name: i for i, name in enumerate(_FIRST)}
-    return {name: found[name] for name in sorted(found, key=lambda n: (rank.get(n, len(rank)), n))}
+    return {
+        name: entries[name] for name in sorted(entries, key=lambda n: (rank.get(n, len(rank)), n))
+    }
 
 
 REGISTERED = tuple(_registered())
@@ -54,20 +56,24 @@ def law_named(name: str) -> Law:
 
     entries = sorted(_registered()[name], key=_package)  # a folder lists them in any order
     by = " and ".join(f"package {_package(entry)} ({entry.value})" for entry in entries)
-    what = f"controller {name!r} of {by}"
+    subject = f"controller {name!r} of {by}"
     if len(entries) > 1:
-        raise LawError(f"{what}: only one may have this name: uninstall or rename the other")
+        raise LawError(f"{subject}: only one may have this name: uninstall or rename the other")
     if not _NODE_NAME.fullmatch(name):
-        raise LawError(f"{what}: a node's name is needed: lowercase letters, digits, underscores")
+        raise LawError(
+            f"{subject}: a node's name is needed: lowercase letters, digits, underscores"
+        )
     try:
         law = entries[0].load()
     except (Exception, SystemExit) as error:  # another project's module may raise anything
         reason = " ".join(str(error).split())
-        raise LawError(f"{what} cannot be loaded: {type(error).__name__}: {reason}") from error
+        raise LawError(f"{subject} cannot be loaded: {type(error).__name__}: {reason}") from error
     if not isinstance(law, Law):
-        raise LawError(f"{what} is {type(law).__name__}: a trunk_control.law.Law is needed")
+        raise LawError(f"{subject} is {type(law).__name__}: a trunk_control.law.Law is needed")
     if law.name != name:
-        raise LawError(f"{what} calls itself {law.name!r}: entry point and law need the same name")
+        raise LawError(
+            f"{subject} calls itself {law.name!r}: entry point and law need the same name"
+        )
     return law
 
 

@@ -1,4 +1,4 @@
-"""LQR with integral action: state feedback on the trunk's error, plus the torque that holds the reference.
+"""The law ``lqr``: state feedback with integral action, plus the torque that holds the reference.
 
 Its structure is that of a PID with feed-forward; only the origin of the gains differs. With the hip's
 motion prescribed and the trunk upright, the plant is ``m l^2 theta'' = m g l theta + tau``; the gains
@@ -9,30 +9,87 @@ Pure: scalar functions of floats and named tuples, which CPython runs and numba 
 
 from __future__ import annotations
 
-from trunk_msgs_util.elementary import sin
+from dataclasses import dataclass
 
-from .pid import Gains, PidLaw, PidState, Terms, alpha_of, combine, error_derivative, held, usable
+from trunk_msgs_util.elementary import sin
+from trunk_msgs_util.mechanics import Body
+from trunk_msgs_util.parameters.declarations import parameter
+
+from .controller_config import ControllerConfig
+from .law import Sample
+from .limits import Limits
+from .pid_family import (
+    Gains,
+    PidState,
+    Terms,
+    alpha_of,
+    combine,
+    constant_gains,
+    error_derivative,
+    held,
+    law_of_pid_family,
+    usable,
+)
+
+_BODY = Body()
+
+
+@dataclass(frozen=True)
+class LqrConfig(ControllerConfig):
+    """Parameters of the ``lqr`` node.
+
+    The default gains are those of Table 5's trunk (``m l^2 = 0.5``, ``m g l = 4.905``) with the weights
+    I_0 = 0.1 rad s, e_0 = 6 deg, w_0 = 1 rad/s, u_0 = 5 N m, from the Riccati equation in continuous time.
+    """
+
+    p: float = parameter(
+        "gains.p", 61.7853, "Gain on the angle's error", unit="N m/rad", minimum=0.0, maximum=1e9
+    )
+    i: float = parameter(
+        "gains.i", 50.0, "Gain on its integral", unit="N m/(rad s)", minimum=0.0, maximum=1e9
+    )
+    d: float = parameter(
+        "gains.d", 9.31586, "Gain on its rate", unit="N m s/rad", minimum=0.0, maximum=1e9
+    )
+    gravity_torque: float = parameter(
+        "model.gravity_torque",
+        _BODY.trunk_mass * _BODY.gravity * _BODY.length,
+        "G = m g l of the torque -G sin(reference) that holds the trunk there; 0: no feed-forward",
+        unit="N m",
+        minimum=0.0,
+        maximum=1e9,
+    )
+
+    @property
+    def gains(self) -> Gains:
+        """The gains."""
+        return Gains(self.p, self.i, self.d)
+
+    @property
+    def constants(self) -> tuple[Gains, float]:
+        """The gains, and G."""
+        return self.gains, self.gravity_torque
+
+    @property
+    def damping_gain(self) -> float:
+        """The gain on the rate, N m s/rad."""
+        return self.d
 
 
 def lqr_update(
-    state: PidState,
-    reference: float,
-    measurement: float,
-    rate: float,
-    dt: float,
-    gains: Gains,
-    gravity_torque: float,
-    law: PidLaw,
+    state: PidState, sample: Sample, constants: tuple[Gains, float], limits: Limits
 ) -> tuple[PidState, Terms]:
     """Return the next state and the terms of ``u = kp e + ki I + kd D - G sin(reference)``.
 
-    ``gravity_torque`` G = m g l in N m: gravity's torque on a level trunk. The feed-forward is the
-    command minus the three terms. Holds as `pid_update` does.
+    ``constants``: the gains, and G = m g l in N m, gravity's torque on a level trunk. The feed-forward is
+    the command minus the three terms. Holds as `pid_update` does.
     """
+    gains, gravity_torque = constants
+    reference, measurement, rate, dt, _ = sample
     error = reference - measurement
     if not usable(error, rate, dt):
-        return held(state, gains, alpha_of(gains), law)
-    derivative = error_derivative(state, error, measurement, rate, dt, law)
+        return held(state, gains, alpha_of(gains), limits)
+    derivative = error_derivative(state, error, measurement, rate, dt, limits)
     return combine(
         state,
         error,
@@ -41,6 +98,9 @@ def lqr_update(
         dt,
         gains,
         alpha_of(gains),
-        law,
+        limits,
         -gravity_torque * sin(reference),
     )
+
+
+LAW = law_of_pid_family("lqr", "LQR", LqrConfig, lqr_update, constant_gains)

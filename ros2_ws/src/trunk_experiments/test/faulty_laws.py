@@ -269,7 +269,7 @@ def _from_nothing(memory: Memory, sample: Sample, before: Any, after: Any) -> Me
     return memory if before == after else Memory(-10.0, 0.0)
 
 
-@planted("retune", retune=_from_nothing)
+@planted("retune", reconfigure=_from_nothing)
 def jumps_at_new_parameters(memory, sample, constants, limits):
     return honest(memory, sample, constants, limits)
 
@@ -278,7 +278,7 @@ def _forgets(memory: Memory, sample: Sample, before: Any, after: Any) -> Memory:
     return Memory()
 
 
-@planted("retune", retune=_forgets)
+@planted("retune", reconfigure=_forgets)
 def forgets_at_new_parameters(memory, sample, constants, limits):
     return honest(memory, sample, constants, limits)
 

@@ -132,7 +132,7 @@ def half_rate():
 
 
 def test_a_controller_at_half_the_plants_rate_answers_every_second_state(half_rate):
-    fresh = [step.answer.fresh for step in steps(half_rate)]
+    fresh = [step.answer.updated for step in steps(half_rate)]
     assert fresh == [k % 2 == 0 for k in range(36)]
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from trunk_control.fuzzy import fired_rules
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_control.pid_law import PidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_control.pid import PidConfig
 from trunk_experiments.gateway.access import Rate, Site, Tokens, origin_of
 from trunk_experiments.gateway.board import Board
 from trunk_experiments.gateway.graph import Graph

@@ -10,9 +10,8 @@ from click.testing import CliRunner
 from scipy import signal
 from scipy.linalg import expm
 
-from trunk_control.lqr_law import LqrConfig
-from trunk_control.pid import Gains
-from trunk_control.pid_law import PidConfig
+from trunk_control.lqr import LqrConfig
+from trunk_control.pid import Gains, PidConfig
 from trunk_experiments.batch.closed_loop import Batch
 from trunk_experiments.cli import trunk
 from trunk_experiments.plans.plan import make_plan

@@ -141,7 +141,7 @@ def one_by_one(plan, path):
                 joint = plan.controllers[step.controller].joint
                 command = JointSample(step.stamp_ns, (joint,), effort=(step.answer.effort,))
                 self.put(topics.EFFORT_COMMAND, command)
-                if step.answer.fresh:
+                if step.answer.updated:
                     values = state_record(step.answer, step.measured.position[1])
                     names = law_named(step.controller).record_names
                     terms = JointSample(step.stamp_ns, names, position=values)

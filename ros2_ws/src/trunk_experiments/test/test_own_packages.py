@@ -45,7 +45,7 @@ def own_law(folder: Path, old: str = "", new: str = "") -> str:
     return law.replace(old, new)
 
 
-ONE_OF_OURS = "from trunk_control.pid_law import LAW\n"
+ONE_OF_OURS = "from trunk_control.pid import LAW\n"
 BAD = {
     "raises": (
         "mine = raises:LAW",

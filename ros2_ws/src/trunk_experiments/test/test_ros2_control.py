@@ -8,8 +8,8 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_control.pid_law import PidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_control.pid import PidConfig
 from trunk_experiments.plans.plan import make_plan
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import build, declarations

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from trunk_control.controller import Controller
-from trunk_control.pid_law import PidConfig
+from trunk_control.pid import PidConfig
 from trunk_experiments.plans.plan import make_plan
 from trunk_experiments.plans.timeline import Change, Timeline
 from trunk_experiments.replay.verify import VERIFIED, verify
@@ -36,7 +36,7 @@ def test_the_last_of_several_turns_between_two_states_holds():
     controller = Controller(timeline.config)
     timeline.advance(6, controller)
     assert controller.active
-    assert not controller.takes_over  # the reset came after
+    assert not controller.transfer_pending  # the reset came after
 
 
 def test_a_change_before_the_first_state_acts_on_it(tmp_path):

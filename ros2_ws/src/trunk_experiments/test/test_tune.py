@@ -8,8 +8,8 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_control.lqr_law import LqrConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_control.lqr import LqrConfig
 from trunk_experiments.cli import trunk
 from trunk_experiments.commands.tune import command
 from trunk_experiments.errors import PlanError, TuningError

@@ -35,10 +35,10 @@ class CountingLoop:
     def scheduling_delay_ns(self, topics, wall_ns):
         return self.held_up * wall_ns // 100 if topics else 0
 
-    def count(self, what, number=1):
+    def count(self, kind, number=1):
         assert isinstance(number, int)
         assert number != 0
-        self.counts[what] = self.counts.get(what, 0) + number
+        self.counts[kind] = self.counts.get(kind, 0) + number
 
     def refuse(self, kind, why):
         assert why

@@ -14,15 +14,15 @@ from trunk_msgs_util.mechanics import Body
 from trunk_sim.actuator import (
     STICKING,
     Actuator,
+    actuator_torque,
     approach_of,
-    driven,
     quantised,
     with_friction,
 )
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
-from trunk_sim.step import Plant, Scale, SensorParameters, Trunk, act, at_rest, sense
+from trunk_sim.step import Plant, PlantStatus, Scale, SensorParameters, act, at_rest, sense
 
 numbers = st.floats(-1e6, 1e6)
 QUIET = Disturbance()
@@ -30,17 +30,17 @@ QUIET = Disturbance()
 
 @given(numbers, numbers, st.floats(0.1, 1e6))
 def test_neutral_constants_change_no_bit(before, effort, limit):
-    plain = driven(before, effort, limit, None)
-    assert driven(before, effort, limit, Actuator()).hex() == plain.hex()
+    plain = actuator_torque(before, effort, limit, None)
+    assert actuator_torque(before, effort, limit, Actuator()).hex() == plain.hex()
     assert plain == min(max(effort, -limit), limit)
 
 
 @given(st.floats(-1e9, 1e9), st.floats(1e-6, 1e3))
 def test_quantising_gives_the_nearest_multiple(value, resolution):
-    found = quantised(value, resolution)
-    steps = round(found / resolution)
-    assert abs(Fraction(found) - Fraction(value)) <= Fraction(resolution) * Fraction(0.5000001)
-    assert found == resolution * steps
+    multiple = quantised(value, resolution)
+    steps = round(multiple / resolution)
+    assert abs(Fraction(multiple) - Fraction(value)) <= Fraction(resolution) * Fraction(0.5000001)
+    assert multiple == resolution * steps
 
 
 def test_nothing_is_quantised_where_doubles_end():
@@ -53,13 +53,13 @@ def test_nothing_is_quantised_where_doubles_end():
     ("effort", "made"), [(1.9, 0.0), (-2.0, 0.0), (2.5, 0.5), (-7.0, -5.0), (0.0, 0.0)]
 )
 def test_a_dead_band(effort, made):
-    assert driven(9.0, effort, inf, Actuator(dead_band=2.0)) == made
+    assert actuator_torque(9.0, effort, inf, Actuator(dead_band=2.0)) == made
 
 
 def test_the_order_is_as_documented():
     drive = Actuator(0.5, 3.0, 1.0, 2.0, 0.25, 0.0, 0.0)
     # 10 -> 9 (dead band) -> 10 (resolution) -> 10.25 (bias) -> 8 (limit) -> 1 + 3 (rate) -> half the way
-    assert driven(1.0, 10.0, 8.0, drive) == 2.5
+    assert actuator_torque(1.0, 10.0, 8.0, drive) == 2.5
 
 
 @given(st.floats(1e-4, 10.0), st.floats(1e-5, 1.0), st.integers(1, 50))
@@ -67,7 +67,7 @@ def test_a_lag_is_the_exponential_approach(time_constant, period, steps):
     drive = Actuator(approach=approach_of(time_constant, period))
     torque = 0.0
     for _ in range(steps):
-        torque = driven(torque, 10.0, inf, drive)
+        torque = actuator_torque(torque, 10.0, inf, drive)
     assert torque == pytest.approx(
         10.0 * (1.0 - exp(-steps * period / time_constant)), rel=1e-9, abs=1e-9
     )
@@ -77,7 +77,7 @@ def test_a_rate_limit_makes_a_ramp():
     drive = Actuator(step=0.5)
     torques = [0.0]
     for _ in range(10):
-        torques.append(driven(torques[-1], -3.0, inf, drive))
+        torques.append(actuator_torque(torques[-1], -3.0, inf, drive))
     assert torques == [-0.5 * k for k in range(7)] + [-3.0] * 4
 
 
@@ -94,11 +94,11 @@ def test_friction_takes_energy_from_a_swinging_trunk():
     start = at_rest(PlantState(0.0, 3.0, 0.0, 0.0), plant)
 
     def fastest(plant):
-        trunk, found = start, 0.0
+        trunk, fastest = start, 0.0
         for k in range(4000):
             trunk = act(trunk, 0.0, QUIET, plant)
-            found = max(found, abs(trunk.state.theta_dot)) if k > 2500 else found
-        return found
+            fastest = max(fastest, abs(trunk.state.theta_dot)) if k > 2500 else fastest
+        return fastest
 
     rubbing = plant._replace(actuator=Actuator(coulomb=0.2, viscous=0.1))
     assert fastest(rubbing) < 0.9 * fastest(plant)
@@ -106,7 +106,7 @@ def test_friction_takes_energy_from_a_swinging_trunk():
 
 def test_the_torque_of_a_drive_is_reported_and_moves_the_trunk():
     plant = Plant(Body(), 0.005, 1, inf, inf, Actuator(approach=0.25))
-    trunk = Trunk(PlantState(0.0, 0.0, 1.0, 0.0), 4.0, False, False)
+    trunk = PlantStatus(PlantState(0.0, 0.0, 1.0, 0.0), 4.0, False, False)
     after = act(trunk, 12.0, QUIET, plant)
     assert after.effort == 6.0
     alone = act(trunk, 6.0, QUIET, plant._replace(actuator=None))

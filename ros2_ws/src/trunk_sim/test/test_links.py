@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from trunk_msgs_util.parameters.declarations import ParameterError, build
 from trunk_sim.config import SimulatorConfig
-from trunk_sim.links import DRAWS, Link, most_late, pass_on, perfect, steps_late
+from trunk_sim.links import DRAWS, Link, most_late, perfect, simulate_link, steps_late
 from trunk_sim.traffic import InFlight, Network, Traffic, _compiled, _draw
 
 PERIOD = 5_000_000  # ns
@@ -63,35 +63,38 @@ links = st.builds(
 def test_the_message_in_use_is_that_of_a_plain_account(link, seed):
     traffic = Traffic(network(link, link, seed=seed))
     bits = _draw(seed, 1, 0, 120, DRAWS)
-    told, overtaken = account(bits, link)
-    assert traffic.all_told(120).tolist() == told
+    steps, overtaken = account(bits, link)
+    assert traffic.command_steps(120).tolist() == steps
     assert traffic.counts(120)["link.command"].endswith(f" {overtaken} overtaken")
-    assert [Traffic(network(link, link, seed=seed)).told(k) for k in (0, 119)] == [
-        traffic.told(0),
-        traffic.told(119),
+    assert [Traffic(network(link, link, seed=seed)).command_step(k) for k in (0, 119)] == [
+        traffic.command_step(0),
+        traffic.command_step(119),
     ]
     seen = np.maximum(account(_draw(seed, 0, 0, 120, DRAWS), link)[0], 0)
-    assert traffic.all_seen(120).tolist() == seen.tolist()
+    assert traffic.measurement_steps(120).tolist() == seen.tolist()
 
 
 @pytest.mark.slow
 @given(links, st.lists(st.integers(1, 900), max_size=4))
 def test_drawing_it_in_parts_changes_nothing(link, steps):
-    whole = Traffic(network(link, link, dropout=0.3)).all_seen(2000)
+    whole = Traffic(network(link, link, dropout=0.3)).measurement_steps(2000)
     parts = Traffic(network(link, link, dropout=0.3))
     for step in steps:
-        parts.seen(step)
-    assert parts.all_seen(2000).tolist() == whole.tolist()
+        parts.measurement_step(step)
+    assert parts.measurement_steps(2000).tolist() == whole.tolist()
 
 
 @pytest.mark.slow
 @given(links)
 def test_step_by_step_it_is_the_same_and_the_past_is_forgotten(link):
-    one = network(link, link, zero=True, dropout=0.3)
-    whole, stepwise = Traffic(one), Traffic(one, stepwise=True)
-    told, seen = whole.all_told(500), Traffic(one._replace(dropout=0.0)).all_seen(500)
+    noisy = network(link, link, zero=True, dropout=0.3)
+    whole, stepwise = Traffic(noisy), Traffic(noisy, stepwise=True)
+    commands, seen = (
+        whole.command_steps(500),
+        Traffic(noisy._replace(dropout=0.0)).measurement_steps(500),
+    )
     for k in range(500):
-        assert (stepwise.seen(k), stepwise.told(k)) == (seen[k], told[k])
+        assert (stepwise.measurement_step(k), stepwise.command_step(k)) == (seen[k], commands[k])
         stepwise.dropped(k)
     assert stepwise.counts(500) == whole.counts(500)
     assert len(stepwise._state._rows) < 100
@@ -104,11 +107,11 @@ def test_compiled_code_passes_on_the_same(link):
 
     def passed(function):
         memory, due = np.array([0, -1]), np.tile([-1, 0], (most_late(link, PERIOD) + 1, 1))
-        used, told = np.empty(300, np.int64), np.empty((300, 3), np.int64)
-        function(0, bits, link, PERIOD, memory, due, used, told)
-        return used.tolist(), told.tolist(), memory.tolist()
+        used, outcome = np.empty(300, np.int64), np.empty((300, 3), np.int64)
+        function(0, bits, link, PERIOD, memory, due, used, outcome)
+        return used.tolist(), outcome.tolist(), memory.tolist()
 
-    assert passed(_compiled()) == passed(pass_on)
+    assert passed(_compiled()) == passed(simulate_link)
 
 
 def within_three_sigma(count, share, of=STEPS):
@@ -119,19 +122,19 @@ def within_three_sigma(count, share, of=STEPS):
 def test_shares_are_those_declared(seed):
     link = Link(loss=0.1, duplicates=0.2)
     traffic = Traffic(network(link, link, dropout=0.05, seed=seed))
-    told = traffic.counts(STEPS)
-    for way in ("state", "command"):
-        sent, lost, late, doubled, overtaken = map(int, told[f"link.{way}"].split()[::2])
+    counts = traffic.counts(STEPS)
+    for link_name in ("state", "command"):
+        sent, lost, late, doubled, overtaken = map(int, counts[f"link.{link_name}"].split()[::2])
         assert (sent, late, overtaken) == (STEPS, 0, 0)
         assert within_three_sigma(lost, 0.8 * 0.1 + 0.2 * 0.1**2)
         assert within_three_sigma(doubled, 0.2)
-    assert within_three_sigma(int(told["sensor.dropout"]), 0.05)
+    assert within_three_sigma(int(counts["sensor.dropout"]), 0.05)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_bursts_are_as_frequent_and_as_long_as_declared(seed):
     link = Link(burst_begin=0.02, burst_end=0.25)
-    lost = np.diff(Traffic(network(command=link, seed=seed)).all_told(STEPS), prepend=-1) == 0
+    lost = np.diff(Traffic(network(command=link, seed=seed)).command_steps(STEPS), prepend=-1) == 0
     begins = np.flatnonzero(np.diff(lost.astype(int)) == 1)
     lengths = np.diff(np.flatnonzero(np.diff(lost.astype(int), prepend=0, append=0)))[::2]
     # Geometric with the mean 1/r; a burst begins in a share p r / (p + r) of the steps.
@@ -151,7 +154,7 @@ def test_bursts_are_as_frequent_and_as_long_as_declared(seed):
 def test_delays_are_those_declared(link, mean, sigma, seed):
     """In steps of a millisecond: each delay is rounded up to a whole number of them."""
     bits = _draw(seed, 0, 0, STEPS, DRAWS)[:, 2].tolist()
-    steps = np.array([steps_late(one, link, 1_000_000) for one in bits])
+    steps = np.array([steps_late(number, link, 1_000_000) for number in bits])
     expected = mean + (0.5 if sigma else 0.0)
     assert abs(steps.mean() - expected) <= 3.0 * sigma / sqrt(STEPS) + 1e-9
     if link.exponential:
@@ -159,22 +162,26 @@ def test_delays_are_those_declared(link, mean, sigma, seed):
 
 
 def test_links_seeds_and_ways_are_independent():
-    def lost(way, seed):
+    def lost(link_name, seed):
         link = Link(loss=0.5)
         traffic = Traffic(network(link, link, seed=seed))
-        used = traffic.all_seen(STEPS) if way == "state" else traffic.all_told(STEPS)
+        used = (
+            traffic.measurement_steps(STEPS)
+            if link_name == "state"
+            else traffic.command_steps(STEPS)
+        )
         return used == np.arange(STEPS)
 
-    some = [lost("state", 1), lost("command", 1), lost("state", 2)]
-    for i, one in enumerate(some):
-        for other in some[:i]:
-            assert within_three_sigma(int((one == other).sum()), 0.5)
+    losses = [lost("state", 1), lost("command", 1), lost("state", 2)]
+    for i, series in enumerate(losses):
+        for other in losses[:i]:
+            assert within_three_sigma(int((series == other).sum()), 0.5)
 
 
 def test_without_a_new_command_the_last_one_holds_or_none_acts():
     link = Link(loss=0.5)
-    held = Traffic(network(command=link)).all_told(200)
-    zero = Traffic(network(command=link, zero=True)).all_told(200)
+    held = Traffic(network(command=link)).command_steps(200)
+    zero = Traffic(network(command=link, zero=True)).command_steps(200)
     fresh = held == np.arange(200)
     assert (zero[fresh] == held[fresh]).all()
     assert (zero[~fresh] == -1).all()
@@ -186,7 +193,7 @@ def test_what_is_in_flight_is_what_was_sent(link, seed):
     traffic = Traffic(network(link, seed=seed))
     flight = InFlight(link, PERIOD)
     for k in range(200):
-        used = traffic.seen(k)
+        used = traffic.measurement_step(k)
         assert flight.send(k, 10 * k, used) == 10 * used
     assert len(flight._sent) <= most_late(link, PERIOD) + 2
 
@@ -194,8 +201,8 @@ def test_what_is_in_flight_is_what_was_sent(link, seed):
 def test_a_link_that_changes_nothing_is_none():
     assert perfect(Link(duplicates=0.5, burst_begin=0.5, burst_loss=0.0, latest=False))
     assert build(SimulatorConfig, {"link.state.duplicates": 0.5, "link.seed": 7}).network is None
-    found = build(SimulatorConfig, {"link.command.loss": 0.1, "link.command.missing": "zero"})
-    assert found.network == Network(Link(), Link(loss=0.1), True, 0.0, 1, PERIOD)
+    config = build(SimulatorConfig, {"link.command.loss": 0.1, "link.command.missing": "zero"})
+    assert config.network == Network(Link(), Link(loss=0.1), True, 0.0, 1, PERIOD)
     assert build(SimulatorConfig, {"sensor.dropout": 0.1}).network.dropout == 0.1
 
 

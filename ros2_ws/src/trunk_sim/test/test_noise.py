@@ -23,8 +23,8 @@ def pairs(seed, steps):
 def test_noise_is_a_function_of_its_seed_and_the_step():
     assert pairs(5, range(1500)) == pairs(5, range(1500))
     assert pairs(5, range(10)) != pairs(6, range(10))
-    some = [700, 3, 10**12, 511, 512, 3]
-    assert pairs(5, some) == [pairs(5, [step])[0] for step in some]
+    numbers = [700, 3, 10**12, 511, 512, 3]
+    assert pairs(5, numbers) == [pairs(5, [step])[0] for step in numbers]
 
 
 def test_many_at_once_are_those_of_each_step(monkeypatch):
@@ -41,13 +41,13 @@ def test_noise_of_seed_1_stays_what_it_is():
         17532960557476522086,
     ]
     expected = ["-0x1.4fdfbdbe1db44p-1", "0x1.fcec7e59179aep-5"]
-    assert [one.hex() for one in Noise(1).pair(0)] == expected
+    assert [sample.hex() for sample in Noise(1).pair(0)] == expected
 
 
 @pytest.mark.slow
 def test_the_inverse_distribution_is_exact_to_a_few_units_in_the_last_place():
-    some = random.Random(1)
-    cases = [some.getrandbits(53) >> some.randrange(0, 50) for _ in range(3000)]
+    rng = random.Random(1)
+    cases = [rng.getrandbits(53) >> rng.randrange(0, 50) for _ in range(3000)]
     with mpmath.workdps(40):
         for bits in [0, 1, MOST - 1, MOST, *cases]:
             p = (mpmath.mpf(bits >> 1) + 0.5) / 2**53
@@ -57,10 +57,8 @@ def test_the_inverse_distribution_is_exact_to_a_few_units_in_the_last_place():
 
 
 def test_the_distribution_rises_and_is_symmetric():
-    some = random.Random(2)
-    upper = sorted(
-        (some.getrandbits(52) >> some.randrange(0, 40) for _ in range(5000)), reverse=True
-    )
+    rng = random.Random(2)
+    upper = sorted((rng.getrandbits(52) >> rng.randrange(0, 40) for _ in range(5000)), reverse=True)
     values = [standard_normal(2 * m + 1) for m in upper]
     assert values == sorted(values)
     assert values == [-standard_normal(2 * m) for m in upper]
@@ -81,16 +79,16 @@ def test_kolmogorov_smirnov(many):
 @pytest.mark.parametrize("sigma", [1, 2, 3, 4, 4.5, 5])
 def test_as_many_samples_are_in_the_tails_as_there_should_be(many, sigma):
     expected = many.size * stats.norm.sf(sigma)
-    for found in (np.count_nonzero(many > sigma), np.count_nonzero(many < -sigma)):
+    for count in (np.count_nonzero(many > sigma), np.count_nonzero(many < -sigma)):
         low, high = stats.poisson.interval(0.9999, expected)
-        assert low <= found <= high
+        assert low <= count <= high
 
 
 def test_compiled_code_returns_the_same_bits():
     bits = np.concatenate(
         [random_bits(3, 0, 20_000), [[0, 1], [MOST - 1, MOST], [2, 3], [1000, 1001]]]
     )
-    slow, quick = np.empty(bits.shape), np.empty(bits.shape)
+    slow, by_compiled_code = np.empty(bits.shape), np.empty(bits.shape)
     fill(bits.reshape(-1), slow.reshape(-1))
-    noise._compiled_fill()(bits.reshape(-1), quick.reshape(-1))
-    assert slow.tobytes() == quick.tobytes()
+    noise._compiled_fill()(bits.reshape(-1), by_compiled_code.reshape(-1))
+    assert slow.tobytes() == by_compiled_code.tobytes()

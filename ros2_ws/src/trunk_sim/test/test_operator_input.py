@@ -7,14 +7,14 @@ from math import inf, nan
 import pytest
 
 from trunk_msgs_util.samples import JointSample
-from trunk_sim.answers import RefusedError
 from trunk_sim.disturbances import Disturbance
+from trunk_sim.inputs import RefusedError
 from trunk_sim.operator_input import (
     NOTHING,
     Applied,
     Operator,
     OperatorLimits,
-    asked_of,
+    request_of,
     with_operator,
 )
 
@@ -25,10 +25,10 @@ PUSH = Applied(0.0, 20.0)
 def test_a_push_is_limited_and_ends_when_no_request_comes():
     operator = Operator(LIMITS)
     assert operator.applied(0) == NOTHING
-    assert operator.told() is None
+    assert operator.new_request() is None
     operator.take("a", 0, Applied(-99.0, 99.0), 5)
-    assert operator.told() == Applied(-10.0, 50.0)
-    assert operator.told() is None
+    assert operator.new_request() == Applied(-10.0, 50.0)
+    assert operator.new_request() is None
     assert operator.applied(5) == operator.applied(105) == Applied(-10.0, 50.0)
     assert operator.applied(106) == NOTHING
 
@@ -67,19 +67,19 @@ def test_what_is_refused(name, stamp_ns, match):
 )
 def test_a_malformed_request(names, effort):
     with pytest.raises(RefusedError, match="malformed"):
-        asked_of(JointSample(0, names, effort=effort), ("hip", "trunk"))
+        request_of(JointSample(0, names, effort=effort), ("hip", "trunk"))
 
 
 @pytest.mark.parametrize("more", [{"position": (0.0, 0.0)}, {"velocity": (1.0,)}])
 def test_a_request_holds_efforts_only(more):
     with pytest.raises(RefusedError, match="malformed"):
-        asked_of(JointSample(0, ("hip", "trunk"), effort=(0.0, 1.0), **more), ("hip", "trunk"))
+        request_of(JointSample(0, ("hip", "trunk"), effort=(0.0, 1.0), **more), ("hip", "trunk"))
 
 
 @pytest.mark.parametrize("value", [nan, inf, -inf])
 def test_a_request_that_is_not_finite(value):
     with pytest.raises(RefusedError, match="not finite"):
-        asked_of(JointSample(0, ("hip", "trunk"), effort=(0.0, value)), ("hip", "trunk"))
+        request_of(JointSample(0, ("hip", "trunk"), effort=(0.0, value)), ("hip", "trunk"))
 
 
 def test_a_push_is_added_to_the_disturbance_and_no_push_changes_nothing():

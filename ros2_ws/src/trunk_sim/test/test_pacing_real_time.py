@@ -232,7 +232,7 @@ def test_a_strangers_command_without_a_states_stamp_acts_when_it_arrives(
     for k in (1, 2, 3):
         pacing.tick(1000 + k * H)
     pacing.command(stamp_ns, 5.0, 1)
-    assert pacing.in_force == (3 * H, 5.0, ARRIVAL)
+    assert pacing.command_in_use == (3 * H, 5.0, ARRIVAL)
     pacing.tick(1000 + 4 * H)
     assert loop.efforts == [1.0, 1.0, 1.0, 5.0]
     assert loop.counts == {counted: 1}
@@ -245,7 +245,7 @@ def test_a_strangers_first_command_stamped_0_answers_the_first_state(real_time):
     loop, pacing = real_time
     pacing.tick(1000 + H)
     pacing.command(0, 3.0, 1)
-    assert pacing.in_force == (0, 3.0, "")
+    assert pacing.command_in_use == (0, 3.0, "")
     assert loop.counts == {}
 
 
@@ -254,7 +254,7 @@ def test_a_stranger_may_answer_a_state_more_often_than_once(real_time):
     pacing.command(0, 3.0, 1)
     pacing.command(0, 4.0, 1)
     assert (
-        pacing.in_force.effort == 3.0
+        pacing.command_in_use.effort == 3.0
     )  # the record names a command by its stamp: the first counts
     assert loop.counts == {"repeated answers ignored": 1}
 
@@ -292,4 +292,4 @@ def test_an_answer_counts_for_more_than_what_arrived_in_its_state(real_time):
     pacing.tick(1000 + H)
     pacing.command(7 * H, 9.0, 1)
     pacing.command(H, 3.0, 1)
-    assert pacing.in_force == (H, 3.0, "")
+    assert pacing.command_in_use == (H, 3.0, "")

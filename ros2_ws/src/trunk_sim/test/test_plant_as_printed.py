@@ -11,8 +11,7 @@ import pytest
 from trunk_msgs_util.mechanics import Body
 from trunk_msgs_util.parameters.declarations import ParameterError, build
 from trunk_sim.config import SimulatorConfig
-from trunk_sim.integrator import advance
-from trunk_sim.plant import PlantState, accelerations, energy
+from trunk_sim.plant import PlantState, accelerations, advance, energy
 
 PRINTED = Body(as_printed=True)
 

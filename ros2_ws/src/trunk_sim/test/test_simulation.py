@@ -9,12 +9,11 @@ from math import inf, nan
 import pytest
 
 from trunk_msgs_util.parameters.declarations import ParameterError
-from trunk_sim import quick
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
-from trunk_sim.integrator import advance
-from trunk_sim.simulation import DivergedError, Simulation
-from trunk_sim.step import act, saturate
+from trunk_sim.plant import PlantState, advance
+from trunk_sim.simulation import DelayLine, DivergedError, Simulation, act_for
+from trunk_sim.step import SensorParameters, act, saturate, sense
 
 QUIET = Disturbance()
 
@@ -149,7 +148,7 @@ def test_retune_changes_the_plant_and_keeps_the_state():
 def trail(simulation):
     for k in range(300):
         simulation.step(0.5 * (k % 7) - 1.5, Disturbance(0.2, -0.1, 0.0, 0.0))
-        yield simulation.trunk
+        yield simulation.status
 
 
 @pytest.mark.parametrize(
@@ -159,8 +158,8 @@ def trail(simulation):
 )
 def test_a_long_run_steps_by_compiled_code_with_the_same_bits(values):
     short, long = SimulatorConfig(duration=1.0, **values), SimulatorConfig(duration=1e6, **values)
-    assert quick.act_for(short) is act
-    assert quick.act_for(long) is not act
+    assert act_for(short) is act
+    assert act_for(long) is not act
     assert list(trail(Simulation(long))) == list(trail(Simulation(short)))
 
 
@@ -180,16 +179,16 @@ def test_a_changed_path_compiles_nothing_again():
     compiled = simulation._act
     before = len(compiled.signatures)
     for config in (long, replace(long, sines=(0.1,)), replace(long, cosines=(0.1, 0.2)), long):
-        for one in (simulation, expected):
-            one.reconfigure(config)
-            one.step(0.3, QUIET)
+        for plant in (simulation, expected):
+            plant.reconfigure(config)
+            plant.step(0.3, QUIET)
         assert simulation.state == expected.state
     assert len(compiled.signatures) == before
 
 
 def test_a_long_run_without_numba_steps_by_cpython(monkeypatch):
     monkeypatch.setitem(sys.modules, "trunk_msgs_util.compiled", None)
-    assert quick.act_for(SimulatorConfig(duration=0.0)) is act
+    assert act_for(SimulatorConfig(duration=0.0)) is act
 
 
 @pytest.mark.slow
@@ -212,3 +211,38 @@ def test_angles_beyond_the_largest_are_named():
     simulation.step(0.0, QUIET)
     with pytest.raises(DivergedError, match="the largest angle whose sine is computed"):
         simulation.step(0.0, QUIET)
+
+
+STATE = PlantState(1.0, 0.25, 0.5, -2.0)
+
+
+def test_perfect_sensors_show_the_true_state():
+    assert sense(STATE, Disturbance(), 1.7, -0.4, SensorParameters()) == STATE
+
+
+def test_bias_and_noise_act_on_the_trunk():
+    parameters = SensorParameters(0.5, 0.25, 0.125, -1.0)
+    seen = sense(STATE, Disturbance(), 2.0, -4.0, parameters)
+    assert seen == (1.0, 0.25 + 0.125 + 0.5 * 2.0, 0.5, -2.0 - 1.0 + 0.25 * -4.0)
+
+
+def test_offsets_act_on_positions_only():
+    disturbance = Disturbance(hip_force=9.0, trunk_torque=9.0, hip_offset=0.5, trunk_offset=1.75)
+    seen = sense(STATE, disturbance, 0.0, 0.0, SensorParameters())
+    assert seen == (1.5, 2.0, 0.5, -2.0)
+
+
+@pytest.mark.parametrize("steps", [0, 1, 3])
+def test_delay_is_whole_steps(steps):
+    line = DelayLine(steps)
+    states = [PlantState(float(k), 0.0, 0.0, 0.0) for k in range(8)]
+    seen = [line.push(state) for state in states]
+    assert seen == [states[max(0, k - steps)] for k in range(8)]
+
+
+def test_a_cleared_delay_starts_afresh():
+    line = DelayLine(2)
+    line.push(STATE)
+    line.clear()
+    other = STATE._replace(x=5.0)
+    assert line.push(other) == other

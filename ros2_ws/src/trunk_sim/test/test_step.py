@@ -9,7 +9,7 @@ import pytest
 from trunk_msgs_util.mechanics import Body
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
-from trunk_sim.step import Plant, Trunk, act, at_rest
+from trunk_sim.step import Plant, PlantStatus, act, at_rest
 
 QUIET = Disturbance()
 LEANING = PlantState(0.0, 0.5, 0.0, 0.0)
@@ -23,20 +23,20 @@ def mirrored(state: PlantState, sign: float) -> PlantState:
 @pytest.mark.parametrize("sign", [1.0, -1.0], ids=["forward", "backward"])
 def test_at_rest_it_has_fallen_beyond_the_angle_and_not_at_it(sign):
     trunk = at_rest(mirrored(LEANING, sign), PLANT._replace(fall_angle=0.5))
-    assert trunk == Trunk(mirrored(LEANING, sign), 0.0, False, False)
+    assert trunk == PlantStatus(mirrored(LEANING, sign), 0.0, False, False)
     assert at_rest(mirrored(LEANING, sign), PLANT._replace(fall_angle=0.499)).fallen
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0], ids=["forward", "backward"])
 def test_a_step_beyond_the_angle_is_a_fall_and_one_up_to_it_is_not(sign):
-    before = Trunk(mirrored(LEANING, sign), 0.0, False, False)
+    before = PlantStatus(mirrored(LEANING, sign), 0.0, False, False)
     reached = abs(act(before, 0.0, QUIET, PLANT).state.theta)
     assert not act(before, 0.0, QUIET, PLANT._replace(fall_angle=reached)).fallen
     assert act(before, 0.0, QUIET, PLANT._replace(fall_angle=nextafter(reached, 0.0))).fallen
 
 
 def test_a_fallen_trunk_stays_fallen():
-    fallen = Trunk(PlantState(0.0, 0.0, 0.0, 0.0), 0.0, True, False)
+    fallen = PlantStatus(PlantState(0.0, 0.0, 0.0, 0.0), 0.0, True, False)
     assert act(fallen, 0.0, QUIET, PLANT).fallen
 
 
@@ -44,7 +44,7 @@ def test_a_fallen_trunk_stays_fallen():
 def test_one_number_that_is_not_finite_is_divergence(fallen):
     # b = torque / (m l^2) = 1e308: 6 b overflows in the rate's mean, b h nowhere in the angle's.
     body = Body(gravity=0.0, amplitude=0.0, prescribed=True)
-    before = Trunk(PlantState(0.0, 0.0, 1.0, 0.0), 7.0, fallen, False)
+    before = PlantStatus(PlantState(0.0, 0.0, 1.0, 0.0), 7.0, fallen, False)
     after = act(before, 5e307, QUIET, PLANT._replace(body=body))
     assert after == before._replace(diverged=True)
     assert isfinite(act(before, 1e307, QUIET, PLANT._replace(body=body)).state.theta_dot)

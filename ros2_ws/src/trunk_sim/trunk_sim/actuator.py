@@ -48,7 +48,7 @@ def quantised(value: float, resolution: float) -> float:
     return value
 
 
-def driven(before: float, effort: float, limit: float, a: Actuator | None) -> float:
+def actuator_torque(before: float, effort: float, limit: float, a: Actuator | None) -> float:
     """Return the drive's torque over a period, N m, after ``before`` and with a command, both N m.
 
     Without constants it is the command within its limit; otherwise, in this order, skipping neutral steps::

@@ -234,12 +234,12 @@ class SimulatorConfig(ManagedConfig):
                 "not empty or hip.mode not passive: the paper prints no other case",
             )
 
-        for way in ("state", "command"):
-            late = most_late(_link_of(self, way), self.period_ns)
+        for link in ("state", "command"):
+            late = most_late(_link_of(self, link), self.period_ns)
             if late > MOST_LATE:
                 raise ParameterError(
-                    f"link.{way}.jitter",
-                    getattr(self, f"{way}_jitter"),
+                    f"link.{link}.jitter",
+                    getattr(self, f"{link}_jitter"),
                     f"at most {MOST_LATE} steps late with the delay at this update_rate, not {late}",
                 )
 
@@ -277,7 +277,7 @@ class SimulatorConfig(ManagedConfig):
     def actuator(self) -> Actuator | None:
         """The actuator's constants for a period; None if they change nothing."""
         period = seconds(self.period_ns)
-        found = Actuator(
+        actuator = Actuator(
             approach_of(self.actuator_time_constant, period),
             self.actuator_rate_limit * period,
             self.actuator_dead_band,
@@ -286,7 +286,7 @@ class SimulatorConfig(ManagedConfig):
             self.coulomb_friction,
             self.viscous_friction,
         )
-        return None if found == Actuator() else found
+        return None if actuator == Actuator() else actuator
 
     @property
     def initial_state(self) -> PlantState:
@@ -326,11 +326,11 @@ class SimulatorConfig(ManagedConfig):
         return Network(state, command, zero, self.dropout, self.link_seed, self.period_ns)
 
 
-def _link_of(config: SimulatorConfig, way: str) -> Link:
+def _link_of(config: SimulatorConfig, link: str) -> Link:
     """Return the link whose fields begin with "state" or "command"."""
 
     def value(name: str) -> Any:
-        return getattr(config, f"{way}_{name}")
+        return getattr(config, f"{link}_{name}")
 
     return Link(
         value("delay"),

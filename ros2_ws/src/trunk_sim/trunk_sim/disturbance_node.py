@@ -28,8 +28,8 @@ class DisturbanceNode(AheadNode[DisturbanceConfig]):
 
     def sample_at(self, stamp_ns: int) -> JointSample:
         """Return what acts in the state with this stamp."""
-        acting = disturbance_at(stamp_ns, self._signals)
-        return disturbance_sample(stamp_ns, self.config.joints, acting)
+        disturbance = disturbance_at(stamp_ns, self._signals)
+        return disturbance_sample(stamp_ns, self.config.joints, disturbance)
 
 
 main = main_for(DisturbanceNode, "disturbance")

@@ -108,13 +108,15 @@ def disturbance_at(t_ns: int, s: Signals) -> Disturbance:
     return Disturbance(hip_force, trunk_torque, hip_offset, trunk_offset)
 
 
-def disturbance_sample(stamp_ns: int, joints: tuple[str, ...], acting: Disturbance) -> JointSample:
+def disturbance_sample(
+    stamp_ns: int, joints: tuple[str, ...], disturbance: Disturbance
+) -> JointSample:
     """Return the message of what acts at a stamp: per joint, effort and offset on the position."""
     return JointSample(
         stamp_ns,
         joints,
-        position=(acting.hip_offset, acting.trunk_offset),
-        effort=(acting.hip_force, acting.trunk_torque),
+        position=(disturbance.hip_offset, disturbance.trunk_offset),
+        effort=(disturbance.hip_force, disturbance.trunk_torque),
     )
 
 
@@ -132,7 +134,7 @@ def noise_components(
     drawn = _uniform(2 * count, seed)
     width = (high - low) / count
     frequencies = tuple(low + width * (i + drawn[i]) for i in range(count))
-    phases = tuple(2.0 * pi * one for one in drawn[count:])
+    phases = tuple(2.0 * pi * number for number in drawn[count:])
     return rms * sqrt(2.0 / count), frequencies, phases
 
 

@@ -129,11 +129,11 @@ LINK: dict[str, tuple[Any, str, dict[str, Any]]] = {
 }
 
 
-def link_parameter(way: str, name: str) -> Any:
+def link_parameter(link: str, name: str) -> Any:
     """Return the declaration of a link's parameter; ``way``: "state", to the controller, or "command"."""
     default, description, limits = LINK[name]
-    to = "measured states" if way == "state" else "commands"
-    return parameter(f"link.{way}.{name}", default, f"{description} (link of the {to})", **limits)
+    to = "measured states" if link == "state" else "commands"
+    return parameter(f"link.{link}.{name}", default, f"{description} (link of the {to})", **limits)
 
 
 def hardware_parameter(name: str) -> Any:

@@ -1,7 +1,7 @@
 """A network link: which messages it delays, loses, duplicates and reorders.
 
-One message is sent in each step of the plant. `pass_on` says, step by step, which of them the receiver uses;
-that depends on the link's constants, the seed and the step alone, not on the messages' content.
+One message is sent in each step of the plant. `simulate_link` says, step by step, which of them the receiver
+uses; that depends on the link's constants, the seed and the step alone, not on the messages' content.
 
 Pure: functions of numbers, named tuples and arrays, which CPython runs and numba compiles unchanged.
 """
@@ -70,7 +70,7 @@ def chance(bits: int, probability: float) -> bool:
     return float(bits) * _UNIT < probability
 
 
-def pass_on(
+def simulate_link(
     first: int,
     bits: Integers,
     link: Link,
@@ -78,9 +78,9 @@ def pass_on(
     memory: Integers,
     due: Integers,
     used: Integers,
-    told: Integers,
+    outcome: Integers,
 ) -> None:
-    """Pass on the messages of N steps from ``first`` on.
+    """Simulate a link: pass on the messages of N steps from ``first`` on.
 
     Bursts follow the two-state Gilbert-Elliott chain: each step may enter or leave the state in which
     messages are lost with ``burst_loss``; then the step's message is sent. A copy of it, if there is one,
@@ -88,11 +88,12 @@ def pass_on(
 
     Of the messages that arrive at a step the receiver takes the newest; with ``latest``, only if it is
     newer than the one in use. ``bits`` [N, `DRAWS`] are random. ``used`` [N] gets the number of the
-    message in use in each step, -1 before any. ``told`` [N, 3] gets what became of the step's message
-    (bits), how many messages were overtaken in the step, and 1 where one was taken.
+    message in use in each step, -1 before any. ``outcome`` [N, 3] gets what became of the step's message
+    (bits), how many messages were reordered in the step (a newer one came before or with them), and 1
+    where one was taken.
 
     ``memory`` [2] (1 in a burst; the message in use) and ``due`` [L, 2], with L above `most_late` (the newest
-    message due in a step, -1 for none; how many it has overtaken), go on from call to call. Sources:
+    message due in a step, -1 for none; how many it has passed), go on from call to call. Sources:
     E. N. Gilbert, Capacity of a burst-noise channel, Bell Syst. Tech. J. 39 (1960); E. O. Elliott, Estimates
     of error rates for codes on burst-noise channels, Bell Syst. Tech. J. 42 (1963).
     """
@@ -119,13 +120,13 @@ def pass_on(
         if fate & LOST:
             fate &= ~LATE
         here = k % len(due)
-        arrived, overtaken = due[here, 0], due[here, 1]
+        arrived, reordered = due[here, 0], due[here, 1]
         due[here, 0], due[here, 1] = -1, 0
         taken = 0
         if arrived >= 0:
             if arrived < memory[1]:
-                overtaken += 1
+                reordered += 1
             if arrived > memory[1] or not link.latest:
                 taken, memory[1] = 1, arrived
         used[row] = memory[1]
-        told[row, 0], told[row, 1], told[row, 2] = fate, overtaken, taken
+        outcome[row, 0], outcome[row, 1], outcome[row, 2] = fate, reordered, taken

@@ -43,8 +43,8 @@ def noise_samples(seed: int, steps: int, first: int = 0) -> NDArray[np.float64]:
     """Return the samples of ``steps`` steps from ``first`` on [steps, 2], for position and velocity."""
     bits = random_bits(seed, first, steps)
     samples = np.empty(bits.shape)
-    quick = fill if bits.size < _WORTH_COMPILING else _compiled_fill()
-    quick(bits.reshape(-1), samples.reshape(-1))
+    fill_rows = fill if bits.size < _WORTH_COMPILING else _compiled_fill()
+    fill_rows(bits.reshape(-1), samples.reshape(-1))
     return samples
 
 

@@ -13,8 +13,8 @@ from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.text import quoted_names
 from trunk_msgs_util.units import seconds
 
-from .answers import RefusedError
 from .disturbances import Disturbance
+from .inputs import RefusedError
 
 _LONGEST_NAME = 64
 
@@ -36,31 +36,31 @@ class OperatorLimits(NamedTuple):
     trunk_torque: float  # N m
     timeout_ns: int
 
-    def apply(self, asked: Applied, since_ns: int, now_ns: int) -> Applied:
+    def apply(self, request: Applied, since_ns: int, now_ns: int) -> Applied:
         """Return what a request taken at ``since_ns`` applies at ``now_ns``: nothing after the timeout."""
-        return asked if now_ns - since_ns <= self.timeout_ns else NOTHING
+        return request if now_ns - since_ns <= self.timeout_ns else NOTHING
 
-    def clip(self, asked: Applied) -> Applied:
+    def clip(self, request: Applied) -> Applied:
         """Return the request with each value clamped to +- its limit."""
         return Applied(
-            max(-self.hip_force, min(asked.hip_force, self.hip_force)),
-            max(-self.trunk_torque, min(asked.trunk_torque, self.trunk_torque)),
+            max(-self.hip_force, min(request.hip_force, self.hip_force)),
+            max(-self.trunk_torque, min(request.trunk_torque, self.trunk_torque)),
         )
 
 
-def with_operator(acting: Disturbance, applied: Applied) -> Disturbance:
+def with_operator(disturbance: Disturbance, applied: Applied) -> Disturbance:
     """Return the disturbance with the operator's force and torque added; as it is where those are 0."""
     if applied.hip_force == 0.0 and applied.trunk_torque == 0.0:
-        return acting
+        return disturbance
     return Disturbance(
-        acting.hip_force + applied.hip_force,
-        acting.trunk_torque + applied.trunk_torque,
-        acting.hip_offset,
-        acting.trunk_offset,
+        disturbance.hip_force + applied.hip_force,
+        disturbance.trunk_torque + applied.trunk_torque,
+        disturbance.hip_offset,
+        disturbance.trunk_offset,
     )
 
 
-def asked_of(sample: JointSample, joints: tuple[str, ...]) -> Applied:
+def request_of(sample: JointSample, joints: tuple[str, ...]) -> Applied:
     """Return what a message asks for: an effort for each joint. Raises RefusedError."""
     if sample.name != joints or len(sample.effort) != 2 or sample.position or sample.velocity:
         raise RefusedError(
@@ -82,10 +82,10 @@ class Operator:
         self._limits = limits
         self._name = ""
         self._stamp_ns = self._since_ns = -1
-        self._asked = NOTHING
+        self._request = NOTHING
         self._new = False
 
-    def take(self, name: str, stamp_ns: int, asked: Applied, now_ns: int) -> None:
+    def take(self, name: str, stamp_ns: int, request: Applied, now_ns: int) -> None:
         """Take a request made on seeing the state with this stamp.
 
         Raises RefusedError for one without a name, from another operator, from the future, or older than
@@ -114,13 +114,13 @@ class Operator:
                 f"t = {seconds(stamp_ns):g} s comes after t = {seconds(self._stamp_ns):g} s",
             )
         self._name, self._stamp_ns, self._since_ns = name, stamp_ns, now_ns
-        self._asked, self._new = self._limits.clip(asked), True
+        self._request, self._new = self._limits.clip(request), True
 
-    def told(self) -> Applied | None:
+    def new_request(self) -> Applied | None:
         """Return the last accepted request if it is new since the last call."""
         new, self._new = self._new, False
-        return self._asked if new else None
+        return self._request if new else None
 
     def applied(self, now_ns: int) -> Applied:
         """Return what acts on the step from this stamp on; nothing if the operator has gone silent."""
-        return self._limits.apply(self._asked, self._since_ns, now_ns)
+        return self._limits.apply(self._request, self._since_ns, now_ns)

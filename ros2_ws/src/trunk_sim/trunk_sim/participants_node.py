@@ -10,11 +10,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from trunk_msgs_util import topics
+from trunk_msgs_util.events import Event
 from trunk_msgs_util.node import discovery, qos
 from trunk_msgs_util.node.adaptive import AdaptiveSubscription
 from trunk_msgs_util.node.base import TrunkNode
 from trunk_msgs_util.node.strangers import Sender, Senders
 from trunk_msgs_util.source import process_of
+from trunk_msgs_util.text import printable
 
 from .config import SimulatorConfig
 from .participants import Participants
@@ -47,6 +49,8 @@ class GraphParticipants(Participants):
         )
         self._node = node
         self._answers = answers
+        self._strangers: dict[str, Sender] = {}  # who publish commands, by GUID
+        self._senders_seen = -1
         self._strange_since_s: float | None = None  # monotonic clock
         self._heard_since_s = -math.inf
         self._senders = Senders(
@@ -120,6 +124,32 @@ class GraphParticipants(Participants):
             and sender.name not in ours
             and not sender.name.endswith(topics.UNKNOWN_NODE)
         ]
+
+    def look_for_strangers(self) -> None:
+        """Record which nodes of somebody else's publish commands, and which no longer do."""
+        commands = self._answers[topics.EFFORT_COMMAND]
+        count = commands.get_publisher_count()
+        if count == self._senders_seen:
+            return
+        self._senders_seen = count
+        now = {sender.guid: sender for sender in self.strange_senders()}
+        before, self._strangers = self._strangers, now
+        for word, change, senders in (
+            (
+                Event.CONNECTED,
+                "publishes",
+                {guid: now[guid] for guid in now.keys() - before.keys()},
+            ),
+            (
+                Event.DISCONNECTED,
+                "is gone from",
+                {guid: before[guid] for guid in before.keys() - now.keys()},
+            ),
+        ):
+            for sender in senders.values():
+                line = f"{sender.label} {change} {commands.topic_name}"
+                self._node.get_logger().info(printable(line))
+                self._node.event(word, node=sender.name, middleware=sender.middleware)
 
     def _reporting(self, topic: str) -> set[str]:
         return discovery.reporting(self._node, self._answering(topic))

@@ -7,7 +7,6 @@ import time
 from collections.abc import Sequence
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from trunk_msgs_util import topics
@@ -20,20 +19,16 @@ from trunk_msgs_util.node.conversions import (
     WireReader,
     sample_from_ros,
     sample_to_wire,
-    stamp_to_ros,
 )
-from trunk_msgs_util.node.strangers import Sender
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.source import local_pid, source_in
-from trunk_msgs_util.text import printable
 from trunk_msgs_util.units import nanoseconds, seconds, step_count
 
-from .answers import RefusedError, disturbance_of, effort_of
 from .config import SimulatorConfig
-from .disturbance_feed import DisturbanceFeed
-from .inputs_node import PlantInputs
-from .operator_input import NOTHING, Applied, Operator, asked_of, with_operator
-from .pacing import make_pacing, tick_period
+from .inputs import DisturbanceFeed, RefusedError, disturbance_of, effort_of
+from .lockstep import make_pacing, tick_period
+from .operator_input import NOTHING, Applied, Operator, request_of, with_operator
+from .outputs_node import PlantOutputs
 from .participants_node import GraphParticipants
 from .simulation import DivergedError, Simulation
 
@@ -58,25 +53,16 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._running = False
         self._started = time.monotonic()
         self._disturbances = DisturbanceFeed(config.period_ns)
-        self._inputs: PlantInputs | None = None  # in real time
         self._referred = False  # has a reference arrived?
         limits = config.operator_limits
         self._operator = None if limits is None else Operator(limits)
         self._held_up = SchedulingDelay()
         self._diagnosed = (time.monotonic(), 0)
-        self._strangers: dict[str, Sender] = {}  # by GUID
-        self._senders_seen = -1
         self._pacing = make_pacing(self, config)
         self.unfinished = ""
 
     def _create_topics(self, config: SimulatorConfig) -> None:
-        self._truth = self.create_replayable(topics.GROUND_TRUTH)
-        self._measured = self.create_replayable(topics.JOINT_STATES)
-        if not config.lockstep:
-            self._inputs = PlantInputs(self.create_replayable(topics.PLANT_INPUTS, live=False))
-        self._clock_topic = (
-            self.create_publisher(Clock, "/clock", qos.clock()) if config.publish_clock else None
-        )
+        self._outputs = PlantOutputs(self, config)
         self._commands = AdaptiveSubscription(
             self,
             topics.EFFORT_COMMAND,
@@ -118,7 +104,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         """Publish the measured state 0 and step from here on; the true state 0 is already published."""
         self._running = True
         self._started = time.monotonic()
-        self._look_at_strangers()
+        self._participants.look_for_strangers()
         self.event(Event.STARTED, rate=self.config.update_rate)
         self._publish_measured()
         self._say_fall()
@@ -128,27 +114,9 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._pacing.begin(time.monotonic_ns())
 
     def _every_second(self) -> None:
-        if self._running and self._commands.get_publisher_count() != self._senders_seen:
-            self._look_at_strangers()
+        if self._running:
+            self._participants.look_for_strangers()
         super()._every_second()
-
-    def _look_at_strangers(self) -> None:
-        """Record which nodes of somebody else's publish commands, and which no longer do."""
-        self._senders_seen = self._commands.get_publisher_count()
-        now = {sender.guid: sender for sender in self._participants.strange_senders()}
-        before, self._strangers = self._strangers, now
-        for guid in now.keys() - before.keys():
-            sender = self._named(now[guid])
-            self.event(Event.CONNECTED, node=sender.name, middleware=sender.middleware)
-        for guid in before.keys() - now.keys():
-            sender = self._named(before[guid])
-            self.event(Event.DISCONNECTED, node=sender.name, middleware=sender.middleware)
-
-    def _named(self, sender: Sender) -> Sender:
-        """Say in the log whether a sender has come or gone, and return it."""
-        state = "publishes" if sender.guid in self._strangers else "is gone from"
-        self.get_logger().info(printable(f"{sender.label} {state} {self._commands.topic_name}"))
-        return sender
 
     def _only_one_controller(self) -> bool:
         rivals = self._participants.rivals()
@@ -186,28 +154,28 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         """Step with this effort and publish the new state; a plant that diverges ends the run."""
         if self.exit_code is not None:
             return  # the same tick has more steps to make up, but the run is over
-        stamp_ns, command = self.stamp_ns, self._pacing.in_force
-        disturbed = self._disturbances.in_force
-        acting = with_operator(disturbed.disturbance, self._pushed())
+        stamp_ns, command = self.stamp_ns, self._pacing.command_in_use
+        disturbed = self._disturbances.in_use
+        total = with_operator(disturbed.disturbance, self._pushed())
         try:
-            self._simulation.step(effort, acting)
+            self._simulation.step(effort, total)
         except DivergedError as error:
             self.fail(str(error))
             return
         self._publish_measured()
-        self._publish_truth()
-        if self._inputs is not None:  # the controller waits for the state, nobody for this
-            self._inputs.publish(self.source, stamp_ns, command, disturbed)
+        self._outputs.truth(self._simulation.truth())
+        # The controller waits for the state, nobody for this.
+        self._outputs.inputs(stamp_ns, command, disturbed)
         self._say_fall()
 
     def _pushed(self) -> Applied:
         """Return what the operator applies over the step from the current state; publish a new request."""
         if self._operator is None:
             return NOTHING
-        taken = self._operator.told()
-        if taken is not None:
-            sample = JointSample(self.stamp_ns, self.config.joints, effort=taken)
-            self._pushes.publish(self._wire(sample))
+        request = self._operator.new_request()
+        if request is not None:
+            sample = JointSample(self.stamp_ns, self.config.joints, effort=request)
+            self._pushes.publish(sample_to_wire(sample, self.source))
         return self._operator.applied(self.stamp_ns)
 
     def finish(self) -> None:
@@ -219,7 +187,7 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._say_finished(Event.FINISHED, "the trunk has fallen" if fell else "finished")
         wall = time.monotonic() - self._started
         steps = self._simulation.step_index
-        counts = "".join(f", {count} {what}" for what, count in self.counters.items() if count)
+        counts = "".join(f", {count} {kind}" for kind, count in self.counters.items() if count)
         self.get_logger().info(f"finished: {steps} steps in {wall:.6f} s of wall time{counts}")
         self.exit_code = 0
 
@@ -231,10 +199,10 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         self._say_counts()
         super().fail(reason, states=self._simulation.step_index + 1, **values)
 
-    def count(self, what: str, number: int = 1) -> None:
+    def count(self, kind: str, number: int = 1) -> None:
         """Count something for diagnostics; doubled answers may mean a second controller."""
-        self.counters[what] += number
-        if what in _DOUBLED and self._running and self.exit_code is None:
+        self.counters[kind] += number
+        if kind in _DOUBLED and self._running and self.exit_code is None:
             self._only_one_controller()
 
     def participant(self, topic: str) -> str:
@@ -246,8 +214,8 @@ class PlantNode(TrunkNode[SimulatorConfig]):
 
         A process on another machine cannot be observed: it is taken as having run.
         """
-        told = {process for topic in topics for process in self._participants.processes(topic)}
-        pids = {os.getpid(), *filter(None, map(local_pid, told))} if topics else set()
+        processes = {process for topic in topics for process in self._participants.processes(topic)}
+        pids = {os.getpid(), *filter(None, map(local_pid, processes))} if topics else set()
         return self._held_up.between(pids, wall_ns)
 
     def _tick(self) -> None:
@@ -261,25 +229,12 @@ class PlantNode(TrunkNode[SimulatorConfig]):
         timeout_ns = None if config.lockstep else nanoseconds(config.command_timeout)
         if self._disturbances.advance(now, timeout_ns):
             self.count("steps without a fresh disturbance")
-        self._publish_clock()
-        self._measured.publish(self._wire(simulation.measure(self._disturbances.acting)))
-
-    def _wire(self, sample: JointSample) -> bytes:
-        return sample_to_wire(sample, self.source)
-
-    def _publish_clock(self) -> None:
-        """Publish the time before any message stamped with it: no node sees a state from the future."""
-        if self._clock_topic is not None:
-            self._clock_topic.publish(Clock(clock=stamp_to_ros(self._simulation.stamp_ns)))
-
-    def _publish_truth(self) -> None:
-        self._truth.publish(self._wire(self._simulation.truth()))
+        self._outputs.clock(now)
+        self._outputs.measured(simulation.measure(self._disturbances.disturbance))
 
     def _publish_last_inputs(self) -> None:
         """Publish what acts in the last state, too: no step follows that would do so."""
-        if self._inputs is not None:
-            command, disturbed = self._pacing.in_force, self._disturbances.in_force
-            self._inputs.publish(self.source, self.stamp_ns, command, disturbed)
+        self._outputs.inputs(self.stamp_ns, self._pacing.command_in_use, self._disturbances.in_use)
 
     def _say_fall(self) -> None:
         if self._simulation.falls_now:
@@ -355,9 +310,9 @@ class PlantNode(TrunkNode[SimulatorConfig]):
             return
         name, sample = message.header.frame_id, sample_from_ros(message)
         try:
-            asked = asked_of(sample, self.config.joints)
+            request = request_of(sample, self.config.joints)
             # Without a stamp, as from `ros2 topic pub`, it is for the latest state.
-            self._operator.take(name, sample.stamp_ns or self.stamp_ns, asked, self.stamp_ns)
+            self._operator.take(name, sample.stamp_ns or self.stamp_ns, request, self.stamp_ns)
         except RefusedError as refused:
             self.refuse(str(refused), refused.why)
 

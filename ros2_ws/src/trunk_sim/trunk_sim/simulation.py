@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable
 from typing import ClassVar
 
+from trunk_msgs_util.compilable import with_arrays
 from trunk_msgs_util.elementary import LARGEST_ANGLE
 from trunk_msgs_util.errors import EXIT_FAILED, TrunkError
 from trunk_msgs_util.samples import JointSample
 from trunk_msgs_util.units import seconds
 
+from .actuator import Actuator
 from .config import SimulatorConfig
 from .disturbances import Disturbance
 from .noise import Noise
 from .plant import PlantState
-from .quick import Act, act_for, plant_for
-from .sensors import DelayLine
-from .step import Measurement, Plant, Trunk, at_rest, noisy, sense, torque_of
+from .step import Measurement, Plant, PlantStatus, act, at_rest, noisy, sense, torque_of
 from .traffic import InFlight, Network, Traffic
 
-Seen = tuple[Measurement, float]  # a reading, and the torque over the step before it, N m
+Act = Callable[[PlantStatus, float, Disturbance, Plant], PlantStatus]
+
+# Runge-Kutta steps. Loading compiled code takes 0.7 s, and compiling it, once for each version, some seconds.
+WORTH_COMPILING = 40_000  # a loop, which saves some ten microseconds in each
+WORTH_A_STEP = 150_000  # a single step, which saves four
+ENDLESS_S = 600.0  # how long an endless run counts as
+MeasuredStep = tuple[Measurement, float]  # a reading, and the torque over the step before it, N m
 
 
 class DivergedError(TrunkError, ArithmeticError):
@@ -27,9 +35,9 @@ class DivergedError(TrunkError, ArithmeticError):
     exit_code: ClassVar[int] = EXIT_FAILED
 
 
-def diverged(stamp_ns: int, trunk: Trunk, effort: float, plant: Plant) -> DivergedError:
-    """Return the error for a step of the trunk, with this command [N m], that is not finite."""
-    state, torque = trunk.state, torque_of(trunk.effort, effort, plant)
+def diverged(stamp_ns: int, status: PlantStatus, effort: float, plant: Plant) -> DivergedError:
+    """Return the error for a step of the plant, with this command [N m], that is not finite."""
+    state, torque = status.state, torque_of(status.effort, effort, plant)
     if max(abs(state.x * plant.body.wavenumber), abs(state.theta)) > 0.9 * LARGEST_ANGLE:
         return DivergedError(
             f"the step after t = {seconds(stamp_ns):g} s turns the trunk, or the path's phase, "
@@ -42,6 +50,63 @@ def diverged(stamp_ns: int, trunk: Trunk, effort: float, plant: Plant) -> Diverg
     )
 
 
+def worth_compiling(config: SimulatorConfig, first: int = 0) -> bool:
+    """Return True for a run that is long enough to make up for loading a loop's compiled code.
+
+    ``first``: the index of the state that it goes on from.
+    """
+    return _steps(config) - first * config.substeps >= WORTH_COMPILING
+
+
+def act_for(config: SimulatorConfig, loaded: bool = False) -> Act:
+    """Return `act` for a run with this configuration, ready to use: compiled if that is faster and possible.
+
+    Both return the same bits. ``loaded``: the compiler is already loaded for something else.
+    """
+    if _steps(config) < (WORTH_COMPILING if loaded else WORTH_A_STEP):
+        return act
+    try:
+        from trunk_msgs_util.compiled import ready
+    except ImportError:  # numba is optional
+        return act
+    start = at_rest(config.initial_state, config.plant)
+    return ready(act, start, 0.0, Disturbance(), _with_array(config.plant))
+
+
+def _steps(config: SimulatorConfig) -> float:
+    return (config.duration or ENDLESS_S) * config.update_rate * config.substeps
+
+
+def plant_for(function: Act, plant: Plant) -> Plant:
+    """Return the plant as this function takes it: unchanged for `act`, with arrays if compiled."""
+    return plant if function is act else _with_array(plant)
+
+
+def _with_array(plant: Plant) -> Plant:
+    """Return a plant whose harmonics are an array, empty if there are none, and that has an actuator.
+
+    Its type never changes, so nothing is recompiled when a running simulator's path or actuator changes.
+    """
+    body = plant.body._replace(harmonics=plant.body.harmonics or ())
+    return with_arrays(plant._replace(body=body, actuator=plant.actuator or Actuator()))
+
+
+class DelayLine:
+    """The true state a whole number of steps ago; until there are that many, the oldest known one."""
+
+    def __init__(self, steps: int) -> None:
+        self._line: deque[PlantState] = deque(maxlen=steps + 1)
+
+    def push(self, state: PlantState) -> PlantState:
+        """Append the latest state and return the delayed one."""
+        self._line.append(state)
+        return self._line[0]
+
+    def clear(self) -> None:
+        """Forget the past."""
+        self._line.clear()
+
+
 class Simulation:
     """Keeps what `sense` and `act` need from one step to the next. Stamp k is k times the period.
 
@@ -50,7 +115,7 @@ class Simulation:
     """
 
     def __init__(self, config: SimulatorConfig, act: Act | None = None) -> None:
-        """``act`` is `step.act`, or its compiled twin; by default whichever is quicker for this run."""
+        """``act`` is `step.act`, or its compiled twin; by default the faster for this run."""
         self.step_index = 0
         self._act = act or act_for(config)
         self._noise = Noise(config.seed)
@@ -68,13 +133,13 @@ class Simulation:
         self._period_ns = config.period_ns
 
     def _begin(self) -> None:
-        self.trunk: Trunk = at_rest(self.config.initial_state, self._plant)
-        self.falls_now = self.trunk.fallen  # the trunk fell in this state
+        self.status: PlantStatus = at_rest(self.config.initial_state, self._plant)
+        self.falls_now = self.status.fallen  # the trunk fell in this state
 
     @property
     def state(self) -> PlantState:
         """The true state."""
-        return self.trunk.state
+        return self.status.state
 
     @property
     def stamp_ns(self) -> int:
@@ -83,21 +148,21 @@ class Simulation:
 
     def truth(self) -> JointSample:
         """Return the true state; its effort is the torque applied over the previous step."""
-        x, theta, x_dot, theta_dot = self.trunk.state
-        return self._sample(x, theta, x_dot, theta_dot, self.trunk.effort)
+        x, theta, x_dot, theta_dot = self.status.state
+        return self._sample(x, theta, x_dot, theta_dot, self.status.effort)
 
     def measure(self, disturbance: Disturbance) -> JointSample:
         """Return the reading that reaches the controller, with its link's delays and losses.
 
         The sensors see the state with delay, bias, noise and the disturbance's offsets.
         """
-        delayed = self._delay.push(self.trunk.state)
+        delayed = self._delay.push(self.status.state)
         noise = self._noise.pair(self.step_index) if self._noisy else (0.0, 0.0)
-        seen = sense(delayed, disturbance, *noise, self._sensor)
-        effort = self.trunk.effort
+        measured = sense(delayed, disturbance, *noise, self._sensor)
+        effort = self.status.effort
         if self._wire is not None:
-            seen, effort = self._wire.read(self.step_index, (seen, effort))
-        return self._sample(*seen, effort)
+            measured, effort = self._wire.read(self.step_index, (measured, effort))
+        return self._sample(*measured, effort)
 
     def _sample(
         self, x: float, theta: float, x_dot: float, theta_dot: float, effort: float
@@ -117,17 +182,17 @@ class Simulation:
         """
         if self._wire is not None:
             effort = self._wire.command(self.step_index, effort)
-        after = self._act(self.trunk, effort, disturbance, self._plant)
+        after = self._act(self.status, effort, disturbance, self._plant)
         if after.diverged:
-            raise diverged(self.stamp_ns, self.trunk, effort, self._plant)
-        self.falls_now = after.fallen and not self.trunk.fallen
-        self.trunk = after
+            raise diverged(self.stamp_ns, self.status, effort, self._plant)
+        self.falls_now = after.fallen and not self.status.fallen
+        self.status = after
         self.step_index += 1
 
     @property
     def ended_by_fall(self) -> bool:
         """True if the run is to end because the trunk has fallen."""
-        return self.config.fall_stop and self.trunk.fallen
+        return self.config.fall_stop and self.status.fallen
 
     def link_counts(self) -> dict[str, str]:
         """Return what became of the messages of all states so far, in words; empty without links."""
@@ -147,18 +212,18 @@ class _Wire:
 
     def __init__(self, network: Network) -> None:
         self.traffic = Traffic(network, stepwise=True)
-        self._readings: InFlight[Seen] = InFlight(network.state, network.period_ns)
+        self._readings: InFlight[MeasuredStep] = InFlight(network.state, network.period_ns)
         self._commands: InFlight[float] = InFlight(network.command, network.period_ns)
-        self._held: Seen
+        self._held: MeasuredStep
 
-    def read(self, k: int, seen: Seen) -> Seen:
+    def read(self, k: int, measured: MeasuredStep) -> MeasuredStep:
         """Send the reading of step k, and return the one in use at that step."""
         if not self.traffic.dropped(k):
-            self._held = seen
-        return self._readings.send(k, self._held, self.traffic.seen(k))
+            self._held = measured
+        return self._readings.send(k, self._held, self.traffic.measurement_step(k))
 
     def command(self, k: int, effort: float) -> float:
         """Send the command of step k, N m, and return the one in use at that step, 0 for none."""
-        used = self.traffic.told(k)
+        used = self.traffic.command_step(k)
         acts = self._commands.send(k, effort, used if used >= 0 else k)
         return acts if used >= 0 else 0.0

@@ -78,8 +78,8 @@ class SimulatorNode(PlantNode):
         if not missing and self.may_be_second():
             return
         if not missing and not self._truth_published:
-            self._publish_clock()
-            self._publish_truth()
+            self._outputs.clock(self._simulation.stamp_ns)
+            self._outputs.truth(self._simulation.truth())
             self._truth_published = True
         # The first measurement carries its disturbance too, and follows its reference.
         ahead = {topics.DISTURBANCE: bool(self._disturbances), topics.REFERENCE: self._referred}

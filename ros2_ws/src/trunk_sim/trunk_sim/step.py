@@ -14,10 +14,9 @@ from typing import Any, NamedTuple
 from trunk_msgs_util.compilable import with_arrays
 from trunk_msgs_util.mechanics import Body
 
-from .actuator import Actuator, driven, quantised, saturate, with_friction
+from .actuator import Actuator, actuator_torque, quantised, saturate, with_friction
 from .disturbances import Disturbance
-from .integrator import advance
-from .plant import PlantState
+from .plant import PlantState, advance
 
 
 class Scale(NamedTuple):
@@ -64,8 +63,8 @@ def pruned(plant: Plant) -> Plant:
     )
 
 
-class Trunk(NamedTuple):
-    """The trunk between two steps."""
+class PlantStatus(NamedTuple):
+    """The plant between two steps."""
 
     state: PlantState
     effort: float  # N m, applied over the previous step
@@ -82,7 +81,7 @@ class Measurement(NamedTuple):
     theta_dot: float
 
 
-def in_force(effort: float, age_ns: int, timeout_ns: int) -> float:
+def timely_effort(effort: float, age_ns: int, timeout_ns: int) -> float:
     """Return the torque of the latest command, N m, ``age_ns`` after its state: 0 once it is too old."""
     return 0.0 if too_old(age_ns, timeout_ns) else effort
 
@@ -92,14 +91,14 @@ def too_old(age_ns: int, timeout_ns: int) -> bool:
     return age_ns > timeout_ns
 
 
-def at_rest(state: PlantState, plant: Plant) -> Trunk:
-    """Return the trunk in a state before any torque: at the start, or after a reset."""
-    return Trunk(state, 0.0, beyond_fall(state, plant), False)
+def at_rest(state: PlantState, plant: Plant) -> PlantStatus:
+    """Return the plant in a state before any torque: at the start, or after a reset."""
+    return PlantStatus(state, 0.0, beyond_fall(state, plant), False)
 
 
 def torque_of(before: float, effort: float, plant: Plant) -> float:
     """Return the actuator's torque over a period, N m, after ``before`` and with a command, both N m."""
-    return driven(before, effort, plant.max_effort, plant.actuator)
+    return actuator_torque(before, effort, plant.max_effort, plant.actuator)
 
 
 def noisy(p: SensorParameters) -> bool:
@@ -140,12 +139,12 @@ def as_read(theta: float, theta_dot: float, scale: Scale | None) -> tuple[float,
     return saturate(theta, scale.position_limit), saturate(theta_dot, scale.velocity_limit)
 
 
-def act(trunk: Trunk, effort: float, disturbance: Disturbance, plant: Plant) -> Trunk:
-    """Return the trunk one period later, the commanded effort [N m] passed through the actuator.
+def act(status: PlantStatus, effort: float, disturbance: Disturbance, plant: Plant) -> PlantStatus:
+    """Return the plant one period later, the commanded effort [N m] passed through the actuator.
 
     If the new state is not finite, the old one stays and is marked ``diverged``.
     """
-    return moved(trunk, torque_of(trunk.effort, effort, plant), disturbance, plant)
+    return integrate(status, torque_of(status.effort, effort, plant), disturbance, plant)
 
 
 def torque_on(state: PlantState, torque: float, disturbance: Disturbance, plant: Plant) -> float:
@@ -153,19 +152,21 @@ def torque_on(state: PlantState, torque: float, disturbance: Disturbance, plant:
     return with_friction(torque + disturbance.trunk_torque, state.theta_dot, plant.actuator)
 
 
-def moved(trunk: Trunk, torque: float, disturbance: Disturbance, plant: Plant) -> Trunk:
-    """Return the trunk one period later, with the actuator's torque [N m] held over it; as `act` does."""
+def integrate(
+    status: PlantStatus, torque: float, disturbance: Disturbance, plant: Plant
+) -> PlantStatus:
+    """Return the plant one period later, with the actuator's torque [N m] held over it; as `act` does."""
     state = advance(
-        trunk.state,
+        status.state,
         disturbance.hip_force,
-        torque_on(trunk.state, torque, disturbance, plant),
+        torque_on(status.state, torque, disturbance, plant),
         plant.period,
         plant.substeps,
         plant.body,
     )
     if not finite(state):
-        return Trunk(trunk.state, trunk.effort, trunk.fallen, True)
-    return Trunk(state, torque, trunk.fallen or beyond_fall(state, plant), False)
+        return PlantStatus(status.state, status.effort, status.fallen, True)
+    return PlantStatus(state, torque, status.fallen or beyond_fall(state, plant), False)
 
 
 def finite(state: PlantState) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 
 from trunk_msgs_util.recording.joint_arrays import Integers
 
-from .links import DOUBLED, DRAWS, LATE, LOST, Link, most_late, pass_on
+from .links import DOUBLED, DRAWS, LATE, LOST, Link, most_late, simulate_link
 
 # Streams of random integers of one seed.
 _STATE, _COMMAND, _DROPOUT = range(3)
@@ -39,6 +39,10 @@ class Network(NamedTuple):
     period_ns: int
 
 
+# Of the counts below, as events carry them.
+_WORDS = ("sent", "lost", "late", "doubled", "overtaken")
+
+
 class Counts(NamedTuple):
     """What became of a link's messages in a run."""
 
@@ -46,11 +50,11 @@ class Counts(NamedTuple):
     lost: int
     late: int  # arrived, but not in the step in which they were sent
     doubled: int
-    overtaken: int  # a newer one arrived before or with them
+    reordered: int  # a newer one arrived before or with them
 
     def describe(self) -> str:
         """Return the counts as an event carries them."""
-        return ", ".join(f"{count} {name}" for name, count in self._asdict().items())
+        return ", ".join(f"{count} {word}" for word, count in zip(_WORDS, self, strict=True))
 
 
 class Traffic:
@@ -69,23 +73,23 @@ class Traffic:
         """Return True if the reading of step k fails, and the one before it holds. The first never fails."""
         return bool(self._failures.at(k))
 
-    def seen(self, k: int) -> int:
+    def measurement_step(self, k: int) -> int:
         """Return the step whose reading is in use in step k; 0 until one has arrived."""
         return max(int(self._state.at(k)[_USED]), 0)
 
-    def told(self, k: int) -> int:
+    def command_step(self, k: int) -> int:
         """Return the step whose command is in use in step k; -1 for none: no torque."""
         row = self._command.at(k)
         return -1 if self.network.zero and not row[_TAKEN] else int(row[_USED])
 
-    def all_seen(self, steps: int) -> Integers:
-        """Return the step whose reading is seen in each of ``steps`` steps [N], drop-outs included."""
+    def measurement_steps(self, steps: int) -> Integers:
+        """Return the step whose reading is in use in each of ``steps`` steps [N], drop-outs included."""
         numbers = np.arange(steps)
         held = np.maximum.accumulate(np.where(self._failures.rows(steps), 0, numbers))
-        seen: Integers = held[np.maximum(self._state.rows(steps)[:, _USED], 0)]
-        return seen
+        steps_in_use: Integers = held[np.maximum(self._state.rows(steps)[:, _USED], 0)]
+        return steps_in_use
 
-    def all_told(self, steps: int) -> Integers:
+    def command_steps(self, steps: int) -> Integers:
         """Return the step whose command is in use in each of ``steps`` steps [N]."""
         rows = self._command.rows(steps)
         if self.network.zero:
@@ -125,18 +129,18 @@ class InFlight(Generic[Value]):
 class _Drawn(ABC):
     """A row of numbers for each step, drawn in blocks; of forgotten rows, the sums remain."""
 
-    def __init__(self, stepwise: bool, told: int) -> None:
+    def __init__(self, stepwise: bool, sums: int) -> None:
         self._stepwise = stepwise
         self._first = 0  # step of the first row that is kept
         self._rows: Integers = self._more(0, 0)
-        self._past: Integers = np.zeros(told, np.int64)
+        self._past: Integers = np.zeros(sums, np.int64)
 
     @abstractmethod
     def _more(self, first: int, steps: int) -> Integers:
         """Return the rows of ``steps`` more steps, from ``first`` on."""
 
     @abstractmethod
-    def _told(self, rows: Integers) -> Integers:
+    def _sums_of(self, rows: Integers) -> Integers:
         """Return the sums that these rows add."""
 
     def at(self, k: int) -> Integers:
@@ -153,14 +157,14 @@ class _Drawn(ABC):
     def sums(self, steps: int) -> Integers:
         """Return the sums over the first ``steps`` steps."""
         self._reach(steps)
-        return self._past + self._told(self._rows[: steps - self._first])
+        return self._past + self._sums_of(self._rows[: steps - self._first])
 
     def _reach(self, steps: int) -> None:
         end = self._first + len(self._rows)
         if steps <= end:
             return
         if self._stepwise:
-            self._past = self._past + self._told(self._rows)
+            self._past = self._past + self._sums_of(self._rows)
             self._first, self._rows = end, self._more(end, max(steps - end, _AT_ONCE))
         else:
             more = max(steps - end, min(max(end, _BLOCK), _MOST))
@@ -180,12 +184,12 @@ class _Failures(_Drawn):
         failed[: max(1 - first, 0)] = 0
         return failed
 
-    def _told(self, rows: Integers) -> Integers:
+    def _sums_of(self, rows: Integers) -> Integers:
         return np.array([np.count_nonzero(rows)])
 
 
-# Columns of a link's rows: the message in use, and what `pass_on` puts in ``told``.
-_USED, _FATE, _OVERTAKEN, _TAKEN = range(4)
+# Columns of a link's rows: the message in use, and what `simulate_link` puts in ``outcome``.
+_USED, _FATE, _REORDERED, _TAKEN = range(4)
 
 
 class _LinkTraffic(_Drawn):
@@ -202,15 +206,15 @@ class _LinkTraffic(_Drawn):
     def _more(self, first: int, steps: int) -> Integers:
         bits = _draw(self._seed, self._stream, first, steps, DRAWS)
         rows = np.empty((steps, 4), np.int64)
-        used, told = rows[:, _USED], rows[:, _FATE:]
-        quick = pass_on if steps < _WORTH_COMPILING else _compiled()
-        quick(first, bits, self._link, self._period_ns, self._memory, self._due, used, told)
+        used, outcome = rows[:, _USED], rows[:, _FATE:]
+        simulate = simulate_link if steps < _WORTH_COMPILING else _compiled()
+        simulate(first, bits, self._link, self._period_ns, self._memory, self._due, used, outcome)
         return rows
 
-    def _told(self, rows: Integers) -> Integers:
+    def _sums_of(self, rows: Integers) -> Integers:
         fates = rows[:, _FATE]
-        found = [np.count_nonzero(fates & bit) for bit in (LOST, LATE, DOUBLED)]
-        return np.array([*found, sum(rows[:, _OVERTAKEN].tolist())])
+        counts = [np.count_nonzero(fates & bit) for bit in (LOST, LATE, DOUBLED)]
+        return np.array([*counts, sum(rows[:, _REORDERED].tolist())])
 
     def counts(self, steps: int) -> Counts:
         """Return what became of the messages of the first ``steps`` steps."""
@@ -230,9 +234,9 @@ def _compiled() -> Callable[..., None]:
     try:
         from trunk_msgs_util.compiled import ready
     except ImportError:  # numba is optional
-        return pass_on
+        return simulate_link
     none = np.zeros((0, DRAWS), np.int64)
     due = np.array([[-1, 0]])
     rows = np.empty((0, 4), np.int64)
     memory = np.array([0, -1])
-    return ready(pass_on, 0, none, Link(), 1, memory, due, rows[:, _USED], rows[:, _FATE:])
+    return ready(simulate_link, 0, none, Link(), 1, memory, due, rows[:, _USED], rows[:, _FATE:])

@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trunk_control.controller import hip_index, setting_of
+from trunk_control.controller import hip_index, settings_of
 from trunk_control.laws import law_named, law_of
-from trunk_control.pid import PidState, limited
+from trunk_control.limits import limited
+from trunk_control.pid_family import PidState
 from trunk_control.reference import ReferenceProfile
 from trunk_msgs_util.compilable import with_arrays
 from trunk_msgs_util.compiled import compiled
@@ -109,14 +110,14 @@ def regular_run(plan: RunPlan) -> Regular | None:
     config = plan.controller
     if type(law_of(config).memory) is not PidState:  # the lanes only have rows for this type
         return None
-    setting, hip = setting_of(config), hip_index(config, simulator.joints)
-    if simulator.period_ns > setting.gap_ns:  # every state would start afresh
+    settings, hip = settings_of(config), hip_index(config, simulator.joints)
+    if simulator.period_ns > settings.gap_ns:  # every state would start afresh
         return None
-    every = max(1, -(-setting.due_after_ns // simulator.period_ns))
+    every = max(1, -(-settings.due_after_ns // simulator.period_ns))
     common = Common(
         simulator.plant,
         simulator.sensor,
-        setting.law,
+        settings.limits,
         config.constants,
         -1 if hip is None else hip,
         states,
@@ -125,7 +126,7 @@ def regular_run(plan: RunPlan) -> Regular | None:
         simulator.fall_stop,
         simulator.delay_steps,
         every,
-        seconds(setting.period_ns),
+        seconds(settings.period_ns),
         seconds(every * simulator.period_ns),
         steady_from(seconds((states - 1) * simulator.period_ns)),
     )
@@ -134,8 +135,8 @@ def regular_run(plan: RunPlan) -> Regular | None:
         common,
         [number for record in records for number in row_values(record)],
         simulator.initial_state,
-        limited(0.0, setting.law),
-        setting.profile,
+        limited(0.0, settings.limits),
+        settings.profile,
         None if disturbance is None else disturbance.signals,
         simulator.seed if noisy(simulator.sensor) else None,
     )

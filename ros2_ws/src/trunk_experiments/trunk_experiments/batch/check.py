@@ -94,10 +94,10 @@ def _table_difference(plan: RunPlan, outcome: Outcome, taken: list[Step]) -> str
         if answer is None:
             return f"{plan.scenario}: nobody answers at t = {step.stamp_ns / NANOSECONDS:g} s"
         terms = answer.terms
-        if answer.fresh:
+        if answer.updated:
             held = [answer.reference, *gains_of(law_named(step.controller))(terms)]
         sent.append(answer.effort)
-        used = len(sent) - 1 if traffic is None else traffic.told(len(sent) - 1)
+        used = len(sent) - 1 if traffic is None else traffic.command_step(len(sent) - 1)
         torque = torque_of(step.truth.effort[1], sent[used] if used >= 0 else 0.0, plant)
         columns.append(
             [

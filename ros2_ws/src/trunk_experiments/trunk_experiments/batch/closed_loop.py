@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trunk_control.controller import Controller
-from trunk_control.decide import Answer
+from trunk_control.decide import Output
 from trunk_control.law import Law
 from trunk_control.laws import law_named
 from trunk_msgs_util.compilable import with_arrays
@@ -20,7 +20,7 @@ from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.noise import noise_samples
-from trunk_sim.step import Measurement, Plant, Trunk, at_rest, noisy, torque_of
+from trunk_sim.step import Measurement, Plant, PlantStatus, at_rest, noisy, torque_of
 
 from ..analysis.metrics import RunMetrics, metrics
 from ..analysis.run_table import RunTable
@@ -66,11 +66,11 @@ def gains_of(law: Law) -> Callable[[Any], Gains4]:
     return gains_told if {"kp", "ki", "kd", "alpha"} <= set(law.terms._fields) else no_gains
 
 
-def tell_gains(law: Law) -> Callable[[Floats, int, Answer, Measurement], None]:
+def tell_gains(law: Law) -> Callable[[Floats, int, Output, Measurement], None]:
     """Return the function that writes a law's reference and gains into column k of ``out`` [ROWS, N]."""
     gains = gains_of(law)
 
-    def write_down(out: Floats, k: int, answer: Answer, measured: Measurement) -> None:
+    def write_down(out: Floats, k: int, answer: Output, measured: Measurement) -> None:
         out[REFERENCE, k] = answer.reference
         out[KP, k], out[KI, k], out[KD, k], out[ALPHA, k] = gains(answer.terms)
 
@@ -80,10 +80,10 @@ def tell_gains(law: Law) -> Callable[[Floats, int, Answer, Measurement], None]:
 def keep_rows(
     out: Floats,
     k: int,
-    trunk: Trunk,
+    trunk: PlantStatus,
     acting: Disturbance,
     measured: Measurement,
-    felt: float,
+    measured_torque: float,
     acted: Decision,
     effort: float,
     plant: Plant,
@@ -92,7 +92,7 @@ def keep_rows(
     out[X, k], out[THETA, k], out[X_DOT, k], out[THETA_DOT, k] = trunk.state
     out[MEASURED, k] = measured.theta
     out[TORQUE, k] = torque_of(trunk.effort, effort, plant)
-    if not acted.fresh:
+    if not acted.updated:
         for row in (REFERENCE, KP, KI, KD, ALPHA):
             out[row, k] = out[row, k - 1] if k > 0 else nan
 
@@ -135,13 +135,13 @@ def start_of_loop(plan: RunPlan) -> tuple[Surroundings, LoopState, Chain]:
     controllers = [Controller(config) for config in plan.controllers.values()]
     chain = participants_of(
         (
-            (one.config, with_arrays(one.setting), tuple(map(with_arrays, one.constants)))
+            (one.config, with_arrays(one.settings), tuple(map(with_arrays, one.constants)))
             for one in controllers
         ),
         simulator.joints,
     )
     trunk = at_rest(simulator.initial_state, simulator.plant)
-    memories = chain_of([one.memory for one in controllers])
+    memories = chain_of([one.state for one in controllers])
     return for_compiler(surroundings), beginning(trunk, memories), chain
 
 

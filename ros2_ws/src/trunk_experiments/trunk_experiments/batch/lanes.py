@@ -15,12 +15,12 @@ from math import nan
 from typing import Any, NamedTuple
 
 from trunk_control.law import Constants, Law, Lookup
-from trunk_control.pid import PidLaw
+from trunk_control.limits import Limits
 from trunk_control.reference import ReferenceProfile, reference_at
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds
 from trunk_sim.disturbances import Signals, disturbance_at
-from trunk_sim.integrator import rk4_step
+from trunk_sim.plant import rk4_step
 from trunk_sim.step import (
     Plant,
     SensorParameters,
@@ -41,15 +41,15 @@ from .cells import (
     NOISE,
     PARAMETERS,
     REFERENCE,
+    SAMPLE,
     SEEN,
     STATE,
     TORQUE,
     TURNING,
     WANTED,
     acting_at,
+    keep_four,
     keep_memory,
-    keep_sample,
-    keep_state,
     keep_sums,
     memory_at,
     sample_at,
@@ -66,7 +66,7 @@ class Common(NamedTuple):
 
     plant: Plant
     sensor: SensorParameters
-    law: PidLaw
+    law: Limits
     constants: Constants
     hip: int  # 0: the hip's motion, 1: the trunk's, -1: none
     states: int
@@ -126,7 +126,10 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
                     )
                     reading = reading_of(0, seen, 0.0, c.hip, nan)
                     wanted = cells[WANTED * LANES + lane]
-                    keep_sample(reading, wanted, cells, lane)
+                    hip = reading.hip
+                    motion = reading.position, reading.velocity, hip.position, hip.velocity
+                    cells[REFERENCE * LANES + lane] = wanted
+                    keep_four(motion, SAMPLE, cells, lane)
                 look_up(c, cells, dt, started)
                 for lane in range(LANES):
                     after, terms = update(
@@ -172,7 +175,7 @@ def lanes_loop(law: Law, example: Common) -> Callable[..., None]:
                         h,
                         read_plant(cells, lane, c.plant).body,
                     )
-                    keep_state(state, cells, lane)
+                    keep_four(state, STATE, cells, lane)
 
     loop.__name__ = loop.__qualname__ = f"lanes_{law.update.__module__}"
     return loop

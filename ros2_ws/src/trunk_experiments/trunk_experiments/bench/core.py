@@ -18,9 +18,11 @@ from typing import Any
 
 from trunk_control import rule_tables
 from trunk_control.fuzzy import infer
-from trunk_control.fuzzy_pid import fuzzy_pid_update
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_control.pid import DERIVATIVE_ON_MEASUREMENT, Gains, PidLaw, PidState, pid_update
+from trunk_control.fuzzy_pid import FuzzyPidConfig, fuzzy_pid_update
+from trunk_control.law import Sample
+from trunk_control.limits import DERIVATIVE_ON_MEASUREMENT, Limits
+from trunk_control.pid import pid_update
+from trunk_control.pid_family import Gains, PidState
 
 from ..errors import BenchError
 
@@ -33,7 +35,7 @@ _DT = 0.005  # s
 _LIMIT = 100.0  # N m
 _GAINS = Gains(60.0, 100.0, 9.0)
 # As in simple-pid: derivative on the measurement, integral term and command with the same limits.
-_LAW = PidLaw(DERIVATIVE_ON_MEASUREMENT, 0.0, -_LIMIT, _LIMIT, -_LIMIT, _LIMIT)
+_LIMITS = Limits(DERIVATIVE_ON_MEASUREMENT, 0.0, -_LIMIT, _LIMIT, -_LIMIT, _LIMIT)
 
 Batch = Callable[[], int]  # makes some calls and returns how many
 
@@ -247,7 +249,7 @@ def _pid_batch() -> Batch:
         state = PidState()
         for _ in range(20):
             for measurement in measurements:
-                state, _terms = pid_update(state, 0.0, measurement, 0.0, _DT, _GAINS, _LAW)
+                state, _terms = pid_update(state, 0.0, measurement, 0.0, _DT, _GAINS, _LIMITS)
         return 20 * len(measurements)
 
     return batch
@@ -259,7 +261,7 @@ def _simple_pid_batch(simple_pid: Any) -> Batch:
     measurements = _measurements()
     state = PidState()
     for measurement in measurements:
-        state, terms = pid_update(state, 0.0, measurement, 0.0, _DT, _GAINS, _LAW)
+        state, terms = pid_update(state, 0.0, measurement, 0.0, _DT, _GAINS, _LIMITS)
         theirs = pid(measurement, dt=_DT)
         if not abs(theirs - terms.effort) <= PID_TOLERANCE:
             raise BenchError(f"simple-pid gives {theirs!r}, pid_update gives {terms.effort!r}")
@@ -275,16 +277,14 @@ def _simple_pid_batch(simple_pid: Any) -> Batch:
 
 
 def _fuzzy_pid_batch(config: FuzzyPidConfig) -> Batch:
-    measurements = _measurements()
-    rules, box = config.rules, config.box
+    samples = [Sample(0.0, measurement, 0.0, _DT) for measurement in _measurements()]
+    constants = config.constants
 
     def batch() -> int:
         state = PidState()
         for _ in range(20):
-            for measurement in measurements:
-                state, _terms = fuzzy_pid_update(
-                    state, 0.0, measurement, 0.0, _DT, rules, box, _LAW
-                )
-        return 20 * len(measurements)
+            for sample in samples:
+                state, _terms = fuzzy_pid_update(state, sample, constants, _LIMITS)
+        return 20 * len(samples)
 
     return batch

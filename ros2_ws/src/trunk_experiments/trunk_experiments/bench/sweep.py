@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from trunk_control import rule_tables
-from trunk_control.fuzzy_pid import fuzzy_pid_update
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_control.pid import PidState
+from trunk_control.fuzzy_pid import FuzzyPidConfig, fuzzy_pid_update
+from trunk_control.law import Sample
+from trunk_control.pid_family import PidState
 
 from ..batch.block import summaries
 from ..batch.closed_loop import Batch
@@ -121,12 +121,11 @@ def mujoco_run(mujoco: Any, plan: RunPlan, integrator: str, steps: int) -> float
     config = plan.controller
     if not isinstance(config, FuzzyPidConfig):
         raise TypeError("a Fuzzy-PID plan is needed")
-    rules, box, law = config.rules, config.box, config.law
+    constants, limits = config.constants, config.limits
     state = PidState()
     for _ in range(steps):
-        state, terms = fuzzy_pid_update(
-            state, 0.0, data.qpos[1], data.qvel[1], 0.001, rules, box, law
-        )
+        sample = Sample(0.0, data.qpos[1], data.qvel[1], 0.001)
+        state, terms = fuzzy_pid_update(state, sample, constants, limits)
         data.ctrl[0] = terms.effort
         mujoco.mj_step(model, data)
     return float(data.qpos[1])

@@ -12,7 +12,7 @@ from traceback import extract_tb
 from trunk_control.laws import law_named
 
 from .behaviour import finite_always, holds, pure, quick, types, within_limits
-from .changes import keeps_time, reset, retunes, takes_over
+from .changes import keeps_time, reconfigures, reset, transfers
 from .declared import bounded, named
 from .finding import LawCheck, LawFinding
 from .runs import compiles, recomputes
@@ -31,8 +31,8 @@ CHECKS = (
     LawCheck("holds", "it holds memory and command if a sample is not usable", holds),
     LawCheck("limits", "its commands stay within the limits", within_limits),
     LawCheck("reset", "after a reset it behaves like new", reset),
-    LawCheck("takeover", "it takes over without a jump", takes_over),
-    LawCheck("retune", "it takes new parameters without adding a jump", retunes),
+    LawCheck("takeover", "it takes over without a jump", transfers),
+    LawCheck("retune", "it takes new parameters without adding a jump", reconfigures),
     LawCheck("time", "it depends on time, not on the number of samples", keeps_time),
     LawCheck("quick", "an update takes less than 0.2 ms", quick),
     LawCheck("compiled", "compiled code gives the same bits", compiles),

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from time import perf_counter
 
 from trunk_control.law import Law
-from trunk_control.pid import limited
+from trunk_control.limits import limited
 
 from .finding import Driven, LawFinding, finite, given, name_of
 from .samples import DT, extreme, swinging, unusable

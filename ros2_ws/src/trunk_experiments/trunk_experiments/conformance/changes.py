@@ -37,8 +37,8 @@ def reset(law: Law) -> Iterator[LawFinding]:
         )
 
 
-def takes_over(law: Law) -> Iterator[LawFinding]:
-    """Yield where a takeover moves the command by more than a handover step."""
+def transfers(law: Law) -> Iterator[LawFinding]:
+    """Yield where a bumpless transfer moves the command by more than one step."""
     for acting in (-12.5, 0.0, 20.0):
         controller = Controller(law.config(u_clamp_min=-30.0, u_clamp_max=30.0), law)
         controller.deactivate()
@@ -52,23 +52,23 @@ def takes_over(law: Law) -> Iterator[LawFinding]:
             if abs(answer.effort - last) > step * (1.0 + 1e-12):
                 yield LawFinding(
                     "takeover",
-                    name_of(law.take_over),
+                    name_of(law.transfer),
                     f"from {last:g} N m its command is {answer.effort!r} N m, one step may be {step:g} N m",
-                    "keep to the limits given, which are narrowed while a controller takes over",
+                    "keep to the limits given, which are narrowed during a bumpless transfer",
                 )
                 return
-            if not controller.memory.moving:
+            if not controller.state.transfer.transferring:
                 break
             last = answer.effort
 
 
-def retunes(law: Law) -> Iterator[LawFinding]:
+def reconfigures(law: Law) -> Iterator[LawFinding]:
     """Yield where new parameters move the command more than they would with the memory left alone."""
     driven = Driven(law, 1e9)
     driven.run(steady(200))
     before = driven.memory.effort
-    where = name_of(law.retune)
-    same = law.retune(driven.memory, steady(1)[0], driven.constants, driven.constants)
+    where = name_of(law.reconfigure)
+    same = law.reconfigure(driven.memory, steady(1)[0], driven.constants, driven.constants)
     if repr(same) != repr(driven.memory):
         yield LawFinding(
             "retune",
@@ -89,7 +89,9 @@ def retunes(law: Law) -> Iterator[LawFinding]:
             return float(abs(terms.effort - before))
 
         left = jump(driven.memory)
-        taken = jump(law.retune(driven.memory, steady(1)[0], driven.constants, changed.constants))
+        taken = jump(
+            law.reconfigure(driven.memory, steady(1)[0], driven.constants, changed.constants)
+        )
         if not taken <= left * (1.0 + 1e-9) + 1e-9:
             yield LawFinding(
                 "retune",

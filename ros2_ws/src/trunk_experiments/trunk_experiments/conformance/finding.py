@@ -8,7 +8,7 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 from trunk_control.law import Law, Sample
-from trunk_control.pid import PidLaw
+from trunk_control.limits import Limits
 
 
 class LawFinding(NamedTuple):
@@ -45,7 +45,7 @@ class Driven:
     def __init__(self, law: Law, limit: float = 50.0, **changes: Any) -> None:
         self.law = law
         self.config = law.config(u_clamp_min=-limit, u_clamp_max=limit, **changes)
-        self.limits: PidLaw = self.config.law
+        self.limits: Limits = self.config.limits
         self.constants = self.config.constants
         self.memory: Any = law.memory
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from itertools import product
 from math import inf, nan
 
-from trunk_control.computed_torque import Hip
-from trunk_control.law import Sample
+from trunk_control.law import Hip, Sample
 from trunk_msgs_util.elementary import cos, sin
 
 DT = 0.005

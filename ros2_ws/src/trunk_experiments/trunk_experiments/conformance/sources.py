@@ -32,7 +32,9 @@ _PORTABLE = "use sin, cos, exp, log of trunk_control.api: the same bits on every
 def functions_of(law: Law) -> list[FunctionType]:
     """Return the law's functions, and those of its own package that they call."""
     roots: list[Any] = [law.update]
-    roots += [one for one in (law.take_over, law.retune) if one not in (from_scratch, unchanged)]
+    roots += [
+        one for one in (law.transfer, law.reconfigure) if one not in (from_scratch, unchanged)
+    ]
     if law.lookup is not None:
         roots += [law.lookup.inputs, law.lookup.cell, law.lookup.near]
     found: dict[FunctionType, None] = {}

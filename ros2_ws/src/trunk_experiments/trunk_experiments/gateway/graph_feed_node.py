@@ -23,7 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_msgs_util import topics
 from trunk_msgs_util.node import middleware, qos
 from trunk_msgs_util.node.conversions import WireReader, stamp_from_ros

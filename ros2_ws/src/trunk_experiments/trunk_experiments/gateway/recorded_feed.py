@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
 from trunk_msgs_util.units import NANOSECONDS

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from trunk_control.fuzzy import fired_rules
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_msgs_util.units import seconds
 
 from .feed import PLANT, PUSHES

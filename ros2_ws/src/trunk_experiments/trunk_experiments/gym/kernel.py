@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from trunk_control.pid import Gains, PidLaw, PidState, limited, pid_update
+from trunk_control.limits import Limits, limited
+from trunk_control.pid import pid_update
+from trunk_control.pid_family import Gains, PidState
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
-from trunk_sim.integrator import rk4_step
+from trunk_sim.plant import rk4_step
 from trunk_sim.step import Plant, SensorParameters, beyond_fall, finite, sense, torque_of, torque_on
 
-from ..batch.cells import ACTING, NOISE, PARAMETERS, SEEN, STATE, acting_at, keep_state, state_at
+from ..batch.cells import ACTING, NOISE, PARAMETERS, SEEN, STATE, acting_at, keep_four, state_at
 from ..batch.columns import LANES
 
 ACTION = PARAMETERS  # torque, or kp, ki, kd: 3
@@ -42,7 +44,7 @@ class Course(NamedTuple):
 
     plant: Plant
     sensor: SensorParameters
-    law: PidLaw
+    law: Limits
     by_gains: bool
     every: int  # the plant's periods in a step
     last: int  # the last state's number
@@ -108,7 +110,7 @@ def advance(
                         h,
                         c.plant.body,
                     )
-                    keep_state(state, cells, lane)
+                    keep_four(state, STATE, cells, lane)
             for lane in range(LANES):
                 settle(c, cells, steps, series.reference, history, first, lane)
 

@@ -7,9 +7,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from trunk_control.decide import Answer
+from trunk_control.decide import Output
 from trunk_control.law import LawTerms
-from trunk_control.pid import Gains, PidState, limited, pid_update
+from trunk_control.limits import limited
+from trunk_control.pid import pid_update
+from trunk_control.pid_family import Gains, PidState
 from trunk_control.reference import reference_at
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.samples import JointSample
@@ -63,7 +65,7 @@ def policy_steps(task: Task, plan: RunPlan, actions: Sequence[Floats]) -> Iterat
     last = step_count(plan.simulator.duration, plan.simulator.update_rate)
     every = task.regular.common.update_every
     policy = _Policy(task)
-    answer = Answer(True, 0.0, False, False, 0.0, TorqueTerms(0.0, 0.0, 0.0, False))
+    answer = Output(True, 0.0, False, False, 0.0, TorqueTerms(0.0, 0.0, 0.0, False))
     while True:
         k, stamp_ns = simulation.step_index, simulation.stamp_ns
         acting = disturbances(stamp_ns)
@@ -71,7 +73,7 @@ def policy_steps(task: Task, plan: RunPlan, actions: Sequence[Floats]) -> Iterat
         if k % every == 0 and k // every < len(actions):
             answer = policy.answer(measured, actions[k // every])
         else:
-            answer = answer._replace(fresh=False)
+            answer = answer._replace(updated=False)
         truth, falls = simulation.truth(), simulation.falls_now
         yield Step(stamp_ns, truth, measured, acting, POLICY, answer, (), falls)
         if simulation.ended_by_fall or k == last:
@@ -89,7 +91,7 @@ class _Policy:
         self._state = PidState(effort=task.regular.effort)
         self._dt, self._later = common.first_dt, common.dt
 
-    def answer(self, measured: JointSample, action: Floats) -> Answer:
+    def answer(self, measured: JointSample, action: Floats) -> Output:
         """Return the answer to a measured state."""
         reference = reference_at(measured.stamp_ns, self._task.regular.profile)
         angle, rate = measured.position[1], measured.velocity[1]
@@ -103,4 +105,4 @@ class _Policy:
             effort = limited(given[0], self._law)
             terms = TorqueTerms(reference - angle, given[0], effort, False)
         self._dt = self._later
-        return Answer(True, terms.effort, True, False, reference, terms)
+        return Output(True, terms.effort, True, False, reference, terms)

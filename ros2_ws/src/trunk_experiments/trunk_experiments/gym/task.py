@@ -10,7 +10,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from trunk_control.pid_law import LAW, PidConfig
+from trunk_control.pid import LAW, PidConfig
 from trunk_msgs_util.parameters.declarations import build, values_of
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import sympy as sp  # type: ignore[import-untyped]
 
-from trunk_control.pid_law import PidConfig
+from trunk_control.pid import PidConfig
 from trunk_control.rule_tables import INPUT_LABELS, KD_AS_PRINTED
 from trunk_msgs_util.mechanics import Body
 from trunk_sim.config import SimulatorConfig

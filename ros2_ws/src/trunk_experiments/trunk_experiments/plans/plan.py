@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from trunk_control.controller_config import ControllerConfig
+from trunk_control.decide import active_at
 from trunk_control.reference_config import ReferenceConfig
-from trunk_control.schedule import active_at
 from trunk_msgs_util.parameters.config import RecorderConfig
 from trunk_msgs_util.parameters.declarations import values_of
 from trunk_msgs_util.parameters.files import (

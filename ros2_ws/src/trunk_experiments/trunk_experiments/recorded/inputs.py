@@ -143,7 +143,7 @@ def delivered_ns(config: SimulatorConfig, stamps: Integers) -> Integers:
         return stamps
     wanted = int(stamps.max()) // config.period_ns + 1
     steps = max(min(wanted, 10 * len(stamps) + _FAR), 1)
-    used = Traffic(config.network).all_told(steps)[
+    used = Traffic(config.network).command_steps(steps)[
         np.clip(stamps // config.period_ns, 0, steps - 1)
     ]
     return np.where(used >= 0, used * config.period_ns, -1)

@@ -8,12 +8,13 @@ from math import isclose
 from typing import NamedTuple
 
 from trunk_control.controller_config import ControllerConfig
-from trunk_control.decide import handover_law
+from trunk_control.decide import transfer_limits
 from trunk_control.fuzzy import fired_rules
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.law import LawMemory, LawTerms
 from trunk_control.laws import law_named
-from trunk_control.pid import PidLaw, Terms, limited
+from trunk_control.limits import Limits, limited
+from trunk_control.pid_family import Terms
 from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError
@@ -129,7 +130,7 @@ class _Update(NamedTuple):
     config: ControllerConfig
     took_over: bool  # from another controller, to whose torque the integral was set
     handing_over: bool
-    law: PidLaw  # with the limits in force
+    law: Limits  # with the limits in force
 
 
 def explain(run: RecordedRun, at: float) -> Explanation:
@@ -227,25 +228,26 @@ def _update(rerun: Rerun | RobotRerun, label: str, stamp_ns: int) -> _Update:
             "(trunk verify says why): give --at a time before that"
         )
     controller = rerun.engine.controllers[label]
-    config, before, memory = controller.config, controller.state, controller.memory
-    takes_over = controller.takes_over
-    moving, moved_to = memory.moving, memory.moved_to
-    if takes_over:
-        moving, moved_to = True, limited(reading.effort, config.law)
+    config, before = controller.config, controller.memory
+    pending, _, transferring, effort = controller.state.transfer
+    if pending:
+        transferring, effort = True, limited(reading.effort, config.limits)
     answer = controller.decide(reading)
     return _Update(
         stamp_ns,
         before,
-        controller.state,
+        controller.memory,
         answer.reference,
         answer.terms,
         reading.position,
         reading.velocity,
-        controller.memory.sample.dt,
+        controller.state.sample.dt,
         config,
-        takes_over,
-        moving,
-        handover_law(config.law, moved_to, config.handover_step) if moving else config.law,
+        pending,
+        transferring,
+        transfer_limits(config.limits, effort, config.handover_step)
+        if transferring
+        else config.limits,
     )
 
 
@@ -269,8 +271,8 @@ def _windup(update: _Update) -> Windup:
     if update.took_over and terms.ki:
         before = terms.i_term / terms.ki - increment
     used = before + increment
-    law = update.config.law
-    if terms.ki and terms.i_term in (law.i_min, law.i_max):
+    limits = update.config.limits
+    if terms.ki and terms.i_term in (limits.i_min, limits.i_max):
         used = terms.i_term / terms.ki
     strategy = update.config.antiwindup_strategy
     return Windup(strategy, before, increment, used, update.after.integral)

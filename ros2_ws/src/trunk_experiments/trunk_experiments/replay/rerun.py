@@ -29,7 +29,7 @@ from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
 from trunk_sim.simulation import DivergedError
-from trunk_sim.step import Measurement, Trunk
+from trunk_sim.step import Measurement, PlantStatus
 
 from ..plans.plan import RunPlan
 from ..recorded.inputs import Bools, RecordedInputs
@@ -319,7 +319,7 @@ class Rerun:
         columns = self._columns(self._measured, window.measured, computed)
         self.sensors.take(window.stamps, judged, columns)
 
-    def check_state(self, trunk: Trunk, stamp_ns: int) -> Check:
+    def check_state(self, trunk: PlantStatus, stamp_ns: int) -> Check:
         """Compare a true state on record with a computed one."""
         check, stamps = Check(PLANT), np.array([stamp_ns])
         recorded = six(self._truth, self._truth.rows_of(stamps))

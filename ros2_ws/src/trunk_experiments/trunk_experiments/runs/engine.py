@@ -21,7 +21,7 @@ from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.noise import noise_samples
 from trunk_sim.plant import PlantState
 from trunk_sim.simulation import DivergedError, diverged
-from trunk_sim.step import Trunk, act, at_rest, noisy
+from trunk_sim.step import PlantStatus, act, at_rest, noisy
 
 from ..errors import PlanError
 from ..plans.operated import Operated
@@ -207,7 +207,7 @@ class Engine:
         """Go on from a recorded state, with this torque over the step before it [N m]."""
         self.index = index
         self.take_effect()
-        trunk = Trunk(state, effort, fallen, False)
+        trunk = PlantStatus(state, effort, fallen, False)
         self._state = self._state._replace(trunk=trunk, begun=False)
         self._side.remembered, self._fallen = index, fallen
 
@@ -277,7 +277,7 @@ class Engine:
             surroundings = surroundings._replace(fall_stop=False)
         controllers = list(self._controllers.values())
         before = [controller.active for controller in controllers]
-        state = self._state._replace(memories=chain_of([c.memory for c in controllers]))
+        state = self._state._replace(memories=chain_of([c.state for c in controllers]))
         records = {name: c.law.record_names for name, c in self._controllers.items()}
         out = np.empty((stop - first, TERMS + max(map(len, records.values()), default=0)))
         inputs = SegmentInputs(
@@ -292,8 +292,8 @@ class Engine:
         if self._code is None:
             self._code = code_for(self.plan, first, inputs, self._compiled)
         self.index, why, self._state = self._code(first, stop, inputs)
-        for controller, memory in zip(controllers, values_in(self._state.memories), strict=True):
-            controller.memory = memory
+        for controller, after in zip(controllers, values_in(self._state.memories), strict=True):
+            controller.state = after
         table = out[: self.index - first]
         acts, turned = self._turns(first, names, before, table[:, ACTIVE].astype(np.int64))
         fallen = table[:, FALLEN] != 0.0

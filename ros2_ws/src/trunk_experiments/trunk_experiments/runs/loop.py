@@ -11,11 +11,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import nan
 from typing import Any, NamedTuple
 
-from trunk_control.computed_torque import Hip
 from trunk_control.controller import hip_index
 from trunk_control.controller_config import ControllerConfig
-from trunk_control.decide import Answer, Reading, Setting, decide
-from trunk_control.law import Law
+from trunk_control.decide import Output, Reading, Settings, decide
+from trunk_control.law import Hip, Law
 from trunk_msgs_util.compilable import with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats, Integers
 from trunk_msgs_util.units import nanoseconds, step_count
@@ -23,8 +22,17 @@ from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbance_config import DisturbanceConfig
 from trunk_sim.disturbances import Disturbance, Signals, disturbance_at
 from trunk_sim.plant import PlantState
-from trunk_sim.quick import Act
-from trunk_sim.step import Measurement, Plant, SensorParameters, Trunk, act, in_force, pruned, sense
+from trunk_sim.simulation import Act
+from trunk_sim.step import (
+    Measurement,
+    Plant,
+    PlantStatus,
+    SensorParameters,
+    act,
+    pruned,
+    sense,
+    timely_effort,
+)
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan, check_turns
@@ -68,7 +76,7 @@ class Surroundings(NamedTuple):
 class LoopState(NamedTuple):
     """The loop between two states: what the rest of the run depends on."""
 
-    trunk: Trunk
+    trunk: PlantStatus
     memories: Chain
     command: float  # N m, the last one that a controller gave
     command_ns: int  # ... and the stamp that it answers
@@ -80,7 +88,7 @@ class LoopState(NamedTuple):
 class Participant(NamedTuple):
     """A controller in the loop: what `decide` takes, and which motion it reads besides the trunk's."""
 
-    setting: Setting
+    settings: Settings
     constants: Any
     hip: int  # 0: the hip's, 1: the trunk's, -1: none
 
@@ -89,7 +97,7 @@ class Decision(NamedTuple):
     """What the loop uses of the first active controller's answer: of the same type for all laws."""
 
     active: int  # bit i: the controller at place i is active
-    fresh: bool
+    updated: bool  # its law
     effort: float  # N m
     reference: float  # rad
 
@@ -97,7 +105,7 @@ class Decision(NamedTuple):
 Decided = tuple[Chain, Decision]
 
 # Of a law: the function that writes down an update, ``tell(out, row, answer, measured)``.
-Tell = Callable[[Law], Callable[[Floats, int, Answer, Measurement], None]]
+Tell = Callable[[Law], Callable[[Floats, int, Output, Measurement], None]]
 
 
 def reading_of(
@@ -138,7 +146,7 @@ def decide_by(
     and participants as `Chain`. It returns the next memories and the first active controller's answer, and
     writes that controller's update into the row.
     """
-    update, take_over = law.update, law.take_over
+    update, transfer = law.update, law.transfer
     write_down = tell(law)
     bit = 1 << place
 
@@ -154,11 +162,11 @@ def decide_by(
     ) -> tuple[Any, Decision]:
         reading = reading_of(stamp_ns, measured, effort, participant.hip, reference)
         after, a = decide(
-            memory, reading, participant.setting, participant.constants, update, take_over
+            memory, reading, participant.settings, participant.constants, update, transfer
         )
-        if a.active and a.fresh:
+        if a.active and a.updated:
             write_down(out, row, a, measured)
-        return after, Decision(bit if a.active else 0, a.fresh, a.effort, a.reference)
+        return after, Decision(bit if a.active else 0, a.updated, a.effort, a.reference)
 
     def last(
         memories: Chain,
@@ -203,7 +211,7 @@ def decide_by(
         if acted.active == 0:
             return (after, rest), other
         both = acted.active | other.active
-        return (after, rest), Decision(both, acted.fresh, acted.effort, acted.reference)
+        return (after, rest), Decision(both, acted.updated, acted.effort, acted.reference)
 
     return first
 
@@ -226,9 +234,11 @@ def decide_none(
 # How a segment ends.
 GOES_ON, FELL, DIVERGED = range(3)
 
-# Writes down one state: ``keep(out, row, trunk, acting, measured, felt, acted, effort, plant)``. A controller
-# reads the torque ``felt``, the plant receives ``effort``, both N m.
-Keep = Callable[[Floats, int, Trunk, Disturbance, Measurement, float, Decision, float, Plant], None]
+# Writes down one state: ``keep(out, row, trunk, acting, measured, measured_torque, acted, effort, plant)``.
+# A controller reads ``measured_torque``, the plant receives ``effort``, both N m.
+Keep = Callable[
+    [Floats, int, PlantStatus, Disturbance, Measurement, float, Decision, float, Plant], None
+]
 
 
 def segment_of(
@@ -298,8 +308,8 @@ def segment_of(
             sensed = sense(
                 delayed, in_state, float(noise[sample, 0]), float(noise[sample, 1]), s.sensor
             )
-            measured, felt = read_by_wire(k, sensed, trunk.effort, s.wire)
-            seen, seen_effort = recorded_reading(row, measured, felt, given.measured)
+            measured, measured_torque = read_by_wire(k, sensed, trunk.effort, s.wire)
+            seen, seen_effort = recorded_reading(row, measured, measured_torque, given.measured)
             memories, acted = decide_all(
                 memories,
                 participants,
@@ -313,9 +323,9 @@ def segment_of(
             )
             if acted.active != 0:
                 command, command_ns = acted.effort, stamp_ns
-            held = in_force(command, stamp_ns - command_ns, s.timeout_ns)
+            held = timely_effort(command, stamp_ns - command_ns, s.timeout_ns)
             effort = used_by_wire(k, scheduled(row, held, given.command), s.wire)
-            keep(out, row, computed, in_state, measured, felt, acted, effort, s.plant)
+            keep(out, row, computed, in_state, measured, measured_torque, acted, effort, s.plant)
             acting = pushed(row, in_state, given.push)
         return stop, GOES_ON, LoopState(trunk, memories, command, command_ns, begun, effort, acting)
 
@@ -374,13 +384,13 @@ def for_compiler(surroundings: Surroundings) -> Surroundings:
 
 
 def participants_of(
-    settings: Iterable[tuple[ControllerConfig, Setting, Any]], joints: Sequence[str]
+    controllers: Iterable[tuple[ControllerConfig, Settings, Any]], joints: Sequence[str]
 ) -> Chain:
     """Return the participants with these configurations, settings and constants, in their order."""
     chain: Chain = ()
-    for config, setting, constants in reversed(list(settings)):
+    for config, settings, constants in reversed(list(controllers)):
         hip = hip_index(config, joints)
-        chain = (Participant(setting, constants, -1 if hip is None else hip), chain)
+        chain = (Participant(settings, constants, -1 if hip is None else hip), chain)
     return chain
 
 
@@ -399,7 +409,7 @@ def values_in(chain: Chain) -> Iterator[Any]:
         yield value
 
 
-def beginning(trunk: Trunk, memories: Chain) -> LoopState:
+def beginning(trunk: PlantStatus, memories: Chain) -> LoopState:
     """Return the loop before the first state."""
     return LoopState(trunk, memories, 0.0, 0, False, 0.0, _QUIET)
 

@@ -14,7 +14,7 @@ from trunk_sim.disturbances import Disturbance
 from trunk_sim.links import most_late
 from trunk_sim.operator_input import Applied, with_operator
 from trunk_sim.plant import PlantState
-from trunk_sim.step import Measurement, Trunk
+from trunk_sim.step import Measurement, PlantStatus
 from trunk_sim.traffic import Network, Traffic
 
 
@@ -76,14 +76,14 @@ def used_by_wire(k: int, effort: float, wire: Wire | None) -> float:
     return float(commands[used % len(commands)]) if used >= 0 else 0.0
 
 
-def recorded_trunk(row: int, trunk: Trunk, truth: Floats | None) -> Trunk:
+def recorded_trunk(row: int, trunk: PlantStatus, truth: Floats | None) -> PlantStatus:
     """Return the trunk as the record has it; as computed where it has none."""
     if truth is None or truth[row, 0] != truth[row, 0]:
         return trunk
     state = PlantState(
         float(truth[row, 0]), float(truth[row, 1]), float(truth[row, 2]), float(truth[row, 3])
     )
-    return Trunk(state, float(truth[row, 4]), trunk.fallen, False)
+    return PlantStatus(state, float(truth[row, 4]), trunk.fallen, False)
 
 
 def recorded_reading(
@@ -143,7 +143,7 @@ def wire_of(
     seen, used, latest = steps, steps, 0
     if network is not None:
         traffic = Traffic(network)
-        seen, used = traffic.all_seen(states), traffic.all_told(states)
+        seen, used = traffic.measurement_steps(states), traffic.command_steps(states)
         # What is still under way at the end of a run may arrive if it goes on.
         latest = most_late(network.command, network.period_ns)
         latest = min(max(latest, most_late(network.state, network.period_ns)), states)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from trunk_control.controller import Controller
 from trunk_msgs_util.compilable import with_arrays
 from trunk_msgs_util.recording.joint_arrays import Floats
-from trunk_sim.quick import act_for, plant_for, worth_compiling
+from trunk_sim.simulation import act_for, plant_for, worth_compiling
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan
@@ -55,7 +55,7 @@ def _plain_code(plan: RunPlan, controllers: Sequence[Controller]) -> Code:
     def code(first: int, stop: int, inputs: SegmentInputs) -> tuple[int, int, LoopState]:
         surroundings, state, controllers, *arrays = inputs
         chain = participants_of(
-            ((c.config, c.setting, c.constants) for c in controllers),
+            ((c.config, c.settings, c.constants) for c in controllers),
             plan.simulator.joints,
         )
         plant = plant_for(step, surroundings.plant)
@@ -77,7 +77,7 @@ def _compiled_code(plan: RunPlan, inputs: SegmentInputs) -> Code:
         surroundings, state, controllers, *arrays = inputs
         chain = participants_of(
             (
-                (c.config, with_arrays(c.setting), tuple(map(with_arrays, c.constants)))
+                (c.config, with_arrays(c.settings), tuple(map(with_arrays, c.constants)))
                 for c in controllers
             ),
             plan.simulator.joints,

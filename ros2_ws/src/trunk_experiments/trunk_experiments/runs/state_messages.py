@@ -66,8 +66,8 @@ class StateMessages:
         table, joints = states.table, self._plan.simulator.joints
         every = np.arange(len(table))
         layout = JointStateLayout(joints, 2, 2, 2, self._source("simulator"))
-        effort, felt = np.zeros((2, len(table), 2))
-        effort[:, 1], felt[:, 1] = table[:, APPLIED], table[:, SEEN_APPLIED]
+        effort, measured_torque = np.zeros((2, len(table), 2))
+        effort[:, 1], measured_torque[:, 1] = table[:, APPLIED], table[:, SEEN_APPLIED]
         rows_of_all = [
             self._joints(
                 topics.GROUND_TRUTH,
@@ -85,7 +85,7 @@ class StateMessages:
                 stamp_ns,
                 position=table[:, SEEN_POSITION],
                 velocity=table[:, SEEN_VELOCITY],
-                effort=felt,
+                effort=measured_torque,
             ),
         ]
         if self._plan.disturbance is not None:

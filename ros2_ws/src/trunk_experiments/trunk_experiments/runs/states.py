@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
-from trunk_control.decide import Answer, state_record
+from trunk_control.decide import Output, state_record
 from trunk_control.law import Law
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_sim.disturbances import Disturbance
-from trunk_sim.step import Measurement, Plant, Trunk
+from trunk_sim.step import Measurement, Plant, PlantStatus
 
 from .loop import Decision
 
@@ -61,10 +61,10 @@ def longest(substeps: int) -> int:
 def keep_states(
     out: Floats,
     row: int,
-    trunk: Trunk,
+    trunk: PlantStatus,
     acting: Disturbance,
     measured: Measurement,
-    felt: float,
+    measured_torque: float,
     acted: Decision,
     effort: float,
     plant: Plant,
@@ -83,17 +83,17 @@ def keep_states(
     out[row, 9], out[row, 10] = acting.hip_force, acting.trunk_torque
     out[row, 11], out[row, 12] = acting.hip_offset, acting.trunk_offset
     out[row, 13] = acted.effort
-    out[row, 14] = 1.0 if acted.fresh else 0.0
+    out[row, 14] = 1.0 if acted.updated else 0.0
     out[row, 15] = acted.reference
-    out[row, 16] = felt
+    out[row, 16] = measured_torque
     out[row, 17] = acted.active
     out[row, 18] = 1.0 if trunk.fallen else 0.0
 
 
-def tell_terms(law: Law) -> Callable[[Floats, int, Answer, Measurement], None]:
+def tell_terms(law: Law) -> Callable[[Floats, int, Output, Measurement], None]:
     """Return the function that writes the terms of a law's update into a row of ``out``."""
 
-    def write_down(out: Floats, row: int, answer: Answer, measured: Measurement) -> None:
+    def write_down(out: Floats, row: int, answer: Output, measured: Measurement) -> None:
         said = state_record(answer, measured.theta)
         for i in range(len(said)):
             out[row, TERMS + i] = said[i]

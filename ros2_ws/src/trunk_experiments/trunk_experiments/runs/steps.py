@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trunk_control.decide import Answer, state_record
+from trunk_control.decide import Output, state_record
 from trunk_control.law import names_of_record
 from trunk_control.laws import law_named
 from trunk_msgs_util.recording.joint_arrays import Floats
@@ -42,7 +42,7 @@ class Step(NamedTuple):
     measured: JointSample
     acting: Disturbance
     controller: str  # the controller that answers; empty: none
-    answer: Answer | None
+    answer: Output | None
     turned: tuple[
         tuple[str, bool], ...
     ]  # made active or inactive by the schedule, before the answer
@@ -61,7 +61,7 @@ def steps(plan: RunPlan) -> Iterator[Step]:
                 terms = laws[name].no_terms
                 if values[FRESH]:
                     terms = laws[name].terms(*values[TERMS + 2 :][: len(terms) - 1], False)
-                answer = Answer(
+                answer = Output(
                     True, values[EFFORT], bool(values[FRESH]), False, values[REFERENCE], terms
                 )
             truth, measured = (
@@ -124,11 +124,19 @@ def _table(rows: list[tuple[float, ...]]) -> Floats:
 
 def _row(step: Step) -> tuple[float, ...]:
     truth, measured, answer = step.truth, step.measured, step.answer
-    felt = measured.effort[1]
-    told: tuple[float, ...] = (0.0, 0.0, 0.0, felt, 0.0, 0.0)
+    measured_torque = measured.effort[1]
+    told: tuple[float, ...] = (0.0, 0.0, 0.0, measured_torque, 0.0, 0.0)
     if answer is not None:
-        said = state_record(answer, measured.position[1]) if answer.fresh else ()
-        told = answer.effort, float(answer.fresh), answer.reference, felt, 1.0, 0.0, *said
+        said = state_record(answer, measured.position[1]) if answer.updated else ()
+        told = (
+            answer.effort,
+            float(answer.updated),
+            answer.reference,
+            measured_torque,
+            1.0,
+            0.0,
+            *said,
+        )
     return (
         *truth.position,
         *truth.velocity,

@@ -16,17 +16,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trunk_control.computed_torque import Hip
-from trunk_control.law import Sample, Update
+from trunk_control.law import Hip, Sample, Update
 from trunk_control.laws import law_named
-from trunk_control.pid import PidLaw, PidState
+from trunk_control.limits import Limits
+from trunk_control.pid_family import PidState
 from trunk_msgs_util.compilable import with_arrays
 from trunk_msgs_util.compiled import compiled
 from trunk_msgs_util.recording.joint_arrays import Floats
 from trunk_msgs_util.units import seconds
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState
-from trunk_sim.step import Plant, SensorParameters, Trunk, act, sense
+from trunk_sim.step import Plant, PlantStatus, SensorParameters, act, sense
 
 from ..errors import PlanError
 from ..plans.plan import RunPlan
@@ -47,7 +47,7 @@ class SampledLoop(NamedTuple):
     """Plant and sampled law, without limits, falls, and what an actuator does to small torques alone."""
 
     plant: Plant
-    law: PidLaw
+    law: Limits
     period_ns: int
     control_period_ns: int
 
@@ -85,7 +85,7 @@ def monodromy_of(update: Update) -> Callable[..., int]:
             hip = Hip(measured.x, measured.x_dot)
             read = Sample(0.0, measured.theta, measured.theta_dot, dt, hip)
             memory, _ = update(memory, read, constants, s.law)
-        before = Trunk(PlantState(x, z[0], v, z[1]), z[9], False, False)
+        before = PlantStatus(PlantState(x, z[0], v, z[1]), z[9], False, False)
         trunk = act(before, memory.effort, _QUIET, s.plant)
         state = trunk.state
         out[0], out[1], out[2], out[3] = state.theta, state.theta_dot, memory.integral, memory.error
@@ -184,7 +184,7 @@ def floquet(plan: RunPlan) -> Floquet:
         plant._replace(
             body=body, max_effort=inf, fall_angle=inf, actuator=linear_drive(plant.actuator)
         ),
-        config.law,
+        config.limits,
         simulator.period_ns,
         config.period_ns,
     )

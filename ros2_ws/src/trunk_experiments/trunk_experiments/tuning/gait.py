@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trunk_control.computed_torque_law import ComputedTorqueConfig
+from trunk_control.computed_torque import ComputedTorqueConfig
 from trunk_msgs_util.mechanics import path_height
 from trunk_msgs_util.parameters.declarations import ParameterError, UnitError, Value, build
 from trunk_msgs_util.parameters.to_si import read_quantity

@@ -16,9 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
-from trunk_control.computed_torque import Hip
 from trunk_control.controller_config import ControllerConfig
-from trunk_control.law import Sample
+from trunk_control.law import Hip, Sample
 from trunk_control.laws import law_of
 from trunk_msgs_util.mechanics import Body
 from trunk_msgs_util.recording.joint_arrays import Floats
@@ -27,7 +26,7 @@ from trunk_sim.actuator import Actuator
 from trunk_sim.config import SimulatorConfig
 from trunk_sim.disturbances import Disturbance
 from trunk_sim.plant import PlantState, accelerations
-from trunk_sim.step import Plant, Trunk, act
+from trunk_sim.step import Plant, PlantStatus, act
 
 from ..errors import PlanError
 
@@ -254,7 +253,7 @@ def _plant_step(plant: Plant) -> tuple[Floats, Floats]:
 
     def step(values: Floats) -> tuple[float, ...]:
         theta, rate, torque, effort = values.tolist()
-        before = Trunk(PlantState(0.0, theta, 0.0, rate), torque, False, False)
+        before = PlantStatus(PlantState(0.0, theta, 0.0, rate), torque, False, False)
         after = act(before, effort, _AT_REST, plant)
         if after.diverged:
             return nan, nan, nan
@@ -267,7 +266,7 @@ def _plant_step(plant: Plant) -> tuple[Floats, Floats]:
 def _law_step(config: ControllerConfig, dt: float) -> tuple[Floats, Floats, Floats, Floats]:
     """Return F, G, H, J of a law at rest at the reference 0, its limits out of the way."""
     law = law_of(config)
-    limits = config.law._replace(u_min=-inf, u_max=inf)
+    limits = config.limits._replace(u_min=-inf, u_max=inf)
     constants = config.constants
     memory = law.memory
     for _ in range(_SETTLED):

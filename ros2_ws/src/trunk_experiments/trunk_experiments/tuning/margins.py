@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trunk_control.computed_torque_law import ComputedTorqueConfig
+from trunk_control.computed_torque import ComputedTorqueConfig
 from trunk_control.controller_config import ControllerConfig
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_control.lqr_law import LqrConfig
-from trunk_control.pid import Gains
-from trunk_control.pid_law import PidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_control.lqr import LqrConfig
+from trunk_control.pid import PidConfig
+from trunk_control.pid_family import Gains
 
 from ..plans.plan import RunPlan
 from .linear import LinearLoop, loop_of

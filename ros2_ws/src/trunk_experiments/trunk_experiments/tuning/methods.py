@@ -11,7 +11,7 @@ from scipy.linalg import expm, solve_continuous_are
 from scipy.optimize import brentq
 from scipy.signal import place_poles
 
-from trunk_control.pid import Gains
+from trunk_control.pid_family import Gains
 from trunk_msgs_util.recording.joint_arrays import Floats
 
 from ..errors import TuningError

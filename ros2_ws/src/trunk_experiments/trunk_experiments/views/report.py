@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.rule_tables import INPUT_LABELS
 from trunk_msgs_util.files import resolve_path
 from trunk_msgs_util.recording.reader import RecordingError

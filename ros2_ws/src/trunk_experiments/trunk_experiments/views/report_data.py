@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trunk_control.fuzzy import infer
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_msgs_util.recording.reader import RecordingError
 from trunk_msgs_util.units import NANOSECONDS
 from trunk_sim.config import SimulatorConfig

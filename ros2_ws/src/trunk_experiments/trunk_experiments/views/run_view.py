@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from trunk_control.controller_config import ControllerConfig
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
+from trunk_control.fuzzy_pid import FuzzyPidConfig
 from trunk_control.laws import law_named
 from trunk_msgs_util import topics
 from trunk_msgs_util.parameters.declarations import ParameterError

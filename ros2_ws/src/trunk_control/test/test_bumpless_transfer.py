@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_control.computed_torque import Hip
-from trunk_control.computed_torque_law import ComputedTorqueConfig
+from trunk_control.computed_torque import ComputedTorqueConfig
 from trunk_control.controller import Controller
-from trunk_control.decide import handover_law
-from trunk_control.fuzzy_pid_law import FuzzyPidConfig
-from trunk_control.lqr_law import LqrConfig
-from trunk_control.pid import PidLaw
-from trunk_control.pid_law import PidConfig
-from trunk_control.schedule import active_at, turn
+from trunk_control.decide import active_at, transfer_limits, turn
+from trunk_control.fuzzy_pid import FuzzyPidConfig
+from trunk_control.law import Hip, from_scratch, unchanged
+from trunk_control.laws import law_named
+from trunk_control.limits import Limits
+from trunk_control.lqr import LqrConfig
+from trunk_control.pid import PidConfig
 from trunk_msgs_util.parameters.declarations import ParameterError
 
 MS = 1_000_000
@@ -36,7 +36,7 @@ MODES = ["error", "measurement", "rate"]
 angles = st.floats(-1.0, 1.0)
 
 
-def taking_over(make, config, position=0.125):
+def transferring(make, config, position=0.125):
     """Return a controller that saw a state and becomes active before the next."""
     controller = make(config)
     controller.deactivate()
@@ -50,7 +50,7 @@ def taking_over(make, config, position=0.125):
 @pytest.mark.parametrize("mode", MODES)
 @given(position=angles, rate=st.floats(-3.0, 3.0), effort=st.floats(-80.0, 80.0))
 def test_the_first_command_is_the_torque_that_acts(make, config, mode, position, rate, effort):
-    controller = taking_over(make, replace(config, derivative_mode=mode), position - 0.005 * rate)
+    controller = transferring(make, replace(config, derivative_mode=mode), position - 0.005 * rate)
     answer = controller.update(5 * MS, position, rate, 0.0, Hip(0.3, 1.0), effort)
     assert answer.effort == pytest.approx(effort, abs=1e-9)
     assert answer.terms.i_term != 0.0 or effort == pytest.approx(answer.terms.p_term, abs=1.0)
@@ -60,7 +60,7 @@ def test_the_first_command_is_the_torque_that_acts(make, config, mode, position,
 @pytest.mark.parametrize("mode", MODES)
 def test_the_commands_after_it_stay_near(make, config, mode):
     """Without the last state as its past, the derivative of the error would kick here."""
-    controller = taking_over(make, replace(config, derivative_mode=mode), 0.1)
+    controller = transferring(make, replace(config, derivative_mode=mode), 0.1)
     commands = [-9.0]
     for k in range(1, 6):
         angle = 0.1 + 0.004 * k  # 0.8 rad/s
@@ -72,7 +72,7 @@ def test_the_commands_after_it_stay_near(make, config, mode):
 
 def test_what_the_integral_cannot_absorb_comes_in_bounded_steps():
     config = PidConfig(i=0.0, d=0.0, handover_step=2.0, reference_profile="topic")
-    controller = taking_over(Controller, config)
+    controller = transferring(Controller, config)
     commands = [20.0]
     for k in range(1, 12):
         commands.append(controller.update(5 * k * MS, 0.0, 0.0, 0.1, effort=20.0).effort)
@@ -81,9 +81,9 @@ def test_what_the_integral_cannot_absorb_comes_in_bounded_steps():
     assert controller.update(100 * MS, 0.0, 0.0, 1.0, effort=6.0).effort == 60.0
 
 
-def test_the_command_limits_override_the_handover():
+def test_the_command_limits_override_the_transfer():
     config = PidConfig(u_clamp_max=10.0, u_clamp_min=-10.0, reference_profile="topic")
-    controller = taking_over(Controller, config)
+    controller = transferring(Controller, config)
     assert controller.update(5 * MS, 0.0, 0.0, 0.5, effort=90.0).effort == 10.0
     # At the law's limit it has met the law: it may move down freely.
     assert controller.update(10 * MS, 0.0, 0.0, -0.5, effort=10.0).effort == -10.0
@@ -96,9 +96,9 @@ def test_the_command_limits_override_the_handover():
     high=st.floats(0, 50),
 )
 def test_narrowed_limits_never_exceed_the_laws(effort, step, low, high):
-    law = handover_law(PidLaw(u_min=low, u_max=high), effort, step)
+    law = transfer_limits(Limits(u_min=low, u_max=high), effort, step)
     assert low <= law.u_min <= law.u_max <= high
-    assert handover_law(PidLaw(), effort, inf) == PidLaw()
+    assert transfer_limits(Limits(), effort, inf) == Limits()
 
 
 @pytest.mark.parametrize(("seen_ms", "error_rate"), [(2, -10.0), (5, -6.0)])
@@ -113,7 +113,7 @@ def test_its_first_step_is_the_time_since_the_state_before(seen_ms, error_rate):
 
 def test_a_filter_begins_at_rest_and_the_torque_goes_on():
     config = PidConfig(derivative_mode="measurement", derivative_filter_time=0.02)
-    controller = taking_over(Controller, config, 0.1)
+    controller = transferring(Controller, config, 0.1)
     answer = controller.update(5 * MS, 0.11, 0.0, 0.0, effort=-5.0)
     assert answer.effort == pytest.approx(-5.0)
     assert answer.terms.error_rate == pytest.approx(0.005 / 0.025 * (-0.01 / 0.005))
@@ -124,7 +124,7 @@ def test_a_controller_keeps_its_turns(make, config):
     controller = make(replace(config, active_times=(0.01, 0.02)))
     answers = [controller.update(5 * k * MS, 0.1, 0.0, effort=-4.0) for k in range(6)]
     assert [answer.active for answer in answers] == [False, False, True, True, False, False]
-    assert [answer.fresh for answer in answers] == [False, False, True, True, False, False]
+    assert [answer.updated for answer in answers] == [False, False, True, True, False, False]
     assert not any(answer.held for answer in answers)
     assert answers[2].effort == pytest.approx(-4.0, abs=1.0)
 
@@ -143,13 +143,22 @@ def test_activating_an_active_controller_changes_nothing():
     controller = Controller(PidConfig())
     first = controller.update(0, 0.1, 0.0)
     controller.activate()
-    state = controller.state
-    assert not controller.takes_over
+    state = controller.memory
+    assert not controller.transfer_pending
     assert state.effort == first.effort
 
 
-def test_a_reset_ends_the_handover():
-    controller = taking_over(Controller, PidConfig(i=0.0, reference_profile="topic"))
+def test_a_law_accepts_the_former_names_of_its_functions():
+    law = law_named("pid")
+    former = replace(law, take_over=from_scratch, retune=unchanged)
+    assert (former.transfer, former.reconfigure) == (from_scratch, unchanged)
+    same = replace(former, label="other")
+    assert (same.transfer, same.reconfigure) == (from_scratch, unchanged)
+    assert law.transfer is not from_scratch
+
+
+def test_a_reset_ends_the_transfer():
+    controller = transferring(Controller, PidConfig(i=0.0, reference_profile="topic"))
     controller.update(5 * MS, 0.0, 0.0, 0.1, effort=20.0)
     controller.reset()
     assert controller.update(10 * MS, 0.0, 0.0, 0.1, effort=20.0).effort == pytest.approx(6.0)

@@ -6,7 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trunk_control.pid import Gains, PidLaw, PidState, pid_update, retune
+from trunk_control.limits import Limits
+from trunk_control.pid import pid_update
+from trunk_control.pid_family import Gains, PidState, rescaled
 
 gains = st.builds(Gains, p=st.floats(0.0, 1e6), i=st.floats(1e-6, 1e6), d=st.floats(0.0, 1e6))
 number = st.floats(-100.0, 100.0)
@@ -27,7 +29,7 @@ def parts(state: PidState, g: Gains) -> list[float]:
 
 @given(states, gains, gains)
 def test_command_is_continuous(state, old, new):
-    after = retune(state, old, new)
+    after = rescaled(state, old, new)
     assert after._replace(integral=state.integral) == state
     scale = sum(map(abs, parts(state, old) + parts(after, new)))
     assert sum(parts(after, new)) == pytest.approx(
@@ -39,9 +41,9 @@ def test_command_is_continuous(state, old, new):
 def test_next_command_moves_only_by_its_own_increment(errors, old, new, dt):
     state = PidState()
     for error in [*errors, errors[-1], errors[-1]]:  # at rest at last: D = 0
-        state, before = pid_update(state, error, 0.0, 0.0, dt, old, PidLaw())
-    state = retune(state, old, new)
-    _, after = pid_update(state, errors[-1], 0.0, 0.0, dt, new, PidLaw())
+        state, before = pid_update(state, error, 0.0, 0.0, dt, old, Limits())
+    state = rescaled(state, old, new)
+    _, after = pid_update(state, errors[-1], 0.0, 0.0, dt, new, Limits())
     scale = sum(map(abs, (before.p_term, before.i_term, after.p_term, after.i_term)))
     increment = new.i * dt * errors[-1]
     assert after.effort - before.effort == pytest.approx(increment, abs=1e-12 * scale + 1e-12)
@@ -49,7 +51,7 @@ def test_next_command_moves_only_by_its_own_increment(errors, old, new, dt):
 
 def test_hand_calculation():
     state = PidState(integral=0.5, error=1.0, derivative=-2.0, started=True)
-    after = retune(state, Gains(2.0, 4.0, 0.5), Gains(1.0, 8.0, 1.0))
+    after = rescaled(state, Gains(2.0, 4.0, 0.5), Gains(1.0, 8.0, 1.0))
     assert after.integral == (3.0 - 1.0 + 2.0) / 8.0
 
 
@@ -63,4 +65,4 @@ def test_hand_calculation():
     ids=["not-started", "no-integral-gain", "same-gains"],
 )
 def test_nothing_to_rescale(state, old, new):
-    assert retune(state, old, new) == state
+    assert rescaled(state, old, new) == state
