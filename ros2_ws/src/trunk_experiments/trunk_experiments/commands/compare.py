@@ -20,34 +20,20 @@ _LONGEST = 20  # values of an array that are listed
 
 
 @click.command("compare")
-@click.argument("runs", nargs=-1, metavar="RUN...", type=click.Path(path_type=Path))
-@click.option(
-    "--study",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    metavar="OUT.parquet",
-    help="Compare the controllers of a sweep instead, over the same draws.",
-)
-@json_option("compare-1", "compare-study-1")
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path))
+@json_option("compare-1")
 @click.option("--csv", "form", flag_value="csv", help="Print the metrics as CSV.")
 @click.option("--markdown", "form", flag_value="markdown", help="Print Markdown tables.")
-def command(runs: tuple[Path, ...], study: Path | None, form: str | None, as_json: bool) -> None:
+@click.pass_context
+def command(ctx: click.Context, runs: tuple[Path, ...], form: str | None, as_json: bool) -> None:
     """Compare recorded runs: metrics, parameters, and where each diverges from the first.
 
     The best value of each row, the smallest in magnitude, is marked; what never happened ranks last. A run
     that fell, is incomplete, or did not keep real time is reported first and never marked. If plant, start,
     reference, disturbances or length differ between the runs, none is marked.
     """
-    if study is None and not runs:
-        raise click.UsageError("give RUN..., or --study OUT.parquet")
-    if study is not None and runs:
-        raise click.UsageError(f"--study {study} and {runs[0]}: give one of them")
     if as_json and form:
-        raise click.UsageError(f"--json and --{form}: give one of them")
-    if study is not None:
-        from .compare_study import show
-
-        show(study, form, as_json)
-        return
+        ctx.fail(f"--json and --{form}: give one of them")
     views = open_views(runs)
     found = compare(views)
     if as_json or form is not None:

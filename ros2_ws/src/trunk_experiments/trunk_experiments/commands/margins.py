@@ -63,7 +63,7 @@ def print_margins(plan: RunPlan, found: Sequence[LoopMargins]) -> None:
         return
     if plan.simulator.actuator is not None:
         told = "trunk: warning: the margins are for a drive without lag, limits and friction"
-        click.echo(f"{told}; trunk map draws the multipliers with its lag", err=True)
+        click.echo(f"{told}; trunk study map draws the multipliers with its lag", err=True)
     if plan.simulator.network is not None:
         click.echo("trunk: warning: the margins are for a loop without links", err=True)
     rows = []

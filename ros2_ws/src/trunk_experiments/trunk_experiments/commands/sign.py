@@ -54,7 +54,9 @@ from ..replay.verify import VERIFIED, Verdict, verify
     help="Make a key pair, FILE and FILE.pub, instead of signing.",
 )
 @json_option("sign-1", "sign-key-1")
+@click.pass_context
 def command(
+    ctx: click.Context,
     run: Path | None,
     key: Path | None,
     output: Path | None,
@@ -70,11 +72,11 @@ def command(
     """
     if new_key is not None:
         if run or key or output or force or unverified:
-            raise click.UsageError("--new-key FILE makes a key and takes nothing else")
+            ctx.fail("--new-key FILE makes a key and takes nothing else")
         _make_key(new_key, as_json)
         return
     if run is None or key is None:
-        raise click.UsageError("give RUN and --key FILE, or --new-key FILE to make a key")
+        ctx.fail("give RUN and --key FILE, or --new-key FILE to make a key")
     target = output or signature_path(run)
     _check_target(target, force, run, key)
     signer = private_key(read_key(key), str(key), lambda: _passphrase(key))

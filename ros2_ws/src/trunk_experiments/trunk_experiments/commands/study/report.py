@@ -27,7 +27,7 @@ from ...console.outputs import check_output, output_options
     "--no-floquet", is_flag=True, help="Leave out the map's line of the Floquet multipliers."
 )
 @json_option("study-report-1")
-def report(
+def command(
     results: Path,
     output: Path | None,
     force: bool,

@@ -43,9 +43,7 @@ _HEADER = ("parameter", "first order [95 %]", "total [95 %]")
     help="Processes on this machine.  [default: one per core]",
 )
 @json_option("study-sensitivity-1")
-def sensitivity(
-    study: str, n: int, metrics: tuple[str, ...], jobs: int | None, as_json: bool
-) -> None:
+def command(study: str, n: int, metrics: tuple[str, ...], jobs: int | None, as_json: bool) -> None:
     """Show which drawn parameter of STUDY matters: Sobol indices over its distributions.
 
     First order: the share of a metric's variance due to a parameter alone. Total: its interactions with all

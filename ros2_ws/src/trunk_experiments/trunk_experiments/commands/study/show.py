@@ -36,7 +36,7 @@ _LONG = 100_000  # states, which take seconds
     help="Also write a report on the run.",
 )
 @json_option("study-show-1")
-def show(
+def command(
     results: Path,
     number: int,
     output: Path,

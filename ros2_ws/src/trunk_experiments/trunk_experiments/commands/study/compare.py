@@ -1,4 +1,4 @@
-"""What ``trunk compare --study`` prints: falls, means and medians, paired differences, histograms."""
+"""``trunk study compare``: falls, means and medians, paired differences, histograms."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from pathlib import Path
 
 import click
 
-from ..analysis.metrics import QUANTITIES
-from ..console.document import write_json
-from ..console.progress import progress_bar
-from ..console.tables import print_table
-from ..study.compare import FELL, MeanDifference, compare_study
-from ..study.intervals import RESAMPLES, Estimate
-from ..study.results import METRICS, Results
-from ..study.summary import (
+from ...analysis.metrics import QUANTITIES
+from ...console.document import json_option, write_json
+from ...console.progress import progress_bar
+from ...console.tables import print_table
+from ...study.compare import FELL, MeanDifference, compare_study
+from ...study.intervals import RESAMPLES, Estimate
+from ...study.results import METRICS, Results
+from ...study.summary import (
     Falls,
     MetricDistribution,
     bins_of,
@@ -64,19 +64,33 @@ class Compared:
             return cls(falls(results), distributions(results, done=done), differences)
 
 
-def show(path: Path, form: str | None, as_json: bool) -> None:
-    """Print how a sweep's controllers compare as tables, JSON, CSV (the differences) or Markdown."""
-    found = Compared.of(Results.read(path))
+@click.command("compare")
+@click.argument(
+    "results",
+    metavar="OUT.parquet",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+)
+@json_option("compare-study-1")
+@click.option("--csv", "form", flag_value="csv", help="Print the differences as CSV.")
+@click.option("--markdown", "form", flag_value="markdown", help="Print Markdown tables.")
+@click.pass_context
+def command(ctx: click.Context, results: Path, form: str | None, as_json: bool) -> None:
+    """Compare a sweep's controllers over the same draws: falls, means, paired differences, histograms.
+
+    Falls come first; a mean is over the runs that stood, a difference over the draws in which both stood.
+    """
+    if as_json and form:
+        ctx.fail(f"--json and --{form}: give one of them")
+    compared = Compared.of(Results.read(results))
     if as_json:
-        write_json("compare-study-1", {"study": path, **as_values(found)})
+        write_json("compare-study-1", {"study": results, **as_values(compared)})
     elif form == "csv":
-        click.echo(_as_csv(found.differences), nl=False)
+        click.echo(_as_csv(compared.differences), nl=False)
     elif form == "markdown":
-        tables = _tables(found)
-        click.echo("\n\n".join(_markdown(title, lines) for title, lines in tables))
+        click.echo("\n\n".join(_markdown(title, lines) for title, lines in _tables(compared)))
     else:
-        for number, (title, (header, *rows)) in enumerate(_tables(found)):
-            print_table(f"{path}: {title}" if number == 0 else title, header, rows)
+        for number, (title, (header, *rows)) in enumerate(_tables(compared)):
+            print_table(f"{results}: {title}" if number == 0 else title, header, rows)
 
 
 def as_values(found: Compared) -> dict[str, object]:
