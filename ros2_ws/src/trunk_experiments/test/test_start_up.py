@@ -33,7 +33,7 @@ def test_the_overview_imports_click_and_no_verb():
     assert not found & (HEAVY | {"numpy", "difflib", "trunk_experiments.recorded"})
     shared = {name for name in found if name.startswith("trunk_experiments.console.")}
     assert shared == {
-        f"trunk_experiments.console.{name}" for name in ("document", "mistakes", "verbs")
+        f"trunk_experiments.console.{name}" for name in ("document", "terminal", "verbs")
     }
 
 

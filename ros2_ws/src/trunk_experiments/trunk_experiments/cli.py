@@ -13,10 +13,14 @@ from trunk_msgs_util.errors import EXIT_UNREAD, EXIT_USAGE, TrunkError
 from trunk_msgs_util.printable import PrintableStream
 
 from .console.document import ERROR, documents_alone, json_asked, write_json
-from .console.mistakes import line_of, say, tell
+from .console.terminal import (
+    line_of,
+    print_error,
+    report_error,
+    show_warnings,
+)
 from .console.verbs import LazyVerbs
-from .errors import PlanError, tell_warnings_plainly
-from .similar import did_you_mean
+from .errors import PlanError, did_you_mean, show_warnings_plainly
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -92,7 +96,7 @@ class _Trunk(LazyVerbs):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         renaming, args = _renamed(args)
         if renaming and not ctx.resilient_parsing:
-            print(f"trunk: warning: {renaming}; this release takes both names", file=sys.stderr)
+            show_warnings([f"{renaming}; this release takes both names"])
         return super().resolve_command(ctx, args)
 
     def unknown(self, ctx: click.Context, name: str) -> str:
@@ -136,11 +140,11 @@ def _renamed(args: list[str]) -> tuple[str, list[str]]:
     return "", args
 
 
-def _tell_unusable() -> None:
+def _warn_of_unusable() -> None:
     """Say which controllers of other packages cannot be used, if the verb knows controllers at all."""
     nodes = sys.modules.get(f"{__package__}.plans.nodes")
-    for reason in nodes.UNUSABLE.values() if nodes else ():
-        print(f"trunk: warning: {reason}; the other controllers can be used", file=sys.stderr)
+    unusable = nodes.UNUSABLE.values() if nodes else ()
+    show_warnings(f"{reason}; the other controllers can be used" for reason in unusable)
 
 
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -214,12 +218,12 @@ def main() -> None:
     """
     out, err = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (cast(TextIO, PrintableStream(stream)) for stream in (out, err))
-    tell_warnings_plainly()
+    show_warnings_plainly()
     try:
         with documents_alone():
             sys.exit(_code())
     finally:
-        _tell_unusable()
+        _warn_of_unusable()
         sys.stdout, sys.stderr = out, err
 
 
@@ -235,7 +239,7 @@ def _code() -> int:
         error.show()
         return _failed("a command is missing", error.exit_code)
     except click.ClickException as error:
-        return _failed(say(_usage_text(error)), error.exit_code)
+        return _failed(print_error(_usage_text(error)), error.exit_code)
     except (click.Abort, KeyboardInterrupt):
         print("interrupted", file=sys.stderr)
         return 128 + SIGINT
@@ -244,12 +248,12 @@ def _code() -> int:
     ):  # of a result that is written to a pipe; streams.py has the standard streams
         return EXIT_UNREAD
     except (TrunkError, OSError) as error:
-        return _failed(line_of(error), tell(error))
+        return _failed(line_of(error), report_error(error))
     except Exception as error:
         line = _fault_of_a_law(error) or _without_ros(error)
         if not line:
             raise
-        return _failed(say(line), EXIT_USAGE)
+        return _failed(print_error(line), EXIT_USAGE)
 
 
 def _without_ros(error: Exception) -> str:

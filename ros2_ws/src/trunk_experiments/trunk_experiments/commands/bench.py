@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
-from ..console.common import FiniteRange
 from ..console.document import json_option, write_json
+from ..console.options import FiniteRange
 from ..console.tables import print_table
 from ..console.verbs import Verbs
 

@@ -12,12 +12,12 @@ from trunk_msgs_util.recording.topic import RecordingError
 from trunk_sim.simulation import DivergedError
 
 from ..branching.branch import Branch, fanned
-from ..console.common import Number
-from ..console.controller_name import ControllerName
 from ..console.document import json_option, write_json
-from ..console.mistakes import line_of, tell
+from ..console.options import Number
 from ..console.outputs import check_folder, check_output, output_options
+from ..console.plan_options import ControllerName
 from ..console.reading import open_run, written_values
+from ..console.terminal import line_of, report_error
 from ..errors import PlanError
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def command(
         elif diverged is None:
             click.echo(f"{path}: {states} states, from t = {branch.at:g} s {branch.describe()}")
         if diverged is not None:
-            failed = tell(diverged)
+            failed = report_error(diverged)
     if as_json:
         write_json("branch-1", {"parent": run, "branches": told})
     ctx.exit(failed)

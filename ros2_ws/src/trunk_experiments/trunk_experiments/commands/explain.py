@@ -11,10 +11,11 @@ import click
 from trunk_control.law import OUTCOME
 from trunk_sim.disturbances import Disturbance
 
-from ..console.common import Number
 from ..console.document import json_option, write_json
-from ..console.reading import open_run, run_values, show_damage, show_warnings
+from ..console.options import Number
+from ..console.reading import open_run, run_values, show_damage
 from ..console.tables import print_table
+from ..console.terminal import show_warnings
 from ..replay.doubts import refused
 from ..replay.explain import Explanation, explain
 from ..replay.external import ExternalCommand, external_command

@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 
 from ..analysis.run_table import RunTable
-from ..console.common import Number
 from ..console.document import json_option, write_json
+from ..console.options import Number
 from ..console.outputs import check_output
 from ..console.reading import open_run, run_values, show_damage
 from ..views.extract import window, write_mcap, write_npz, write_parquet

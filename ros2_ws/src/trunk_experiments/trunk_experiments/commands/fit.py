@@ -9,8 +9,8 @@ import click
 from trunk_msgs_util.mechanics import MOST_HARMONICS
 from trunk_msgs_util.parameters.files import write
 
-from ..console.common import FiniteRange
 from ..console.document import json_option, write_json
+from ..console.options import FiniteRange
 from ..console.outputs import check_output, output_options
 from ..console.tables import print_table
 from ..console.verbs import Verbs

@@ -15,7 +15,8 @@ from trunk_msgs_util.recording.reader import Recording, Topic
 from trunk_msgs_util.units import seconds
 
 from ..console.document import json_option, write_json
-from ..console.reading import reading, run_values, show_warnings
+from ..console.reading import reading, run_values
+from ..console.terminal import show_warnings
 from ..recorded.run import RecordedRun
 from ..replay.doubts import doubts_of
 

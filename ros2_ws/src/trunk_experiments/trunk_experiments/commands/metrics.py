@@ -12,8 +12,9 @@ from trunk_msgs_util.recording.topic import RecordingError
 from ..analysis.metrics import QUANTITIES, has_level, missing
 from ..analysis.recorded_metrics import recorded_metrics, table_and_metrics
 from ..console.document import json_option, write_json
-from ..console.reading import Values, open_run, run_values, show_warnings
+from ..console.reading import Values, open_run, run_values
 from ..console.tables import print_table
+from ..console.terminal import show_warnings
 from ..recorded.run import RecordedRun
 from ..replay.doubts import doubts_of
 

@@ -8,7 +8,8 @@ import click
 
 from ..console.document import json_option, write_json
 from ..console.outputs import check_output, default_name, output_options
-from ..console.reading import open_views, run_values, show_warnings, show_warnings_of
+from ..console.reading import open_views, run_values, show_warnings_of
+from ..console.terminal import show_warnings
 
 
 @click.command("plot")

@@ -13,7 +13,6 @@ from trunk_msgs_util.recording.topic import RecordingError
 
 from ..analysis.recorded_metrics import recorded_metrics
 from ..console.document import json_option, write_json
-from ..console.mistakes import line_of, tell
 from ..console.outputs import check_not_read, output_options
 from ..console.plan_options import (
     external_option,
@@ -24,8 +23,8 @@ from ..console.plan_options import (
     plan_values,
 )
 from ..console.progress import progress_bar
-from ..console.reading import Values, run_values, show_warnings, written_values
-from ..console.terminal import console
+from ..console.reading import Values, run_values, written_values
+from ..console.terminal import console, line_of, report_error, show_warnings
 from ..errors import PlanError, RunError
 from ..recorded.run import RecordedRun
 from ..replay.doubts import doubts_of
@@ -115,7 +114,7 @@ def command(
             raise
         failed = {**written_values(files.recording), "commands": None, "metrics": None}
         write_json("run-1", {**failed, **told, "failure": line_of(error)})
-        click.get_current_context().exit(tell(error))
+        click.get_current_context().exit(report_error(error))
     run = RecordedRun(recording)
     if as_json:
         write_run(run, told)
@@ -140,7 +139,7 @@ def write_run(run: RecordedRun, told: Values) -> None:
     }
     write_json("run-1", {**found, **counts, **told, "failure": error and line_of(error)})
     if error:
-        click.get_current_context().exit(tell(error))
+        click.get_current_context().exit(report_error(error))
 
 
 def show_run(files: RunFiles, run: RecordedRun, interrupted: bool = False) -> None:

@@ -27,10 +27,11 @@ from trunk_msgs_util.recording.signing.signature import (
 )
 from trunk_msgs_util.whole_file import whole_file
 
-from ..console.common import file_option
 from ..console.document import json_option, write_json
+from ..console.options import file_option
 from ..console.outputs import check_output
 from ..console.reading import run_values
+from ..console.terminal import show_warnings
 from ..errors import NotSignedError, PlanError
 from ..recorded.run import RecordedRun
 from ..replay.verify import VERIFIED, Verdict, verify
@@ -157,7 +158,7 @@ def _check_verdict(run: Path, verdict: Verdict, unverified: bool) -> None:
     why = f"{run}: {verdict.word}: {'; '.join(verdict.reasons) or 'nothing was recomputed'}"
     if not unverified:
         raise NotSignedError(f"{why}: it is not signed; --unverified signs it anyway")
-    click.echo(f"trunk: warning: {why}: signed anyway", err=True)
+    show_warnings([f"{why}: signed anyway"])
 
 
 def _write(target: Path, recording: Recording, key: Ed25519PrivateKey, force: bool) -> Signature:

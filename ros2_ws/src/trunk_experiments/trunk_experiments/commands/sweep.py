@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..console.complete import names_or_files, studies
 from ..console.document import json_option, write_json
+from ..console.options import names_or_files, studies
 from ..console.outputs import check_output, output_options
 from ..console.progress import progress_bar
+from ..console.terminal import show_warnings
 
 if TYPE_CHECKING:
     from ..study.sweep import SweepJob
@@ -86,8 +87,7 @@ def run_sweep(
 
     total = sweep.study.total
     done = sweep.start()
-    for warning in sweep.warnings:
-        click.echo(f"trunk: warning: {warning}", err=True)
+    show_warnings(sweep.warnings)
     if done:
         click.echo(f"resuming: {done} of {total} runs are done", err=True)
     if scheduler is None:

@@ -11,8 +11,8 @@ from trunk_msgs_util.recording.reader import Recording
 from trunk_msgs_util.recording.signing.keys import public_key, read_key
 from trunk_msgs_util.units import seconds
 
-from ..console.common import file_option
 from ..console.document import json_option, write_json
+from ..console.options import file_option
 from ..console.progress import progress_bar
 from ..console.reading import reading, run_values
 from ..console.tables import print_table

@@ -16,6 +16,7 @@ from trunk_msgs_util.recording.reader import Recording
 
 from ..recorded.run import RecordedRun
 from .progress import Tell, progress_bar
+from .terminal import show_warnings
 
 if TYPE_CHECKING:
     from ..replay.doubts import Doubts
@@ -89,9 +90,3 @@ def show_warnings_of(views: Iterable[RunView]) -> None:
     """Print to stderr what cannot be shown of these runs."""
     for view in views:
         show_warnings(f"{view.path}: {warning}" for warning in view.warnings)
-
-
-def show_warnings(warnings: Iterable[str]) -> None:
-    """Print warnings to stderr."""
-    for warning in warnings:
-        click.echo(f"trunk: warning: {warning}", err=True)

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import PlanError
-from ..similar import did_you_mean
+from ..errors import PlanError, did_you_mean
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem

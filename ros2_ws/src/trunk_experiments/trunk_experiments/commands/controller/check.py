@@ -10,8 +10,8 @@ from trunk_control.laws import LawError, law_named, package_of
 from trunk_msgs_util.errors import EXIT_FAILED
 
 from ...conformance import CHECKS, LawCheck, LawFinding, findings_of
-from ...console.common import Name
 from ...console.document import json_option, write_json
+from ...console.options import Name
 from ...console.tables import print_table
 from ...plans.nodes import CONTROLLERS, UNUSABLE
 

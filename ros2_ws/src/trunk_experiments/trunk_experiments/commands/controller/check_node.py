@@ -8,8 +8,8 @@ import click
 
 from trunk_msgs_util.errors import EXIT_FAILED
 
-from ...console.common import Number
 from ...console.document import json_option, write_json
+from ...console.options import Number
 from ...console.tables import print_table
 from ...errors import PlanError
 from ...plans.given import checked_namespace

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ...console.complete import names_or_files, studies
 from ...console.document import json_option, write_json
+from ...console.options import names_or_files, studies
 from ...console.outputs import check_output, output_options
 from ...console.progress import progress_bar
 from ...errors import PlanError

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import click
 
 from ...analysis.metrics import QUANTITIES
-from ...console.complete import names_or_files, studies
 from ...console.document import json_option, write_json
+from ...console.options import names_or_files, studies
 from ...console.progress import progress_bar
 from ...console.tables import print_table
+from ...console.terminal import show_warnings
 
 if TYPE_CHECKING:
     from ...study.intervals import Estimate
@@ -58,8 +59,7 @@ def command(study: str, n: int, metrics: tuple[str, ...], jobs: int | None, as_j
     wanted = tuple(dict.fromkeys(metrics)) or _METRICS
     check_sensitivity(read, n, wanted)
     bases = make_bases(read)
-    for warning in dict.fromkeys(text for base in bases.values() for text in base.plan.warnings):
-        click.echo(f"trunk: warning: {warning}", err=True)
+    show_warnings(dict.fromkeys(text for base in bases.values() for text in base.plan.warnings))
     runs = total_runs(read, n)
     workers = max(1, min(jobs or len(os.sched_getaffinity(0)), -(-runs // read.block)))
     with progress_bar("runs") as tell:

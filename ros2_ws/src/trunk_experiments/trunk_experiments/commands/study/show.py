@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from ...console.document import json_option, write_json
-from ...console.mistakes import line_of
 from ...console.outputs import check_output, output_options
+from ...console.terminal import line_of
 from ...errors import PlanError
 
 _LONG = 100_000  # states, which take seconds
